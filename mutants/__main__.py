@@ -51,8 +51,9 @@ class Copy:
 
     def __enter__(self) -> Copy:
         shutil.copytree(self._original, self.root, symlinks=True, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        if (self._original / "node_modules").is_dir():  # large, and only read
-            (self.root / "node_modules").symlink_to(self._original / "node_modules")
+        modules = Path("frontend") / "node_modules"
+        if (self._original / modules).is_dir():  # large, and only read
+            (self.root / modules).symlink_to(self._original / modules)
         return self
 
     def __exit__(self, *_: object) -> None:

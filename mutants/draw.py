@@ -210,7 +210,7 @@ def files_for(mutant: Mutant, root: Path = ROOT, most: int = 12) -> tuple[str, .
 
     Where these are few, those of the modules that import it come after them.
     """
-    paths = sorted([*(root / "tests").rglob("test_*.py"), *(root / "tests").rglob("*.test.js")])
+    paths = sorted([*(root / "tests").rglob("test_*.py"), *(root / "frontend" / "tests").rglob("*.test.js")])
     files = {path: path.read_text(encoding="utf-8") for path in paths}
     chosen = _tests_of(mutant.file, mutant.symbol, files)
     if len(chosen) < most // 2:
@@ -231,7 +231,7 @@ def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
     parts = Path(file).with_suffix("").parts[1:]
     names = ["_".join(parts[k:]) for k in range(len(parts))]
     own = {f"test_{name}.py" for name in names} | {f"{name}.test.js" for name in names}
-    is_script = file.endswith(".js")  # its folder, such as "editor", names its tests in a browser
+    is_script = file.endswith(".ts")  # its folder, such as "editor", names its tests in a browser
     beginning = f"test_{parts[-2]}_" if is_script else "/"
     folder = parts[:-1]  # the mirrored one, where files for a whole package lie too
     *scope, name = symbol.split(".")
@@ -254,11 +254,11 @@ def _tests_of(file: str, symbol: str, files: dict[Path, str]) -> list[Path]:
 
 
 def _imports(text: str, file: str) -> bool:
-    if file.endswith(".js"):  # by its path, by its name in another module, or the widget's module in Python
-        path, name = (re.escape(part) for part in (file.partition("/js/")[2], Path(file).name))
+    if file.endswith(".ts"):  # by its path, by its name in another module, or the widget's module in Python
+        path, name = (re.escape(part) for part in (file.partition("/src/")[2], Path(file).name))
         return bool(
             re.search(rf"""["/]{path}["]|^import .*/{name}";""", text, re.MULTILINE)
-            or _imports(text, file.replace("/js/", "/").removesuffix(".js") + ".py")
+            or _imports(text, f"deformnb/widgets/{file.partition('/src/')[2].removesuffix('.ts')}.py")
         )
     module = ".".join(Path(file).with_suffix("").parts).removesuffix(".__init__")
     parent, _, last = module.rpartition(".")

@@ -66,7 +66,7 @@ class Change:
 
 
 def sources(root: Path) -> Iterator[Path]:
-    """The files of Python and JavaScript that a mutant may lie in: not those of tests, notebooks and tools."""
+    """The files of Python and TypeScript that a mutant may lie in: not those of tests, notebooks and tools."""
     for path in sorted(root.rglob("*")):
         parts = path.relative_to(root).parts
         if path.suffix in (".py", ".js", ".mjs", ".ts") and len(parts) > 1:
@@ -156,7 +156,7 @@ def start_of(node: ast.stmt, text: str) -> int:
 
 
 def script_spans(text: str, symbol: str) -> list[tuple[int, int]]:
-    """As :func:`python_spans`, of a function, method, class or constant of JavaScript or of a shader in its text.
+    """As :func:`python_spans`, of a function, method, class or constant of TypeScript or of a shader in its text.
 
     A definition ends at the first line that closes a bracket at its own indent, or on its own line if nothing is open
     at the end of that: so needs no parser, but a formatted file.
@@ -172,8 +172,12 @@ def script_spans(text: str, symbol: str) -> list[tuple[int, int]]:
         r"(?:export\s+)?(?:default\s+)?(?:async\s+)?(?:static\s+)?(?:get\s+|set\s+)?"
         r"(?:function\*?\s+|const\s+|let\s+|class\s+|(?:float|int|bool|void|[bi]?vec\d|mat\d)\s+)?"
     )
-    behind = r"=(?!=)|\(.*[{(,]\s*$|\(.*\{.*\}\s*$|\{|extends\b|:\s*(?:async\s+)?(?:function|\()"
-    declaration = re.compile(rf"^(?P<indent>[ \t]*){words}{re.escape(symbol)}\s*(?:{behind})", re.MULTILINE)
+    behind = (
+        r"=(?!=)|\((?:.*[{(,])?\s*$|\(.*\{.*\}\s*$|\{|extends\b|implements\b|:\s*(?:async\s+)?(?:function|\()"
+        r"|:[^=\n]*(?:=>[^=\n]*)*=(?![=>])"
+    )
+    generic = r"(?:<[^\n]*?>)?"
+    declaration = re.compile(rf"^(?P<indent>[ \t]*){words}{re.escape(symbol)}{generic}\s*(?:{behind})", re.MULTILINE)
     return [(match.start(), _script_end(text, match)) for match in declaration.finditer(text)]
 
 

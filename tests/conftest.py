@@ -14,8 +14,6 @@ from typing import Any
 import hypothesis
 import pytest
 
-import node_tasks
-
 ROOT = Path(__file__).resolve().parent.parent
 
 # These hold for the examples in the docstrings and for child processes too, hence the environment and not fixtures;
@@ -80,33 +78,6 @@ hypothesis.settings.register_profile("nightly", deadline=None, max_examples=500)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" if os.environ.get("CI") else "dev"))
 
 
-class NodeTests(pytest.Item):
-    """The tests in a file of JavaScript, which node runs."""
-
-    def runtest(self) -> None:
-        command = [node_tasks.find_node()[0], "--test", "--test-reporter=spec", str(self.path)]
-        done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", timeout=300, check=False)
-        if done.returncode != 0:
-            raise NodeTestError(done.stdout + done.stderr)
-
-    def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
-        return str(excinfo.value) if isinstance(excinfo.value, NodeTestError) else super().repr_failure(excinfo)
-
-    def reportinfo(self) -> tuple[Path, None, str]:
-        return self.path, None, self.name
-
-
-class NodeTestError(Exception):
-    """The output of node where a test has failed."""
-
-
-class NodeFile(pytest.File):
-    """A file of tests in JavaScript."""
-
-    def collect(self) -> Iterator[NodeTests]:
-        yield NodeTests.from_parent(self, name="node")
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, Any, Any]:
     """Search no garbage while tests are imported, and later none in what they have imported: 770 000 objects that stay.
@@ -120,10 +91,6 @@ def pytest_collection() -> Generator[None, Any, Any]:
         gc.enable()
         gc.collect()
         gc.freeze()
-
-
-def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> NodeFile | None:
-    return NodeFile.from_parent(parent, path=file_path) if file_path.name.endswith(".test.js") else None
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+import tempfile
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import node_tasks
@@ -37,17 +39,26 @@ def _node() -> str:
 
 def run_script(modules: tuple[str, ...], main: str, data: Any) -> Any:
     """What ``main``, the text of a JavaScript function, returns for ``data``; it sees all that these modules export."""
-    imports = "".join(
-        f"import * as m{k} from '{(SOURCES / name).as_uri()}';\nObject.assign(globalThis, m{k});\n"
-        for k, name in enumerate(modules)
-    )
-    done = subprocess.run(
-        [_node(), "--input-type=module", "--eval", f"{imports}\nconst main = {main};\n{_RUN}"],
-        input=json.dumps(data),
-        capture_output=True,
-        encoding="utf-8",
-        timeout=300,
-        check=False,
-    )
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(
+            [_node(), str(_program(modules, main, Path(folder)))],
+            input=json.dumps(data),
+            capture_output=True,
+            encoding="utf-8",
+            timeout=300,
+            check=False,
+        )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
+
+
+def _program(modules: tuple[str, ...], main: str, folder: Path) -> Path:
+    """One bundle of the modules and the function; what they export is global."""
+    imports = "".join(
+        f"import * as m{k} from '{(SOURCES / name).as_posix()}';\nObject.assign(globalThis, m{k});\n"
+        for k, name in enumerate(modules)
+    )
+    source = folder / "main.js"
+    source.write_text(f"{imports}\nconst main = {main};\n{_RUN}", encoding="utf-8")
+    node_tasks.bundle_modules([source], folder)
+    return folder / "main.mjs"

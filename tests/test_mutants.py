@@ -52,7 +52,7 @@ def tree(tmp_path: Path) -> Path:
     (tmp_path / "tests").mkdir()
     (tmp_path / "deformnb" / "__init__.py").touch()
     (tmp_path / "deformnb" / "shapes.py").write_text(SHAPES, encoding="utf-8")
-    (tmp_path / "deformnb" / "pen.js").write_text(SCRIPT, encoding="utf-8")
+    (tmp_path / "deformnb" / "pen.ts").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "tests" / "test_shapes.py").write_text(
         "from deformnb.shapes import Square\n\n\ndef test_area():\n    assert Square().area(3.0) == 9.0\n",
         encoding="utf-8",
@@ -102,7 +102,7 @@ def test_a_text_is_found_in_its_symbol_only(tree: Path, symbol: str, old: str, l
     ],
 )
 def test_functions_of_scripts_and_shaders_are_symbols(tree: Path, symbol: str, old: str, line: int) -> None:
-    assert placed(mutant(symbol, old, "", "pen.js"), tree).line == line
+    assert placed(mutant(symbol, old, "", "pen.ts"), tree).line == line
 
 
 @pytest.mark.parametrize(
@@ -147,7 +147,7 @@ def test_a_seed_draws_the_same_whatever_else_there_is(tree: Path) -> None:
 
 
 def test_in_scripts_operators_are_drawn_and_no_text_comment_or_shader(tree: Path) -> None:
-    (tree / "deformnb" / "pen.js").write_text(
+    (tree / "deformnb" / "pen.ts").write_text(
         SCRIPT
         + """
 export async function draw(path, { at = 5, name = "a - 3" } = {}) {
@@ -158,7 +158,7 @@ export async function draw(path, { at = 5, name = "a - 3" } = {}) {
 """,
         encoding="utf-8",
     )
-    ones = [one for seed in range(60) for one in drawn(9, seed, (".js",), tree)]
+    ones = [one for seed in range(60) for one in drawn(9, seed, (".ts",), tree)]
     assert {(one.symbol, one.old, one.new) for one in ones} == {
         ("Pen.width", "*", "/"),
         ("Pen.width", "2", "(2 + 1)"),
@@ -179,17 +179,18 @@ export async function draw(path, { at = 5, name = "a - 3" } = {}) {
 
 
 def test_a_drawn_mutant_of_a_script_is_tested_by_what_knows_its_module(tree: Path) -> None:
-    (tree / "deformnb" / "widgets" / "js" / "ui").mkdir(parents=True)
-    (tree / "deformnb" / "pen.js").rename(tree / "deformnb" / "widgets" / "js" / "ui" / "pen.js")
+    (tree / "frontend" / "src" / "ui").mkdir(parents=True)
+    (tree / "frontend" / "tests").mkdir()
+    (tree / "deformnb" / "pen.ts").rename(tree / "frontend" / "src" / "ui" / "pen.ts")
     for name, text in (
-        ("pen.test.js", ""),
-        ("test_drawing.py", 'FILES = ("ui/pen.js",)\n'),
-        ("test_opens.py", 'FILES = ("ui/open.js",)\n'),
+        ("../frontend/tests/pen.test.js", ""),
+        ("test_drawing.py", 'FILES = ("ui/pen.ts",)\n'),
+        ("test_opens.py", 'FILES = ("ui/open.ts",)\n'),
     ):
         (tree / "tests" / name).write_text(text, encoding="utf-8")
-    one = mutant("Pen.move", "+", "-", "widgets/js/ui/pen.js")
-    assert files_for(one, tree) == ("tests/pen.test.js", "tests/test_drawing.py")
-    assert files_for(one, tree, most=1) == ("tests/pen.test.js",)
+    one = mutant("Pen.move", "+", "-", "frontend/src/ui/pen.ts")
+    assert files_for(one, tree) == ("frontend/tests/pen.test.js", "tests/test_drawing.py")
+    assert files_for(one, tree, most=1) == ("frontend/tests/pen.test.js",)
 
 
 def test_a_drawn_mutant_is_tested_by_what_knows_its_module(tree: Path) -> None:

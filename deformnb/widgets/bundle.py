@@ -1,6 +1,6 @@
-"""Bundles of the widgets' JavaScript and styles: one ES module and one style sheet for each widget.
+"""Bundles of the front end: one ES module and one style sheet for each widget.
 
-esbuild makes them of the modules in ``deformnb/widgets/js`` (``sh run bundle``). A wheel holds the bundles only; in a
+esbuild makes them of the TypeScript in ``frontend/`` (``sh run bundle``). A wheel holds the bundles only; in a
 checkout, where the modules are, a bundle of other modules than these is an error.
 
 Python's standard library is all that this module needs: the build of the package loads it by its path.
@@ -12,8 +12,11 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-SOURCES = Path(__file__).parent / "js"
-"""The modules, in a checkout."""
+FRONT_END = Path(__file__).parents[2] / "frontend"
+"""The front end's folder, in a checkout."""
+
+SOURCES = FRONT_END / "src"
+"""Its modules."""
 
 SHADERS = Path(__file__).parent / "glsl"
 """Text of shaders that the modules share with VTK's, in a checkout and in a wheel."""
@@ -48,7 +51,7 @@ def _check_fresh() -> None:
     """Check the bundles at the import of the first widget, so that no widget runs one of older sources."""
     if not STAMP.exists():
         raise RuntimeError(f"the JavaScript of the widgets has not been bundled: {_CURE}.")
-    if SOURCES.is_dir() and is_stale():
+    if (FRONT_END / "build.mjs").is_file() and is_stale():
         raise RuntimeError(f"the JavaScript of the widgets has changed since it was bundled: {_CURE}.")
 
 
@@ -60,7 +63,7 @@ def is_stale() -> bool:
 def digest() -> str:
     """SHA-256 of the names and the text of all sources."""
     found = hashlib.sha256()
-    for path in sorted([*SOURCES.rglob("*"), *SHADERS.rglob("*")]):
-        if path.suffix in (".js", ".mjs", ".css", ".glsl"):
-            found.update(f"{path.relative_to(SOURCES.parent).as_posix()}\n".encode() + path.read_bytes() + b"\0")
+    for path in sorted([FRONT_END / "build.mjs", *SOURCES.rglob("*"), *SHADERS.rglob("*")]):
+        if path.suffix in (".ts", ".mjs", ".css", ".glsl"):
+            found.update(f"{path.relative_to(FRONT_END.parent).as_posix()}\n".encode() + path.read_bytes() + b"\0")
     return found.hexdigest()

@@ -1,6 +1,6 @@
-"""Constants that Python and the front end share, written out as ``js/maths/constants.js``.
+"""Constants that Python and the front end share, written out as ``maths/constants.ts``.
 
-``python -m deformnb.widgets.constants > deformnb/widgets/js/maths/constants.js`` writes the file anew; a test compares.
+``python -m deformnb.widgets.constants > frontend/src/maths/constants.ts`` writes the file anew; a test compares.
 """
 
 from __future__ import annotations
@@ -58,12 +58,12 @@ CONSTANTS: dict[str, tuple[object, tuple[str, ...]]] = {
 """The modules by name, and the constants of each that the front end needs too; their reasons are there."""
 
 
-def as_javascript() -> str:
+def as_typescript() -> str:
     """The module of the front end.
 
     Examples
     --------
-    >>> "export const MOST_STAGES = 64;" in as_javascript()
+    >>> "export const MOST_STAGES = 64;" in as_typescript()
     True
     """
     lines = ["// Constants of the package, written by: python -m deformnb.widgets.constants. Change them there."]
@@ -74,4 +74,4 @@ def as_javascript() -> str:
 
 
 if __name__ == "__main__":
-    print(as_javascript(), end="")  # noqa: T201
+    print(as_typescript(), end="")  # noqa: T201

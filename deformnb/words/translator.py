@@ -1,6 +1,6 @@
 """Translation of texts by a table of English words and those of another language.
 
-``widgets/js/ui/words.js`` does the same in the front ends, and a test compares the two.
+``frontend/src/ui/words.ts`` does the same in the front ends, and a test compares the two.
 """
 
 from __future__ import annotations

@@ -3,38 +3,38 @@
 // The data is written by deformnb/widgets/standalone.py: the traits of the widgets with a tiny volume, in whose place
 // the file's is put.
 
-import { Painter } from "./editor/painter.js";
-import { PICTURE_SUFFIXES, readPicture } from "./formats/pictures.js";
-import { FileError, shownText } from "./formats/reading.js";
-import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./formats/volume_files.js";
-import { fieldAt } from "./maths/rigid_stages.js";
+import { Painter } from "./editor/painter.ts";
+import { PICTURE_SUFFIXES, readPicture } from "./formats/pictures.ts";
+import { FileError, shownText } from "./formats/reading.ts";
+import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./formats/volume_files.ts";
+import { fieldAt } from "./maths/rigid_stages.ts";
 import { decodedData, guarded, messageOf, pagePart, showOnPage, StandalonePage, textElement }
-  from "./standalone_page.js";
-import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
-import { inLanguage, showInLanguage } from "./ui/words.js";
-import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.js";
-import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.js";
+  from "./standalone_page.ts";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
+import { inLanguage, showInLanguage } from "./ui/words.ts";
+import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
+import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
 import { bytesOfVolume, cornerPoints, factorsOf, maximumProjection, packedPicture, pictureWindow, piecesOf, stillField,
-  tissueCheck, volumeInfo } from "./volume/packing.js";
+  tissueCheck, volumeInfo } from "./volume/packing.ts";
 
-/** @import { Photograph } from "./formats/pictures.js" */
-/** @import { KnownSpacing, Volume } from "./formats/volume_files.js" */
-/** @import { Plane } from "./volume/grid.js" */
-/** @import { Measured } from "./volume/levels.js" */
-/** @import { Open, PageData } from "./standalone_page.js" */
-/** @import { Point } from "./types.d.ts" */
+import type { Photograph } from "./formats/pictures.ts";
+import type { KnownSpacing, Volume } from "./formats/volume_files.ts";
+import type { Plane } from "./volume/grid.ts";
+import type { Measured } from "./volume/levels.ts";
+import type { Open, PageData } from "./standalone_page.ts";
+import type { Point } from "./types.ts";
 
-/** @typedef {PageData & {known_spacings: KnownSpacing[]}} Template */
+export type Template = PageData & {known_spacings: KnownSpacing[]};
 
-/**
- * A file that is open.
- * @typedef {object} Opened
- * @property {Volume} volume
- * @property {Photograph | null} photograph
- * @property {Measured} about
- * @property {string | null} sha256 of the voxels, as Python makes it
- * @property {Pick<PageData, "chunks"> & {packed: Open} | null} packed
- */
+/** A file that is open. */
+export interface Opened {
+  volume: Volume;
+  photograph: Photograph | null;
+  about: Measured;
+  /** of the voxels, as Python makes it */
+  sha256: string | null;
+  packed: Pick<PageData, "chunks"> & {packed: Open} | null;
+}
 
 const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
 const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
@@ -44,35 +44,22 @@ const SIDE = "+y", PICTURE_SIDE = "+z";
 
 let editors = 0; // that were on the page: each has undo steps of its own
 
-/**
- * The bytes of a PNG of pixels.
- * @param {Uint8ClampedArray<ArrayBuffer>} rgba
- * @param {number} width
- * @param {number} height
- */
-async function pngOf(rgba, width, height) {
+/** The bytes of a PNG of pixels. */
+async function pngOf(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
   const canvas = Object.assign(document.createElement("canvas"), { width, height });
   canvas.getContext("2d")?.putImageData(new ImageData(rgba, width, height), 0, 0);
   return new DataView(await (await blobOf(canvas)).arrayBuffer());
 }
 
-/** @param {HTMLCanvasElement} canvas @returns {Promise<Blob>} */
-function blobOf(canvas) {
+function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
   return new Promise((resolve, reject) => canvas.toBlob((blob) => {
     if (blob) resolve(blob);
     else reject(new Error("the browser could not make the picture; there is not enough memory."));
   }, "image/png"));
 }
 
-/**
- * Read a file and prepare all that does not depend on the side it is seen from.
- * @param {File} file
- * @param {Template} template
- * @param {(words: string, share: number) => void} report
- * @param {AbortSignal} signal
- * @returns {Promise<Opened>}
- */
-async function openedFile(file, template, report, signal) {
+/** Read a file and prepare all that does not depend on the side it is seen from. */
+async function openedFile(file: File, template: Template, report: (words: string, share: number) => void, signal: AbortSignal): Promise<Opened> {
   const { name } = file, isPicture = PICTURE_SUFFIXES.some((suffix) => name.toLowerCase().endsWith(suffix));
   if (!isPicture && !volumeSuffix(name)) {
     throw new FileError(`${shownText(name)}: this page opens volumes (${VOLUME_SUFFIXES.join(", ")}) and pictures ` +
@@ -92,13 +79,7 @@ async function openedFile(file, template, report, signal) {
     packed: photograph ? null : await packedVolume(volume, about, report, signal) };
 }
 
-/**
- * @param {Volume} volume
- * @param {Measured} about
- * @param {(words: string, share: number) => void} report
- * @param {AbortSignal} signal
- */
-async function packedVolume(volume, about, report, signal) {
+async function packedVolume(volume: Volume, about: Measured, report: (words: string, share: number) => void, signal: AbortSignal) {
   const transfer = specimen(volume, about), { window, share } = windowOf(volume, about, transfer);
   const factors = factorsOf(volume.grid), grid = coarserGrid(volume.grid, factors), words = "Preparing the view";
   const bytes = await bytesOfVolume(volume, factors, window, (done) => report(words, 0.6 + 0.2 * done), signal);
@@ -108,14 +89,8 @@ async function packedVolume(volume, about, report, signal) {
   return { chunks, packed: { window, share, grid, id, unit: transfer.unit, table: new DataView(table.buffer) } };
 }
 
-/**
- * The data of the page of an open file, seen from a side.
- * @param {Template} template
- * @param {Opened} opened
- * @param {string} side
- * @returns {Promise<PageData>}
- */
-async function dataOf(template, opened, side) {
+/** The data of the page of an open file, seen from a side. */
+async function dataOf(template: Template, opened: Opened, side: string): Promise<PageData> {
   const { volume, photograph, about, packed } = opened, { grid } = volume, plane = planeAlong(grid, side);
   const { image, raster, still } = photograph ? await colourPicture(photograph, plane)
     : await greyPicture(volume, about, plane);
@@ -128,7 +103,7 @@ async function dataOf(template, opened, side) {
   const data = { ...template, editor, document, still };
   if (!packed) return { ...data, view: null, chunks: [] };
   const { window, share, grid: shown, id, table, unit } = packed.packed, chunks = packed.chunks.length;
-  const { n, v } = plane, views = template.parameters.view.options.map((/** @type {string[]} */ [name]) => name);
+  const { n, v } = plane, views = template.parameters.view.options.map(([name]: string[]) => name);
   const view = { ...template.view, label: `Volume ${volume.name}`, table, unit,
     volume_info: volumeInfo(volume, about, { ...packed.packed, chunks, views, id, window, share, grid: shown }),
     tissue_check: tissueCheck(volume, about, window),
@@ -137,8 +112,7 @@ async function dataOf(template, opened, side) {
     cut_off: template.cut_off && { ...template.cut_off, sides: sideNames(grid) } };
 }
 
-/** @param {Volume} volume @param {Measured} about @param {Plane} plane */
-async function greyPicture(volume, about, plane) {
+async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   const pixels = maximumProjection(volume, plane), raster = voxelRaster(volume.grid, plane), [high, wide] = raster.shape;
   const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
   const image = await pngOf(rgba, wide, high), [black, white] = facts.window, [low, most] = facts.range;
@@ -152,16 +126,14 @@ async function greyPicture(volume, about, plane) {
     raster: { ...raster, ...facts, unit: about.hounsfield ? "HU" : "", lengths: unitOf(volume.grid) } };
 }
 
-/** @param {Photograph} photograph @param {Plane} plane */
-async function colourPicture({ shown: { rgba, width, height, factor }, volume }, plane) {
+async function colourPicture({ shown: { rgba, width, height, factor }, volume }: Photograph, plane: Plane) {
   const { spacing: [du, dv], origin: [a, b] } = voxelRaster(volume.grid, plane), off = (factor - 1) / 2;
   const image = await pngOf(rgba, width, height);
   return { image, still: image, raster: { shape: [height, width], spacing: [factor * du, factor * dv],
     origin: [a + off * du, b + off * dv], channels: 3, lengths: "voxels" } };
 }
 
-/** @param {Template} template @param {Opened} opened @param {Plane} plane */
-function documentOf({ document }, { volume: { name, grid }, sha256 }, { origin, u, v }) {
+function documentOf({ document }: Template, { volume: { name, grid }, sha256 }: Opened, { origin, u, v }: Plane) {
   if (!document) throw new Error("the page holds no document");
   const { chosen_support: _, ...step } = document.steps[0], { shape, spacing, direction, unit } = grid;
   const volume = sha256 && { name, shape, spacing, sha256, origin: grid.origin, direction };
@@ -170,12 +142,11 @@ function documentOf({ document }, { volume: { name, grid }, sha256 }, { origin, 
 
 /** A page of an open file. */
 class FilePage extends StandalonePage {
-  /**
-   * @param {PageData} data
-   * @param {Open} widgets
-   * @param {string} name of the file without suffix
-   */
-  constructor(data, widgets, name) {
+  name: string;
+  isSaved: boolean;
+
+  /** @param name of the file without suffix */
+  constructor(data: PageData, widgets: Open, name: string) {
     super(data, widgets);
     this.name = name;
     this.isSaved = true;
@@ -198,14 +169,11 @@ class FilePage extends StandalonePage {
     this.isSaved = true;
   }
 
-  /** The editor that is on the page. @returns {any} */
-  get #editorView() { return /** @type {any} */ (pagePart("picture").querySelector(".dnb-editor"))?.deformnb; }
+  /** The editor that is on the page. */
+  get #editorView(): any { return (pagePart("picture").querySelector(".dnb-editor") as any)?.deformnb; }
 
-  /**
-   * Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken.
-   * @param {[number, number][]} places
-   */
-  displacements(places) { return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b)); }
+  /** Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken. */
+  displacements(places: [number, number][]) { return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b)); }
 
   async #savePicture() {
     const editor = this.#editorView, { source } = editor.painter;
@@ -222,7 +190,7 @@ class FilePage extends StandalonePage {
   }
 
   async #saveRendering() {
-    const view = /** @type {any} */ (pagePart("volume").querySelector(".dnb-view"))?.deformnb;
+    const view = (pagePart("volume").querySelector(".dnb-view") as any)?.deformnb;
     if (!view?.loop) return;
     view.loop.drawNow(2);
     saveFile(await blobOf(view.canvas), `${this.fileName} volume.png`);
@@ -231,19 +199,26 @@ class FilePage extends StandalonePage {
 
 /** The page, with a file or without. */
 class FileOpener {
-  /**
-   * @param {Template} template
-   * @param {Open} widgets
-   */
-  constructor(template, widgets) {
+  template: Template;
+  widgets: Open;
+  page: FilePage | null;
+  opened: Opened | null;
+  side: string;
+  work: AbortController | null;
+  chooser: HTMLInputElement;
+  button: HTMLButtonElement;
+  words: HTMLSpanElement;
+  sideBox: HTMLLabelElement;
+  sides: HTMLSelectElement;
+  bar: HTMLProgressElement;
+  cancel: HTMLButtonElement;
+
+  constructor(template: Template, widgets: Open) {
     this.template = template;
     this.widgets = widgets;
-    /** @type {FilePage | null} */
     this.page = null;
-    /** @type {Opened | null} */
     this.opened = null;
     this.side = SIDE;
-    /** @type {AbortController | null} */
     this.work = null;
     const root = pagePart("open");
     this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
@@ -275,8 +250,8 @@ class FileOpener {
   get isUnsaved() { return Boolean(this.page && !this.page.isSaved); }
 
   #takeDrops() {
-    const veil = (/** @type {boolean} */ isOver) => document.body.classList.toggle("dnb-page-over", isOver);
-    const hasFiles = (/** @type {DragEvent} */ { dataTransfer }) => Boolean(dataTransfer?.types.includes("Files"));
+    const veil = (isOver: boolean) => document.body.classList.toggle("dnb-page-over", isOver);
+    const hasFiles = ({ dataTransfer }: DragEvent) => Boolean(dataTransfer?.types.includes("Files"));
     window.addEventListener("dragover", (event) => {
       if (!hasFiles(event)) return;
       event.preventDefault();
@@ -292,8 +267,7 @@ class FileOpener {
     });
   }
 
-  /** @param {string} words @param {number} share */
-  #report(words, share) {
+  #report(words: string, share: number) {
     const isBusy = share < 1;
     this.words.textContent = isBusy ? `${words} \u2026` : words;
     this.bar.value = share;
@@ -302,11 +276,8 @@ class FileOpener {
     this.sideBox.hidden = !this.opened || Boolean(this.opened.photograph) || isBusy;
   }
 
-  /**
-   * Open a file in place of the one that is open, which stays where the new one cannot be read.
-   * @param {File} file
-   */
-  async open(file) {
+  /** Open a file in place of the one that is open, which stays where the new one cannot be read. */
+  async open(file: File) {
     if (this.work) return;
     if (this.isUnsaved && !window.confirm(inLanguage(`Open ${file.name}? What you did is not downloaded yet.`))) return;
     const work = new AbortController(), before = this.words.textContent ?? "";
@@ -330,8 +301,8 @@ class FileOpener {
     } finally { this.work = null; }
   }
 
-  /** See the volume from another side, without points. @param {string} side */
-  async turn(side) {
+  /** See the volume from another side, without points. */
+  async turn(side: string) {
     const { opened, sides } = this;
     if (!opened || this.work || side === this.side) return;
     if (this.isUnsaved && !window.confirm(inLanguage("See it from another side? The points of this side are not downloaded yet."))) {
@@ -350,11 +321,7 @@ class FileOpener {
     }
   }
 
-  /**
-   * @param {PageData} data
-   * @param {Open | null} stored
-   */
-  async #show(data, stored) {
+  async #show(data: PageData, stored: Open | null) {
     const { opened } = this;
     if (!opened) return;
     this.page?.close();
@@ -375,9 +342,8 @@ class FileOpener {
     page.fit();
   }
 
-  /** @param {boolean} isRestored */
-  #facts(isRestored) {
-    const { volume, photograph } = /** @type {Opened} */ (this.opened), { grid, notes } = volume;
+  #facts(isRestored: boolean) {
+    const { volume, photograph } = (this.opened as Opened), { grid, notes } = volume;
     const size = grid.shape.toReversed(), words = photograph ? [`${size[0]} x ${size[1]} pixels`]
       : [`${size.join(" x ")} voxels of ${grid.spacing.map((s) => Number(s.toPrecision(4))).join(" x ")}${
         grid.unit && ` ${grid.unit}`}`];
@@ -386,8 +352,8 @@ class FileOpener {
       ...(isRestored ? ["the points of last time are back; Reset puts them back"] : [])].join(". ");
   }
 
-  /** Keeps what was done, for the case that the page is closed by mistake. @param {FilePage} page */
-  #keep(page) {
+  /** Keeps what was done, for the case that the page is closed by mistake. */
+  #keep(page: FilePage) {
     if (page !== this.page || !this.opened) return;
     page.isSaved = false;
     const kept = Object.fromEntries(KEPT.map((name) => [name, page.editor.get(name)]));
@@ -397,18 +363,14 @@ class FileOpener {
   }
 }
 
-/** What tells one open file from another. @param {Opened} opened */
-function nameOf({ volume: { name, grid }, sha256 }) { return sha256 ?? `${name} ${grid.shape.join(" ")}`; }
+/** What tells one open file from another. */
+function nameOf({ volume: { name, grid }, sha256 }: Opened) { return sha256 ?? `${name} ${grid.shape.join(" ")}`; }
 
-/**
- * What was done to a file last time, if the browser has kept it.
- * @param {Opened} opened
- * @returns {Open | null}
- */
-function storedWork(opened) {
+/** What was done to a file last time, if the browser has kept it. */
+function storedWork(opened: Opened): Open | null {
   try {
     const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");
-    const isPoint = (/** @type {Point} */ p) => [p.source, p.target].every((place) =>
+    const isPoint = (p: Point) => [p.source, p.target].every((place) =>
       place.length === 2 && place.every(Number.isFinite));
     return stored?.of === nameOf(opened) && stored.points.every(isPoint) ? stored : null;
   } catch { return null; }
@@ -417,7 +379,7 @@ function storedWork(opened) {
 async function openPage() {
   const template = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, template.words, template.language);
-  const widgets = /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")];
+  const widgets = (globalThis as any)[Symbol.for("deformnb.standalone")];
   Object.assign(document.body, { opener: new FileOpener(template, widgets) }); // for tests and for debugging
 }
 

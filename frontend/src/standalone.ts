@@ -1,13 +1,13 @@
 // The page that Python exports: it opens the data in it. The scripts of the widgets run before this one and leave their
 // exports under a symbol.
 
-import { decodedData, messageOf, showOnPage, StandalonePage } from "./standalone_page.js";
-import { showInLanguage } from "./ui/words.js";
+import { decodedData, messageOf, showOnPage, StandalonePage } from "./standalone_page.ts";
+import { showInLanguage } from "./ui/words.ts";
 
 async function openStandalone() {
   const data = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, data.words, data.language);
-  const page = new StandalonePage(data, /** @type {any} */ (globalThis)[Symbol.for("deformnb.standalone")]);
+  const page = new StandalonePage(data, (globalThis as any)[Symbol.for("deformnb.standalone")]);
   Object.assign(document.body, { deformnb: page }); // for tests and for debugging
   await page.open();
 }

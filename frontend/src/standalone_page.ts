@@ -2,46 +2,54 @@
 // written by deformnb/widgets/standalone.py, or made of a file that a user has chosen: traits, packed voxels, the message
 // "field", the document.
 
-import { ClipSliders } from "./inputs/clip_sliders.js";
-import { clipOf, isClipped } from "./maths/clipping.js";
-import { PlainModel } from "./sync/host_model.js";
-import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.js";
+import { ClipSliders } from "./inputs/clip_sliders.ts";
+import { clipOf, isClipped } from "./maths/clipping.ts";
+import { PlainModel } from "./sync/host_model.ts";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 
-/** @import { KernelTable, Point } from "./types.d.ts" */
-/** @import { Attributes } from "./ui/dom.js" */
+import type { KernelTable, Point } from "./types.ts";
+import type { Attributes } from "./ui/dom.ts";
 
-/** @typedef {Record<string, any>} Open values by their names */
-/** @typedef {[Open, DataView<ArrayBuffer>[]]} Packet the content of a message and its buffers */
+/** values by their names */
+export type Open = Record<string, any>;
+/** the content of a message and its buffers */
+export type Packet = [Open, DataView<ArrayBuffer>[]];
 
-/**
- * @typedef {object} PageData
- * @property {Open} editor traits
- * @property {Open | null} view traits
- * @property {{start: number, lag: number, packed: DataView<ArrayBuffer>}[]} chunks
- * @property {{content: Open, buffers: DataView<ArrayBuffer>[]}} field
- * @property {string} still_background
- * @property {Record<string, number>} kernels their orders by their names
- * @property {Record<string, KernelTable>} kernel_tables those of the kernels that the scripts have no formula of
- * @property {Record<string, number>} trends likewise
- * @property {string[]} picture_shows display modes of the picture
- * @property {string[]} controls names of those that the page has
- * @property {{sides: string[], text: string} | null} cut_off names of the sides of the box; a warning, "%" stands for
- *   them
- * @property {Record<string, Open>} parameters of the controls, as deformnb/widgets/parameters.py has them
- * @property {Open | null} document
- * @property {string} language its code
- * @property {Record<string, string>} words of that language by the English ones; none for English
- * @property {DataView<ArrayBuffer>} [still] a picture of the volume, where the page shows none before it is opened
- */
+export interface PageData {
+  /** traits */
+  editor: Open;
+  /** traits */
+  view: Open | null;
+  chunks: {start: number, lag: number, packed: DataView<ArrayBuffer>}[];
+  field: {content: Open, buffers: DataView<ArrayBuffer>[]};
+  still_background: string;
+  /** their orders by their names */
+  kernels: Record<string, number>;
+  /** those of the kernels that the scripts have no formula of */
+  kernel_tables: Record<string, KernelTable>;
+  /** likewise */
+  trends: Record<string, number>;
+  /** display modes of the picture */
+  picture_shows: string[];
+  /** names of those that the page has */
+  controls: string[];
+  /** names of the sides of the box; a warning, "%" stands for them */
+  cut_off: {sides: string[], text: string} | null;
+  /** of the controls, as deformnb/widgets/parameters.py has them */
+  parameters: Record<string, Open>;
+  document: Open | null;
+  /** its code */
+  language: string;
+  /** of that language by the English ones; none for English */
+  words: Record<string, string>;
+  /** a picture of the volume, where the page shows none before it is opened */
+  still?: DataView<ArrayBuffer>;
+}
 
 const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
 
-/**
- * Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is.
- * @param {any} value
- * @returns {Promise<any>}
- */
-export async function decodedData(value) {
+/** Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is. */
+export async function decodedData(value: any): Promise<any> {
   if (Array.isArray(value)) return Promise.all(value.map(decodedData));
   if (!value || typeof value !== "object") return value;
   if (typeof value.base64 === "string") return decodedBytes(value.base64, value.gzip);
@@ -50,28 +58,26 @@ export async function decodedData(value) {
 }
 
 /**
- * @param {string} text in base64
- * @param {boolean} isPacked whether by gzip
+ * @param text in base64
+ * @param isPacked whether by gzip
  */
-async function decodedBytes(text, isPacked = false) {
+async function decodedBytes(text: string, isPacked: boolean = false) {
   const bytes = bytesOfText(text);
   if (!isPacked) return new DataView(bytes.buffer);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new DataView(await new Response(stream).arrayBuffer());
 }
 
-/** @param {string} text in base64 */
-function bytesOfText(text) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
+/** @param text in base64 */
+function bytesOfText(text: string) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
 
 // ---- answers in place of Python's -----------------------------------------------------------------------------------
 
 /**
  * Answers to an editor. They come later, as those of a kernel do: a front end sends while it is still being built. An
  * editor gets its points first, then which of its messages they include, then that the message is done.
- * @param {() => PlainModel} model
- * @returns {(message: Open) => void}
  */
-function editorAnswers(model) {
+function editorAnswers(model: () => PlainModel): (message: Open) => void {
   return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) => queueMicrotask(() => {
     const m = model();
     if (type === "shapes") m.update({ [what]: shapes });
@@ -81,18 +87,10 @@ function editorAnswers(model) {
   });
 }
 
-/**
- * Answers to a live view.
- * @param {() => PlainModel | null} model
- * @param {Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void,
- *   isDrawn: (stats: Open) => void}} given
- * @returns {(message: Open) => void}
- */
-function viewAnswers(model, { chunks, field, still, falls, isDrawn }) {
-  /** @type {() => Packet} */
-  const picture = () => [{ type: "still" }, [still]];
-  /** @type {Record<string, (message: Open) => Packet>} */
-  const answers = {
+/** Answers to a live view. */
+function viewAnswers(model: () => PlainModel | null, { chunks, field, still, falls, isDrawn }: Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void, isDrawn: (stats: Open) => void}): (message: Open) => void {
+  const picture: () => Packet = () => [{ type: "still" }, [still]];
+  const answers: Record<string, (message: Open) => Packet> = {
     hello: ({ largest, voxels }) => {
       if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller
       return voxels ? picture() : [field.content, field.buffers];
@@ -113,49 +111,43 @@ function viewAnswers(model, { chunks, field, still, falls, isDrawn }) {
 
 // ---- the page -------------------------------------------------------------------------------------------------------
 
-/**
- * @template {keyof HTMLElementTagNameMap} K
- * @param {K} tag
- * @param {string} className
- * @param {Element | null} parent
- * @param {Attributes} attributes
- * @param {string} text
- * @returns {HTMLElementTagNameMap[K]}
- */
-export function textElement(tag, className, parent, attributes, text) {
+export function textElement<K extends keyof HTMLElementTagNameMap>(tag: K, className: string, parent: Element | null, attributes: Attributes, text: string): HTMLElementTagNameMap[K] {
   const made = pageElement(tag, className, parent, attributes);
   made.textContent = text;
   return made;
 }
 
-/** @param {string} name */
-export function pagePart(name) { return /** @type {HTMLElement} */ (document.querySelector(`.dnb-page-${name}`)); }
+export function pagePart(name: string) { return (document.querySelector(`.dnb-page-${name}`) as HTMLElement); }
 
-/** @param {string} text */
-export function showOnPage(text) {
+export function showOnPage(text: string) {
   const alert = pagePart("alert");
   alert.textContent = text;
   alert.hidden = !text;
 }
 
 export class StandalonePage {
-  /**
-   * @param {PageData} data
-   * @param {Open} widgets their exports
-   */
-  constructor(data, widgets) {
+  data: PageData;
+  isStill: boolean;
+  cut: HTMLDetailsElement | null;
+  image: HTMLImageElement | null;
+  closing: AbortController;
+  ends: (() => void)[];
+  editor: PlainModel;
+  view: PlainModel | null;
+  widgets: Open;
+  sliders: ClipSliders | undefined;
+
+  /** @param widgets their exports */
+  constructor(data: PageData, widgets: Open) {
     this.data = data;
     this.isStill = false;
-    /** @type {HTMLDetailsElement | null} */
     this.cut = null; // the sliders that cut the volume
-    this.image = /** @type {HTMLImageElement | null} */ (document.querySelector(".dnb-page-still"));
+    this.image = (document.querySelector(".dnb-page-still") as HTMLImageElement | null);
     const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
     this.closing = new AbortController();
-    /** @type {(() => void)[]} what ends the widgets */
+    /** what ends the widgets */
     this.ends = [];
-    /** @type {PlainModel} */
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
-    /** @type {PlainModel | null} */
     this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
       deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall(),
         isDrawn: ({ sides }) => this.warn(sides) }) });
@@ -178,12 +170,8 @@ export class StandalonePage {
     window.addEventListener("resize", () => this.fit(), { signal: this.closing.signal });
   }
 
-  /**
-   * @param {string} widget
-   * @param {PlainModel} model
-   * @param {string} part of the page
-   */
-  async #render(widget, model, part) {
+  /** @param part of the page */
+  async #render(widget: string, model: PlainModel, part: string) {
     const end = await this.widgets[widget].render({ model, el: pagePart(part) });
     if (end) this.ends.push(end);
   }
@@ -211,18 +199,17 @@ export class StandalonePage {
     this.fit();
   }
 
-  /**
-   * Says beyond which sides of the box there is tissue, which is not seen.
-   * @param {number[]} [sides]
-   */
-  warn(sides = []) {
+  /** Says beyond which sides of the box there is tissue, which is not seen. */
+  warn(sides: number[] = []) {
     const { cut_off: cutOff } = this.data, note = pagePart("note"), names = sides.map((side) => cutOff?.sides[side]);
     const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
     note.hidden = names.length === 0;
     note.textContent = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
   }
 
-  /** Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once. */
+  /**
+   * Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once.
+   */
   fit() {
     const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
     main.classList.toggle("dnb-page-wide", Boolean(isWide));
@@ -240,7 +227,7 @@ export class StandalonePage {
   // ---- controls -----------------------------------------------------------------------------------------------------
 
   #controls() {
-    const bar = pagePart("controls"), has = (/** @type {string} */ name) => this.data.controls.includes(name);
+    const bar = pagePart("controls"), has = (name: string) => this.data.controls.includes(name);
     if (has("strength")) {
       this.#slider(bar, setting(this.editor, "strength"), (value) => value.toFixed(2));
     }
@@ -260,34 +247,18 @@ export class StandalonePage {
     if (has("clip") && this.view?.get("clip")) this.#clip(bar, this.view);
   }
 
-  /**
-   * @param {Element} bar
-   * @param {string} label
-   * @param {string} title
-   */
-  #field(bar, label, title) {
+  #field(bar: Element, label: string, title: string) {
     const box = pageElement("label", "dnb-page-field", bar, { title });
     textElement("span", "dnb-page-label", box, {}, label);
     return box;
   }
 
-  /**
-   * @param {Element} bar
-   * @param {string} text
-   * @param {string} title
-   * @param {() => void} action
-   */
-  button(bar, text, title, action) {
+  button(bar: Element, text: string, title: string, action: () => void) {
     const button = textElement("button", "dnb-page-button", bar, { type: "button", title, ...OWN_KEYS }, text);
     button.addEventListener("click", () => guarded(action));
   }
 
-  /**
-   * @param {Element} bar
-   * @param {Bound} bound
-   * @param {(value: number) => string} shown
-   */
-  #slider(bar, { name, now, set, listen }, shown) {
+  #slider(bar: Element, { name, now, set, listen }: Bound, shown: (value: number) => string) {
     const { label, tooltip, low, high, step } = this.data.parameters[name];
     const box = this.#field(bar, label, tooltip);
     const input = pageElement("input", "dnb-page-range", box, { type: "range", min: Math.min(low, now()),
@@ -299,11 +270,7 @@ export class StandalonePage {
     show();
   }
 
-  /**
-   * @param {Element} bar
-   * @param {Bound} bound
-   */
-  #menu(bar, { name, now, set, listen }) {
+  #menu(bar: Element, { name, now, set, listen }: Bound) {
     const { label, tooltip, options } = this.data.parameters[name];
     const box = this.#field(bar, label, tooltip);
     const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
@@ -315,10 +282,9 @@ export class StandalonePage {
     return select;
   }
 
-  /** @param {Element} bar */
-  #kernels(bar) {
+  #kernels(bar: Element) {
     const { kernels, kernel_tables: tables, trends } = this.data, bound = setting(this.editor, "kernel");
-    const set = (/** @type {string} */ kernel) => {
+    const set = (kernel: string) => {
       const { kernel_table: _, ...settings } = this.editor.get("settings"), table = tables[kernel];
       this.editor.update({ settings: { ...settings, kernel, ...(table && { kernel_table: table }) } });
     };
@@ -327,12 +293,8 @@ export class StandalonePage {
     for (const option of select.options) option.disabled = order < kernels[option.value]; // no fit exists
   }
 
-  /**
-   * Adds the sliders that cut the volume, in a box of their own under the others.
-   * @param {Element} bar
-   * @param {PlainModel} view
-   */
-  #clip(bar, view) {
+  /** Adds the sliders that cut the volume, in a box of their own under the others. */
+  #clip(bar: Element, view: PlainModel) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
     textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS },
       "Clipping");
@@ -342,8 +304,8 @@ export class StandalonePage {
     box.addEventListener("toggle", () => this.fit());
   }
 
-  /** Adds the menu of the comparison, of picture and volume. @param {Element} bar */
-  #shows(bar) {
+  /** Adds the menu of the comparison, of picture and volume. */
+  #shows(bar: Element) {
     const { editor, view } = this, modes = this.data.picture_shows;
     const select = this.#menu(bar, trait(view ?? editor, "shows"));
     if (view) view.on("change:shows", () => editor.update({ shows: modes.includes(view.get("shows")) ? view.get("shows") : modes[0] }));
@@ -357,11 +319,8 @@ export class StandalonePage {
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
 
-  /**
-   * Locks and radii beside the points, as deformnb/document/json_format.py writes them.
-   * @param {Point[]} points
-   */
-  #own(points) {
+  /** Locks and radii beside the points, as deformnb/document/json_format.py writes them. */
+  #own(points: Point[]) {
     const locked = points.filter((p) => p.locked).map((p) => p.id);
     const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);
     return { ...(locked.length && { locked: [locked] }), ...(radii.length && { radii: [radii] }) };
@@ -376,8 +335,7 @@ export class StandalonePage {
   // ---- the points as a file -----------------------------------------------------------------------------------------
 
   document() {
-    /** @type {Point[]} */
-    const points = this.editor.get("points");
+    const points: Point[] = this.editor.get("points");
     const next = this.editor.get("next_id");
     const { chosen_support: radius, kernel_table: _table, ...settings } = this.editor.get("settings");
     if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
@@ -400,44 +358,28 @@ export class StandalonePage {
   }
 }
 
-/**
- * A value that a control shows and changes.
- * @typedef {{name: string, now: () => any, set: (value: any) => void, listen: (show: () => void) => void}} Bound
- */
+/** A value that a control shows and changes. */
+export type Bound = {name: string, now: () => any, set: (value: any) => void, listen: (show: () => void) => void};
 
-/**
- * A trait of a model.
- * @param {PlainModel} model
- * @param {string} name
- * @returns {Bound}
- */
-function trait(model, name) {
+/** A trait of a model. */
+function trait(model: PlainModel, name: string): Bound {
   return { name, now: () => model.get(name), set: (value) => model.update({ [name]: value }),
     listen: (show) => model.on(`change:${name}`, show) };
 }
 
-/**
- * A setting of an editor's fit.
- * @param {PlainModel} model
- * @param {string} name
- * @returns {Bound}
- */
-function setting(model, name) {
+/** A setting of an editor's fit. */
+function setting(model: PlainModel, name: string): Bound {
   return { name, now: () => model.get("settings")[name],
     set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
     listen: (show) => model.on("change:settings", show) };
 }
 
-/**
- * Shows on the page that an action has failed; the page goes on.
- * @param {() => void} action
- */
-export function guarded(action) {
+/** Shows on the page that an action has failed; the page goes on. */
+export function guarded(action: () => void) {
   try { action(); } catch (error) {
     console.error(error);
     showOnPage(`This page met an error: ${messageOf(error)}`);
   }
 }
 
-/** @param {unknown} error */
-export function messageOf(error) { return (error instanceof Error && error.message) || error; }
+export function messageOf(error: unknown) { return (error instanceof Error && error.message) || error; }

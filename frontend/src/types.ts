@@ -1,8 +1,8 @@
 // Shapes of the data that several modules share, as Python sends them and as the documents hold them.
 
 import type { AnyModel } from "@anywidget/types";
-import type { PlayClock } from "./inputs/player.js";
-import type { Sender } from "./sync/edits.js";
+import type { PlayClock } from "./inputs/player.ts";
+import type { Sender } from "./sync/edits.ts";
 
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
 export type Model = AnyModel;

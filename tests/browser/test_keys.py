@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -14,15 +13,14 @@ from scripts import run_script
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
+from deformnb.widgets.bundle import SOURCES
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
-
-JS = files("deformnb.widgets") / "js"
 
 
 def heard(name: str) -> set[str]:
     """Keys that a script compares with: every quoted text beside a `key`, and the names of its tables of keys."""
-    text = re.sub(r"//.*", "", (JS / name).read_text(encoding="utf-8"))
+    text = re.sub(r"//.*", "", (SOURCES / name).read_text(encoding="utf-8"))
     found = set(re.findall(r"\bkey === \"([^\"]+)\"", text))
     for table in re.findall(r"(?:arrows|SPACE_ARROWS|TURN_WAYS|turns) = \{([^}]*)\}", text):
         found |= {a or b for a, b in re.findall(r"(?:\"([^\"]+)\"|(\b[A-Z]\w+)): ", table)}
@@ -31,16 +29,16 @@ def heard(name: str) -> set[str]:
 
 def told(table: str) -> set[str]:
     main = f"() => keyRows({table}).flatMap(([, , about]) => about?.keys ?? [])"
-    keys = set(run_script(("ui/keys.js",), main, None))
+    keys = set(run_script(("ui/keys.ts",), main, None))
     return {part.split("+")[-1] or "+" for part in keys}
 
 
 @pytest.mark.parametrize(
     ("scripts", "table"),
     [
-        (("editor/pointer.js", "editor/shape_tools.js", "editor/brush_tool.js"), "EDITOR_KEYS"),
-        (("space_editor/pointer.js",), "SPACE_EDITOR_KEYS"),
-        (("view/pointer.js",), "VIEW_KEYS"),
+        (("editor/pointer.ts", "editor/shape_tools.ts", "editor/brush_tool.ts"), "EDITOR_KEYS"),
+        (("space_editor/pointer.ts",), "SPACE_EDITOR_KEYS"),
+        (("view/pointer.ts",), "VIEW_KEYS"),
     ],
 )
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
@@ -53,14 +51,14 @@ def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -
 @pytest.mark.parametrize("table", ["EDITOR_KEYS", "SPACE_EDITOR_KEYS"])
 def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     main = f"() => keyRows({table}).map(([shown, what, about]) => [shown, what, about ?? {{}}])"
-    rows = run_script(("ui/keys.js",), main, None)
+    rows = run_script(("ui/keys.ts",), main, None)
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)
-    scripts = "editor/editor.js"
+    scripts = "editor/editor.ts"
     if table != "EDITOR_KEYS":
-        scripts = "space_editor/editor.js space_editor/pointer.js"
-    text = "".join((JS / name).read_text(encoding="utf-8") for name in scripts.split())
+        scripts = "space_editor/editor.ts space_editor/pointer.ts"
+    text = "".join((SOURCES / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
         assert re.search(rf'[{{,\s]"?{command}"?: \((?:editor|tools)?(?:, ids)?\) =>', text), command
 

@@ -22,7 +22,7 @@ def test_the_front_end_has_the_ambient_light_of_python() -> None:
     volume = Volume(values, Grid(values.shape, (0.5, 1.0, 2.0)))
     rgba = transfer.table(0, 255)
     found = run_script(
-        ("webgl/volume_blocks.js",),
+        ("webgl/volume_blocks.ts",),
         LIGHT,
         {
             "values": values.ravel().tolist(),

@@ -17,7 +17,7 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
 from deformnb.warping.points import warp_points
 
 BOX = [0.0, 500.0, 0.0, 450.0]
-MAPS = ("maths/rbf.js", "maths/rigid_stages.js", "maths/cuts.js", "maths/warp_map.js", "maths/folds.js")
+MAPS = ("maths/rbf.ts", "maths/rigid_stages.ts", "maths/cuts.ts", "maths/warp_map.ts", "maths/folds.ts")
 
 
 def test_the_inverse_is_that_of_the_package() -> None:

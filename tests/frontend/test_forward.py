@@ -130,7 +130,7 @@ def test_a_fit_in_space_is_that_of_the_package() -> None:
         lattice))"""
     for settings in ({"kernel": "linear"}, {"kernel": "cubic", "trend": "quadratic"}):
         given = {"points": as_json(points), "lattice": lattice, "settings": settings}
-        found = np.array(run_script((*MAPS, "maths/forward_fit.js"), main, given)).reshape(5, 6, 14, 3)
+        found = np.array(run_script((*MAPS, "maths/forward_fit.ts"), main, given)).reshape(5, 6, 14, 3)
         z, y, x = np.meshgrid(1 + 20.0 * np.arange(5), 2 + 15.0 * np.arange(6), 3 + 7.0 * np.arange(14), indexing="ij")
         expected = fit_forward(points, **settings).displacement(np.stack([x, y, z], axis=-1))
         assert np.abs(found - expected).max() < 7e-3  # a thousandth of the distance of nodes

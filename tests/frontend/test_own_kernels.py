@@ -17,7 +17,7 @@ from deformnb.volume.plane import Raster
 from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.kernel_table import kernel_table, table_for_page
 
-FILES = ("maths/rbf.js", "maths/kernel_table.js")
+FILES = ("maths/rbf.ts", "maths/kernel_table.ts")
 PLACES = [[33.0, 44.0], [-300.0, 900.0], [210.0, 230.0]]
 RASTER = Raster((9, 11), (50.0, 55.0), (-30.0, 12.0))
 

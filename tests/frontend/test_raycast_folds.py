@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scripts import run_script
 
-FILES = ("webgl/fold_mesh.js", "webgl/volume_blocks.js")
+FILES = ("webgl/fold_mesh.ts", "webgl/volume_blocks.ts")
 ROWS, COLUMNS, SPACING = 24, 30, (2.0, 1.5)
 
 PLANAR = """({ maps, shape, spacing, weights, count }) => {

@@ -21,7 +21,7 @@ from deformnb.rbf.support import choose_support, usual_support
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Raster
 
-FILES = ("maths/rbf.js",)
+FILES = ("maths/rbf.ts",)
 # The promise is 1e-3 of a pixel; both sides solve the same system in float64, with condition numbers up to 1e6 (the
 # Gaussian), so a thousandth of a thousandth of that is what rounding may do.
 CLOSE = 1e-7

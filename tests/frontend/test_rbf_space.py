@@ -15,7 +15,7 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
 
-FILES = ("maths/rbf.js",)
+FILES = ("maths/rbf.ts",)
 LATTICE = Grid((5, 6, 7), (60.0, 75.0, 110.0), (-30.0, 12.0, -44.0))  # another spacing along each axis
 
 MAIN = """(cases) => cases.map(({ points, settings, lattice }) => {

@@ -23,7 +23,7 @@ from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, fit_rigid
 from deformnb.volume.plane import Raster
 
-FILES = ("maths/rbf.js", "maths/regions.js", "maths/rigid_stages.js", "maths/cuts.js")
+FILES = ("maths/rbf.ts", "maths/regions.ts", "maths/rigid_stages.ts", "maths/cuts.ts")
 SQUARE = [(120, 90), (260, 80), (280, 230), (140, 240)]
 HOOK = [(60, 300), (60, 60), (400, 40), (420, 200), (300, 220), (310, 120), (140, 140), (150, 310)]
 BENT = [(240, 420), (250, 300), (180, 240), (330, 180), (260, 60)]

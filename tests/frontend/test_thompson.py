@@ -20,7 +20,7 @@ from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.volume import Grid
 
-FILES = ("maths/cuts.js", "maths/rigid_stages.js", "maths/warp_map.js")
+FILES = ("maths/cuts.ts", "maths/rigid_stages.ts", "maths/warp_map.ts")
 GRID = Grid((40, 8, 60))
 PLANE = Plane.along(GRID, "+y")
 CORNERS = [[0, 0], [59, 0], [0, 39], [59, 39]]

@@ -38,7 +38,7 @@ READ = """async ({ files, known }) => {
   }
   return results;
 }"""
-FILES = ("formats/volume_files.js", "formats/reading.js")
+FILES = ("formats/volume_files.ts", "formats/reading.ts")
 
 
 def _with_byte(data: bytes, at: int, value: int) -> bytes:
@@ -239,7 +239,7 @@ def test_a_volume_is_shown_as_python_shows_it(make: Any, tmp_path: Path) -> None
     write_volume(make(), tmp_path / "a.nrrd")
     volume = read_volume(tmp_path / "a.nrrd")
     data = base64.b64encode((tmp_path / "a.nrrd").read_bytes()).decode()
-    modules = (FILES[0], "volume/levels.js", "volume/packing.js", "volume/grid.js")
+    modules = (FILES[0], "volume/levels.ts", "volume/packing.ts", "volume/grid.ts")
     function, coarse = specimen(volume), whole_window(volume)
     window = fine_window(function, volume, coarse) or coarse
     shown = packed_volume(volume, volume.grid.size // 5, 10**6, window)

@@ -188,7 +188,7 @@ def page(kernel: str, name: str) -> dict[str, Any] | None:
         for k, (s, t) in enumerate(zip(m.points.source, m.target, strict=True))
     ]
     found: dict[str, Any] = run_script(
-        ("maths/rbf.js",),
+        ("maths/rbf.ts",),
         PAGE,
         {
             "points": data,

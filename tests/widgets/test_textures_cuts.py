@@ -233,12 +233,12 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
 
 
 _FILES = (
-    "maths/cuts.js",
-    "maths/regions.js",
-    "maths/rigid_stages.js",
-    "view/follow_editor.js",
-    "view/volume_loader.js",
-    "webgl/region_bits.js",
+    "maths/cuts.ts",
+    "maths/regions.ts",
+    "maths/rigid_stages.ts",
+    "view/follow_editor.ts",
+    "view/volume_loader.ts",
+    "webgl/region_bits.ts",
 )
 
 

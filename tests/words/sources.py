@@ -90,11 +90,11 @@ def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:
         ``${count} points`` is ``"".concat(count, " points")``, which can be read without a parser.
     """
     node, _npm = find_node()
-    modules = sorted(folder.rglob("*.js"))
+    modules = sorted(path for path in folder.rglob("*.ts") if not path.name.endswith(".d.ts"))
     subprocess.run(
         [
             node,
-            str(ROOT / "node_modules" / "esbuild" / "bin" / "esbuild"),
+            str(ROOT / "frontend" / "node_modules" / "esbuild" / "bin" / "esbuild"),
             *map(str, modules),
             f"--outdir={into}",
             f"--outbase={folder}",
@@ -106,7 +106,7 @@ def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:
         check=True,
     )
     for module in modules:
-        text = (into / module.relative_to(folder)).read_text("utf-8")
+        text = (into / module.relative_to(folder).with_suffix(".js")).read_text("utf-8")
         for found in _Texts(list(_tokens(text))).read():
             yield module, found
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import json
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
+from scripts import run_script
 from words.sources import ROOT, python_texts, reads_as_words, script_texts, shape, wildcard
 
+from deformnb.widgets.bundle import SOURCES
 from deformnb.words import LANGUAGES, Translator, translate, word_table
-from node_tasks import find_node
 
 PACKAGE = ROOT / "deformnb"
 OTHERS = [code for code in LANGUAGES if code != "en"]
@@ -80,7 +79,7 @@ ELSEWHERE = {
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, set[str]]:
     """Shapes of all texts, by the modules they are in."""
     found: dict[Path, set[str]] = {path: {text for _, text in python_texts(path)} for path in PACKAGE.rglob("*.py")}
-    for path, text in script_texts(PACKAGE / "widgets" / "js", tmp_path_factory.mktemp("lowered")):
+    for path, text in script_texts(SOURCES, tmp_path_factory.mktemp("lowered")):
         found.setdefault(path, set()).add(text)
     return found
 
@@ -99,9 +98,9 @@ def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, s
             or (" " in part and any(part in shape(key) for key in keys))
         )
 
-    scripts = {path for path in texts if path.suffix == ".js" and path.parent.name not in ERRORS_ONLY}
+    scripts = {path for path in texts if path.suffix == ".ts" and path.parent.name not in ERRORS_ONLY}
     missing = {
-        f"{path.relative_to(PACKAGE)}: {text}"
+        f"{path.relative_to(ROOT)}: {text}"
         for path in {*SHOWN, *scripts}
         for text in texts[path]
         if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text) and not is_known(text)
@@ -156,22 +155,15 @@ CASES = [
 
 
 def test_front_ends_translate_as_python_does() -> None:
-    node, _npm = find_node()
-    script = f"""import {{ Translator }} from "{(PACKAGE / "widgets" / "js" / "ui" / "words.js").as_uri()}";
-        const all = JSON.parse(await new Response(process.stdin).text());
-        const translator = new Translator(all.table);
-        console.log(JSON.stringify(all.texts.map((text) => translator.translate(text))));"""
+    script = """({ table, texts }) => {
+      const translator = new Translator(table);
+      return texts.map((text) => translator.translate(text));
+    }"""
     for code in OTHERS:
         table, translator = word_table(code), Translator(word_table(code))
         given = CASES + [key.replace("{n}", "3").replace("{text}", "x y") for key in table]
-        done = subprocess.run(
-            [node, "--input-type=module", "-e", script],
-            capture_output=True,
-            check=True,
-            input=json.dumps({"table": table, "texts": given}),
-            encoding="utf-8",
-        )
-        assert json.loads(done.stdout) == [translator.translate(text) for text in given]
+        found = run_script(("ui/words.ts",), script, {"table": table, "texts": given})
+        assert found == [translator.translate(text) for text in given]
 
 
 def test_what_a_user_has_named_stays_as_it_is() -> None:

@@ -3,7 +3,7 @@
     head: name, undo, redo, menus (History, Examples, Export), Save
     panes: picture | volume        panel: Shape  Depth  View  Animate  Check
 
-The widths at which the panel goes below the panes are in widgets/js/studio/studio.css.
+The widths at which the panel goes below the panes are in frontend/src/studio/studio.css.
 """
 
 from __future__ import annotations

@@ -2,13 +2,12 @@
 
 import * as base from "@jupyter-widgets/base";
 
-/** @typedef {Record<string, object>} Exports  classes of models and views by their names */
+/** classes of models and views by their names */
+export type Exports = Record<string, object>;
 
-/** @type {{ exports: Exports }} */
-export const defined = { exports: {} };
+export const defined: { exports: Exports } = { exports: {} };
 
-/** @type {Window & {define?: (names: string[], factory: (given: typeof base) => Exports) => void}} */
-const page = window;
+const page: Window & {define?: (names: string[], factory: (given: typeof base) => Exports) => void} = window;
 page.define = (_names, factory) => {
   defined.exports = factory(base);
   delete page.define; // other scripts shall not take the page for one of AMD modules

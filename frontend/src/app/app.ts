@@ -4,34 +4,34 @@
 // widget manager.
 
 import { Widget } from "@lumino/widgets";
-import { pageElement } from "../ui/dom.js";
-import { WidgetManager } from "./widget_manager.js";
+import { pageElement } from "../ui/dom.ts";
+import { WidgetManager } from "./widget_manager.ts";
 
-/** @import { Component } from "./types.d.ts" */
+import type { Component } from "./types.ts";
 
 const TEXT = "input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]";
 
-/**
- * @typedef {object} Studio
- * @property {{place: HTMLElement}} $refs
- * @property {WidgetManager | null} manager
- * @property {Widget | null} shown
- * @property {() => Promise<void>} show
- * @property {() => void} close
- * @property {(event: KeyboardEvent) => void} keyed
- */
+export interface Studio {
+  $refs: {place: HTMLElement};
+  manager: WidgetManager | null;
+  shown: Widget | null;
+  show: () => Promise<void>;
+  close: () => void;
+  keyed: (event: KeyboardEvent) => void;
+}
 
 let isLeaving = false; // whether the page is being closed or loaded again, which ends what waits for Python
 window.addEventListener("pagehide", () => { isLeaving = true; });
 window.addEventListener("pageshow", () => { isLeaving = false; });
 
-/** @type {Component<Studio>} */
-const AppStudio = {
+const AppStudio: Component<Studio> = {
   props: {},
   inject: ["trame"],
   template: '<div ref="place" class="dnb-app-studio"></div>',
   methods: {
-    /** Shows the studio over the session of now: after a broken connection it is another one, and all comes anew. */
+    /**
+     * Shows the studio over the session of now: after a broken connection it is another one, and all comes anew.
+     */
     async show() {
       const session = this.trame.client.getConnection().getSession();
       if (this.manager?.session === session) return;
@@ -46,7 +46,7 @@ const AppStudio = {
       } catch (error) {
         if (this.manager !== manager || isLeaving) return; // the page or its connection has gone meanwhile
         console.error(error);
-        place.textContent = `The studio could not be shown: ${/** @type {Error} */ (error).message}`;
+        place.textContent = `The studio could not be shown: ${(error as Error).message}`;
       }
     },
     close() {
@@ -54,11 +54,8 @@ const AppStudio = {
       this.manager?.close();
       this.shown = this.manager = null;
     },
-    /**
-     * Undo and redo wherever the focus is, but where text is written or another listener has taken the key.
-     * @param {KeyboardEvent} event
-     */
-    keyed(event) {
+    /** Undo and redo wherever the focus is, but where text is written or another listener has taken the key. */
+    keyed(event: KeyboardEvent) {
       const { target, key } = event, isUndo = key.toLowerCase() === "z", isRedo = key.toLowerCase() === "y";
       if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
       if (target instanceof Element && target.closest(TEXT)) return;
@@ -77,8 +74,8 @@ const AppStudio = {
   },
 };
 
-/** Sets light or dark as Jupyter's pages say it. @param {boolean} isDark */
-function setTheme(isDark) {
+/** Sets light or dark as Jupyter's pages say it. */
+function setTheme(isDark: boolean) {
   document.body.dataset.jpThemeLight = String(!isDark);
 }
 

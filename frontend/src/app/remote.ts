@@ -1,39 +1,38 @@
 // Captions and an orientation cube over pictures that come by trame's remote controlled area. Python gets an
 // acknowledgement of each picture that has come, and sends no more than that.
 
-import { Camera } from "../maths/camera.js";
-import { pageElement, setText } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import { captionsOf, Frames } from "../ui/view_parts.js";
-import { APP_PAGE, callPython } from "./session.js";
+import { Camera } from "../maths/camera.ts";
+import { pageElement, setText } from "../ui/dom.ts";
+import { OrientationCube } from "../ui/orientation_cube.ts";
+import { captionsOf, Frames } from "../ui/view_parts.ts";
+import { APP_PAGE, callPython } from "./session.ts";
 
-/** @import { ViewDirection } from "../view/types.d.ts" */
-/** @import { Component, Session } from "./types.d.ts" */
+import type { ViewDirection } from "../view/types.ts";
+import type { Component, Session } from "./types.ts";
 
 const REMOTE_TOPIC = "trame.rca.topic.stream";
 
-/**
- * @typedef {object} RemotePicture a message of trame's
- * @property {string} name
- * @property {{n: number, camera: ViewDirection, shows: string, layer: number, badge?: string}} [meta]
- */
+/** a message of trame's */
+export interface RemotePicture {
+  name: string;
+  meta?: {n: number, camera: ViewDirection, shows: string, layer: number, badge?: string};
+}
 
-/**
- * @typedef {object} Remote
- * @property {string} area
- * @property {Record<string, ViewDirection>} views by the name of a side
- * @property {{root: HTMLElement}} $refs
- * @property {Session} session
- * @property {object} subscription
- * @property {Frames} frames
- * @property {OrientationCube} cube
- * @property {HTMLElement} badge
- * @property {(picture: RemotePicture) => void} receive
- * @property {(view: string) => void} look
- */
+export interface Remote {
+  area: string;
+  /** by the name of a side */
+  views: Record<string, ViewDirection>;
+  $refs: {root: HTMLElement};
+  session: Session;
+  subscription: object;
+  frames: Frames;
+  cube: OrientationCube;
+  badge: HTMLElement;
+  receive: (picture: RemotePicture) => void;
+  look: (view: string) => void;
+}
 
-/** @type {Component<Remote>} */
-const AppRemote = {
+const AppRemote: Component<Remote> = {
   props: { area: String, views: Object },
   inject: ["trame"],
   template: '<div ref="root" class="dnb-view dnb-app-over" data-background="dark"></div>',
@@ -43,12 +42,11 @@ const AppRemote = {
     this.frames = new Frames(root);
     this.cube = new OrientationCube(root, (side) => this.look(side), () => this.look("home"));
     this.badge = pageElement("div", "dnb-badge", root, { role: "status" });
-    this.subscription = this.session.subscribe(REMOTE_TOPIC, (/** @type {RemotePicture[]} */ [picture]) => (
+    this.subscription = this.session.subscribe(REMOTE_TOPIC, ([picture]: RemotePicture[]) => (
       this.receive(picture)));
   },
   methods: {
-    /** @param {RemotePicture} picture */
-    receive({ name, meta }) {
+    receive({ name, meta }: RemotePicture) {
       if (name !== this.area || !meta?.n) return;
       const camera = new Camera();
       camera.look(meta.camera.direction, meta.camera.up);
@@ -59,8 +57,7 @@ const AppRemote = {
       Object.assign(this.$refs.root, { deformnb: meta }); // for tests and for debugging
       callPython(this.session, "deformnb.seen", [this.area, meta.n, APP_PAGE]);
     },
-    /** @param {string} view */
-    look(view) { callPython(this.session, "deformnb.look", [view]); },
+    look(view: string) { callPython(this.session, "deformnb.look", [view]); },
   },
   beforeUnmount() { this.session.unsubscribe(this.subscription)?.catch?.(() => {}); },
 };

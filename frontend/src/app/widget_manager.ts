@@ -6,44 +6,41 @@
 import * as base from "@jupyter-widgets/base";
 import { ManagerBase } from "@jupyter-widgets/base-manager";
 import * as controls from "@jupyter-widgets/controls";
-import { defined } from "./amd.js"; // before the next: anywidget's package is an AMD module
+import { defined } from "./amd.ts"; // before the next: anywidget's package is an AMD module
 import "anywidget";
-import { showInLanguage } from "../ui/words.js";
-import { APP_PAGE, callPython } from "./session.js";
+import { showInLanguage } from "../ui/words.ts";
+import { APP_PAGE, callPython } from "./session.ts";
 
-/** @import { Session } from "./types.d.ts" */
+import type { Session } from "./types.ts";
 
-/** @typedef {Record<string, unknown>} State  values of traits by their names */
-/** @typedef {{method: string, state?: State, content?: unknown, buffer_paths?: unknown[][]}} CommData */
+/** values of traits by their names */
+export type State = Record<string, unknown>;
+export type CommData = {method: string, state?: State, content?: unknown, buffer_paths?: unknown[][]};
 
-/**
- * @typedef {object} CommMessage  Python's message to a widget
- * @property {string} widget
- * @property {CommData} data
- * @property {unknown[]} buffers
- * @property {string} [parent]  id of the message by a page that this is the echo of
- * @property {Record<string, State>} [opened]  states of widgets that the data are the first to refer to
- */
+/** Python's message to a widget */
+export interface CommMessage {
+  widget: string;
+  data: CommData;
+  buffers: unknown[];
+  /** id of the message by a page that this is the echo of */
+  parent?: string;
+  /** states of widgets that the data are the first to refer to */
+  opened?: Record<string, State>;
+}
 
 const TOPIC = "deformnb.comm";
 
-/** @type {Record<string, object>} */
-const MODULES = { "@jupyter-widgets/base": base, "@jupyter-widgets/controls": controls, anywidget: defined.exports };
+const MODULES: Record<string, object> = { "@jupyter-widgets/base": base, "@jupyter-widgets/controls": controls, anywidget: defined.exports };
 
-/**
- * Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives.
- * @param {any} value
- * @returns {any}
- */
-function withViews(value) {
+/** Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives. */
+function withViews(value: any): any {
   if (value instanceof Uint8Array) return new DataView(value.buffer, value.byteOffset, value.byteLength);
   if (Array.isArray(value)) return value.map(withViews);
   if (value === null || typeof value !== "object") return value;
   return Object.fromEntries(Object.entries(value).map(([key, part]) => [key, withViews(part)]));
 }
 
-/** @param {any} buffer */
-function asBytes(buffer) {
+function asBytes(buffer: any) {
   return ArrayBuffer.isView(buffer) ? new Uint8Array(buffer.buffer, buffer.byteOffset, buffer.byteLength)
     : new Uint8Array(buffer);
 }
@@ -52,34 +49,26 @@ let sent = 0; // messages of this page
 
 /** The channel of one widget. */
 class SocketComm {
+  session: Session;
+  comm_id: string;
+  receive: (message: any) => void;
+
   target_name = "jupyter.widget";
 
-  /**
-   * @param {Session} session
-   * @param {string} id
-   */
-  constructor(session, id) {
+  constructor(session: Session, id: string) {
     this.session = session;
     this.comm_id = id;
-    /** @type {(message: any) => void} */
     this.receive = () => {};
   }
 
-  /** @param {(message: any) => void} handler */
-  on_msg(handler) { this.receive = handler; }
+  on_msg(handler: (message: any) => void) { this.receive = handler; }
 
   /** Widgets are closed by Python, which then shows others. */
   on_close() {}
 
   close() { return ""; }
 
-  /**
-   * @param {CommData} data
-   * @param {any} [callbacks]
-   * @param {unknown} [_metadata]
-   * @param {any[]} [buffers]
-   */
-  send(data, callbacks, _metadata, buffers = []) {
+  send(data: CommData, callbacks?: any, _metadata?: unknown, buffers: any[] = []) {
     const id = `${APP_PAGE}-${++sent}`;
     const idle = () => callbacks?.iopub?.status?.({ content: { execution_state: "idle" } });
     callPython(this.session, "deformnb.comm", [this.comm_id, data, id, buffers.map(asBytes)]).then(idle);
@@ -87,31 +76,39 @@ class SocketComm {
   }
 }
 
+/** The studio's model and the states of all widgets; one of them holds the words of its language. */
+interface Opened { studio: string; widgets: Record<string, State> }
+
 export class WidgetManager extends ManagerBase {
-  /** @param {Session} session */
-  constructor(session) {
+  session: Session;
+  comms: Map<string, SocketComm>;
+  isClosed: boolean;
+  opened: Promise<void>;
+  haveOpened: () => void = () => {};
+  subscription: object;
+
+  constructor(session: Session) {
     super();
     this.session = session;
-    /** @type {Map<string, SocketComm>} */
     this.comms = new Map();
     this.isClosed = false;
-    /** @type {Promise<void>} the states of all widgets are there; messages may come before them */
+    /** the states of all widgets are there; messages may come before them */
     this.opened = new Promise((resolve) => { this.haveOpened = resolve; });
-    this.subscription = session.subscribe(TOPIC, (/** @type {CommMessage[]} */ [message]) => this.receive(message));
+    this.subscription = session.subscribe(TOPIC, ([message]: CommMessage[]) => this.receive(message));
   }
 
   /** The view of the studio. */
   async open() {
-    const { studio, widgets } = await this.session.call("deformnb.open", []);
+    const { studio, widgets } = await this.session.call<Opened>("deformnb.open", []);
     this.#add(widgets);
-    this.haveOpened?.();
-    const { words = {}, language = "" } = Object.values(widgets).find(({ words: its }) => Object.keys(its ?? {}).length) ?? {};
+    this.haveOpened();
+    const { words = {}, language = "" }: { words?: Record<string, string>, language?: string } = Object.values(widgets).find(
+      ({ words: its }) => Object.keys(its ?? {}).length > 0) ?? {};
     if (language) showInLanguage(document.body, words, language); // what stands beside the studio too
     return this.create_view(await this.get_model(studio));
   }
 
-  /** @param {CommMessage} message */
-  async receive({ widget, data, buffers, parent, opened = {} }) {
+  async receive({ widget, data, buffers, parent, opened = {} }: CommMessage) {
     await this.opened;
     if (this.isClosed) return;
     this.#add(opened);
@@ -120,8 +117,7 @@ export class WidgetManager extends ManagerBase {
       parent_header: { msg_id: parent } });
   }
 
-  /** @param {Record<string, State>} states */
-  #add(states) {
+  #add(states: Record<string, State>) {
     for (const [id, state] of Object.entries(states)) {
       if (this.has_model(id)) continue;
       const comm = new SocketComm(this.session, id);
@@ -132,18 +128,13 @@ export class WidgetManager extends ManagerBase {
     }
   }
 
-  /**
-   * @param {string} className
-   * @param {string} moduleName
-   */
-  async loadClass(className, moduleName) {
-    const found = /** @type {any} */ (MODULES[moduleName])?.[className];
+  async loadClass(className: string, moduleName: string) {
+    const found = (MODULES[moduleName] as any)?.[className];
     if (!found) throw new Error(`the page has no ${className} of ${moduleName}`);
     return found;
   }
 
-  /** @returns {Promise<never>} */
-  async _create_comm() { throw new Error("the page makes no widgets of its own"); }
+  async _create_comm(): Promise<never> { throw new Error("the page makes no widgets of its own"); }
 
   async _get_comm_info() { return {}; }
 

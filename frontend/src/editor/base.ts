@@ -2,12 +2,13 @@
 // the rate at which pictures follow the pointer, which goes to Python with the edit that ends a drag: a message of its
 // own would cost the drag time.
 
-import { busOf, holdBus, releaseBus } from "../sync/bus.js";
-import { senderOf } from "../sync/edits.js";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
-import { ThemeObserver } from "../ui/theme.js";
+import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
+import { senderOf } from "../sync/edits.ts";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { ThemeObserver } from "../ui/theme.ts";
 
-/** @import { Model } from "../types.d.ts" */
+import type { Sender } from "../sync/edits.ts";
+import type { Bus, Model } from "../types.ts";
 
 const FEWEST_PICTURES = 4; // of a drag, below which a rate means nothing
 const MOST_PICTURES = 1200;
@@ -15,29 +16,19 @@ const PAUSE = 400; // milliseconds: after such a rest of the pointer the next pi
 
 /** Pictures a second while points move, and milliseconds from a movement to its picture. No DOM. */
 export class DrawRate {
-  /** @type {number | null} */
-  movedAt = null;
+  movedAt: number | null = null;
 
-  /** @type {number | null} */
-  last = null;
+  last: number | null = null;
 
-  /** @type {number[]} */
-  spans = [];
+  spans: number[] = [];
 
-  /** @type {number[]} */
-  waits = [];
+  waits: number[] = [];
 
-  /**
-   * The pointer has moved points, at this time in milliseconds.
-   * @param {number} now
-   */
-  moved(now) { this.movedAt ??= now; }
+  /** The pointer has moved points, at this time in milliseconds. */
+  moved(now: number) { this.movedAt ??= now; }
 
-  /**
-   * The picture of the last movement is drawn.
-   * @param {number} now
-   */
-  drew(now) {
+  /** The picture of the last movement is drawn. */
+  drew(now: number) {
     if (this.movedAt === null) return;
     this.waits.push(now - this.movedAt);
     if (this.last !== null && now - this.last < PAUSE) this.spans.push(now - this.last);
@@ -57,11 +48,8 @@ export class DrawRate {
 }
 
 
-/**
- * Messages about a kernel that does not answer, by the sender's status.
- * @type {Record<string, string>}
- */
-const NO_ANSWER = {
+/** Messages about a kernel that does not answer, by the sender's status. */
+const NO_ANSWER: Record<string, string> = {
   busy: "The kernel is busy; the volume in Python follows later",
   unanswered: "No answer from Python yet; these points stay in the browser until it answers",
   detached: "This view was loaded too slowly and receives nothing from Python: run the cell again",
@@ -73,8 +61,20 @@ const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
 
 /** The drawing and the messages that both editors share. */
 export class EditorDrawing {
-  /** @param {Model} model */
-  constructor(model) {
+  model: Model;
+  bus: Bus;
+  sender: Sender;
+  root: HTMLDivElement;
+  tip: HTMLDivElement;
+  alert: HTMLDivElement;
+  liveRegion: HTMLDivElement;
+  theme: ThemeObserver;
+  colours: { stage: string; grid: string; };
+  frame: number;
+  tipTimer: number;
+  alertTimer: number;
+
+  constructor(model: Model) {
     this.model = model;
     this.bus = busOf(model);
     this.sender = senderOf(this.bus, model);
@@ -90,12 +90,8 @@ export class EditorDrawing {
     this.alertTimer = 0;
   }
 
-  /**
-   * Run an action: an error is shown in the widget, and the editor goes on.
-   * @template T
-   * @param {() => T} action
-   */
-  guard(action) {
+  /** Run an action: an error is shown in the widget, and the editor goes on. */
+  guard<T>(action: () => T) {
     try { return action(); } catch (error) {
       console.error(error);
       this.showMessage(`The editor met an error: ${error instanceof Error ? error.message : error}`);
@@ -136,46 +132,31 @@ export class EditorDrawing {
     else if (Object.values(NO_ANSWER).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 
-  /**
-   * Show a sentence over the picture; a passing one goes after a while.
-   * @param {string} message
-   */
-  showMessage(message, isPassing = false) {
+  /** Show a sentence over the picture; a passing one goes after a while. */
+  showMessage(message: string, isPassing = false) {
     clearTimeout(this.alertTimer);
     this.alert.hidden = !message;
     this.alert.textContent = message;
     if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
   }
 
-  /**
-   * Show a hint for some milliseconds.
-   * @param {string} text
-   */
-  hint(text, duration = 2500) {
+  /** Show a hint for some milliseconds. */
+  hint(text: string, duration = 2500) {
     clearTimeout(this.tipTimer);
     this.tip.hidden = false;
     this.tip.textContent = text;
     this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
   }
 
-  /**
-   * Take a hint away before its time, if it is one of these.
-   * @param {string[]} texts
-   */
-  hideHint(texts) { if (texts.includes(this.tip.textContent)) this.tip.hidden = true; }
+  /** Take a hint away before its time, if it is one of these. */
+  hideHint(texts: string[]) { if (texts.includes(this.tip.textContent)) this.tip.hidden = true; }
 
-  /**
-   * Give a text to screen readers.
-   * @param {string} text
-   */
-  announce(text) { setText(this.liveRegion, text); }
+  /** Give a text to screen readers. */
+  announce(text: string) { setText(this.liveRegion, text); }
 }
 
-/**
- * Attach the sender of an editor to its model: before any view, and as long as the model lives.
- * @param {{ model: Model }} context
- */
-export function initialize({ model }) {
+/** Attach the sender of an editor to its model: before any view, and as long as the model lives. */
+export function initialize({ model }: { model: Model }) {
   const bus = busOf(model), uid = model.get("uid");
   holdBus(bus);
   const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes

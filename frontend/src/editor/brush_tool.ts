@@ -1,15 +1,13 @@
 // The brush: its circle, its bar, and its strokes (maths/brushes.js) by mouse, pen, finger or keys.
 
-import { shownLength } from "../maths/numbers.js";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { shownLength } from "../maths/numbers.ts";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
-/** @import { Stroke } from "../maths/brushes.js" */
-/** @import { EditorView } from "./editor.js" */
+import type { Stroke } from "../maths/brushes.ts";
+import type { EditorView } from "./editor.ts";
 
-/** @type {Record<string, string>} */
-const BRUSH_WORDS = { move: "Move", grow: "Grow" };
-/** @type {Record<string, string>} */
-const BRUSH_HINTS = {
+const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
+const BRUSH_HINTS: Record<string, string> = {
   move: "Drag to move what lies in the circle. [ and ] or the wheel change its size, Esc ends",
   grow: "Press and drag right to grow what lies in the circle, left to shrink it. [ and ] change its size, Esc ends",
 };
@@ -20,15 +18,25 @@ const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
 /** A brush in use, its circle and its bar. */
 export class Brush {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  tool: string | null;
+  at: number[] | null;
+  from: number[];
+  stroke: Stroke | null;
+  isByKeys: boolean;
+  timer: number;
+  bar: HTMLDivElement;
+  title: HTMLSpanElement;
+  slider: HTMLInputElement;
+  value: HTMLSpanElement;
+  done: HTMLButtonElement;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
-    /** @type {string | null} */
     this.tool = null;
-    /** The place of the circle in CSS pixels. @type {number[] | null} */
+    /** The place of the circle in CSS pixels. */
     this.at = null;
     this.from = [0, 0]; // the start of the stroke
-    /** @type {Stroke | null} */
     this.stroke = null;
     this.isByKeys = false;
     this.timer = 0;
@@ -55,11 +63,10 @@ export class Brush {
 
   get #limits() { return BRUSH_PIXELS.map((pixels) => pixels / this.editor.view.k); }
 
-  /** In units of the picture. @returns {number} */
-  get radius() { return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
+  /** In units of the picture. */
+  get radius(): number { return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
 
-  /** @param {number} radius */
-  setRadius(radius) {
+  setRadius(radius: number) {
     const [least, most] = this.#limits;
     this.editor.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
     clearTimeout(this.timer); // a slider moves pixel by pixel
@@ -67,14 +74,11 @@ export class Brush {
     this.editor.invalidate();
   }
 
-  /**
-   * Notches of the wheel or presses of a key.
-   * @param {number} notches
-   */
-  grow(notches) { this.setRadius(this.radius * 1.1 ** notches); }
+  /** Notches of the wheel or presses of a key. */
+  grow(notches: number) { this.setRadius(this.radius * 1.1 ** notches); }
 
-  /** @param {string} tool a name of BRUSH_WORDS */
-  start(tool) {
+  /** @param tool a name of BRUSH_WORDS */
+  start(tool: string) {
     const { editor } = this;
     this.tool = tool;
     this.isByKeys = false;
@@ -105,15 +109,13 @@ export class Brush {
 
   // ---- strokes ------------------------------------------------------------------------------------------------------
 
-  /** @param {number[] | null} at */
-  hover(at) {
+  hover(at: number[] | null) {
     this.at = at;
     this.isByKeys = false;
     this.editor.invalidate();
   }
 
-  /** @param {number[]} at */
-  press(at) {
+  press(at: number[]) {
     const { editor, editor: { pointTools } } = this;
     this.at = this.from = at;
     const stroke = this.tool ? pointTools.beginStroke(editor.placeAt(at), this.radius, this.tool) : null;
@@ -122,8 +124,7 @@ export class Brush {
     pointTools.paintStroke(stroke);
   }
 
-  /** @param {number[]} at */
-  drag(at) {
+  drag(at: number[]) {
     this.at = at;
     const { stroke, editor } = this;
     editor.invalidate();
@@ -148,11 +149,9 @@ export class Brush {
 
   /**
    * Whether a key means something to the brush.
-   * @param {string} key
-   * @param {KeyboardEvent} event
-   * @param {number[]} [arrow] the direction of an arrow key
+   * @param arrow the direction of an arrow key
    */
-  key(key, event, arrow) {
+  key(key: string, event: KeyboardEvent, arrow?: number[]) {
     const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") { this.grow(key === "]" ? 1 : -1); return true; }
     if (key === "Escape") { if (this.stroke) this.lift(true); else this.stop(); return true; }

@@ -1,10 +1,10 @@
 // The colour bar of a picture of grey values: its colours along the values, and two handles that set the window.
 
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
-import { context2d } from "./painter.js";
-import { shownValue, windowStep } from "./window_tool.js";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { context2d } from "./painter.ts";
+import { shownValue, windowStep } from "./window_tool.ts";
 
-/** @import { EditorView } from "./editor.js" */
+import type { EditorView } from "./editor.ts";
 
 const ROWS = 256;
 const AIR = 0.3; // of the automatic window, on either side of it
@@ -12,16 +12,22 @@ const KEY_STEPS = [0.01, 0.1]; // of the bar, of an arrow key, and with Shift
 const LEAST_HEIGHT = 60, MARGIN = 56; // CSS pixels
 
 export class ColourBar {
+  editor: EditorView;
+  root: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  context: CanvasRenderingContext2D;
+  unit: HTMLSpanElement;
+  handles: HTMLDivElement[];
+
   /** The values at the lower and the upper end of the bar. */
   ends = [0, 1];
 
-  /** The handle that is dragged: 0 black, 1 white. @type {number | null} */
-  held = null;
+  /** The handle that is dragged: 0 black, 1 white. */
+  held: number | null = null;
 
   drawn = "";
 
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.root = pageElement("div", "dnb-ed-colours", editor.stage, { hidden: "", role: "group", "aria-label": "Colour bar" });
     this.canvas = pageElement("canvas", "", this.root, { width: 1, height: ROWS, "aria-hidden": "true" });
@@ -31,7 +37,7 @@ export class ColourBar {
       const handle = pageElement("div", "dnb-ed-colours-handle", this.root, { role: "slider", tabindex: "0",
         "aria-orientation": "vertical", title: `Drag: the value shown as ${name}; double-click: automatic window`,
         "aria-label": `Value shown as ${name}`, ...OWN_KEYS });
-      const on = (/** @type {string} */ type, /** @type {(event: any) => void} */ handler) => (
+      const on = (type: string, handler: (event: any) => void) => (
         handle.addEventListener(type, (event) => editor.guard(() => handler(event))));
       on("pointerdown", (event) => this.#hold(event, k));
       on("pointermove", (event) => this.#drag(event));
@@ -64,18 +70,13 @@ export class ColourBar {
     }
   }
 
-  /**
-   * The automatic window with some air, and the window itself.
-   * @param {number[]} window
-   * @param {number[]} automatic
-   */
-  #endsFor([low, high], [first, last]) {
+  /** The automatic window with some air, and the window itself. */
+  #endsFor([low, high]: number[], [first, last]: number[]) {
     const air = AIR * (last - first);
     return [Math.min(low, first - air), Math.max(high, last + air)];
   }
 
-  /** @param {number[]} window */
-  #draw([low, high]) {
+  #draw([low, high]: number[]) {
     const { context, ends: [first, last], editor: { painter: { colours } } } = this;
     const image = context.createImageData(1, ROWS), pixels = new Uint32Array(image.data.buffer);
     for (let row = 0; row < ROWS; row++) {
@@ -85,16 +86,14 @@ export class ColourBar {
     context.putImageData(image, 0, 0);
   }
 
-  /** @param {PointerEvent} event @param {number} k */
-  #hold(event, k) {
+  #hold(event: PointerEvent, k: number) {
     event.stopPropagation();
     if (event.button !== 0) return;
     this.held = k;
     this.handles[k].setPointerCapture(event.pointerId);
   }
 
-  /** @param {PointerEvent} event */
-  #drag(event) {
+  #drag(event: PointerEvent) {
     if (this.held === null) return;
     const { top, height } = this.canvas.getBoundingClientRect(), [first, last] = this.ends;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
@@ -107,10 +106,9 @@ export class ColourBar {
     this.editor.windowTool.keep();
   }
 
-  /** @param {KeyboardEvent} event @param {number} k */
-  #key(event, k) {
+  #key(event: KeyboardEvent, k: number) {
     const ways = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }, { windowTool } = this.editor;
-    const way = ways[/** @type {keyof typeof ways} */ (event.key)], { window } = windowTool;
+    const way = ways[(event.key as keyof typeof ways)], { window } = windowTool;
     if (event.key === "Tab" || event.key === "Escape") return;
     event.stopPropagation(); // keys of the picture would move points
     if (event.key === "Home") windowTool.reset();
@@ -120,12 +118,8 @@ export class ColourBar {
     windowTool.keep();
   }
 
-  /**
-   * The window with one of its values moved, black below white.
-   * @param {number} k
-   * @param {number} value
-   */
-  #moved(k, value) {
+  /** The window with one of its values moved, black below white. */
+  #moved(k: number, value: number) {
     const { windowTool, painter } = this.editor, step = windowStep(painter.source?.grey?.range ?? [0, 1]);
     const [low, high] = windowTool.window ?? [0, 1], rounded = Number((Math.round(value / step) * step).toPrecision(15));
     return k === 0 ? [Math.min(rounded, high - step), high] : [low, Math.max(rounded, low + step)];

@@ -2,20 +2,25 @@
 // points that pull it open, and points along it in its place: so an outline that was traced becomes points.
 // The trait "front_only" is null where nobody answers: then the depth is not offered.
 
-import { nextId, newPoint } from "../maths/points.js";
-import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.js";
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
+import { nextId, newPoint } from "../maths/points.ts";
+import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 
-/** @import { RegionData } from "../types.d.ts" */
-/** @typedef {Extract<RegionData, { vertices: number[][] }>} LineRegion */
-/** @import { EditorView } from "./editor.js" */
+import type { RegionData } from "../types.ts";
+export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
+import type { EditorView } from "./editor.ts";
 
 const CLOSED_POINTS = 16, OPEN_POINTS = 9; // along a line that was traced
 const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
 
 export class CutBar {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  bar: HTMLDivElement;
+  stops: HTMLInputElement;
+  front: HTMLInputElement;
+  pull: HTMLButtonElement;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage,
       { hidden: "", role: "group", "aria-label": "Chosen cut" });
@@ -29,8 +34,7 @@ export class CutBar {
       () => this.#makePoints());
   }
 
-  /** @param {string} words @param {string} title @param {() => void} act */
-  #button(words, title, act) {
+  #button(words: string, title: string, act: () => void) {
     const button = pageElement("button", "dnb-ed-button", this.bar, { type: "button", "aria-label": words, title,
       ...OWN_KEYS });
     button.textContent = words;
@@ -38,8 +42,7 @@ export class CutBar {
     return button;
   }
 
-  /** @param {string} words @param {string} title @param {(isOn: boolean) => void} act */
-  #box(words, title, act) {
+  #box(words: string, title: string, act: (isOn: boolean) => void) {
     const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title });
     const input = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
     pageElement("span", "", label).textContent = words;
@@ -47,11 +50,11 @@ export class CutBar {
     return input;
   }
 
-  /** The line of the chosen cut; null where it is closed, or none is chosen. @returns {RegionData | null} */
-  get #line() { return this.editor.shapeTools.canStop ? this.editor.shapeTools.chosenShape?.region ?? null : null; }
+  /** The line of the chosen cut; null where it is closed, or none is chosen. */
+  get #line(): RegionData | null { return this.editor.shapeTools.canStop ? this.editor.shapeTools.chosenShape?.region ?? null : null; }
 
-  /** The chosen cut if it is a line, open or closed. @returns {LineRegion | null} */
-  get #outline() {
+  /** The chosen cut if it is a line, open or closed. */
+  get #outline(): LineRegion | null {
     const { chosen, chosenShape } = this.editor.shapeTools, region = chosen?.what === "cuts" ? chosenShape?.region : null;
     return region?.kind === "line" || region?.kind === "polygon" ? region : null;
   }

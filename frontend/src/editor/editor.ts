@@ -2,47 +2,47 @@
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
 // draw (tool), parts (parts, kind), look (id).
 
-import { layeredFit, placeOf } from "../maths/cuts.js";
-import { foldsOf, probesOf } from "../maths/folds.js";
-import { samePoints } from "../maths/points.js";
-import { RBF_KERNELS, RbfError } from "../maths/rbf.js";
-import { isStill } from "../maths/rigid_stages.js";
-import { deformedGrid, NO_CUTS } from "../maths/warp_map.js";
-import { publishPoints, settingsOf } from "../sync/bus.js";
-import { RestingTrait, } from "../sync/edits.js";
-import { CompareControls } from "../ui/compare_controls.js";
-import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.js";
-import { HelpPanel } from "../ui/keys.js";
-import { Toolbar } from "../ui/toolbar.js";
-import { Brush } from "./brush_tool.js";
-import { ColourBar } from "./colour_bar.js";
-import { DrawRate, EditorDrawing, initialize } from "./base.js";
-import { GridNodes } from "./grid_nodes.js";
-import { Handles, ToolMarks } from "./handles.js";
-import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.js";
-import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.js";
-import { CutBar } from "./cut_bar.js";
-import { FoldStop } from "./fold_stop.js";
-import { PartTools } from "./part_tools.js";
-import { PointTools } from "./point_tools.js";
-import { Gestures } from "./pointer.js";
-import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.js";
-import { StatusLine } from "./status_line.js";
-import { Wand } from "./wand_tool.js";
-import { WindowTool } from "./window_tool.js";
+import { layeredFit, placeOf } from "../maths/cuts.ts";
+import { foldsOf, probesOf } from "../maths/folds.ts";
+import { samePoints } from "../maths/points.ts";
+import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
+import { isStill } from "../maths/rigid_stages.ts";
+import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
+import { publishPoints, settingsOf } from "../sync/bus.ts";
+import { RestingTrait, } from "../sync/edits.ts";
+import { CompareControls } from "../ui/compare_controls.ts";
+import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { HelpPanel } from "../ui/keys.ts";
+import { Toolbar } from "../ui/toolbar.ts";
+import { Brush } from "./brush_tool.ts";
+import { ColourBar } from "./colour_bar.ts";
+import { DrawRate, EditorDrawing, initialize } from "./base.ts";
+import { GridNodes } from "./grid_nodes.ts";
+import { Handles, ToolMarks } from "./handles.ts";
+import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.ts";
+import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.ts";
+import { CutBar } from "./cut_bar.ts";
+import { FoldStop } from "./fold_stop.ts";
+import { PartTools } from "./part_tools.ts";
+import { PointTools } from "./point_tools.ts";
+import { Gestures } from "./pointer.ts";
+import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.ts";
+import { StatusLine } from "./status_line.ts";
+import { Wand } from "./wand_tool.ts";
+import { WindowTool } from "./window_tool.ts";
 
-/** @import { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.d.ts" */
-/** @import { Original, PictureSource, View } from "./painter.js" */
-/** @typedef {ReturnType<typeof deformedGrid>} GridLines */
-/**
- * isRough: found while something moved.
- * @typedef {ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>, isRough: boolean }} Folds
- */
+import type { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.ts";
+import type { Change } from "../sync/edits.ts";
+import type { Original, PictureSource, View } from "./painter.ts";
+export type GridLines = ReturnType<typeof deformedGrid>;
+/** isRough: found while something moved. */
+export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>, isRough: boolean };
 
-/** @typedef {object} Naming
- * @property {(text: string) => void} take
- * @property {() => boolean} focus gives the focus back; false if the named thing is gone
- */
+export interface Naming {
+  take: (text: string) => void;
+  /** gives the focus back; false if the named thing is gone */
+  focus: () => boolean;
+}
 
 /** Other traits that the drawing depends on. */
 const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "front_only",
@@ -54,11 +54,8 @@ const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in v
 const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the editor out
 
-/**
- * Commands of the toolbar and of keys; `ids` are the points that they are about.
- * @type {Record<string, (editor: EditorView, ids: number[]) => void>}
- */
-const COMMANDS = {
+/** Commands of the toolbar and of keys; `ids` are the points that they are about. */
+const COMMANDS: Record<string, (editor: EditorView, ids: number[]) => void> = {
   add: (editor) => editor.setAdding(!editor.isAdding), select: (editor) => editor.setSelecting(!editor.isSelecting),
   remove: (editor, ids) => editor.pointTools.remove(ids),
   rename: (editor, ids) => { if (ids.length === 1) editor.pointTools.rename(ids[0]); },
@@ -81,23 +78,51 @@ const COMMANDS = {
   help: (editor) => editor.toggleHelp(),
 };
 
-/**
- * The same where a shape is chosen.
- * @type {Record<string, (tools: ShapeTools) => void>}
- */
-const SHAPE_COMMANDS = {
+/** The same where a shape is chosen. */
+const SHAPE_COMMANDS: Record<string, (tools: ShapeTools) => void> = {
   remove: (tools) => tools.remove(), rename: (tools) => tools.rename(), switch: (tools) => tools.switch(),
   turn: (tools) => tools.turn(),
 };
 
 /** The front end of one view of an editor. */
 export class EditorView extends EditorDrawing {
+  selection: RestingTrait;
+  points: Point[];
+  shapes: Shapes;
+  selected: Set<number>;
+  host: HTMLElement;
+  toolbar: Toolbar;
+  stage: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  svg: SVGSVGElement;
+  wait: HTMLDivElement;
+  input: HTMLInputElement;
+  help: HelpPanel;
+  statusLine: StatusLine;
+  painter: Painter;
+  compare: CompareControls;
+  ghost: Ghost;
+  overlay: Overlay;
+  shapeTools: ShapeTools;
+  partTools: PartTools;
+  foldStop: FoldStop;
+  handles: Handles<Point>;
+  pointTools: PointTools;
+  pen: Pen;
+  brush: Brush;
+  windowTool: WindowTool;
+  wand: Wand;
+  cutBar: CutBar;
+  colourBar: ColourBar;
+  marks: ToolMarks;
+  gestures: Gestures;
+  gridNodes: GridNodes;
+
   id = Math.random().toString(36).slice(2);
 
   rate = new DrawRate();
 
-  /** @type {View} */
-  view = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
+  view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
 
   isFitted = true; // whether the view shows the whole picture
 
@@ -119,45 +144,35 @@ export class EditorView extends EditorDrawing {
 
   error = ""; // the reason why the points cannot be fitted
 
-  /**
-   * The last fit that was made, and of what.
-   * @type {{ points: Point[], settings: FitSettings, layered: LayeredFit } | null}
-   */
-  made = null;
+  /** The last fit that was made, and of what. */
+  made: { points: Point[], settings: FitSettings, layered: LayeredFit } | null = null;
 
-  /** The last good fit that is shown. @type {LayeredFit | null} */
-  layered = null;
+  /** The last good fit that is shown. */
+  layered: LayeredFit | null = null;
 
-  /** The grid that was drawn, and what it was made of. @type {{ key: unknown[], lines: GridLines } | null} */
-  grid = null;
+  /** The grid that was drawn, and what it was made of. */
+  grid: { key: unknown[], lines: GridLines } | null = null;
 
-  /** @type {Folds | null} */
-  folds = null;
+  folds: Folds | null = null;
 
-  /** The name that is being requested. @type {Naming | null} */
-  naming = null;
+  /** The name that is being requested. */
+  naming: Naming | null = null;
 
   restTimer = 0;
 
   closing = new AbortController();
 
-  /** @type {(() => void)[]} */
-  #ends = [];
+  #ends: (() => void)[] = [];
 
   #pictures = 0; // that were requested
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model);
     this.bus.views = (this.bus.views ?? 0) + 1;
     this.sender.receive();
     this.selection = new RestingTrait(model, "selected");
     this.points = this.sender.points;
     this.shapes = this.sender.shapes;
-    /** @type {Set<number>} */
     this.selected = new Set(model.get("selected"));
     this.host = el;
     el.classList.add("dnb-ed-host");
@@ -181,7 +196,6 @@ export class EditorView extends EditorDrawing {
     this.shapeTools = new ShapeTools(this); // whose shapes lie under the points
     this.partTools = new PartTools(this);
     this.foldStop = new FoldStop(this);
-    /** @type {Handles<Point>} */
     this.handles = new Handles(this.svg);
     this.pointTools = new PointTools(this);
     this.pen = new Pen(this);
@@ -206,10 +220,8 @@ export class EditorView extends EditorDrawing {
 
   #followModel() {
     const { model, bus, sender } = this;
-    /** @param {string} name @param {(message: any) => void} handler */
-    const on = (name, handler) => {
-      /** @param {any} message */
-      const guarded = (message) => this.guard(() => handler(message));
+    const on = (name: string, handler: (message: any) => void) => {
+      const guarded = (message: any) => this.guard(() => handler(message));
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
@@ -228,9 +240,8 @@ export class EditorView extends EditorDrawing {
     on("msg:custom", (message) => this.message(message));
     const news = { points: () => this.receive(), status: () => this.showStatus(),
       history: () => { this.shapeTools.receiveChosen(); this.invalidate(); } };
-    this.#ends.push(sender.listen((what) => this.guard(news[what])));
-    /** @param {CustomEvent<PointsDetail>} event */
-    const moved = (event) => this.guard(() => this.#receiveMove(event.detail));
+    this.#ends.push(sender.listen((what: Change) => this.guard(news[what])));
+    const moved = (event: CustomEvent<PointsDetail>) => this.guard(() => this.#receiveMove(event.detail));
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
     sender.greet();
@@ -280,8 +291,7 @@ export class EditorView extends EditorDrawing {
     this.changed();
   }
 
-  /** @param {PointsDetail} detail */
-  #receiveMove({ origin, points, phase, settings }) {
+  #receiveMove({ origin, points, phase, settings }: PointsDetail) {
     if (origin === this.id || this.isDragging) return;
     if (phase !== "move") { this.receive(); return; }
     this.isFollowing = true; // only the view in which the user drags publishes points
@@ -290,11 +300,7 @@ export class EditorView extends EditorDrawing {
     this.changed(true);
   }
 
-  /**
-   * @param {{ type: string, message?: string, tool?: string, id?: number, parts?: PartData[], kind?: string } |
-   *   undefined} message
-   */
-  message(message) {
+  message(message: { type: string, message?: string, tool?: string, id?: number, parts?: PartData[], kind?: string } | undefined) {
     const { type, message: text, tool = "", id, parts, kind = "" } = message ?? {};
     if (type === "error") this.showMessage(String(text), true);
     if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
@@ -302,27 +308,19 @@ export class EditorView extends EditorDrawing {
     if (type === "look" && id !== undefined) this.lookAt(id);
   }
 
-  /**
-   * @param {string} name
-   * @param {unknown} value
-   */
-  set(name, value) {
+  set(name: string, value: unknown) {
     this.model.set(name, value);
     this.model.save_changes();
     this.invalidate();
   }
 
-  /**
-   * Switch a trait that is true or false.
-   * @param {string} name
-   */
-  toggle(name) { this.set(name, !this.model.get(name)); }
+  /** Switch a trait that is true or false. */
+  toggle(name: string) { this.set(name, !this.model.get(name)); }
 
-  /** @returns {FitSettings} of a fit, with the shapes as they are during a drag */
-  get settings() { return { ...settingsOf(this.model), ...this.shapes }; }
+  /** @returns of a fit, with the shapes as they are during a drag */
+  get settings(): FitSettings { return { ...settingsOf(this.model), ...this.shapes }; }
 
-  /** @returns {number} */
-  get strength() { return this.settings.strength ?? 1; }
+  get strength(): number { return this.settings.strength ?? 1; }
 
   async loadPicture() {
     this.#pictures += 1;
@@ -357,9 +355,9 @@ export class EditorView extends EditorDrawing {
 
   /**
    * Show another slice, which Python makes; false where there are none.
-   * @param {number} by so many slices to the back
+   * @param by so many slices to the back
    */
-  moveSlice(by) {
+  moveSlice(by: number) {
     const { slices } = this;
     if (!slices) return false;
     const next = Math.max(0, Math.min(slices.count - 1, slices.index + by));
@@ -388,20 +386,17 @@ export class EditorView extends EditorDrawing {
   /** Whether all of the picture is shown as it was. */
   get isOriginal() { return this.isComparing || this.isBefore || this.compare.shows === "original"; }
 
-  /**
-   * What is seen of the original in the picture.
-   * @returns {Original}
-   */
-  get original() {
+  /** What is seen of the original in the picture. */
+  get original(): Original {
     const { shows, share } = this.compare, isAll = this.isOriginal;
     return { share: !isAll && shows === "wipe" ? share : 0, opacity: !isAll && shows === "fade" ? share : 0 };
   }
 
   /**
    * The map under which a place of the view is seen; null where that is the original.
-   * @param {number[]} at CSS pixels
+   * @param at CSS pixels
    */
-  fitAt([x]) { return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered; }
+  fitAt([x]: number[]) { return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered; }
 
   get isWaiting() { return Boolean(this.model.get("waiting")); }
 
@@ -467,15 +462,12 @@ export class EditorView extends EditorDrawing {
 
   /**
    * The place of the picture at a place of the view.
-   * @param {number[]} at CSS pixels
+   * @param at CSS pixels
    */
-  placeAt([x, y]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
+  placeAt([x, y]: number[]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
 
-  /**
-   * The place of the view at a place of the picture.
-   * @param {number[]} place
-   */
-  onView([a, b]) { return [this.view.k * a + this.view.x, this.view.k * b + this.view.y]; }
+  /** The place of the view at a place of the picture. */
+  onView([a, b]: number[]) { return [this.view.k * a + this.view.x, this.view.k * b + this.view.y]; }
 
   get #fittedScale() {
     const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view;
@@ -489,18 +481,13 @@ export class EditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /**
-   * @param {number} dx
-   * @param {number} dy
-   */
-  panBy(dx, dy) {
+  panBy(dx: number, dy: number) {
     Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
     this.#keepInView();
     this.moving();
   }
 
-  /** @param {number} factor */
-  zoomAt(factor, x = this.view.width / 2, y = this.view.height / 2) {
+  zoomAt(factor: number, x = this.view.width / 2, y = this.view.height / 2) {
     const v = this.view, fitted = this.#fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
     const f = k / v.k;
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
@@ -508,11 +495,8 @@ export class EditorView extends EditorDrawing {
     this.moving();
   }
 
-  /**
-   * Show a point in the middle of the view, magnified enough to show what it holds.
-   * @param {number} id
-   */
-  lookAt(id) {
+  /** Show a point in the middle of the view, magnified enough to show what it holds. */
+  lookAt(id: number) {
     const p = this.pointOf(id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
@@ -525,7 +509,7 @@ export class EditorView extends EditorDrawing {
   /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
   #keepInView() {
     const [a0, a1, b0, b1] = this.sheet, v = this.view;
-    const least = (/** @type {number} */ length, /** @type {number} */ room) => LEAST_SEEN * Math.min(v.k * length, room);
+    const least = (length: number, room: number) => LEAST_SEEN * Math.min(v.k * length, room);
     const across = least(a1 - a0, v.width), down = least(b1 - b0, v.height);
     v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
     v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
@@ -577,7 +561,7 @@ export class EditorView extends EditorDrawing {
     const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
     this.gridNodes.update(fit);
-    const shown = this.gridNodes.shown(this.points), marks = (/** @type {Point} */ p) => this.shapeTools.markOf(p);
+    const shown = this.gridNodes.shown(this.points), marks = (p: Point) => this.shapeTools.markOf(p);
     if (this.handles.update(shown, this.selected, view, radius, reach, marks) || isLost) this.focusStage();
     this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected,
       brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
@@ -595,14 +579,11 @@ export class EditorView extends EditorDrawing {
   /**
    * The fit of points, and of shapes, with the settings of now; the last one made if it was of the same. So a drag that
    * a look at folds let pass, and its drop, are fitted once.
-   * @param {Point[]} points
-   * @param {Partial<Shapes>} [shapes]
-   * @returns {LayeredFit}
    * @throws {RbfError} where there is none
    */
-  fitOf(points, shapes) {
+  fitOf(points: Point[], shapes?: Partial<Shapes>): LayeredFit {
     const { made } = this, settings = { ...this.settings, ...shapes };
-    const names = /** @type {(keyof FitSettings)[]} */ (Object.keys({ ...settings, ...made?.settings }));
+    const names = (Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[]);
     if (made && names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points)) {
       return made.layered;
     }
@@ -635,12 +616,8 @@ export class EditorView extends EditorDrawing {
   /** The fit where there are no cuts, for tests and for debugging. */
   get fit() { return this.layered?.fit ?? null; }
 
-  /**
-   * Draw the grid: straight left of a share of the width, deformed right of it.
-   * @param {LayeredFit | null} layered
-   * @param {number} share
-   */
-  #drawGrids(layered, share) {
+  /** Draw the grid: straight left of a share of the width, deformed right of it. */
+  #drawGrids(layered: LayeredFit | null, share: number) {
     const { context: c } = this.painter, { width, height } = this.painter.canvas, cut = share * width;
     if (cut <= 0) { drawGrid(c, this.view, this.#gridOf(layered), this.colours.grid); return; }
     const straight = deformedGrid(NO_CUTS, this.box, this.model.get("density"), 1, 1);
@@ -655,8 +632,7 @@ export class EditorView extends EditorDrawing {
     }
   }
 
-  /** @param {LayeredFit | null} layered */
-  #gridOf(layered) {
+  #gridOf(layered: LayeredFit | null) {
     const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
     const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
     const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
@@ -669,11 +645,8 @@ export class EditorView extends EditorDrawing {
     return lines;
   }
 
-  /**
-   * @param {LayeredFit | null} fit
-   * @param {LayeredFit | null} known the same, at the nodes of the picture while something moves
-   */
-  #drawOverlay(fit, known) {
+  /** @param known the same, at the nodes of the picture while something moves */
+  #drawOverlay(fit: LayeredFit | null, known: LayeredFit | null) {
     const { layered, folds, isMoving } = this;
     const isDue = !folds || (folds.isRough && !isMoving);
     if (layered && isDue) this.folds = this.#measuredFolds(known ?? layered);
@@ -682,19 +655,16 @@ export class EditorView extends EditorDrawing {
 
   /**
    * The folds of the map; only at rest as finely as the status line reports them.
-   * @param {LayeredFit} known at the nodes of the picture while something moves
+   * @param known at the nodes of the picture while something moves
    */
-  #measuredFolds(known) {
+  #measuredFolds(known: LayeredFit) {
     const { isMoving } = this, probes = probesOf(known, isMoving ? 5e4 : 4e5);
     const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33;
     return { ...foldsOf(known, this.box, nodes, probes, this.tissueTest(known)), probes, isRough: isMoving };
   }
 
-  /**
-   * A test whether tissue is seen at a place; undefined where the picture does not show it.
-   * @param {LayeredFit} layered
-   */
-  tissueTest(layered) {
+  /** A test whether tissue is seen at a place; undefined where the picture does not show it. */
+  tissueTest(layered: LayeredFit) {
     const { source } = this.painter, air = this.model.get("air");
     return source?.grey && typeof air === "number" ? tissueTest(layered, source, air) : undefined;
   }
@@ -723,25 +693,18 @@ export class EditorView extends EditorDrawing {
       readOnly: this.isLocked });
   }
 
-  /**
-   * Show a sentence over the picture, in place of a question about a rigid part.
-   * @param {string} message
-   */
-  showMessage(message, isPassing = false) {
+  /** Show a sentence over the picture, in place of a question about a rigid part. */
+  showMessage(message: string, isPassing = false) {
     this.shapeTools.forgetOffer();
     super.showMessage(message, isPassing);
   }
 
   // ---- points, selection and commands -------------------------------------------------------------------------------
 
-  /** @param {number} id */
-  pointOf(id) { return this.points.find((p) => p.id === id); }
+  pointOf(id: number) { return this.points.find((p) => p.id === id); }
 
-  /**
-   * @param {Iterable<number>} ids
-   * @param {boolean} isShared whether Python gets the selection
-   */
-  select(ids, isShared = true) {
+  /** @param isShared whether Python gets the selection */
+  select(ids: Iterable<number>, isShared: boolean = true) {
     const known = new Set(this.points.map((p) => p.id)), next = new Set([...ids ?? []].filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
@@ -751,33 +714,22 @@ export class EditorView extends EditorDrawing {
     this.selection.sendSoon([...this.selected]);
   }
 
-  /** @param {number} id */
-  toggleSelected(id) {
+  toggleSelected(id: number) {
     this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
   }
 
-  /**
-   * The ids of the points in a rectangle of the view.
-   * @param {{ x: number, y: number, width: number, height: number }} box
-   */
-  pointsInside({ x, y, width, height }) {
+  /** The ids of the points in a rectangle of the view. */
+  pointsInside({ x, y, width, height }: { x: number, y: number, width: number, height: number }) {
     return this.points.filter(({ target }) => {
       const [px, py] = this.onView(target);
       return px >= x && py >= y && px - x <= width && py - y <= height;
     }).map((p) => p.id);
   }
 
-  /**
-   * The selected points, or the one in focus if that is not selected.
-   * @param {number | null} focused
-   */
-  idsAt(focused) { return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected]; }
+  /** The selected points, or the one in focus if that is not selected. */
+  idsAt(focused: number | null) { return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected]; }
 
-  /**
-   * @param {string} command
-   * @param {number | null} focused
-   */
-  run(command, focused) {
+  run(command: string, focused: number | null) {
     const ids = this.idsAt(focused), { shapeTools } = this;
     if (focused === null && this.toolbar.isOff(command)) return;
     if (shapeTools.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
@@ -785,16 +737,14 @@ export class EditorView extends EditorDrawing {
     } else COMMANDS[command]?.(this, ids);
   }
 
-  /** @param {"undo" | "redo"} way */
-  stepHistory(way) {
+  stepHistory(way: "undo" | "redo") {
     if (this.isDragging || this.isLocked || !this.sender.step(way)) return;
     this.announce(way === "undo" ? "undone" : "redone");
   }
 
   // ---- modes: adding, selecting, pen and brush ----------------------------------------------------------------------
 
-  /** @param {boolean} isAdding */
-  setAdding(isAdding) {
+  setAdding(isAdding: boolean) {
     if (isAdding) { this.putDownTools(); this.setSelecting(false); }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
@@ -804,9 +754,8 @@ export class EditorView extends EditorDrawing {
 
   /**
    * While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
-   * @param {boolean} isSelecting
    */
-  setSelecting(isSelecting) {
+  setSelecting(isSelecting: boolean) {
     if (isSelecting) { this.putDownTools(); this.setAdding(false); }
     this.isSelecting = isSelecting;
     this.stage.classList.toggle("dnb-ed-selecting", isSelecting);
@@ -832,9 +781,9 @@ export class EditorView extends EditorDrawing {
 
   /**
    * Take up the pen, or put it away if it is drawing this already.
-   * @param {string} tool a name of PEN_WORDS
+   * @param tool a name of PEN_WORDS
    */
-  setPen(tool) {
+  setPen(tool: string) {
     const was = this.pen.draft?.tool;
     this.putDownTools();
     if (was === tool || this.isLocked) { this.invalidate(); return; }
@@ -846,11 +795,8 @@ export class EditorView extends EditorDrawing {
     this.focusStage();
   }
 
-  /**
-   * Take up a brush, or put it away.
-   * @param {string} tool
-   */
-  setBrush(tool) {
+  /** Take up a brush, or put it away. */
+  setBrush(tool: string) {
     const was = this.brush.tool;
     this.putDownTools();
     if (was === tool || this.isLocked) return;
@@ -864,14 +810,8 @@ export class EditorView extends EditorDrawing {
 
   // ---- names and help -----------------------------------------------------------------------------------------------
 
-  /**
-   * Request a name beside a place of the view.
-   * @param {string} text
-   * @param {string} placeholder
-   * @param {number[]} at
-   * @param {Naming} naming
-   */
-  promptName(text, placeholder, [x, y], naming) {
+  /** Request a name beside a place of the view. */
+  promptName(text: string, placeholder: string, [x, y]: number[], naming: Naming) {
     const { input, view: { width, height } } = this;
     this.naming = naming;
     input.hidden = false;
@@ -883,8 +823,7 @@ export class EditorView extends EditorDrawing {
     input.select();
   }
 
-  /** @param {boolean} isKept */
-  endNaming(isKept) {
+  endNaming(isKept: boolean) {
     const { naming, input } = this;
     if (!naming || input.hidden) return;
     const hadFocus = treeOf(this.root).activeElement === input;
@@ -910,21 +849,17 @@ export class EditorView extends EditorDrawing {
 
 /**
  * Whether the body is seen at a place, there or within two pixels.
- * @param {LayeredFit} layered
- * @param {PictureSource} source
- * @param {number} air the value of the picture up to which nothing is seen
+ * @param air the value of the picture up to which nothing is seen
  */
-function tissueTest(layered, source, air) {
+function tissueTest(layered: LayeredFit, source: PictureSource, air: number) {
   const { spacing: [du, dv] } = source.raster, steps = [-2, 0, 2];
-  /** @param {number} a @param {number} b */
-  return (a, b) => {
+  return (a: number, b: number) => {
     const [da, db] = placeOf(layered, a, b, du);
     return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
   };
 }
 
-/** @param {{ model: Model, el: HTMLElement }} context */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const editor = new EditorView(model, el);
   return () => editor.close();
 }

@@ -1,24 +1,29 @@
 // The stop of drags before the map folds, for control points and for rigid parts.
 
-import { NEARLY_FOLDED } from "../maths/constants.js";
-import { foldsOf, probesOf } from "../maths/folds.js";
-import { RbfError } from "../maths/rbf.js";
+import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { foldsOf, probesOf } from "../maths/folds.ts";
+import { RbfError } from "../maths/rbf.ts";
 
-/** @import { Point, Shapes } from "../types.d.ts" */
-/** @import { EditorView } from "./editor.js" */
-/** @typedef {{ points: Point[], shapes: Shapes }} MapState what a map is fitted to */
+import type { Point, Shapes } from "../types.ts";
+import type { EditorView } from "./editor.ts";
+/** what a map is fitted to */
+export type MapState = { points: Point[], shapes: Shapes };
 
 const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 
 /** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  note: string;
+  least0: number | null;
+  start: MapState;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.note = ""; // the reason why a drag was stopped
-    /** The smallest det J before the drag. @type {number | null} */
+    /** The smallest det J before the drag. */
     this.least0 = null;
-    /** What the editor showed when the drag began. @type {MapState} */
+    /** What the editor showed when the drag began. */
     this.start = { points: [], shapes: { cuts: [], parts: [] } };
   }
 
@@ -28,11 +33,8 @@ export class FoldStop {
     Object.assign(this, { note: "", least0: null, start: { points, shapes } });
   }
 
-  /**
-   * The smallest det J of a state; minus infinity where it cannot be fitted.
-   * @param {MapState} state
-   */
-  #leastOf({ points, shapes }) {
+  /** The smallest det J of a state; minus infinity where it cannot be fitted. */
+  #leastOf({ points, shapes }: MapState) {
     const { editor } = this;
     try {
       const layered = editor.fitOf(points, shapes);
@@ -47,23 +49,17 @@ export class FoldStop {
 
   /**
    * Whether the map folds in a state, and did not before the drag: what is folded already may stay so.
-   * @param {MapState} state
-   * @param {string} note the reason that is shown if it does
+   * @param note the reason that is shown if it does
    */
-  refuses(state, note) {
+  refuses(state: MapState, note: string) {
     this.least0 ??= this.#leastOf(this.start);
     const isRefused = this.#leastOf(state) < Math.min(NEARLY_FOLDED, this.least0) - 1e-9;
     this.note = isRefused ? note : "";
     return isRefused;
   }
 
-  /**
-   * A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`.
-   * @template {MapState} S
-   * @param {(share: number) => S} make
-   * @returns {S}
-   */
-  limit(make) {
+  /** A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`. */
+  limit<S extends MapState>(make: (share: number) => S): S {
     const wanted = make(1), note = "Stopped before the picture folds; T lets the drag go on";
     this.note = "";
     if (!this.editor.model.get("stop_at_folds") || !this.refuses(wanted, note)) return wanted;

@@ -4,36 +4,39 @@
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_grid` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
 
-import { newPoint, nextId } from "../maths/points.js";
-import { gridPlaces, gridShape } from "../maths/warp_map.js";
-import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.js";
+import { newPoint, nextId } from "../maths/points.ts";
+import { gridPlaces, gridShape } from "../maths/warp_map.ts";
+import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.ts";
 
-/** @import { LayeredFit, Point } from "../types.d.ts" */
-/** @import { EditorView } from "./editor.js" */
-/** @typedef {ReturnType<typeof gridPlaces>} GridPlaces */
-/** @typedef {{ root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number }} NodeParts */
-/** id: of the new point.
- * @typedef {{ n: number, pointer: number, from: number[], id: number | null, slack: number }} NodeDrag
- */
+import type { LayeredFit, Point } from "../types.ts";
+import type { EditorView } from "./editor.ts";
+export type GridPlaces = ReturnType<typeof gridPlaces>;
+export type NodeParts = { root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number };
+/** id: of the new point. */
+export type NodeDrag = { n: number, pointer: number, from: number[], id: number | null, slack: number };
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
-/** @type {Record<string, number[]>} */
-const NODE_STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const NODE_STEPS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  nodes: NodeParts[];
+  made: { key: unknown[], places: GridPlaces } | null;
+  current: number;
+  drag: NodeDrag | null;
+  group: SVGGElement;
+  closing: AbortController;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
-    /** @type {NodeParts[]} */
     this.nodes = [];
-    /** Places of the nodes, and what they were made of. @type {{ key: unknown[], places: GridPlaces } | null} */
+    /** Places of the nodes, and what they were made of. */
     this.made = null;
     this.current = 0; // the node at which Tab stops
-    /** @type {NodeDrag | null} */
     this.drag = null;
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
     editor.svg.insertBefore(this.group, editor.handles.arrows); // under the points
@@ -42,7 +45,7 @@ export class GridNodes {
     group.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
     group.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
     group.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e, false)), { signal });
-    for (const name of /** @type {const} */ (["pointercancel", "lostpointercapture"])) {
+    for (const name of (["pointercancel", "lostpointercapture"] as const)) {
       group.addEventListener(name, (e) => editor.guard(() => this.#up(e, true)), { signal });
     }
     group.addEventListener("dblclick", (e) => {
@@ -79,9 +82,8 @@ export class GridNodes {
 
   /**
    * The points where they take what they hold: beside the nodes they must lie on the grid, however drags are magnified.
-   * @param {Point[]} points
    */
-  shown(points) {
+  shown(points: Point[]) {
     const { strength } = this.editor;
     if (strength === 1 || !this.isOn) return points;
     return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
@@ -89,11 +91,8 @@ export class GridNodes {
 
   get advice() { return this.pull === 0 ? STILL_GRID : NODE_HINT; }
 
-  /**
-   * A warning about drags that are magnified until the map folds, or "".
-   * @param {{ least: number }} folds
-   */
-  warning(folds) {
+  /** A warning about drags that are magnified until the map folds, or "". */
+  warning(folds: { least: number }) {
     const { strength } = this.editor, isBeyond = strength < 0 || strength > 1;
     if (!this.isOn || !isBeyond || folds.least > 0) return "";
     return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
@@ -101,11 +100,8 @@ export class GridNodes {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  /**
-   * Places of the nodes under a fit, found once for each.
-   * @param {LayeredFit} layered
-   */
-  placesOf(layered) {
+  /** Places of the nodes under a fit, found once for each. */
+  placesOf(layered: LayeredFit) {
     const { editor: { model, box, view }, made } = this, cells = model.get("density") || 12;
     const key = [layered, cells, String(box)];
     if (made && key.every((value, k) => value === made.key[k])) return made.places;
@@ -113,8 +109,8 @@ export class GridNodes {
     return this.made.places;
   }
 
-  /** @param {LayeredFit | null} layered null while the picture is shown as it was */
-  update(layered) {
+  /** @param layered null while the picture is shown as it was */
+  update(layered: LayeredFit | null) {
     const isShown = this.isOn && layered !== null;
     setAttributes(this.group, { visibility: isShown ? "visible" : "hidden" });
     if (!isShown) { if (!this.drag) this.#trim(0); return; }
@@ -136,14 +132,12 @@ export class GridNodes {
     if (!current || current.classList.contains("dnb-ed-node-gone")) this.#focusable(0);
   }
 
-  /** @param {number} count */
-  #trim(count) {
+  #trim(count: number) {
     for (const { root } of this.nodes.splice(count)) root.remove();
     if (this.current >= count) this.current = 0;
   }
 
-  /** @param {number} n */
-  #make(n) {
+  #make(n: number) {
     const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the grid",
       ...OWN_KEYS }, this.group);
     const tip = svgElement("title", {}, root), hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
@@ -152,8 +146,7 @@ export class GridNodes {
     return this.nodes[n];
   }
 
-  /** @param {NodeParts} node @param {number} n @param {number} columns */
-  #name(node, n, columns) {
+  #name(node: NodeParts, n: number, columns: number) {
     node.columns = columns;
     const text = `Node ${n % columns},${Math.floor(n / columns)} of the grid`;
     setAttributes(node.root, { "aria-label": text });
@@ -174,23 +167,16 @@ export class GridNodes {
     return held;
   }
 
-  /**
-   * The number of the node that an event is about.
-   * @param {Event} event
-   */
-  #at({ target }) {
+  /** The number of the node that an event is about. */
+  #at({ target }: Event) {
     const number = target instanceof Element ? target.closest("[data-node]")?.getAttribute("data-node") : null;
     return number ? Number(number) : null;
   }
 
   // ---- dragging -----------------------------------------------------------------------------------------------------
 
-  /**
-   * The points with one more at a node, which goes where the node is: nothing moves by it.
-   * @param {GridPlaces} places
-   * @param {number} n
-   */
-  #point({ columns, source, target }, n) {
+  /** The points with one more at a node, which goes where the node is: nothing moves by it. */
+  #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this, id = nextId(editor.points, editor.sender.nextId);
     const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
     const to = from.map((value, k) => value + pull * (at[k] - value));
@@ -206,8 +192,7 @@ export class GridNodes {
     return this.pull !== 0;
   }
 
-  /** @param {PointerEvent} event */
-  #down(event) {
+  #down(event: PointerEvent) {
     const { editor } = this, n = this.#at(event);
     if (event.button !== 0 || n === null || editor.isLocked || editor.pen.isOn || editor.isAdding ||
         editor.gestures.isSpaceDown
@@ -222,8 +207,7 @@ export class GridNodes {
       slack: SLACK[event.pointerType] ?? 2 };
   }
 
-  /** @param {PointerEvent} event */
-  #move(event) {
+  #move(event: PointerEvent) {
     const { drag, editor, editor: { pointTools } } = this;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
@@ -238,15 +222,13 @@ export class GridNodes {
     pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
   }
 
-  /** @param {PointerEvent} event @param {boolean} isCancelled */
-  #up(event, isCancelled) {
+  #up(event: PointerEvent, isCancelled: boolean) {
     if (!this.drag || event.pointerId !== this.drag.pointer) return;
     event.stopPropagation();
     this.#end(this.drag, isCancelled);
   }
 
-  /** @param {NodeDrag} drag @param {boolean} isCancelled */
-  #end(drag, isCancelled) {
+  #end(drag: NodeDrag, isCancelled: boolean) {
     const { editor } = this;
     this.drag = null;
     if (this.group.hasPointerCapture(drag.pointer)) this.group.releasePointerCapture(drag.pointer);
@@ -257,11 +239,8 @@ export class GridNodes {
     editor.pointTools.present(drag.id, "holds the grid");
   }
 
-  /**
-   * Hold a node where it is.
-   * @param {number | null} n
-   */
-  #take(n) {
+  /** Hold a node where it is. */
+  #take(n: number | null) {
     if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
     const { editor: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");
@@ -269,8 +248,7 @@ export class GridNodes {
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
-  /** @param {KeyboardEvent} event */
-  #keyDown(event) {
+  #keyDown(event: KeyboardEvent) {
     const n = this.#at(event), by = NODE_STEPS[event.key];
     if (n === null || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === "Enter") this.#take(n);
@@ -280,13 +258,8 @@ export class GridNodes {
     event.stopPropagation();
   }
 
-  /**
-   * To the next node that is free, over those that are points.
-   * @param {GridPlaces} places
-   * @param {number} n
-   * @param {number[]} step
-   */
-  #walk({ columns, rows }, n, [di, dj]) {
+  /** To the next node that is free, over those that are points. */
+  #walk({ columns, rows }: GridPlaces, n: number, [di, dj]: number[]) {
     let i = n % columns + di, j = Math.floor(n / columns) + dj;
     for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
       const node = this.nodes[i + j * columns].root;
@@ -297,11 +270,8 @@ export class GridNodes {
     }
   }
 
-  /**
-   * Let Tab stop at one node, or at the first free one from there on.
-   * @param {number} n
-   */
-  #focusable(n) {
+  /** Let Tab stop at one node, or at the first free one from there on. */
+  #focusable(n: number) {
     const at = this.nodes.findIndex(({ root }, k) => k >= n && !root.classList.contains("dnb-ed-node-gone"));
     this.current = Math.max(0, at);
     for (const [k, { root }] of this.nodes.entries()) setAttributes(root, { tabindex: k === at ? "0" : "-1" });

@@ -1,52 +1,60 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
 // Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
-import { shownLength } from "../maths/numbers.js";
-import { middleOf } from "../maths/points.js";
-import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
-import { REGION_FORMS } from "./shape_handles.js";
+import { shownLength } from "../maths/numbers.ts";
+import { middleOf } from "../maths/points.ts";
+import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { REGION_FORMS } from "./shape_handles.ts";
 
-/** @import { Mirror } from "../types.d.ts" */
-/** @import { View } from "./painter.js" */
+import type { Mirror } from "../types.ts";
+import type { View } from "./painter.ts";
 
-/** A point as it is drawn, in a picture's coordinates.
- * @typedef {{ id: number, name: string, source: number[], target: number[], active: boolean, locked?: boolean,
- *   radius?: number | null }} DrawnPoint
- */
+/** A point as it is drawn, in a picture's coordinates. */
+export type DrawnPoint = { id: number, name: string, source: number[], target: number[], active: boolean, locked?: boolean, radius?: number | null };
 
-/** Descriptions of a point, for screen readers and where the mouse rests.
- * @template {DrawnPoint} P
- * @typedef {{ label: (p: P) => string, tip: (p: P, reach: number) => string }} PointWords
- */
+/** Descriptions of a point, for screen readers and where the mouse rests. */
+export type PointWords<P extends DrawnPoint> = { label: (p: P) => string, tip: (p: P, reach: number) => string };
 
-/** The state that ToolMarks draw.
- * @typedef {object} MarksScene
- * @property {Mirror} mirror
- * @property {View} view
- * @property {number} [gripAway] CSS pixels from the edge of the view to the grip of the axis
- * @property {{ id: number, target: number[], locked?: boolean }[]} points
- * @property {Set<number>} selected
- * @property {{ isOn: boolean, at?: number[] | null, radius?: number }} brush
- * @property {{ isOn: boolean }} pen
- * @property {boolean} isLocked
- * @property {boolean} isHolding whether points are being dragged
- * @property {boolean} isAdding
- * @property {(place: number[]) => number[]} onView
- */
+/** The state that ToolMarks draw. */
+export interface MarksScene {
+  mirror: Mirror;
+  view: View;
+  /** CSS pixels from the edge of the view to the grip of the axis */
+  gripAway?: number;
+  points: { id: number, target: number[], locked?: boolean }[];
+  selected: Set<number>;
+  brush: { isOn: boolean, at?: number[] | null, radius?: number };
+  pen: { isOn: boolean };
+  isLocked: boolean;
+  /** whether points are being dragged */
+  isHolding: boolean;
+  isAdding: boolean;
+  onView: (place: number[]) => number[];
+}
 
-/** @typedef {ReturnType<Handles<any>["make"]>} HandleParts */
+/** The elements of a point, and what they show. */
+export interface HandleParts {
+  arrow: SVGGElement;
+  source: SVGGElement;
+  target: SVGGElement;
+  radius: SVGCircleElement;
+  tip: SVGTitleElement;
+  form: SVGPathElement;
+  beyond: SVGPathElement;
+  text: SVGTextElement;
+  mark: number | null;
+  drawn: unknown[];
+}
 
 const QUIET_NAME = /^(move|grow|shrink|smudge|expand|hold) \d+$| rim$/; // names that tools give: shown under the mouse, as numbers are
-/** @type {Record<string, number>} */
-export const POINT_STEPS = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
+export const POINT_STEPS: Record<string, number> = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }; // with Ctrl: to another point
 const RIM = 11; // CSS pixels from the edge at which points outside the view are shown
 
 /**
  * Whether the right button was pressed. Other ways to a menu delete nothing: a finger that rests, a Mac's Ctrl + click,
  * a key.
- * @param {MouseEvent} event
  */
-export function isRightClick(event) {
+export function isRightClick(event: MouseEvent) {
   return event.button === 2 && !event.ctrlKey && !(event instanceof PointerEvent && event.pointerType === "touch");
 }
 
@@ -56,9 +64,9 @@ export class WheelSteps {
 
   /**
    * Whole steps that are due, below 0 upwards.
-   * @param {number} delta pixels
+   * @param delta pixels
    */
-  add(delta) {
+  add(delta: number) {
     this.#rolled += delta;
     const parts = Math.trunc(this.#rolled / 40);
     if (parts === 0) return 0;
@@ -67,24 +75,17 @@ export class WheelSteps {
   }
 }
 
-/**
- * Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not.
- * @param {TouchEvent} event
- */
-export function keepFromScrolling(event) {
+/** Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not. */
+export function keepFromScrolling(event: TouchEvent) {
   const { target } = event, held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " +
     ".dnb-ed-chosen, [data-motion]";
   if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
 }
 
-/**
- * The description of a point for screen readers.
- * @param {DrawnPoint} p
- */
-export function pointLabel(p) {
+/** The description of a point for screen readers. */
+export function pointLabel(p: DrawnPoint) {
   const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1];
-  /** @type {string[]} */
-  const moves = [];
+  const moves: string[] = [];
   if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
@@ -93,41 +94,38 @@ export function pointLabel(p) {
   return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${states}`;
 }
 
-/**
- * The text where the mouse rests on a point.
- * @param {DrawnPoint} p
- * @param {number} reach
- */
-function pointTip(p, reach) {
+/** The text where the mouse rests on a point. */
+function pointTip(p: DrawnPoint, reach: number) {
   const by = p.target.map((value, k) => value - p.source[k]);
-  /** @param {number[]} at */
-  const place = (at) => at.map(shownLength).join(", ");
+  const place = (at: number[]) => at.map(shownLength).join(", ");
   const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
   const state = !p.active ? "; switched off" : reach ? `; reaches ${shownLength(reach)}` : "";
   return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
 
-/**
- * The points as elements, which can have the focus and be dragged.
- * @template {DrawnPoint} [P=DrawnPoint]
- */
-export class Handles {
-  /**
-   * @param {SVGSVGElement} svg
-   * @param {PointWords<P>} words
-   */
-  constructor(svg, words = { label: pointLabel, tip: pointTip }) {
+/** The points as elements, which can have the focus and be dragged. */
+export class Handles<P extends DrawnPoint = DrawnPoint> {
+  svg: SVGSVGElement;
+  words: PointWords<P>;
+  radii: SVGGElement;
+  arrows: SVGGElement;
+  points: SVGGElement;
+  band: SVGRectElement;
+  byId: Map<number, HandleParts>;
+  suspects: Set<number>;
+  stop: number | null;
+
+  constructor(svg: SVGSVGElement, words: PointWords<P> = { label: pointLabel, tip: pointTip }) {
     this.svg = svg;
     this.words = words;
     this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
     this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
     this.points = svgElement("g", { class: "dnb-ed-points", role: "group", "aria-label": "Points" }, svg);
     this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
-    /** @type {Map<number, HandleParts>} */
     this.byId = new Map();
-    /** Ids of points that get a dashed ring. @type {Set<number>} */
+    /** Ids of points that get a dashed ring. */
     this.suspects = new Set();
-    /** The one point that Tab leads to: that in focus, or the last that was. @type {number | null} */
+    /** The one point that Tab leads to: that in focus, or the last that was. */
     this.stop = null;
     // Not on the SVG: Chromium takes a part of an SVG that listens to the focus for one that can have it.
     svg.parentElement?.addEventListener("focusin", ({ target }) => {
@@ -138,14 +136,11 @@ export class Handles {
 
   /**
    * Draw all points for a view. True if the focus was on a point that is gone: the browser would give it to the body.
-   * @param {P[]} points
-   * @param {Set<number>} selected
-   * @param {View} view
-   * @param {number} radius around the selected points in units of the picture, or 0 for none
-   * @param {number} reach for the tips
-   * @param {(point: P) => number | null} markOf the number of the region of a point (editor/shape_handles.js)
+   * @param radius around the selected points in units of the picture, or 0 for none
+   * @param reach for the tips
+   * @param markOf the number of the region of a point (editor/shape_handles.js)
    */
-  update(points, selected, view, radius, reach, markOf = () => null) {
+  update(points: P[], selected: Set<number>, view: View, radius: number, reach: number, markOf: (point: P) => number | null = () => null) {
     const seen = new Set(points.map((p) => p.id)), focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
     for (const [id, parts] of this.byId) {
@@ -176,11 +171,8 @@ export class Handles {
     return isFocusLost;
   }
 
-  /**
-   * Let Tab lead to one point: with two hundred it would have to be pressed two hundred times.
-   * @param {number} id
-   */
-  #stopAt(id) {
+  /** Let Tab lead to one point: with two hundred it would have to be pressed two hundred times. */
+  #stopAt(id: number) {
     if (id === this.stop) return;
     if (this.stop !== null) this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
     this.byId.get(id)?.target.setAttribute("tabindex", "0");
@@ -190,20 +182,14 @@ export class Handles {
   /**
    * Give the focus to the next point of a list of ids or, by -1, to the one before; from none of them to that at
    * which Tab stops.
-   * @param {number[]} ids
-   * @param {number} by
-   * @param {number | null} from
    */
-  focusNext(ids, by, from = null) {
+  focusNext(ids: number[], by: number, from: number | null = null) {
     const at = from === null ? -1 : ids.indexOf(from);
     return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
   }
 
-  /**
-   * The elements of a new point.
-   * @param {number} id
-   */
-  make(id) {
+  /** The elements of a new point. */
+  make(id: number): HandleParts {
     const arrow = svgElement("g", {}, this.arrows);
     svgElement("path", { class: "dnb-ed-arrow-case" }, arrow);
     svgElement("path", { class: "dnb-ed-arrow" }, arrow);
@@ -225,14 +211,12 @@ export class Handles {
     const beyond = svgElement("path", { d: "M 5 -5 L 11 0 L 5 5 Z", class: "dnb-ed-beyond" }, target);
     const text = svgElement("text", { class: "dnb-ed-name dnb-ed-number" }, target);
     const radius = svgElement("circle", { class: "dnb-ed-radius" }, this.radii);
-    const parts = { arrow, source, target, radius, tip, form, beyond, text, mark: /** @type {number | null} */ (null),
-      drawn: /** @type {unknown[]} */ ([]) };
+    const parts: HandleParts = { arrow, source, target, radius, tip, form, beyond, text, mark: null, drawn: [] };
     this.byId.set(id, parts);
     return parts;
   }
 
-  /** @param {HandleParts} parts @param {number | null} mark */
-  #mark(parts, mark) {
+  #mark(parts: HandleParts, mark: number | null) {
     if (mark === parts.mark) return;
     parts.mark = mark;
     for (const part of [parts.target, parts.source]) {
@@ -243,19 +227,13 @@ export class Handles {
     parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
   }
 
-  /**
-   * Show that these points cannot go on, and no others.
-   * @param {number[]} ids
-   */
-  lock(ids) {
+  /** Show that these points cannot go on, and no others. */
+  lock(ids: number[]) {
     for (const [id, { target }] of this.byId) target.classList.toggle("dnb-ed-locked", ids.includes(id));
   }
 
-  /**
-   * Put the elements in the order of the list, which Tab follows.
-   * @param {P[]} points
-   */
-  #order(points) {
+  /** Put the elements in the order of the list, which Tab follows. */
+  #order(points: P[]) {
     for (const p of points) {
       const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.lastChild === parts.target) continue;
@@ -265,14 +243,7 @@ export class Handles {
     }
   }
 
-  /**
-   * @param {HandleParts} parts
-   * @param {P} p
-   * @param {boolean} isSelected
-   * @param {View} view
-   * @param {number} radius
-   */
-  #place(parts, p, isSelected, { k, x, y, width, height }, radius) {
+  #place(parts: HandleParts, p: P, isSelected: boolean, { k, x, y, width, height }: View, radius: number) {
     const at = [k * p.target[0] + x, k * p.target[1] + y], from = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
@@ -298,28 +269,20 @@ export class Handles {
     setAttributes(parts.radius, { cx: at[0].toFixed(1), cy: at[1].toFixed(1), r: (radius * k).toFixed(1) });
   }
 
-  /**
-   * @param {HandleParts} parts
-   * @param {P} p
-   * @param {number[]} shown
-   * @param {number} width
-   */
-  #label({ target, text }, p, [left], width) {
+  #label({ target, text }: HandleParts, p: P, [left]: number[], width: number) {
     const isLeft = left > width - 90;
     setAttributes(target, { "aria-label": this.words.label(p) });
     setAttributes(text, { x: isLeft ? -12 : 12, y: -8, "text-anchor": isLeft ? "end" : "start" });
     setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
   }
 
-  /** @param {SVGElement} arrow @param {number[]} from @param {number[]} at */
-  #arrow(arrow, from, at) {
+  #arrow(arrow: SVGElement, from: number[], at: number[]) {
     const dx = at[0] - from[0], dy = at[1] - from[1], length = Math.hypot(dx, dy);
     const hasRoom = length > 20;
     arrow.setAttribute("visibility", length < 12 ? "hidden" : "visible");
     if (length < 12) return;
     const u = dx / length, v = dy / length, end = length - (hasRoom ? 15 : 8);
-    /** @param {number} along @param {number} across */
-    const place = (along, across) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
+    const place = (along: number, across: number) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
       `${(from[1] + v * along + u * across).toFixed(2)}`;
     const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
     arrow.children[0].setAttribute("d", line);
@@ -328,25 +291,20 @@ export class Handles {
       ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "");
   }
 
-  /** @param {{ x: number, y: number, width: number, height: number } | null} box */
-  showBand(box) {
+  showBand(box: { x: number, y: number, width: number, height: number } | null) {
     this.band.setAttribute("visibility", box ? "visible" : "hidden");
     if (!box) return;
     for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
   }
 
-  /**
-   * Give a point the focus. False if there is no such point.
-   * @param {number | null} id
-   */
-  focus(id) {
+  /** Give a point the focus. False if there is no such point. */
+  focus(id: number | null) {
     const parts = id === null ? undefined : this.byId.get(id);
     parts?.target.focus({ preventScroll: true });
     return parts !== undefined;
   }
 
-  /** @param {number[]} ids */
-  blink(ids) {
+  blink(ids: number[]) {
     for (const id of ids) {
       const target = this.byId.get(id)?.target;
       if (!target) continue;
@@ -364,11 +322,18 @@ const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
  * mirror. And the circle of the brush, which shows where it works.
  */
 export class ToolMarks {
-  /**
-   * @param {SVGSVGElement} svg
-   * @param {SVGElement} points
-   */
-  constructor(svg, points) {
+  root: SVGGElement;
+  axis: SVGGElement;
+  lines: SVGPathElement[];
+  grip: SVGGElement;
+  gripIcon: SVGPathElement;
+  turn: SVGGElement;
+  stalk: SVGPathElement;
+  knob: SVGGElement;
+  brush: SVGGElement;
+  circles: SVGCircleElement[];
+
+  constructor(svg: SVGSVGElement, points: SVGElement) {
     this.root = svgElement("g", { class: "dnb-ed-marks" });
     svg.insertBefore(this.root, points); // under the points, which are grabbed first
     this.axis = svgElement("g", { class: "dnb-ed-axis", visibility: "hidden" }, this.root);
@@ -390,8 +355,7 @@ export class ToolMarks {
     this.circles = ["case", "line"].map((name) => svgElement("circle", { class: `dnb-ed-circle-${name}` }, this.brush));
   }
 
-  /** @param {MarksScene} scene */
-  update(scene) {
+  update(scene: MarksScene) {
     this.#axis(scene);
     this.#turn(scene);
     const { brush: { isOn, at, radius = 0 }, view, isLocked } = scene, shown = isOn && !isLocked ? at : null;
@@ -402,8 +366,7 @@ export class ToolMarks {
     }
   }
 
-  /** @param {MarksScene} scene */
-  #axis({ mirror, view, isLocked, gripAway = GRIP_AWAY }) {
+  #axis({ mirror, view, isLocked, gripAway = GRIP_AWAY }: MarksScene) {
     const isShown = mirror.on && !isLocked;
     this.axis.setAttribute("visibility", isShown ? "visible" : "hidden");
     this.grip.setAttribute("tabindex", isShown ? "0" : "-1");
@@ -416,11 +379,8 @@ export class ToolMarks {
       "aria-valuenow": shownLength(mirror.at), "aria-orientation": isUpright ? "horizontal" : "vertical" });
   }
 
-  /**
-   * Above what is selected, whose middle is the middle of the turn.
-   * @param {MarksScene} scene
-   */
-  #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, onView }) {
+  /** Above what is selected, whose middle is the middle of the turn. */
+  #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, onView }: MarksScene) {
     const chosen = points.filter((p) => selected.has(p.id) && !p.locked);
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");

@@ -1,25 +1,30 @@
 // The handles of the motion of a rigid part as SVG: a ring around its pivot with a knob, which turn it, and a cross at
 // the pivot, which can be dragged. Both stand where the part has moved to.
 
-import { shownLength } from "../maths/numbers.js";
-import { pivotOf, placeMoved, shapeName, turnAndShift } from "../maths/shapes.js";
-import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.js";
-import { farthest } from "./shape_handles.js";
+import { shownLength } from "../maths/numbers.ts";
+import { pivotOf, placeMoved, shapeName, turnAndShift } from "../maths/shapes.ts";
+import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.ts";
+import { farthest } from "./shape_handles.ts";
 
-/** @import { PartData } from "../types.d.ts" */
-/** @import { View } from "./painter.js" */
-/** @typedef {"move" | "turn" | "pivot"} PartHandle what a drag of a part does */
+import type { PartData } from "../types.ts";
+import type { View } from "./painter.ts";
+/** what a drag of a part does */
+export type PartHandle = "move" | "turn" | "pivot";
 
 const RING = [38, 110]; // CSS pixels of the ring's radius at least and at most
 const AROUND = 18; // from the farthest corner of a part to the ring
 const CROSS_ROOM = 22; // radius of a part below which the cross would cover all that can be dragged
 
 export class MotionHandles {
-  /**
-   * @param {SVGSVGElement} svg
-   * @param {SVGElement} grips of outlines
-   */
-  constructor(svg, grips) {
+  svg: SVGSVGElement;
+  root: SVGGElement;
+  ring: SVGGElement;
+  circles: SVGCircleElement[];
+  knob: SVGGElement;
+  cross: SVGGElement;
+
+  /** @param grips of outlines */
+  constructor(svg: SVGSVGElement, grips: SVGElement) {
     this.svg = svg;
     const ring = svgElement("g", { "data-motion": "turn", class: "dnb-ed-turn-ring", visibility: "hidden" });
     svg.insertBefore(ring, grips); // corners on the ring stay within reach; knob and cross lie over them
@@ -45,13 +50,8 @@ export class MotionHandles {
     svgElement("title", {}, this.cross).textContent = "The pivot: the part turns about it. Drag it where a joint is";
   }
 
-  /**
-   * Show the handles of a part, or none. True if the focus was on one that is gone.
-   * @param {PartData | null} part
-   * @param {number} index
-   * @param {View} view
-   */
-  update(part, index, { k, x, y }) {
+  /** Show the handles of a part, or none. True if the focus was on one that is gone. */
+  update(part: PartData | null, index: number, { k, x, y }: View) {
     const isLost = !part && this.root.contains(treeOf(this.svg).activeElement);
     for (const group of [this.ring, this.root]) setAttributes(group, { visibility: part ? "visible" : "hidden" });
     for (const handle of [this.knob, this.cross]) setAttributes(handle, { tabindex: part ? "0" : "-1" });
@@ -72,6 +72,5 @@ export class MotionHandles {
     return false;
   }
 
-  /** @param {PartHandle} handle */
-  focus(handle) { (handle === "pivot" ? this.cross : this.knob).focus({ preventScroll: true }); }
+  focus(handle: PartHandle) { (handle === "pivot" ? this.cross : this.knob).focus({ preventScroll: true }); }
 }

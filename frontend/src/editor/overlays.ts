@@ -1,34 +1,28 @@
 // Overlays of the editor's picture: folds, changes of area, principal strains, uncertainty, and another picture.
 
-import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.js";
-import { isStill } from "../maths/rigid_stages.js";
-import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.js";
-import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.js";
-import { bytesOf, context2d, drawGrid } from "./painter.js";
+import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
+import { isStill } from "../maths/rigid_stages.ts";
+import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
+import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
+import { bytesOf, context2d, drawGrid } from "./painter.ts";
 
-/** @import { LayeredFit, Raster } from "../types.d.ts" */
-/** @import { EditorView, Folds } from "./editor.js" */
-/** @import { GridPlaces } from "./grid_nodes.js" */
-/** @import { View } from "./painter.js" */
-/** @typedef {{ from: number[], to: number[], grows: boolean }} StrainArm */
-/** @typedef {[level: number, text: string][]} UncertaintyLegend */
-/** @typedef {ReturnType<typeof foldPieces>} FoldPieces */
+import type { LayeredFit, Raster } from "../types.ts";
+import type { EditorView, Folds } from "./editor.ts";
+import type { GridPlaces } from "./grid_nodes.ts";
+import type { View } from "./painter.ts";
+export type StrainArm = { from: number[], to: number[], grows: boolean };
+export type UncertaintyLegend = [level: number, text: string][];
+export type FoldPieces = ReturnType<typeof foldPieces>;
 
 // ---- crosses of the principal strains at the nodes of the grid: solid where stretched, dashed where pressed ---------
 
 const STRAIN_INKS = { grows: "#7ee08a", shrinks: "#dba6f0" }; // on the grey of a picture, in light and dark pages
 const STRAIN_DASH = [3.5, 2.5];
 
-/**
- * Arms of all crosses in places of the picture.
- * @param {LayeredFit} layered
- * @param {GridPlaces} places
- * @param {number} cell
- */
-function strainArms(layered, places, cell) {
+/** Arms of all crosses in places of the picture. */
+function strainArms(layered: LayeredFit, places: GridPlaces, cell: number) {
   const strains = strainsAt(layered, places), gain = strainGain(strains);
-  /** @type {StrainArm[]} */
-  const arms = [];
+  const arms: StrainArm[] = [];
   for (let n = 0; n < places.isSeen.length; n++) {
     for (const m of [0, 1]) {
       const strain = strains.stretch[2 * n + m] - 1, half = gain * Math.abs(strain) * cell / 2;
@@ -41,13 +35,12 @@ function strainArms(layered, places, cell) {
   return { gain, arms };
 }
 
-/** @param {CanvasRenderingContext2D} c @param {View} view @param {StrainArm[]} arms */
-function drawStrain(c, { k, x, y, ratio }, arms) {
+function drawStrain(c: CanvasRenderingContext2D, { k, x, y, ratio }: View, arms: StrainArm[]) {
   c.save();
   c.setTransform(ratio, 0, 0, ratio, 0, 0);
   c.lineCap = "butt";
-  /** @param {boolean | null} grows those to be drawn, null for all */
-  const trace = (grows) => {
+  /** @param grows those to be drawn, null for all */
+  const trace = (grows: boolean | null) => {
     c.beginPath();
     for (const arm of arms) {
       if (grows !== null && arm.grows !== grows) continue;
@@ -68,11 +61,9 @@ function drawStrain(c, { k, x, y, ratio }, arms) {
 
 /**
  * The legend, with an arm of a known strain in the size in which it is drawn.
- * @param {HTMLElement} parent
- * @param {number} gain
- * @param {number} cell CSS pixels
+ * @param cell CSS pixels
  */
-function strainKey(parent, gain, cell) {
+function strainKey(parent: HTMLElement, gain: number, cell: number) {
   const share = plainNumber(Math.min(0.5, LONGEST_ARM / gain)), long = share * gain * cell;
   const percent = Number((100 * share).toPrecision(3));
   pageElement("div", "", parent).textContent = "principal strains";
@@ -97,13 +88,16 @@ export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  image: HTMLImageElement;
+  bytes: DataView<ArrayBuffer> | null;
+  url: string;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.image = pageElement("img", "dnb-ed-ghost", editor.stage, { alt: "", "aria-hidden": "true", draggable: "false",
       hidden: "" });
     editor.svg.before(this.image);
-    /** @type {DataView<ArrayBuffer> | null} */
     this.bytes = null;
     this.url = "";
   }
@@ -119,8 +113,8 @@ export class Ghost {
       width: `${k * (a1 - a0)}px`, height: `${k * (b1 - b0)}px` });
   }
 
-  /** @param {DataView<ArrayBuffer> | null} bytes of a PNG */
-  #load(bytes) {
+  /** @param bytes of a PNG */
+  #load(bytes: DataView<ArrayBuffer> | null) {
     this.close();
     this.bytes = bytes;
     if (!bytes?.byteLength) return;
@@ -136,11 +130,8 @@ export class Ghost {
 
 // ---- maps of the deformation ----------------------------------------------------------------------------------------
 
-/**
- * Of each overlay the label in the menu and the title.
- * @type {Record<string, string[]>}
- */
-const OVERLAYS = {
+/** Of each overlay the label in the menu and the title. */
+const OVERLAYS: Record<string, string[]> = {
   none: ["Plain", "nothing over the picture"],
   folds: ["Folds", "red where the map folds over itself"],
   area: ["Area", "green where tissue grows, purple where it shrinks"],
@@ -160,8 +151,21 @@ const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  canvas: HTMLCanvasElement;
+  context: CanvasRenderingContext2D;
+  small: HTMLCanvasElement;
+  hatch: string | CanvasPattern;
+  worst: SVGGElement;
+  key: HTMLDivElement;
+  drawn: unknown[] | null;
+  pieces: FoldPieces | null;
+  isUsed: boolean;
+  described: string;
+  gain: string;
+  select: HTMLSelectElement;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.canvas = pageElement("canvas", "dnb-ed-overlay", editor.stage, { "aria-hidden": "true" });
     this.context = context2d(this.canvas);
@@ -170,9 +174,9 @@ export class Overlay {
     this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, editor.svg);
     for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
     this.key = pageElement("div", "dnb-ed-key", editor.stage, { role: "img", "aria-label": "legend", hidden: "" });
-    /** The values that the canvas was drawn from. @type {unknown[] | null} */
+    /** The values that the canvas was drawn from. */
     this.drawn = null;
-    /** The folds that are drawn, in places of the picture. @type {FoldPieces | null} */
+    /** The folds that are drawn, in places of the picture. */
     this.pieces = null;
     this.isUsed = false; // whether there is anything on the canvas
     this.described = ""; // the values that the legend was made from
@@ -186,14 +190,12 @@ export class Overlay {
     this.select.addEventListener("change", () => editor.guard(() => this.choose(this.select.value)));
   }
 
-  /** @returns {string} */
-  get kind() {
+  get kind(): string {
     const kind = this.editor.model.get("overlay");
     return Object.hasOwn(OVERLAYS, kind) ? kind : "folds";
   }
 
-  /** @param {string} kind */
-  choose(kind) {
+  choose(kind: string) {
     this.editor.set("overlay", kind);
     this.editor.announce(`overlay: ${OVERLAYS[kind][1]}`);
   }
@@ -207,12 +209,10 @@ export class Overlay {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   /**
-   * @param {LayeredFit | null} layered null for the picture as it was, over which nothing is laid
-   * @param {LayeredFit | null} known the same, at the nodes of the picture while something moves
-   * @param {Folds | null} folds
-   * @param {boolean} isMoving
+   * @param layered null for the picture as it was, over which nothing is laid
+   * @param known the same, at the nodes of the picture while something moves
    */
-  draw(layered, known, folds, isMoving) {
+  draw(layered: LayeredFit | null, known: LayeredFit | null, folds: Folds | null, isMoving: boolean) {
     const { kind } = this;
     this.#describe(layered ? kind : "none");
     this.#mark(layered && kind !== "none" ? folds : null);
@@ -220,14 +220,7 @@ export class Overlay {
     this.#placeKey(isMoving);
   }
 
-  /**
-   * @param {LayeredFit | null} layered
-   * @param {LayeredFit | null} known
-   * @param {string} kind
-   * @param {Folds | null} folds
-   * @param {boolean} isMoving
-   */
-  #lay(layered, known, kind, folds, isMoving) {
+  #lay(layered: LayeredFit | null, known: LayeredFit | null, kind: string, folds: Folds | null, isMoving: boolean) {
     const { view, model, box, sheet } = this.editor;
     const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
       model.get("density"), model.get("show_grid"),
@@ -261,20 +254,12 @@ export class Overlay {
     return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
-  /**
-   * @param {LayeredFit} layered
-   * @param {LayeredFit} known
-   * @param {number[]} part
-   * @param {Folds} folds
-   * @param {boolean} isMoving
-   */
-  #drawMap(layered, known, part, folds, isMoving) {
+  #drawMap(layered: LayeredFit, known: LayeredFit, part: number[], folds: Folds, isMoving: boolean) {
     const { kind, editor: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, known.count);
     const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
     const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
     const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
-    /** @type {Raster} */
-    const raster = { shape: [rows, columns], origin: [a0, b0],
+    const raster: Raster = { shape: [rows, columns], origin: [a0, b0],
       spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)] };
     const dets = detsOnRaster(known, raster);
     if (kind === "area") this.#drawArea(dets, raster, part);
@@ -285,8 +270,7 @@ export class Overlay {
     this.#drawFolds(this.pieces, folds.least > 0 && folds.air > 0);
   }
 
-  /** @param {FoldPieces} pieces @param {boolean} isInAir */
-  #drawFolds({ fill, edge }, isInAir) {
+  #drawFolds({ fill, edge }: FoldPieces, isInAir: boolean) {
     if (!fill.length) return;
     const { context: c } = this, { k, x, y, ratio } = this.editor.view, red = new Path2D(), rim = new Path2D();
     for (const polygon of fill) {
@@ -307,8 +291,7 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  /** @param {ArrayLike<number>} dets @param {Raster} raster @param {number[]} part */
-  #drawArea(dets, raster, part) {
+  #drawArea(dets: ArrayLike<number>, raster: Raster, part: number[]) {
     const { shape: [rows, columns] } = raster, image = new ImageData(columns, rows), out = image.data;
     for (let n = 0, at = 0; n < dets.length; n++, at += 4) {
       if (Number.isNaN(dets[n])) continue; // a gap has no area
@@ -322,8 +305,7 @@ export class Overlay {
     if (grid && model.get("show_grid") && model.get("density") > 0) drawGrid(this.context, view, grid.lines, colours.grid);
   }
 
-  /** @param {LayeredFit} layered */
-  #drawStrain(layered) {
+  #drawStrain(layered: LayeredFit) {
     const { gridNodes, view, box: [a0, a1] } = this.editor, places = gridNodes.placesOf(layered);
     const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
     const described = `${gain} ${(cell * view.k).toFixed(0)}`;
@@ -335,14 +317,8 @@ export class Overlay {
     strainKey(this.key, gain, cell * view.k);
   }
 
-  /**
-   * Draw one pixel of an image for each node of a raster, smooth between them.
-   * @param {ImageData} image
-   * @param {{ spacing: number[], origin: number[] }} raster
-   * @param {number} alpha
-   * @param {number[]} part
-   */
-  #spread(image, { spacing: [da, db], origin: [a0, b0] }, alpha, [left, right, top, bottom]) {
+  /** Draw one pixel of an image for each node of a raster, smooth between them. */
+  #spread(image: ImageData, { spacing: [da, db], origin: [a0, b0] }: { spacing: number[], origin: number[] }, alpha: number, [left, right, top, bottom]: number[]) {
     const { context: c } = this, { k, x, y, ratio } = this.editor.view, { width, height } = image;
     Object.assign(this.small, { width, height }); // which clears it
     context2d(this.small).putImageData(image, 0, 0);
@@ -358,14 +334,10 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  /** @returns {{ width: number, height: number, legend: UncertaintyLegend }} */
-  get #uncertaintyFacts() { return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") }; }
+  get #uncertaintyFacts(): { width: number, height: number, legend: UncertaintyLegend } { return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") }; }
 
-  /**
-   * The uncertainty as Python has it, with a line at every level that the legend names.
-   * @param {number[]} part
-   */
-  #drawUncertainty(part) {
+  /** The uncertainty as Python has it, with a line at every level that the legend names. */
+  #drawUncertainty(part: number[]) {
     const { width, height, legend } = this.#uncertaintyFacts, given = this.editor.model.get("uncertainty");
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
@@ -390,11 +362,8 @@ export class Overlay {
 
   // ---- marks and words ----------------------------------------------------------------------------------------------
 
-  /**
-   * A ring around the place where the map folds most.
-   * @param {Folds | null} folds
-   */
-  #mark(folds) {
+  /** A ring around the place where the map folds most. */
+  #mark(folds: Folds | null) {
     const place = folds && folds.least <= 0 ? folds.place : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
@@ -402,25 +371,20 @@ export class Overlay {
     setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
-  /**
-   * Put the legend into a corner in which it hides no point, or few; it does not jump while something moves.
-   * @param {boolean} isMoving
-   */
-  #placeKey(isMoving) {
+  /** Put the legend into a corner in which it hides no point, or few; it does not jump while something moves. */
+  #placeKey(isMoving: boolean) {
     if (this.key.hidden || isMoving) return;
     const { view: { width, height }, points } = this.editor, air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
     const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at));
-    /** @param {string[]} corner */
-    const hidden = ([row, column]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
+    const hidden = ([row, column]: string[]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
       && (row === "top" ? y < high : y > height - high)).length;
     const [row, column] = KEY_CORNERS.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
     this.key.classList.toggle("dnb-ed-key-top", row === "top");
     this.key.classList.toggle("dnb-ed-key-right", column === "right");
   }
 
-  /** @param {string} kind */
-  #describe(kind) {
+  #describe(kind: string) {
     const legend = kind === "uncertainty" ? this.#uncertaintyFacts.legend : [], described = JSON.stringify([kind, legend]);
     if (this.select.value !== this.kind) this.select.value = this.kind;
     if (described === this.described) return;
@@ -436,16 +400,14 @@ export class Overlay {
 
   #areaKey() {
     const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS;
-    /** @param {number[]} colour */
-    const rgb = (colour) => `rgb(${colour.join(" ")})`;
+    const rgb = (colour: number[]) => `rgb(${colour.join(" ")})`;
     this.#bar("relative area", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
       [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
     setAttributes(this.key, { "aria-label": `Relative area: purple is 1/${most} or less of what it was, white ` +
       `the same, green ${most} times or more` });
   }
 
-  /** @param {UncertaintyLegend} legend */
-  #uncertaintyKey(legend) {
+  #uncertaintyKey(legend: UncertaintyLegend) {
     const colour = UNCERTAINTY_COLOUR.join(" ");
     this.key.classList.add("dnb-ed-key-wide");
     const background = `linear-gradient(to right, rgb(${colour} / 0), rgb(${colour} / ${UNCERTAINTY_ALPHA}))`;
@@ -460,13 +422,8 @@ export class Overlay {
     setAttributes(this.key, { "aria-label": `Uncertainty: ${texts || "not known yet"}` });
   }
 
-  /**
-   * A bar of colours with texts under it.
-   * @param {string} title
-   * @param {string} background
-   * @param {[share: number, text: string][]} texts
-   */
-  #bar(title, background, texts) {
+  /** A bar of colours with texts under it. */
+  #bar(title: string, background: string, texts: [share: number, text: string][]) {
     pageElement("div", "", this.key).textContent = title;
     const bar = pageElement("div", "dnb-ed-key-bar", this.key);
     bar.style.background = background;
@@ -481,11 +438,8 @@ export class Overlay {
   }
 }
 
-/**
- * Diagonal lines, light with a dark rim: a fold is seen without its colour too.
- * @param {CanvasRenderingContext2D} context
- */
-function hatchPattern(context) {
+/** Diagonal lines, light with a dark rim: a fold is seen without its colour too. */
+function hatchPattern(context: CanvasRenderingContext2D) {
   const tile = document.createElement("canvas"), size = 11;
   Object.assign(tile, { width: size, height: size });
   const c = context2d(tile);

@@ -1,33 +1,34 @@
 // Paints a warped picture and its grid on a 2D canvas.
 
-import { chosenPlace, coverage, marginOf } from "../maths/cuts.js";
-import { fieldOnRaster, isStill } from "../maths/rigid_stages.js";
-import { sampledFits } from "../maths/sampled_fit.js";
+import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
+import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
+import { sampledFits } from "../maths/sampled_fit.ts";
 
-/** @import { LayeredFit, PictureRaster, Raster } from "../types.d.ts" */
+import type { LayeredFit, PictureRaster, Raster, Vector2 } from "../types.ts";
 
-/** The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
+/**
+ * The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
  * pixels, and the ratio of the canvas's pixels to those.
- * @typedef {{ k: number, x: number, y: number, width: number, height: number, ratio: number }} View
  */
+export type View = { k: number, x: number, y: number, width: number, height: number, ratio: number };
 
-/** @typedef {Uint8Array | Uint8ClampedArray} Bytes */
-/** @typedef {ArrayBuffer | ArrayBufferView<ArrayBuffer>} Buffered */
-/** @typedef {{ pixels: Bytes, width: number, height: number }} Level the pixels of a picture at one size */
-/** What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
- * @typedef {{ share: number, opacity: number }} Original
+export type Bytes = Uint8Array | Uint8ClampedArray;
+export type Buffered = ArrayBuffer | ArrayBufferView<ArrayBuffer>;
+/** the pixels of a picture at one size */
+export type Level = { pixels: Bytes, width: number, height: number };
+/**
+ * What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
  */
-/** @typedef {{ x: number, y: number, width: number, height: number }} Part of the canvas, in its own pixels */
-/** Places of nodes in the picture.
- * @typedef {{ rows: number, columns: number, a0: number, b0: number, step: number }} Lattice
- */
-/** @typedef {{ distance: (a: number, b: number) => number }} NearRegion */
-/** p = (a - origin) * scale + shift, in pixels of a level.
- * @typedef {{ origin: number[], scale: number[], shift: number }} LevelPlaces
- */
+export type Original = { share: number, opacity: number };
+/** of the canvas, in its own pixels */
+export type Part = { x: number, y: number, width: number, height: number };
+/** Places of nodes in the picture. */
+export type Lattice = { rows: number, columns: number, a0: number, b0: number, step: number };
+export type NearRegion = { distance: (a: number, b: number) => number };
+/** p = (a - origin) * scale + shift, in pixels of a level. */
+export type LevelPlaces = { origin: number[], scale: number[], shift: number };
 
-/** @type {Original} */
-const NO_ORIGINAL = { share: 0, opacity: 0 };
+const NO_ORIGINAL: Original = { share: 0, opacity: 0 };
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
 const EVALUATIONS = 6e6; // kernel evaluations of the full picture at most: 40 ms, after the pointer has come to rest
 const MOVING_EVALUATIONS = 1.5e6; // the same while something moves: 6 ms
@@ -36,11 +37,10 @@ const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs 
 
 /**
  * The grey of each of the equally spaced values of a range, from black to white of a window.
- * @param {number} most the number of the last one
- * @param {number[]} range the values of number 0 and of the last one
- * @param {number[]} window
+ * @param most the number of the last one
+ * @param range the values of number 0 and of the last one
  */
-export function greyTable(most, [first, last], [low, high]) {
+export function greyTable(most: number, [first, last]: number[], [low, high]: number[]) {
   const table = new Uint8Array(most + 1);
   for (let k = 0; k <= most; k++) { // Uint8Array.from takes ten times as long
     const share = (first + (last - first) * k / most - low) / (high - low);
@@ -51,11 +51,14 @@ export function greyTable(most, [first, last], [low, high]) {
 
 /** The grey values of a picture, as numbers of equally spaced values of a range. */
 class GreyValues {
-  /**
-   * @param {Uint8Array | Uint16Array} numbers
-   * @param {PictureRaster} raster
-   */
-  constructor(numbers, { range, window, unit = "" }) {
+  numbers: Uint8Array<ArrayBufferLike> | Uint16Array<ArrayBufferLike>;
+  most: number;
+  range: Vector2;
+  window: Vector2;
+  unit: string;
+  least: number;
+
+  constructor(numbers: Uint8Array | Uint16Array, { range, window, unit = "" }: PictureRaster) {
     this.numbers = numbers;
     this.most = numbers instanceof Uint8Array ? 255 : 65535;
     this.range = range ?? [0, this.most];
@@ -65,8 +68,7 @@ class GreyValues {
     for (const number of numbers) this.least = Math.min(this.least, number);
   }
 
-  /** @param {number} at */
-  value(at) { return this.range[0] + (this.range[1] - this.range[0]) * this.numbers[at] / this.most; }
+  value(at: number) { return this.range[0] + (this.range[1] - this.range[0]) * this.numbers[at] / this.most; }
 }
 
 const OPAQUE = 0xff000000;
@@ -74,28 +76,28 @@ const GREYS = Uint32Array.from({ length: 256 }, (_, g) => OPAQUE | (g * 0x010101
 
 /**
  * The pixels that show the 256 numbers from black to white of a window.
- * @param {ArrayLike<number> | null | undefined} colours red, green and blue of each; none or empty for greys
+ * @param colours red, green and blue of each; none or empty for greys
  */
-export function colourTable(colours) {
+export function colourTable(colours: ArrayLike<number> | null | undefined) {
   if (colours?.length !== 768) return GREYS;
   return GREYS.map((_, g) => OPAQUE | (colours[3 * g + 2] << 16) | (colours[3 * g + 1] << 8) | colours[3 * g]);
 }
 
 /** The pixels of a picture, at as many sizes as are looked at. */
 export class PictureSource {
+  raster: PictureRaster;
+  grey: GreyValues | null;
+  channels: number;
+
   fill = 0; // beyond the picture: its smallest value, as for a volume
 
-  /** The air around the body, and the value up to which that is air. @type {{ air: number, pixels: Uint8Array } | null} */
-  around = null;
+  /** The air around the body, and the value up to which that is air. */
+  around: { air: number, pixels: Uint8Array } | null = null;
 
-  /** @type {Level[]} */
-  levels = [];
+  levels: Level[] = [];
 
-  /**
-   * @param {Bytes | GreyValues} pixels grey, or height * width * 4
-   * @param {PictureRaster} raster
-   */
-  constructor(pixels, raster) {
+  /** @param pixels grey, or height * width * 4 */
+  constructor(pixels: Bytes | GreyValues, raster: PictureRaster) {
     const [height, width] = raster.shape;
     this.raster = raster;
     this.grey = pixels instanceof GreyValues ? pixels : null;
@@ -106,9 +108,8 @@ export class PictureSource {
 
   /**
    * Show grey values from black to white of a window. The pixels are made here, once, so that warping takes no longer.
-   * @param {number[]} window
    */
-  setWindow(window) {
+  setWindow(window: number[]) {
     if (!this.grey) return;
     const { numbers, most, range, least } = this.grey, table = greyTable(most, range, window);
     const [height, width] = this.raster.shape, pixels = new Uint8Array(numbers.length);
@@ -117,11 +118,8 @@ export class PictureSource {
     this.fill = table[least];
   }
 
-  /**
-   * The grey value of the pixel at a place of the picture; null outside, and in a picture in colour.
-   * @param {number[]} place
-   */
-  valueAt([a, b]) {
+  /** The grey value of the pixel at a place of the picture; null outside, and in a picture in colour. */
+  valueAt([a, b]: number[]) {
     const { raster: { shape: [nv, nu], spacing: [du, dv], origin }, grey } = this;
     const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
     return grey && i >= 0 && j >= 0 && i < nv && j < nu ? grey.value(i * nu + j) : null;
@@ -129,10 +127,9 @@ export class PictureSource {
 
   /**
    * Whether a place of the picture lies in the body: not in the air around it, which reaches the rim of the picture.
-   * @param {number[]} place
-   * @param {number} air the value up to which there is air
+   * @param air the value up to which there is air
    */
-  isBody([a, b], air) {
+  isBody([a, b]: number[], air: number) {
     const { raster: { shape: [nv, nu], spacing: [du, dv], origin } } = this;
     const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
     if (!(i >= 0 && j >= 0 && i < nv && j < nu)) return false;
@@ -140,13 +137,11 @@ export class PictureSource {
     return this.around.pixels[i * nu + j] === 0;
   }
 
-  /** 1 at the pixels of the air that hangs together with the rim of the picture. @param {number} air */
-  #airAround(air) {
+  /** 1 at the pixels of the air that hangs together with the rim of the picture. */
+  #airAround(air: number) {
     const { raster: { shape: [nv, nu] }, grey } = this, found = new Uint8Array(nv * nu);
-    /** @type {number[]} */
-    const waiting = [];
-    /** @param {number} n */
-    const look = (n) => {
+    const waiting: number[] = [];
+    const look = (n: number) => {
       if (found[n] || !grey || !(grey.value(n) <= air)) return;
       found[n] = 1;
       waiting.push(n);
@@ -168,22 +163,15 @@ export class PictureSource {
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
-  /**
-   * The picture averaged to half its size, `level` times: a picture seen from far must not shimmer.
-   * @param {number} level
-   */
-  level(level) {
+  /** The picture averaged to half its size, `level` times: a picture seen from far must not shimmer. */
+  level(level: number) {
     while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1], this.channels));
     return this.levels[level];
   }
 }
 
-/**
- * The bytes of a PNG as a source for the painter.
- * @param {Buffered} bytes
- * @param {PictureRaster} raster
- */
-export async function decodePicture(bytes, raster) {
+/** The bytes of a PNG as a source for the painter. */
+export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
   const view = bytesOf(bytes);
   const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
     { colorSpaceConversion: "none", premultiplyAlpha: "none" });
@@ -201,40 +189,27 @@ export async function decodePicture(bytes, raster) {
   return new PictureSource(new GreyValues(numbers, raster), raster);
 }
 
-/**
- * The bytes of a trait: a front end gives a view of its buffer, or the buffer.
- * @param {Buffered} bytes
- */
-export function bytesOf(bytes) {
+/** The bytes of a trait: a front end gives a view of its buffer, or the buffer. */
+export function bytesOf(bytes: Buffered) {
   if (!ArrayBuffer.isView(bytes)) return new Uint8Array(bytes);
   return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
 }
 
-/**
- * @param {HTMLCanvasElement} canvas
- * @param {CanvasRenderingContext2DSettings} [settings]
- */
-export function context2d(canvas, settings) {
+export function context2d(canvas: HTMLCanvasElement, settings?: CanvasRenderingContext2DSettings) {
   const context = canvas.getContext("2d", settings);
   if (!context) throw new Error("this browser has no 2D canvas");
   return context;
 }
 
-/**
- * A picture averaged to half its size.
- * @param {Level} level
- * @param {number} channels
- * @returns {Level}
- */
-export function halved({ pixels, width, height }, channels) {
+/** A picture averaged to half its size. */
+export function halved({ pixels, width, height }: Level, channels: number): Level {
   const w = Math.max(1, width >> 1), h = Math.max(1, height >> 1), out = new Uint8Array(w * h * channels);
   for (let y = 0; y < h; y++) {
     const up = Math.min(2 * y, height - 1) * width, down = Math.min(2 * y + 1, height - 1) * width;
     for (let x = 0; x < w; x++) {
       const left = Math.min(2 * x, width - 1), right = Math.min(2 * x + 1, width - 1);
       for (let c = 0; c < channels; c++) {
-        /** @param {number} row @param {number} column */
-        const at = (row, column) => pixels[(row + column) * channels + c];
+        const at = (row: number, column: number) => pixels[(row + column) * channels + c];
         out[(y * w + x) * channels + c] = (at(up, left) + at(up, right) + at(down, left) + at(down, right) + 2) >> 2;
       }
     }
@@ -244,31 +219,36 @@ export function halved({ pixels, width, height }, channels) {
 
 /** Warps a picture and draws it on a canvas. */
 export class Painter {
-  /** @param {HTMLCanvasElement} canvas */
-  constructor(canvas) {
+  canvas: HTMLCanvasElement;
+  context: CanvasRenderingContext2D;
+  scratch: HTMLCanvasElement;
+  scratchContext: CanvasRenderingContext2D;
+  colours: Uint32Array<ArrayBuffer>;
+  source: PictureSource | null;
+  image: ImageData;
+  paper: number[];
+  maps: Float32Array[];
+  sampled: LayeredFit | null;
+  cost: number;
+
+  constructor(canvas: HTMLCanvasElement) {
     this.canvas = canvas;
     this.context = context2d(canvas, { alpha: false });
     this.scratch = document.createElement("canvas");
     this.scratchContext = context2d(this.scratch, { alpha: false });
     this.colours = GREYS; // of grey values
-    /** @type {PictureSource | null} */
     this.source = null;
     this.image = new ImageData(1, 1);
     this.paper = [0, 0, 0]; // red, green and blue of what lies around the picture
-    /** The places of the nodes under each fit, in pixels of a level. @type {Float32Array[]} */
+    /** The places of the nodes under each fit, in pixels of a level. */
     this.maps = [];
-    /** The fit that was painted, known at those nodes while something moves. @type {LayeredFit | null} */
+    /** The fit that was painted, known at those nodes while something moves. */
     this.sampled = null;
     this.cost = 15e-6; // milliseconds per pixel, measured from then on
   }
 
-  /**
-   * Give the canvas a size, which empties it; false if it has that size.
-   * @param {number} width
-   * @param {number} height
-   * @param {number} ratio
-   */
-  resize(width, height, ratio) {
+  /** Give the canvas a size, which empties it; false if it has that size. */
+  resize(width: number, height: number, ratio: number) {
     const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
     if (this.canvas.width === w && this.canvas.height === h) return false;
     Object.assign(this.canvas, { width: w, height: h });
@@ -277,11 +257,9 @@ export class Painter {
 
   /**
    * Paint the picture, as far as `sheet` reaches.
-   * @param {View} view
-   * @param {LayeredFit | null} fit null for the picture as it is
-   * @param {{ isMoving: boolean, paper: string, sheet?: number[], original?: Original }} options
+   * @param fit null for the picture as it is
    */
-  paint(view, fit, { isMoving, paper, sheet = this.source?.box, original = NO_ORIGINAL }) {
+  paint(view: View, fit: LayeredFit | null, { isMoving, paper, sheet = this.source?.box, original = NO_ORIGINAL }: { isMoving: boolean, paper: string, sheet?: number[], original?: Original }) {
     const start = performance.now(), { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
@@ -305,15 +283,10 @@ export class Painter {
   }
 
   /**
-   * @param {PictureSource} source
-   * @param {View} view
-   * @param {LayeredFit | null} fit
-   * @param {Part} part
-   * @param {number} step pixels of the canvas across one that is looked up
-   * @param {boolean} isMoving
-   * @param {number} opacity over what is there
+   * @param step pixels of the canvas across one that is looked up
+   * @param opacity over what is there
    */
-  #paintPart(source, view, fit, part, step, isMoving, opacity) {
+  #paintPart(source: PictureSource, view: View, fit: LayeredFit | null, part: Part, step: number, isMoving: boolean, opacity: number) {
     const { context: c } = this, w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
     this.#warp(source, view, fit, part, step, isMoving);
     if (step === 1 && opacity === 1) { c.putImageData(this.image, part.x, part.y); return; }
@@ -329,16 +302,10 @@ export class Painter {
     c.restore();
   }
 
-  /**
-   * The part of the canvas that a box on the picture's plane covers.
-   * @param {View} view
-   * @param {number[]} box
-   * @returns {Part}
-   */
-  visible({ k, x, y, ratio }, [a0, a1, b0, b1]) {
+  /** The part of the canvas that a box on the picture's plane covers. */
+  visible({ k, x, y, ratio }: View, [a0, a1, b0, b1]: number[]): Part {
     const { width, height } = this.canvas;
-    /** @param {number} value @param {number} most */
-    const clamp = (value, most) => Math.max(0, Math.min(most, Math.round(value * ratio)));
+    const clamp = (value: number, most: number) => Math.max(0, Math.min(most, Math.round(value * ratio)));
     const left = clamp(k * a0 + x, width), right = clamp(k * a1 + x, width);
     const top = clamp(k * b0 + y, height), bottom = clamp(k * b1 + y, height);
     return { x: left, y: top, width: right - left, height: bottom - top };
@@ -346,13 +313,9 @@ export class Painter {
 
   /**
    * Pixels that are looked up between the nodes at which the map is evaluated.
-   * @param {LayeredFit | null} fit
-   * @param {number} w
-   * @param {number} h
-   * @param {number} step pixels of the canvas across one that is looked up
-   * @param {boolean} isMoving
+   * @param step pixels of the canvas across one that is looked up
    */
-  latticeStep(fit, w, h, step, isMoving) {
+  latticeStep(fit: LayeredFit | null, w: number, h: number, step: number, isMoving: boolean) {
     if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
     if (isMoving) {
       return Math.max(Math.ceil(LATTICE_PIXELS / step), Math.ceil(Math.sqrt(w * h * fit.count / MOVING_EVALUATIONS)));
@@ -362,14 +325,9 @@ export class Painter {
 
   /**
    * Look every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
-   * @param {PictureSource} source
-   * @param {View} view
-   * @param {LayeredFit | null} fit
-   * @param {Part} part
-   * @param {number} step pixels of the canvas across one that is looked up
-   * @param {boolean} isMoving
+   * @param step pixels of the canvas across one that is looked up
    */
-  #warp(source, { k, x, y, ratio }, fit, part, step, isMoving) {
+  #warp(source: PictureSource, { k, x, y, ratio }: View, fit: LayeredFit | null, part: Part, step: number, isMoving: boolean) {
     const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
     const lattice = this.latticeStep(fit, w, h, step, isMoving);
     if (this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
@@ -377,13 +335,11 @@ export class Painter {
     const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
     const columns = Math.ceil((w - 1) / lattice) + 1 + (w === 1 ? 1 : 0);
     const rows = Math.ceil((h - 1) / lattice) + 1 + (h === 1 ? 1 : 0);
-    /** @type {Raster} */
-    const nodes = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
+    const nodes: Raster = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
     const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
-    /** @type {Float32Array[]} */
-    const moves = [];
+    const moves: Float32Array[] = [];
     const cutFit = fit && fit.regions.length > 0 ? fit : null, count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
       if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
@@ -412,12 +368,8 @@ export class Painter {
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper, this.colours);
   }
 
-  /**
-   * The edge of what is drawn, where its own edge is as dark as what is around.
-   * @param {View} view
-   * @param {number[]} box
-   */
-  drawFrame({ k, x, y, ratio }, [a0, a1, b0, b1]) {
+  /** The edge of what is drawn, where its own edge is as dark as what is around. */
+  drawFrame({ k, x, y, ratio }: View, [a0, a1, b0, b1]: number[]) {
     const { context: c } = this;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.strokeStyle = "rgba(255, 255, 255, 0.28)";
@@ -433,19 +385,14 @@ const CASING = "rgba(0, 0, 0, 0.45)", CASING_AWAY = 0.7, HAIRLINE = 0.9; // CSS 
 /**
  * Draw polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour. The
  * casing is a hairline along each side of the line: without a GPU a browser draws those ten times as fast as wide lines.
- * @param {CanvasRenderingContext2D} c
- * @param {View} view
- * @param {{ isEdge: boolean, runs: ArrayLike<number>[] }[]} lines
- * @param {string} colour
  */
-export function drawGrid(c, { k, x, y, ratio }, lines, colour) {
+export function drawGrid(c: CanvasRenderingContext2D, { k, x, y, ratio }: View, lines: { isEdge: boolean, runs: ArrayLike<number>[] }[], colour: string) {
   const edges = lines.filter((line) => line.isEdge).flatMap((line) => line.runs);
   const inner = lines.filter((line) => !line.isEdge).flatMap((line) => line.runs);
-  const isLevel = (/** @type {ArrayLike<number>} */ run) => (
+  const isLevel = (run: ArrayLike<number>) => (
     Math.abs(run[run.length - 2] - run[0]) > Math.abs(run[run.length - 1] - run[1]));
   const level = inner.filter(isLevel), upright = inner.filter((run) => !isLevel(run));
-  /** @param {ArrayLike<number>[]} runs @param {number} width @param {string} style @param {number} [dx] @param {number} [dy] */
-  const stroke = (runs, width, style, dx = 0, dy = 0) => {
+  const stroke = (runs: ArrayLike<number>[], width: number, style: string, dx: number = 0, dy: number = 0) => {
     c.strokeStyle = style;
     c.lineWidth = width;
     c.beginPath();
@@ -467,24 +414,10 @@ export function drawGrid(c, { k, x, y, ratio }, lines, colour) {
   c.setTransform(1, 0, 0, 1, 0, 0);
 }
 
-/**
- * A loop over the cells of the lattice row by row; places run linearly inside a cell's row.
- * @callback LookUp
- * @param {Uint32Array} out
- * @param {number} w
- * @param {number} h
- * @param {Float32Array[]} maps
- * @param {Int8Array | null} plan the index of the map that each cell shows, below 0 for none; null shows the first
- * @param {number} columns
- * @param {number} lattice
- * @param {Level} level
- * @param {number} fill the value beyond the picture
- * @param {number} rim half a pixel of the full picture: so far beyond the outer centres a place takes the edge pixel
- * @param {Uint32Array} [colours] the pixel of each grey value
- */
+/** A loop over the cells of the lattice row by row; places run linearly inside a cell's row. */
+export type LookUp = (out: Uint32Array, w: number, h: number, maps: Float32Array[], plan: Int8Array | null, columns: number, lattice: number, level: Level, fill: number, rim: number, colours?: Uint32Array) => void;
 
-/** @type {LookUp} */
-function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim, colours = GREYS) {
+const lookUpGrey: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim, colours = GREYS) => {
   const empty = colours[fill], right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
@@ -512,10 +445,9 @@ function lookUpGrey(out, w, h, maps, plan, columns, lattice, { pixels, width, he
       }
     }
   }
-}
+};
 
-/** @type {LookUp} */
-function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) {
+const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) => {
   const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
@@ -543,7 +475,7 @@ function lookUpColour(out, w, h, maps, plan, columns, lattice, { pixels, width, 
       }
     }
   }
-}
+};
 
 const LAYER_EMPTY = -1, LAYER_MIXED = -2;
 const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for those that are near
@@ -556,23 +488,31 @@ const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for t
  * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
  */
 class LayerPlan {
-  /** Regions as a cell sees them. @type {Map<number, NearRegion[]>} */
-  near = new Map();
+  layered: LayeredFit;
+  maps: Float32Array<ArrayBufferLike>[];
+  nodes: Lattice;
+  origin: number[];
+  scale: number[];
+  shift: number;
+  softness: number;
+  isMoving: boolean;
+  isShort: boolean;
+  here: Float32Array<ArrayBuffer>[];
+  depths: Float32Array<ArrayBuffer>[];
+  still: number;
+  plan: Int8Array<ArrayBuffer>;
+  fitOf: Int8Array<ArrayBuffer>;
+
+  /** Regions as a cell sees them. */
+  near: Map<number, NearRegion[]> = new Map();
 
   work = { pixels: new Float64Array(512), covers: new Float64Array(256), out: [0, 0, 1, 0] };
 
-  /** The displacement of each fit at a place. @type {number[][]} */
-  moves = [];
+  /** The displacement of each fit at a place. */
+  moves: number[][] = [];
 
-  /**
-   * @param {LayeredFit} layered
-   * @param {Float32Array[]} maps one for each fit, and the identity for regions without points, which stay
-   * @param {Lattice} nodes
-   * @param {LevelPlaces} places
-   * @param {number} softness
-   * @param {boolean} isMoving
-   */
-  constructor(layered, maps, nodes, { origin, scale, shift }, softness, isMoving) {
+  /** @param maps one for each fit, and the identity for regions without points, which stay */
+  constructor(layered: LayeredFit, maps: Float32Array[], nodes: Lattice, { origin, scale, shift }: LevelPlaces, softness: number, isMoving: boolean) {
     this.layered = layered;
     this.maps = maps;
     this.nodes = nodes;
@@ -594,16 +534,13 @@ class LayerPlan {
     }
   }
 
-  /** Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node. */
+  /**
+   * Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node.
+   */
   #measure() {
     const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this;
     const enough = 6 * step + this.softness;
-    /**
-     * @param {Float32Array} values
-     * @param {(at: number, i: number, j: number) => number} exact
-     * @param {(from: number, to: number) => number} way
-     */
-    const fill = (values, exact, way) => {
+    const fill = (values: Float32Array, exact: (at: number, i: number, j: number) => number, way: (from: number, to: number) => number) => {
       for (let i = 0, at = 0; i < rows; i++) {
         for (let j = 0; j < columns; j++, at++) {
           const before = j ? values[at - 1] : i ? values[at - columns] : 0, from = j ? at - 1 : at - columns;
@@ -622,18 +559,12 @@ class LayerPlan {
     }
   }
 
-  /** @param {number} p */
-  #a(p) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
+  #a(p: number) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
 
-  /** @param {number} q */
-  #b(q) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
+  #b(q: number) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
 
-  /**
-   * The content of all of a cell: the number of a map, nothing, or not the same everywhere.
-   * @param {number} i
-   * @param {number} j
-   */
-  #cell(i, j) {
+  /** The content of all of a cell: the number of a map, nothing, or not the same everywhere. */
+  #cell(i: number, j: number) {
     const { columns, rows, step } = this.nodes, { layered, here, still } = this, half = this.softness / 2;
     const up = i * columns, down = Math.min(i + 1, rows - 1) * columns, right = Math.min(j + 1, columns - 1);
     const p = up + j, q = up + right, r = down + j, s = down + right, reach = 0.7072 * step + half;
@@ -663,16 +594,8 @@ class LayerPlan {
     return own === still ? still : found;
   }
 
-  /**
-   * 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0.
-   * @param {number} k
-   * @param {number} p
-   * @param {number} q
-   * @param {number} r
-   * @param {number} s
-   * @param {number} half
-   */
-  #coverage(k, p, q, r, s, half) {
+  /** 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0. */
+  #coverage(k: number, p: number, q: number, r: number, s: number, half: number) {
     const map = this.maps[k], d = this.depths[k], { scale } = this;
     const least = Math.min(d[p], d[q], d[r], d[s]), most = Math.max(d[p], d[q], d[r], d[s]);
     if (least < half && most > -half) return 0;
@@ -681,19 +604,15 @@ class LayerPlan {
     return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
-  /**
-   * The cuts as one cell sees them: of long outlines only what is near.
-   * @param {number} cell
-   */
-  #regionsAt(cell) {
+  /** The cuts as one cell sees them: of long outlines only what is near. */
+  #regionsAt(cell: number) {
     if (this.isShort) return this.layered.regions;
     const made = this.near.get(cell) ?? this.#regionsNear(cell);
     this.near.set(cell, made);
     return made;
   }
 
-  /** @param {number} cell */
-  #regionsNear(cell) {
+  #regionsNear(cell: number) {
     const { layered: { regions }, maps, nodes: { columns, rows, step, a0, b0 } } = this;
     const j = cell % columns, i = (cell - j) / columns, a = a0 + (j + 0.5) * step, b = b0 + (i + 0.5) * step;
     let radius = 0.7072 * step;
@@ -709,25 +628,16 @@ class LayerPlan {
 
   /**
    * Look up one pixel: writes [p, q, opacity] in pixels of the level.
-   * @param {number} cell
-   * @param {number} s the place of the pixel in its cell
-   * @param {number} t
-   * @param {number[]} out
+   * @param s the place of the pixel in its cell
    */
-  look(cell, s, t, out) {
+  look(cell: number, s: number, t: number, out: number[]) {
     // Between several cuts, one distance does not decide what stays.
     if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
     else this.#lookExactly(cell, s, t, out);
   }
 
-  /**
-   * Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact.
-   * @param {number} cell
-   * @param {number} s
-   * @param {number} t
-   * @param {number[]} out
-   */
-  #lookQuickly(cell, s, t, out) {
+  /** Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact. */
+  #lookQuickly(cell: number, s: number, t: number, out: number[]) {
     const { layered, depths, here, softness, work } = this, { columns, rows } = this.nodes, { covers } = work;
     const e = cell % columns < columns - 1 ? 1 : 0, d = cell < (rows - 1) * columns ? columns : 0;
     let key = 0, inside = Infinity, still = 1, sum = 0, best = 0;
@@ -756,8 +666,7 @@ class LayerPlan {
     out[1] = between(map, 2 * cell + 1, 2 * e, 2 * d, s, t);
   }
 
-  /** @param {number} cell @param {number} s @param {number} t @param {number[]} out */
-  #lookExactly(cell, s, t, out) {
+  #lookExactly(cell: number, s: number, t: number, out: number[]) {
     const { columns } = this.nodes, { layered, maps, moves, work } = this, j = cell % columns, i = (cell - j) / columns;
     const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
     const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
@@ -778,51 +687,27 @@ class LayerPlan {
     }
   }
 
-  /** @param {number} k */
-  move = (k) => this.moves[k];
+  move = (k: number) => this.moves[k];
 }
 
-/**
- * Bilinear between four nodes.
- * @param {Float32Array} values
- * @param {number} at
- * @param {number} east
- * @param {number} south
- * @param {number} s
- * @param {number} t
- */
-export function between(values, at, east, south, s, t) {
+/** Bilinear between four nodes. */
+export function between(values: Float32Array, at: number, east: number, south: number, s: number, t: number) {
   const p = values[at], r = values[at + south], top = p + s * (values[at + east] - p);
   return top + t * (r + s * (values[at + south + east] - r) - top);
 }
 
-/**
- * The distance of two nodes' images in the picture.
- * @param {Float32Array} map
- * @param {number} m
- * @param {number} n
- * @param {number[]} scale
- */
-function wayBetween(map, m, n, scale) {
+/** The distance of two nodes' images in the picture. */
+function wayBetween(map: Float32Array, m: number, n: number, scale: number[]) {
   const a = (map[2 * m] - map[2 * n]) / scale[0], b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
   return Math.sqrt(a * a + b * b);
 }
 
 /**
  * The pixels of all cells that show more than one map, or nothing.
- * @param {Uint32Array} out
- * @param {number} w
- * @param {number} h
- * @param {LayerPlan} layers
- * @param {number} lattice
- * @param {Level} level
- * @param {number} channels
- * @param {number} fill
- * @param {number} rim
- * @param {number[]} paper red, green and blue
- * @param {Uint32Array} colours the pixel of each grey value
+ * @param paper red, green and blue
+ * @param colours the pixel of each grey value
  */
-function lookUpLayers(out, w, h, layers, lattice, { pixels, width, height }, channels, fill, rim, paper, colours) {
+function lookUpLayers(out: Uint32Array, w: number, h: number, layers: LayerPlan, lattice: number, { pixels, width, height }: Level, channels: number, fill: number, rim: number, paper: number[], colours: Uint32Array) {
   const { plan, nodes: { columns } } = layers, seen = [0, 0, 1], right = width - 1, bottom = height - 1;
   const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
   for (let y = 0; y < h; y++) {

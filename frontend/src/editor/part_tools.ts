@@ -1,38 +1,40 @@
 // The editor's tools for the motion of the chosen rigid part: it is dragged by its inside, turned by its ring, and its
 // pivot is set by a cross. The points that it carries go with it.
 
-import { shownLength } from "../maths/numbers.js";
-import { changed, cleanShapes, sameShapes } from "../maths/points.js";
-import { carriedPoints, heldPoints } from "../maths/rigid_stages.js";
+import { shownLength } from "../maths/numbers.ts";
+import { changed, cleanShapes, sameShapes } from "../maths/points.ts";
+import { carriedPoints, heldPoints } from "../maths/rigid_stages.ts";
 import {
   motionWords, partTurned, pivotOf, placeBefore, placeMoved, SHAPE_NAMES, shapeName, turnAndShift, withShape,
-} from "../maths/shapes.js";
-import { MotionHandles } from "./motion_handles.js";
+} from "../maths/shapes.ts";
+import { MotionHandles } from "./motion_handles.ts";
 
-/** @import { PartData, Point, Shapes } from "../types.d.ts" */
-/** @import { EditorView } from "./editor.js" */
-/** @import { PartHandle } from "./motion_handles.js" */
+import type { PartData, Point, Shapes } from "../types.ts";
+import type { EditorView } from "./editor.ts";
+import type { PartHandle } from "./motion_handles.ts";
 
-/** A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
- * @typedef {{ shapes: Shapes, points: Point[], held: number[] }} PartState
+/**
+ * A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
  */
+export type PartState = { shapes: Shapes, points: Point[], held: number[] };
 
-/** The state before a drag, and that which is shown now.
- * @typedef {{ part: PartData, index: number, handle: PartHandle, points: Point[], shapes: Shapes, wasFine: boolean,
- *   start: number[], now: PartState }} PartDrag
- */
+/** The state before a drag, and that which is shown now. */
+export type PartDrag = { part: PartData, index: number, handle: PartHandle, points: Point[], shapes: Shapes, wasFine: boolean, start: number[], now: PartState };
 
 const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift goes in steps of the second
 const ALONE = "nothing holds what is around it: add points there, or a fixed side";
-/** @type {Record<PartHandle, string>} */
-const VERBS = { move: "move", turn: "turn", pivot: "move the pivot of" };
+const VERBS: Record<PartHandle, string> = { move: "move", turn: "turn", pivot: "move the pivot of" };
 
 export class PartTools {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  handles: MotionHandles;
+  drag0: PartDrag | null;
+  isLive: boolean;
+  isSent: boolean;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.handles = new MotionHandles(editor.svg, editor.shapeTools.handles.grips);
-    /** @type {PartDrag | null} */
     this.drag0 = null;
     this.isLive = false; // whether the part has moved since Python was told
     this.isSent = false; // whether Python has been told anything of this drag
@@ -55,25 +57,16 @@ export class PartTools {
 
   /**
    * The state with a part of another motion. Points that contradict it there are left out until the user has decided.
-   * @param {PartData} before
-   * @param {PartData} after
-   * @param {number} index
-   * @param {{ points: Point[], shapes: Shapes }} start
-   * @returns {PartState}
    */
-  #stateOf(before, after, index, start) {
+  #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[], shapes: Shapes }): PartState {
     const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) }, { strength } = this.editor;
     const points = carriedPoints(start.points, before, after);
     const held = heldPoints(points, shapes.parts, strength).map(({ point }) => point.id);
     return { shapes, points, held };
   }
 
-  /**
-   * Take other parts that Python proposes, after a question about the points that contradict them.
-   * @param {PartData[]} proposed
-   * @param {string} kind
-   */
-  propose(proposed, kind) {
+  /** Take other parts that Python proposes, after a question about the points that contradict them. */
+  propose(proposed: PartData[], kind: string) {
     const { editor } = this, before = editor.shapes.parts, parts = cleanShapes(proposed, "parts", before);
     let { points } = editor;
     parts.forEach((part, k) => {
@@ -85,12 +78,8 @@ export class PartTools {
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
-  /**
-   * Begin a drag at a place of the view.
-   * @param {PartHandle} handle
-   * @param {number[]} from
-   */
-  beginDrag(handle, from) {
+  /** Begin a drag at a place of the view. */
+  beginDrag(handle: PartHandle, from: number[]) {
     const { editor, editor: { points, shapes } } = this, own = this.#own;
     if (editor.isLocked || !own) return;
     this.drag0 = { ...own, handle, points, shapes, wasFine: !editor.error, start: editor.placeAt(from),
@@ -101,10 +90,9 @@ export class PartTools {
 
   /**
    * Move, turn or shift the pivot to a place of the view, as far as the map stays free of folds.
-   * @param {number[]} at
-   * @param {boolean} isStepped whether a turn goes in steps
+   * @param isStepped whether a turn goes in steps
    */
-  drag(at, isStepped) {
+  drag(at: number[], isStepped: boolean) {
     const { editor, drag0 } = this;
     if (!drag0) return;
     const { part, index, handle } = drag0, to = editor.placeAt(at);
@@ -134,11 +122,9 @@ export class PartTools {
 
   /**
    * What the hint says during a drag.
-   * @param {PartData} part
-   * @param {PartHandle} handle
-   * @param {number} held how many points contradict the part
+   * @param held how many points contradict the part
    */
-  #words(part, handle, held) {
+  #words(part: PartData, handle: PartHandle, held: number) {
     if (handle === "pivot") return `pivot at ${placeMoved(part.motion, pivotOf(part)).map(shownLength).join(", ")}`;
     const { editor: { layered } } = this, words = motionWords(part) || "where it was";
     const isAlone = (layered?.fits ?? []).every(({ fit }) => fit.count === 0 && (fit.rigid?.length ?? 0) < 2);
@@ -146,8 +132,7 @@ export class PartTools {
       .filter(Boolean).join("; ");
   }
 
-  /** @param {boolean} isCancelled */
-  endDrag(isCancelled) {
+  endDrag(isCancelled: boolean) {
     const { editor, drag0 } = this;
     this.drag0 = null;
     if (!drag0) return;
@@ -160,14 +145,7 @@ export class PartTools {
     if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
   }
 
-  /**
-   * @param {PartData} before
-   * @param {PartData} after
-   * @param {number} index
-   * @param {string} kind
-   * @param {{ wasFine?: boolean, join?: string | null }} [how]
-   */
-  #edit(before, after, index, kind, { wasFine, join } = {}) {
+  #edit(before: PartData, after: PartData, index: number, kind: string, { wasFine, join }: { wasFine?: boolean, join?: string | null } = {}) {
     const { editor } = this, { shapes, points } = this.#stateOf(before, after, index, editor);
     const isDone = editor.shapeTools.edit("parts", shapes.parts, kind, { wasFine, points, join });
     if (isDone) editor.announce(`${shapeName(after, "parts", index)} ${motionWords(after) || "where it was"}`);
@@ -176,13 +154,8 @@ export class PartTools {
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
-  /**
-   * Move the part, or its pivot, by so many pixels of the picture.
-   * @param {number[]} way
-   * @param {number} pixels
-   * @param {PartHandle} handle
-   */
-  nudge([dx, dy], pixels, handle = "move") {
+  /** Move the part, or its pivot, by so many pixels of the picture. */
+  nudge([dx, dy]: number[], pixels: number, handle: PartHandle = "move") {
     const { editor } = this, own = this.#own, [du, dv] = editor.model.get("raster").spacing;
     if (!own || editor.isLocked) return;
     const { part, index } = own, by = [dx * pixels * du, dy * pixels * dv];
@@ -192,12 +165,8 @@ export class PartTools {
     editor.drawNow();
   }
 
-  /**
-   * Turn the part by one step, clockwise for 1.
-   * @param {number} way
-   * @param {boolean} isLarge
-   */
-  turnKey(way, isLarge) {
+  /** Turn the part by one step, clockwise for 1. */
+  turnKey(way: number, isLarge: boolean) {
     const { editor } = this, own = this.#own;
     if (!own || editor.isLocked) return;
     const { part, index } = own, { angle, shift } = turnAndShift(part);
@@ -214,16 +183,10 @@ export class PartTools {
     this.#edit(part, { ...part, motion: null }, index, `put back ${part.name || SHAPE_NAMES.parts}`);
   }
 
-  /**
-   * The part with its pivot on the way from one place to another, held to the picture. Its motion stays.
-   * @param {PartData} part
-   * @param {number[]} from
-   * @param {number[]} to
-   */
-  #pivoting(part, from, to) {
+  /** The part with its pivot on the way from one place to another, held to the picture. Its motion stays. */
+  #pivoting(part: PartData, from: number[], to: number[]) {
     const [a0, a1, b0, b1] = this.editor.sheet, [a, b] = placeMoved(part.motion, pivotOf(part));
-    /** @param {number} share @returns {PartData} */
-    return (share) => {
+    return (share: number): PartData => {
       const at = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
       const inside = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
       return { ...part, pivot: placeBefore(part.motion, inside) };
@@ -231,36 +194,21 @@ export class PartTools {
   }
 }
 
-/**
- * The points with some of them switched off.
- * @param {Point[]} points
- * @param {number[]} ids
- */
-function without(points, ids) { return ids.length ? changed(points, ids, () => ({ active: false })) : points; }
+/** The points with some of them switched off. */
+function without(points: Point[], ids: number[]) { return ids.length ? changed(points, ids, () => ({ active: false })) : points; }
 
-/**
- * A part on the way from one place to another.
- * @param {PartData} part
- * @param {number[]} from
- * @param {number[]} to
- */
-function moving(part, from, to) {
+/** A part on the way from one place to another. */
+function moving(part: PartData, from: number[], to: number[]) {
   const { angle, shift } = turnAndShift(part);
-  return (/** @type {number} */ share) => (
+  return (share: number) => (
     partTurned(part, angle, shift.map((value, c) => value + share * (to[c] - from[c]))));
 }
 
-/**
- * A part that turns about its pivot as a pointer does from one place to another.
- * @param {PartData} part
- * @param {number[]} from
- * @param {number[]} to
- * @param {boolean} isStepped
- */
-function turning(part, from, to, isStepped) {
+/** A part that turns about its pivot as a pointer does from one place to another. */
+function turning(part: PartData, from: number[], to: number[], isStepped: boolean) {
   const { angle, shift } = turnAndShift(part), [a, b] = placeMoved(part.motion, pivotOf(part));
   const [x, y] = [from[0] - a, from[1] - b], [u, v] = [to[0] - a, to[1] - b], step = TURN_STEPS[1] * Math.PI / 180;
   const by = Math.atan2(x * v - y * u, x * u + y * v);
   const way = isStepped ? step * Math.round((angle + by) / step) - angle : by;
-  return (/** @type {number} */ share) => partTurned(part, angle + share * way, shift);
+  return (share: number) => partTurned(part, angle + share * way, shift);
 }

@@ -1,45 +1,40 @@
 // The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and strokes of brushes.
 
-import { treeOf } from "../ui/dom.js";
-import { Stroke } from "../maths/brushes.js";
-import { placeOf } from "../maths/cuts.js";
-import { shownLength } from "../maths/numbers.js";
-import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.js";
-import { RbfError, rbfLabel } from "../maths/rbf.js";
-import { heldPoints, partLabel } from "../maths/rigid_stages.js";
-import { placeSeen } from "../maths/warp_map.js";
-import { MOST_CHARACTERS } from "../sync/edits.js";
-import { pointLabel } from "./handles.js";
+import { treeOf } from "../ui/dom.ts";
+import { Stroke } from "../maths/brushes.ts";
+import { placeOf } from "../maths/cuts.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.ts";
+import { RbfError, rbfLabel } from "../maths/rbf.ts";
+import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
+import { placeSeen } from "../maths/warp_map.ts";
+import { MOST_CHARACTERS } from "../sync/edits.ts";
+import { pointLabel } from "./handles.ts";
 
-/** @import { LayeredFit, PartData, Point, Shapes } from "../types.d.ts" */
-/** @import { EditorView } from "./editor.js" */
-/** @typedef {"target" | "source" | "both"} Moved the places of points that a drag moves */
-/** @typedef {{ points: Point[], ids: number[], about: number[] }} Turn points, ids of those that turn, the centre */
-/** @typedef {{ point: Point, part: PartData }} Held a point that a rigid part does not let in */
+import type { LayeredFit, PartData, Point, Shapes } from "../types.ts";
+import type { EditorView } from "./editor.ts";
+/** the places of points that a drag moves */
+export type Moved = "target" | "source" | "both";
+/** points, ids of those that turn, the centre */
+export type Turn = { points: Point[], ids: number[], about: number[] };
+/** a point that a rigid part does not let in */
+export type Held = { point: Point, part: PartData };
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
 
 /**
  * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
- * @param {Point[]} before
- * @param {Point[]} points
- * @param {PartData[]} parts
- * @param {number} strength
- * @returns {{ points: Point[], held: Held[] }}
  */
-function allowedMove(before, points, parts, strength) {
+function allowedMove(before: Point[], points: Point[], parts: PartData[], strength: number): { points: Point[], held: Held[] } {
   if (!parts.length) return { points, held: [] };
   const was = new Set(heldPoints(before, parts, strength).map(({ point }) => point.id));
-  /** @param {Point[]} given */
-  const heldIn = (given) => heldPoints(given, parts, strength).filter(({ point }) => !was.has(point.id));
+  const heldIn = (given: Point[]) => heldPoints(given, parts, strength).filter(({ point }) => !was.has(point.id));
   const held = heldIn(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
-  /** @param {number[]} p @param {number[]} q @param {number} t */
-  const way = (p, q, t) => p.map((v, c) => v + t * (q[c] - v));
-  /** @param {number} t */
-  const between = (t) => before.map((p) => {
+  const way = (p: number[], q: number[], t: number) => p.map((v, c) => v + t * (q[c] - v));
+  const between = (t: number) => before.map((p) => {
     const { source, target } = then.get(p.id) ?? p;
     return { ...p, source: way(p.source, source, t), target: way(p.target, target, t) };
   });
@@ -54,10 +49,15 @@ function allowedMove(before, points, parts, strength) {
 
 /** Edits of the control points. */
 export class PointTools {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  drag0: Point[] | null;
+  isLive: boolean;
+  isSent: boolean;
+  strokeSide: number;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
-    /** The points before a drag, null while there is none. @type {Point[] | null} */
+    /** The points before a drag, null while there is none. */
     this.drag0 = null;
     this.isLive = false; // whether points on their way have not been sent yet
     this.isSent = false; // whether points of this drag have been sent
@@ -68,11 +68,10 @@ export class PointTools {
 
   /**
    * Replace the list of points, unless it cannot be fitted while the present one can: then the reason is shown.
-   * @param {Point[]} points
-   * @param {string} kind the name of the edit
-   * @param {string | null} join edits with the same one in quick succession are undone as one
+   * @param kind the name of the edit
+   * @param join edits with the same one in quick succession are undone as one
    */
-  edit(points, kind = "move", join = null) {
+  edit(points: Point[], kind: string = "move", join: string | null = null) {
     const { editor } = this;
     if (editor.isLocked || samePoints(points, editor.points)) return false;
     if (!editor.error && !this.accepts(points)) return false;
@@ -84,22 +83,13 @@ export class PointTools {
     return true;
   }
 
-  /**
-   * The same with its mirror image, if the mirror is on.
-   * @param {Point[]} points
-   * @param {string} kind
-   * @param {string | null} join
-   */
-  change(points, kind, join = null) {
+  /** The same with its mirror image, if the mirror is on. */
+  change(points: Point[], kind: string, join: string | null = null) {
     return this.edit(this.symmetric(this.editor.points, points, 0, kind === "add"), kind, join);
   }
 
-  /**
-   * Whether a fit is possible; if not, the reason is shown.
-   * @param {Point[]} points
-   * @param {Partial<Shapes>} shapes
-   */
-  accepts(points, shapes = this.editor.shapes) {
+  /** Whether a fit is possible; if not, the reason is shown. */
+  accepts(points: Point[], shapes: Partial<Shapes> = this.editor.shapes) {
     const { editor } = this;
     try { editor.fitOf(points, shapes); } catch (error) {
       if (!(error instanceof RbfError)) throw error;
@@ -113,11 +103,8 @@ export class PointTools {
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
-  /**
-   * Begin a drag of these points, which may have one more than the editor.
-   * @param {Point[]} points
-   */
-  beginDrag(points = this.editor.points) {
+  /** Begin a drag of these points, which may have one more than the editor. */
+  beginDrag(points: Point[] = this.editor.points) {
     const { editor } = this;
     if (editor.isLocked) return false;
     editor.points = points;
@@ -128,13 +115,10 @@ export class PointTools {
 
   /**
    * Move points by CSS pixels since the drag began.
-   * @param {number[]} ids
-   * @param {number[]} by
-   * @param {Moved} what
-   * @param {number} id the point under the pointer
-   * @param {boolean} isLoose whether that one need not keep to the grid
+   * @param id the point under the pointer
+   * @param isLoose whether that one need not keep to the grid
    */
-  drag(ids, by, what, id, isLoose = false) {
+  drag(ids: number[], by: number[], what: Moved, id: number, isLoose: boolean = false) {
     const { editor, drag0 } = this;
     if (!drag0) return;
     if (!ids.length) { this.hintLocked([id]); return; }
@@ -145,10 +129,8 @@ export class PointTools {
 
   /**
    * Show points on their way, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is the start.
-   * @param {Point[]} drag0
-   * @param {(share: number) => Point[]} make
    */
-  #show(drag0, make) {
+  #show(drag0: Point[], make: (share: number) => Point[]) {
     const { editor } = this, { shapes } = editor;
     const { points: wanted } = editor.foldStop.limit((share) => ({ points: make(share), shapes }));
     const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
@@ -158,8 +140,7 @@ export class PointTools {
     this.#follow(points);
   }
 
-  /** @param {Point[]} points */
-  #follow(points) {
+  #follow(points: Point[]) {
     this.editor.points = points;
     this.editor.changed(true);
     this.isLive = true;
@@ -176,17 +157,12 @@ export class PointTools {
     editor.partTools.sendMove();
   }
 
-  /** @param {Held} held */
-  #hintHeld({ point, part }) {
+  #hintHeld({ point, part }: Held) {
     const why = part.motion ? "has a motion of its own" : "is fixed";
     this.editor.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
-  /**
-   * @param {boolean} isCancelled
-   * @param {string} kind
-   */
-  endDrag(isCancelled, kind = "move") {
+  endDrag(isCancelled: boolean, kind: string = "move") {
     const { editor, drag0 } = this, { points } = editor;
     this.drag0 = null;
     editor.sender.drawn = editor.rate.taken();
@@ -201,30 +177,22 @@ export class PointTools {
 
   // ---- single edits -------------------------------------------------------------------------------------------------
 
-  /**
-   * Those that may be changed, with the rims that go along; a hint if there are none.
-   * @param {number[]} ids
-   */
-  freed(ids) {
+  /** Those that may be changed, with the rims that go along; a hint if there are none. */
+  freed(ids: number[]) {
     const free = freeIds(this.editor.points, withRims(this.editor.points, ids));
     if (ids.length && !free.length) this.hintLocked(ids);
     return free;
   }
 
-  /** @param {number[]} ids */
-  hintLocked([id]) {
+  hintLocked([id]: number[]) {
     const p = this.editor.pointOf(id);
     if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /**
    * Move the selected points, or the one in focus, by so many pixels of the picture; without any, move the view.
-   * @param {number | null} focused
-   * @param {number[]} way
-   * @param {number} pixels
-   * @param {Moved} what
    */
-  nudge(focused, [dx, dy], pixels, what) {
+  nudge(focused: number | null, [dx, dy]: number[], pixels: number, what: Moved) {
     const { editor } = this, ids = editor.idsAt(focused);
     if (ids.length === 0) { editor.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
     if (focused !== null && !editor.selected.has(focused)) editor.select([focused]);
@@ -237,10 +205,8 @@ export class PointTools {
   /**
    * A function of places of the picture: the source of a point there that moves nothing, null in a gap. As drags are
    * magnified by the strength, a feature must come from target + D / strength to be seen at the target.
-   * @param {LayeredFit | null} layered
-   * @returns {(target: number[]) => number[] | null}
    */
-  #sourcesOf(layered) {
+  #sourcesOf(layered: LayeredFit | null): (target: number[]) => number[] | null {
     const strength = this.editor.strength || 1;
     return (target) => {
       const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : [0, 0, 1];
@@ -248,11 +214,8 @@ export class PointTools {
     };
   }
 
-  /**
-   * The place of the original picture that is seen at a place, null in a gap.
-   * @param {number[]} place
-   */
-  seenAt([a, b]) {
+  /** The place of the original picture that is seen at a place, null in a gap. */
+  seenAt([a, b]: number[]) {
     const { editor } = this, layered = editor.isComparing ? null : editor.layered;
     const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1];
     return opacity < 0.5 ? null : [a + da, b + db];
@@ -261,10 +224,10 @@ export class PointTools {
   /**
    * Add a point that holds what is seen at a place of the view: its source is where the map leads, so nothing
    * moves.
-   * @param {number[]} at CSS pixels
-   * @returns {number | null} its id, that of a point which is there already, or null in a gap
+   * @param at CSS pixels
+   * @returns its id, that of a point which is there already, or null in a gap
    */
-  addAt([x, y], isLoose = false) {
+  addAt([x, y]: number[], isLoose = false): number | null {
     const { editor } = this, [near] = editor.points.map((p) => {
       const [px, py] = editor.onView(p.target);
       return { id: p.id, away: Math.hypot(px - x, py - y) };
@@ -281,12 +244,8 @@ export class PointTools {
 
   addInMiddle() { this.addAt([this.editor.view.width / 2, this.editor.view.height / 2]); }
 
-  /**
-   * Select a point, give it the focus, and describe it to a screen reader.
-   * @param {number} id
-   * @param {string} remark
-   */
-  present(id, remark) {
+  /** Select a point, give it the focus, and describe it to a screen reader. */
+  present(id: number, remark: string) {
     const { editor } = this, p = editor.pointOf(id);
     editor.select([id]);
     editor.drawNow();
@@ -294,8 +253,7 @@ export class PointTools {
     if (p) editor.announce(`${pointLabel(p)}, ${remark}`);
   }
 
-  /** @param {number[]} wanted */
-  remove(wanted) {
+  remove(wanted: number[]) {
     const { editor } = this, ids = this.freed(wanted), at = editor.points.findIndex((p) => p.id === ids[0]);
     const hadFocus = editor.svg.contains(treeOf(editor.root).activeElement);
     if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
@@ -306,8 +264,7 @@ export class PointTools {
     else if (hadFocus) editor.focusStage();
   }
 
-  /** @param {number} id */
-  rename(id) {
+  rename(id: number) {
     const { editor } = this, p = editor.pointOf(id);
     if (!p || editor.isLocked) return;
     editor.promptName(p.name, `point ${id}`, editor.onView(p.target), {
@@ -316,14 +273,10 @@ export class PointTools {
     });
   }
 
-  /** @param {number[]} ids */
-  switch(ids) { this.change(switchedPoints(this.editor.points, ids), "switch"); }
+  switch(ids: number[]) { this.change(switchedPoints(this.editor.points, ids), "switch"); }
 
-  /**
-   * Put these points back where they were taken, all if there are none.
-   * @param {number[]} ids
-   */
-  reset(ids) {
+  /** Put these points back where they were taken, all if there are none. */
+  reset(ids: number[]) {
     const { points } = this.editor;
     this.change(resetPoints(points, this.freed(ids.length ? ids : points.map((p) => p.id))), "reset");
   }
@@ -335,8 +288,7 @@ export class PointTools {
     return { on: Boolean(on), axis: String(axis), at: Number(at ?? this.#middle(axis)) };
   }
 
-  /** @param {string} axis */
-  #middle(axis) {
+  #middle(axis: string) {
     const [a0, a1, b0, b1] = this.editor.box;
     return axis === "a" ? (a0 + a1) / 2 : (b0 + b1) / 2;
   }
@@ -347,8 +299,7 @@ export class PointTools {
     return { axis: 0.5 * pixel, partner: pixel };
   }
 
-  /** @param {{ on: boolean, axis?: string, at?: number }} change */
-  #setMirror(change) {
+  #setMirror(change: { on: boolean, axis?: string, at?: number }) {
     this.editor.set("mirror", { ...this.mirror, ...change });
     const { on, axis } = this.mirror, line = axis === "a" ? "upright" : "level";
     if (on) this.editor.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
@@ -361,12 +312,8 @@ export class PointTools {
     this.#setMirror({ on: true, axis, at: this.#middle(axis) });
   }
 
-  /**
-   * Move the axis; Python gets it at the end.
-   * @param {number} at
-   * @param {boolean} isEnd
-   */
-  moveAxis(at, isEnd) {
+  /** Move the axis; Python gets it at the end. */
+  moveAxis(at: number, isEnd: boolean) {
     const { editor } = this, c = this.mirror.axis === "a" ? 0 : 1;
     const [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
     editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
@@ -374,27 +321,21 @@ export class PointTools {
     editor.invalidate();
   }
 
-  /**
-   * The side of the mirror on which a point was taken: 1, -1, or 0 on the axis and without a mirror.
-   * @param {number} id
-   */
-  #sideOf(id) {
+  /** The side of the mirror on which a point was taken: 1, -1, or 0 on the axis and without a mirror. */
+  #sideOf(id: number) {
     const { mirror } = this, p = this.editor.pointOf(id);
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
   /**
    * An edit from `before` to `after` with its mirror image.
-   * @param {Point[]} before
-   * @param {Point[]} after
-   * @param {number} lead the side that decides, or 0
-   * @param {boolean} holds whether new points take hold of what is seen, on both sides
+   * @param lead the side that decides, or 0
+   * @param holds whether new points take hold of what is seen, on both sides
    */
-  symmetric(before, after, lead = 0, holds = false) {
+  symmetric(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
     const { mirror, editor } = this, { layered } = editor, near = this.#mirrorNear;
     if (!mirror.on) return after;
-    /** @param {number[]} source */
-    const seenAt = (source) => (holds && layered && editor.strength === 1 && !editor.isOriginal
+    const seenAt = (source: number[]) => (holds && layered && editor.strength === 1 && !editor.isOriginal
       ? placeSeen(layered, source, 1e-6 * near.axis) : null);
     return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
   }
@@ -415,28 +356,18 @@ export class PointTools {
     if (snap > 0) this.editor.hint(`Targets keep to a grid of ${shownLength(snap)}; hold Alt to go between`, 4000);
   }
 
-  /**
-   * The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller.
-   * @param {number[]} place
-   */
-  #snappedPlace([a, b]) {
+  /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
+  #snappedPlace([a, b]: number[]) {
     const { snap } = this, cell = this.#cell, [a0, a1, b0, b1] = this.editor.box;
     if (!(snap > 0)) return [a, b];
     const isDrawn = Math.abs(snap - cell) < 1e-6 * cell;
-    /** @param {number} length */
-    const whole = (length) => (isDrawn ? length / Math.max(1, Math.round(length / snap)) : snap);
+    const whole = (length: number) => (isDrawn ? length / Math.max(1, Math.round(length / snap)) : snap);
     const [da, db] = [whole(a1 - a0), whole(b1 - b0)];
     return [a0 + da * Math.round((a - a0) / da), b0 + db * Math.round((b - b0) / db)];
   }
 
-  /**
-   * The way that brings the point under the pointer onto a node; the others go with it.
-   * @param {number} id
-   * @param {number[]} way
-   * @param {Moved} what
-   * @param {boolean} isLoose
-   */
-  #snappedWay(id, way, what, isLoose) {
+  /** The way that brings the point under the pointer onto a node; the others go with it. */
+  #snappedWay(id: number, way: number[], what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap > 0)) return way;
     const [a, b] = p[what], to = this.#snappedPlace([a + way[0], b + way[1]]);
@@ -445,11 +376,8 @@ export class PointTools {
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------
 
-  /**
-   * The points that a turn of the selection turns. A single point gets a rim, which turns around it.
-   * @returns {Turn | null}
-   */
-  #turnables() {
+  /** The points that a turn of the selection turns. A single point gets a rim, which turns around it. */
+  #turnables(): Turn | null {
     const { editor } = this, { points } = editor, chosen = points.filter((p) => editor.selected.has(p.id) && !p.locked);
     if (!chosen.length) { this.hintLocked([...editor.selected]); return null; }
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
@@ -464,10 +392,9 @@ export class PointTools {
 
   /**
    * Turn or scale by a key. Quick presses are undone as one.
-   * @param {number} way -1 or 1
-   * @param {{ isLarge: boolean, isScale: boolean }} how
+   * @param way 1 or 1
    */
-  turnKey(way, how) {
+  turnKey(way: number, how: { isLarge: boolean, isScale: boolean }) {
     const { editor } = this, [angle, factor] = turnOfKey(way, how), turn = editor.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
@@ -483,13 +410,8 @@ export class PointTools {
     return turn;
   }
 
-  /**
-   * Turn and scale since the drag began.
-   * @param {Turn} turn
-   * @param {number} angle
-   * @param {number} factor
-   */
-  turnTo({ points, ids, about }, angle, factor) {
+  /** Turn and scale since the drag began. */
+  turnTo({ points, ids, about }: Turn, angle: number, factor: number) {
     const { drag0 } = this;
     if (!drag0) return;
     this.#show(drag0, (t) => this.symmetric(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
@@ -498,8 +420,7 @@ export class PointTools {
 
   // ---- locks --------------------------------------------------------------------------------------------------------
 
-  /** @param {number[]} ids */
-  toggleLock(ids) {
+  toggleLock(ids: number[]) {
     const { editor } = this;
     if (!ids.length) { editor.hint("Select points to lock them"); return; }
     if (!this.edit(lockedPoints(editor.points, ids), "lock")) return;
@@ -509,17 +430,11 @@ export class PointTools {
 
   // ---- strokes of brushes -------------------------------------------------------------------------------------------
 
-  /**
-   * Begin a stroke; null and a hint where none can begin.
-   * @param {number[]} place
-   * @param {number} radius
-   * @param {string} tool
-   */
-  beginStroke(place, radius, tool) {
+  /** Begin a stroke; null and a hint where none can begin. */
+  beginStroke(place: number[], radius: number, tool: string) {
     const { editor, mirror } = this, { settings } = editor;
     if (editor.isLocked) return null;
-    /** @param {number[]} at */
-    const isNear = (at) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
+    const isNear = (at: number[]) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
     const stroke = new Stroke(editor.points, place, radius, { tool, box: editor.box,
       id: nextId(editor.points, editor.sender.nextId),
       reach: typeof settings.support === "number" ? settings.support : 0,
@@ -532,11 +447,8 @@ export class PointTools {
     return stroke;
   }
 
-  /**
-   * Show the picture with a stroke as it is now; false where it must not go on.
-   * @param {Stroke} stroke
-   */
-  paintStroke(stroke) {
+  /** Show the picture with a stroke as it is now; false where it must not go on. */
+  paintStroke(stroke: Stroke) {
     const { editor, drag0 } = this;
     if (!drag0) return false;
     const points = this.symmetric(drag0, stroke.points, this.strokeSide), { shapes: { parts }, strength } = editor;

@@ -1,63 +1,42 @@
 // Pointers, the wheel and keys of the editor, turned into calls of its tools. The keys are listed in ui/keys.js.
 
-import { shownLength } from "../maths/numbers.js";
-import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.js";
-import { SLACK, treeOf } from "../ui/dom.js";
-import { commandOf, EDITOR_KEYS } from "../ui/keys.js";
-import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.js";
+import { shownLength } from "../maths/numbers.ts";
+import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.ts";
+import { SLACK, treeOf } from "../ui/dom.ts";
+import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
+import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.ts";
 
-/** @import { EditorView } from "./editor.js" */
-/** @import { Moved, Turn } from "./point_tools.js" */
-/** @import { PartHandle } from "./motion_handles.js" */
-/** @import { Chosen, Grip } from "./shape_handles.js" */
-/** `handle`: of the motion of a rigid part, null on an outline.
- * @typedef {Grip & { chosen: Chosen, handle: PartHandle | null }} ShapeGrip
- */
-/** @typedef {{ x: number, y: number, gap: number }} TwoFingers */
-/** What a click with the right button removes.
- * @typedef {{ id: number | null, shape: ShapeGrip | null }} RightClick
- */
+import type { EditorView } from "./editor.ts";
+import type { Moved, Turn } from "./point_tools.ts";
+import type { PartHandle } from "./motion_handles.ts";
+import type { Chosen, Grip } from "./shape_handles.ts";
+/** `handle`: of the motion of a rigid part, null on an outline. */
+export type ShapeGrip = Grip & { chosen: Chosen, handle: PartHandle | null };
+export type TwoFingers = { x: number, y: number, gap: number };
+/** What a click with the right button removes. */
+export type RightClick = { id: number | null, shape: ShapeGrip | null };
 
-/**
- * A gesture under way: where it began, where the pointer is, and whether that has not moved yet.
- * @typedef {{ from: number[], at: number[], isPress: boolean } & (
- *   { kind: "pan" | "tap" | "band", adds: boolean, shape: ShapeGrip | null, before?: number[] } |
- *   { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean, isNew: boolean } |
- *   { kind: "shape", grip: ShapeGrip } | { kind: "part", handle: PartHandle } |
- *   { kind: "turn", turn: Turn, about: number[], start: number[], scales: boolean } |
- *   { kind: "axis", c: number, start: number } |
- *   { kind: "pinch", was: TwoFingers } |
- *   { kind: "window", click: RightClick | null } |
- *   { kind: "pen" } | { kind: "brush" })} Gesture
- */
+/** A gesture under way: where it began, where the pointer is, and whether that has not moved yet. */
+export type Gesture = { from: number[], at: number[], isPress: boolean } & ( { kind: "pan" | "tap" | "band", adds: boolean, shape: ShapeGrip | null, before?: number[] } | { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean, isNew: boolean } | { kind: "shape", grip: ShapeGrip } | { kind: "part", handle: PartHandle } | { kind: "turn", turn: Turn, about: number[], start: number[], scales: boolean } | { kind: "axis", c: number, start: number } | { kind: "pinch", was: TwoFingers } | { kind: "window", click: RightClick | null } | { kind: "pen" } | { kind: "brush" });
 
-/** @type {Record<string, number[]>} */
-const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const arrows: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/**
- * The nearest element around that of an event that a selector matches.
- * @param {{ target: EventTarget | null }} event
- * @param {string} selector
- * @returns {HTMLElement | SVGElement | null}
- */
-function around({ target }, selector) { return target instanceof Element ? target.closest(selector) : null; }
+/** The nearest element around that of an event that a selector matches. */
+function around({ target }: { target: EventTarget | null }, selector: string): HTMLElement | SVGElement | null { return target instanceof Element ? target.closest(selector) : null; }
 
-/** @param {string | undefined} text */
-function numberOf(text) { return text ? Number(text) : null; }
+function numberOf(text: string | undefined) { return text ? Number(text) : null; }
 
 /** Keys pressed anywhere in the editor. */
 class EditorKeys {
-  /**
-   * @param {EditorView} editor
-   * @param {Gestures} gestures
-   */
-  constructor(editor, gestures) {
+  editor: EditorView;
+  gestures: Gestures;
+
+  constructor(editor: EditorView, gestures: Gestures) {
     this.editor = editor;
     this.gestures = gestures;
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     const { editor } = this, isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
     const isCommand = (event.ctrlKey || event.metaKey) && !isThird, isAlt = event.altKey && !isThird;
     if (around(event, "input, select")) { // have keys of their own
@@ -75,8 +54,7 @@ class EditorKeys {
     event.stopPropagation();
   }
 
-  /** @param {string} key @param {KeyboardEvent} event */
-  #command(key, event) {
+  #command(key: string, event: KeyboardEvent) {
     const { editor } = this, focused = this.gestures.pointAt(event);
     if (POINT_STEPS[key] && around(event, "button")) return false;
     if (POINT_STEPS[key]) editor.handles.focusNext(editor.points.map((p) => p.id), POINT_STEPS[key], focused?.id);
@@ -87,13 +65,8 @@ class EditorKeys {
     return true;
   }
 
-  /**
-   * Keys on a line, a corner or the middle of an edge.
-   * @param {string} key
-   * @param {KeyboardEvent} event
-   * @param {ShapeGrip} shape
-   */
-  #shapeKey(key, event, shape) {
+  /** Keys on a line, a corner or the middle of an edge. */
+  #shapeKey(key: string, event: KeyboardEvent, shape: ShapeGrip) {
     const { editor, editor: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
     const isDelete = key === "Delete" || key === "Backspace", way = TURN_WAYS[key];
@@ -120,8 +93,7 @@ class EditorKeys {
     return true;
   }
 
-  /** @param {string} key @param {KeyboardEvent} event @param {boolean} isAlt */
-  #plain(key, event, isAlt) {
+  #plain(key: string, event: KeyboardEvent, isAlt: boolean) {
     const { editor, gestures } = this, onButton = around(event, "button"), arrow = arrows[key];
     const focused = gestures.pointAt(event), shape = focused ? null : gestures.shapeAt(event);
     if (!onButton && editor.pen.isOn && !isAlt && editor.pen.key(key, event, arrow)) return true;
@@ -159,8 +131,7 @@ class EditorKeys {
     return true;
   }
 
-  /** @param {number[]} arrow @param {number} pixels */
-  #axisKey(arrow, pixels) {
+  #axisKey(arrow: number[], pixels: number) {
     const { editor, editor: { pointTools } } = this, { mirror } = pointTools, c = mirror.axis === "a" ? 0 : 1;
     pointTools.moveAxis(mirror.at + pixels * arrow[c] * editor.model.get("raster").spacing[c], true);
     editor.announce(`axis at ${shownLength(pointTools.mirror.at)}`);
@@ -174,12 +145,19 @@ class EditorKeys {
  * Until someone works in the editor, a finger scrolls the page around.
  */
 export class Gestures {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  pointers: Map<number, number[]>;
+  gesture: Gesture | null;
+  kind: string;
+  isOthers: boolean;
+  isSpaceDown: boolean;
+  wheelSteps: WheelSteps;
+  closing: AbortController;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
-    /** Places of the pointers that are down. @type {Map<number, number[]>} */
+    /** Places of the pointers that are down. */
     this.pointers = new Map();
-    /** @type {Gesture | null} */
     this.gesture = null;
     this.kind = "mouse"; // of the pointer that went down last
     this.isOthers = false; // whether its press belongs to the page around
@@ -209,11 +187,8 @@ export class Gestures {
 
   close() { this.closing.abort(); }
 
-  /**
-   * The place of a pointer in CSS pixels of the view.
-   * @param {MouseEvent} event
-   */
-  place(event) {
+  /** The place of a pointer in CSS pixels of the view. */
+  place(event: MouseEvent) {
     const box = this.editor.stage.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
@@ -221,21 +196,16 @@ export class Gestures {
   /**
    * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A
    * press may come before other points or shapes are drawn: then they are, and what lies there now counts.
-   * @param {Event} event
    */
-  #hit(event) {
+  #hit(event: Event) {
     if (event.type === "pointerdown" && this.editor.frame) this.editor.drawNow();
     const { type, target } = event, isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
     if (!(event instanceof MouseEvent && isPlaced)) return { target };
     return { target: treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) };
   }
 
-  /**
-   * The point that an event is about.
-   * @param {Event} event
-   * @returns {{ id: number, what: "target" | "source" } | null}
-   */
-  pointAt(event) {
+  /** The point that an event is about. */
+  pointAt(event: Event): { id: number, what: "target" | "source" } | null {
     const hit = this.#hit(event), target = around(hit, "[data-id]"), source = around(hit, "[data-source]");
     if (target) return { id: Number(target.dataset.id), what: "target" };
     return source ? { id: Number(source.dataset.source), what: "source" } : null;
@@ -244,10 +214,8 @@ export class Gestures {
   /**
    * What of a shape an event is about: its line, a corner, the middle of an edge, or a handle of a part's motion, of
    * which its inside is one.
-   * @param {Event} event
-   * @returns {ShapeGrip | null}
    */
-  shapeAt(event) {
+  shapeAt(event: Event): ShapeGrip | null {
     const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.editor.shapeTools;
     if (grip && chosen) {
       return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
@@ -260,16 +228,12 @@ export class Gestures {
     return { chosen: { what, index: Number(index) }, corner: null, middle: null, handle };
   }
 
-  /**
-   * The handle that turns, or the axis of the mirror.
-   * @param {Event} event
-   */
-  markAt(event) { return around(event, "[data-mark]")?.dataset.mark ?? null; }
+  /** The handle that turns, or the axis of the mirror. */
+  markAt(event: Event) { return around(event, "[data-mark]")?.dataset.mark ?? null; }
 
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
-  /** @param {PointerEvent} event */
-  #down(event) {
+  #down(event: PointerEvent) {
     const { editor } = this;
     if (editor.isWaiting) return;
     const at = this.place(event), press = { from: at, at, isPress: true };
@@ -318,10 +282,8 @@ export class Gestures {
 
   /**
    * On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
-   * @param {PointerEvent} event
-   * @param {number[]} at
    */
-  #press(event, at) {
+  #press(event: PointerEvent, at: number[]) {
     const { editor, isOthers } = this, isFinger = this.kind === "touch";
     if (!isOthers) editor.focusStage();
     const kind = isOthers ? "tap" : isFinger && !editor.isSelecting ? "pan" : "band";
@@ -329,12 +291,7 @@ export class Gestures {
       shape: editor.isSelecting ? null : this.shapeAt(event) };
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @param {{ id: number, what: "target" | "source" }} grabbed
-   * @param {number[]} at
-   */
-  #grab(event, { id, what }, at, isNew = false) {
+  #grab(event: PointerEvent, { id, what }: { id: number, what: "target" | "source" }, at: number[], isNew = false) {
     const { editor } = this, was = editor.selected.has(id);
     const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
@@ -344,16 +301,14 @@ export class Gestures {
       what: event.altKey ? "both" : what, ids: freeIds(editor.points, withRims(editor.points, ids)) };
   }
 
-  /** @param {number[]} at */
-  #grabTurn(at) {
+  #grabTurn(at: number[]) {
     const turn = this.editor.pointTools.beginTurn();
     if (!turn) return;
     const about = this.editor.onView(turn.about), start = [at[0] - about[0], at[1] - about[1]];
     this.gesture = { kind: "turn", turn, about, start, from: at, at, isPress: true, scales: false };
   }
 
-  /** @param {number[]} at */
-  #grabAxis(at) {
+  #grabAxis(at: number[]) {
     const { editor } = this, { mirror } = editor.pointTools;
     editor.marks.grip.focus({ preventScroll: true });
     this.gesture = { kind: "axis", from: at, at, isPress: true, c: mirror.axis === "a" ? 0 : 1, start: mirror.at };
@@ -362,27 +317,21 @@ export class Gestures {
   /**
    * The part of the chosen shape that an event is about. Another shape is chosen by a click: a drag that begins on its
    * line is one on the picture, and a shape that was not chosen is not moved.
-   * @param {Event} event
    */
-  #ownShapeAt(event) {
+  #ownShapeAt(event: Event) {
     const { editor } = this, { chosen } = editor.shapeTools;
     const grip = editor.isAdding || editor.isSelecting ? null : this.shapeAt(event);
     if (grip?.handle && !editor.partTools.isOn) return null;
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
-  /**
-   * @param {ShapeGrip} grip
-   * @param {number[]} at
-   */
-  #grabShape(grip, at) {
+  #grabShape(grip: ShapeGrip, at: number[]) {
     this.#focusShape(grip);
     this.gesture = grip.handle ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
       : { kind: "shape", grip, from: at, at, isPress: true };
   }
 
-  /** @param {ShapeGrip} grip */
-  #focusShape(grip) {
+  #focusShape(grip: ShapeGrip) {
     const { editor, editor: { shapeTools } } = this;
     shapeTools.choose(grip.chosen);
     editor.drawNow();
@@ -391,8 +340,7 @@ export class Gestures {
     else shapeTools.handles.focus(grip.chosen);
   }
 
-  /** @param {PointerEvent} event */
-  #move(event) {
+  #move(event: PointerEvent) {
     const { editor, editor: { partTools, pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
     if (!this.pointers.has(event.pointerId)) {
       if (editor.pen.isOn) editor.pen.hover(at);
@@ -437,11 +385,7 @@ export class Gestures {
     if (brush.isOn && !this.gesture && !brush.isByKeys) brush.hover(null);
   }
 
-  /**
-   * @param {Extract<Gesture, { kind: "pan" | "tap" | "band" }>} g
-   * @param {number[]} at
-   */
-  #band(g, at) {
+  #band(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>, at: number[]) {
     const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]),
       width: Math.abs(at[0] - g.from[0]), height: Math.abs(at[1] - g.from[1]) };
     this.editor.handles.showBand(box);
@@ -449,8 +393,7 @@ export class Gestures {
     this.editor.select([...g.before, ...this.editor.pointsInside(box)]);
   }
 
-  /** @param {PointerEvent} event */
-  #up(event, isCancelled = false) {
+  #up(event: PointerEvent, isCancelled = false) {
     const { editor, editor: { partTools, pointTools, shapeTools }, gesture: g } = this;
     this.pointers.delete(event.pointerId);
     if (!g) return;
@@ -479,11 +422,8 @@ export class Gestures {
     }
   }
 
-  /**
-   * A press on the picture that did not move.
-   * @param {Extract<Gesture, { kind: "pan" | "tap" | "band" }>} g
-   */
-  #clicked(g) {
+  /** A press on the picture that did not move. */
+  #clicked(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>) {
     const { editor } = this;
     if (g.kind === "tap") editor.focusStage();
     if (g.shape && !g.adds) this.#focusShape(g.shape);
@@ -513,14 +453,12 @@ export class Gestures {
     this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
   }
 
-  /** @returns {TwoFingers} */
-  #twoFingers() {
+  #twoFingers(): TwoFingers {
     const [[ax, ay], [bx, by]] = [...this.pointers.values()];
     return { x: (ax + bx) / 2, y: (ay + by) / 2, gap: Math.max(10, Math.hypot(ax - bx, ay - by)) };
   }
 
-  /** @param {{ was: TwoFingers }} g */
-  #pinch(g) {
+  #pinch(g: { was: TwoFingers }) {
     if (this.pointers.size < 2) return;
     const now = this.#twoFingers();
     this.editor.panBy(now.x - g.was.x, now.y - g.was.y);
@@ -528,8 +466,7 @@ export class Gestures {
     g.was = now;
   }
 
-  /** @param {MouseEvent} event */
-  #doubleClick(event) {
+  #doubleClick(event: MouseEvent) {
     const { editor } = this, { pen } = editor;
     if (editor.windowTool.isOn) { editor.windowTool.reset(); event.preventDefault(); return; }
     if (editor.isWaiting || editor.brush.isOn || editor.wand.isOn || editor.isSelecting) return;
@@ -543,17 +480,15 @@ export class Gestures {
     event.preventDefault();
   }
 
-  /** @param {MouseEvent} event */
-  #contextMenu(event) {
+  #contextMenu(event: MouseEvent) {
     event.preventDefault();
     event.stopPropagation();
   }
 
   /**
    * A click with the right button: the button may as well begin a drag, and some systems ask for the menu at the press.
-   * @param {RightClick} click
    */
-  #rightClicked({ id, shape }) {
+  #rightClicked({ id, shape }: RightClick) {
     const { shapeTools, pointTools, isLocked } = this.editor;
     if (id !== null) pointTools.remove([id]);
     if (shape && !shape.handle && !isLocked) {
@@ -563,11 +498,8 @@ export class Gestures {
     }
   }
 
-  /**
-   * The wheel belongs to the page that scrolls, until someone works in the editor.
-   * @param {WheelEvent} event
-   */
-  #wheel(event) {
+  /** The wheel belongs to the page that scrolls, until someone works in the editor. */
+  #wheel(event: WheelEvent) {
     const { editor } = this, [x, y] = this.place(event), isWanted = event.ctrlKey || event.metaKey || editor.isWorkedIn;
     if (!isWanted) {
       editor.hint(editor.slices ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
@@ -588,8 +520,7 @@ export class Gestures {
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
-  /** @param {boolean} isDown */
-  space(isDown) {
+  space(isDown: boolean) {
     this.isSpaceDown = isDown;
     this.editor.stage.classList.toggle("dnb-ed-can-pan", isDown);
   }

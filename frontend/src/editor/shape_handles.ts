@@ -3,30 +3,41 @@
 // it was. Of the chosen shape the line can be dragged, its corners (squares) and the middles of its edges (dots); of a
 // part its inside too, which moves it (editor/part_tools.js).
 
-import { shownLength } from "../maths/numbers.js";
-import { maskPixels } from "../maths/regions.js";
+import { shownLength } from "../maths/numbers.ts";
+import { maskPixels } from "../maths/regions.ts";
 import {
   cornersOf, middleOfRegion, motionOf, placeMoved, SHAPE_NAMES, shapeLabel, shapeName, stopsAt,
-} from "../maths/shapes.js";
-import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
+} from "../maths/shapes.ts";
+import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 
-/** @import { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
-/** @import { View } from "./painter.js" */
-/** @typedef {{ what: ShapeKind, index: number }} Chosen */
-/** @typedef {{ corner: number | null, middle: number | null }} Grip a corner, the middle of an edge, or neither */
-/** @typedef {(a: number, b: number) => number} SideKey the number of the region in which a place lies */
+import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { View } from "./painter.ts";
+export type Chosen = { what: ShapeKind, index: number };
+/** a corner, the middle of an edge, or neither */
+export type Grip = { corner: number | null, middle: number | null };
+/** the number of the region in which a place lies */
+export type SideKey = (a: number, b: number) => number;
 
-/** A shape that is being drawn: the places that are set, and the one that would come next.
- * @typedef {{ tool: string, places: number[][], next: number[] | null, isByKeys?: boolean, canClose?: boolean,
- *   isClosing?: boolean }} Draft
- */
+/** A shape that is being drawn: the places that are set, and the one that would come next. */
+export type Draft = { tool: string, places: number[][], next: number[] | null, isByKeys?: boolean, canClose?: boolean, isClosing?: boolean };
 
-/** Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
+/**
+ * Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
  * its name stands.
- * @typedef {{ line: string, far: string, tips: string, inside: string, label: number[] }} ShapePaths
  */
+export type ShapePaths = { line: string, far: string, tips: string, inside: string, label: number[] };
 
-/** @typedef {ReturnType<ShapeHandles["make"]>} ShapeParts */
+/** The elements of a shape. */
+export interface ShapeParts extends Record<"inside" | "fill" | "halo" | "case" | "line" | "tips" | "hit", SVGPathElement> {
+  root: SVGGElement;
+  tip: SVGTitleElement;
+  body: SVGGElement;
+  bands: SVGGElement;
+  name: SVGTextElement;
+  /** Where it was before its motion. */
+  were: SVGPathElement[];
+  far: SVGPathElement[];
+}
 
 const NAME_IN = [34, 30]; // CSS pixels from the pivot on the line to the name of a fixed side, and half its width
 const LEAST_ROOM = 26; // CSS pixels of an edge, below which its middle is no grip
@@ -41,8 +52,16 @@ export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z"
 
 /** The shapes as elements, which can have the focus and be dragged. */
 export class ShapeHandles {
-  /** @param {SVGSVGElement} svg */
-  constructor(svg) {
+  svg: SVGSVGElement;
+  hatch: string;
+  root: SVGGElement;
+  grips: SVGGElement;
+  swap: SVGGElement;
+  draft: SVGGElement;
+  shown: Map<string, ShapeParts>;
+  draftParts: (SVGCircleElement | SVGPathElement)[];
+
+  constructor(svg: SVGSVGElement) {
     this.svg = svg;
     const defs = svgElement("defs", {}, svg), id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
     const hatch = svgElement("pattern", { id, width: 13, height: 13, patternUnits: "userSpaceOnUse",
@@ -61,7 +80,6 @@ export class ShapeHandles {
     svgElement("path", { d: "M-2.6 5.4V-5.4M-5-2.8L-2.6-5.4-.2-2.8M2.6-5.4V5.4M.2 2.8L2.6 5.4 5 2.8",
       class: "dnb-ed-turn-arrow" }, this.swap);
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
-    /** @type {Map<string, ShapeParts>} */
     this.shown = new Map();
     this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) => (
       svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft)));
@@ -69,16 +87,12 @@ export class ShapeHandles {
 
   /**
    * Draw all shapes for a view. True if the focus was on one that is gone.
-   * @param {Shapes} shapes
-   * @param {Chosen | null} chosen
-   * @param {View} view
-   * @param {{ reach: number, sideKey: SideKey, isLocked: boolean, isBefore: boolean }} options reach as in
-   *   maths/shapes.js; isBefore draws parts where they were
+   * @param options reach as in maths/shapes.js; isBefore draws parts where they were
    */
-  update(shapes, chosen, view, { reach, sideKey, isLocked, isBefore }) {
+  update(shapes: Shapes, chosen: Chosen | null, view: View, { reach, sideKey, isLocked, isBefore }: { reach: number, sideKey: SideKey, isLocked: boolean, isBefore: boolean }) {
     const seen = new Set(), focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
-    for (const what of /** @type {const} */ (["parts", "cuts"])) {
+    for (const what of (["parts", "cuts"] as const)) {
       for (const [index, shape] of shapes[what].entries()) {
         const key = `${what}:${index}`, parts = this.shown.get(key) ?? this.make(key, what);
         seen.add(key);
@@ -100,21 +114,16 @@ export class ShapeHandles {
     return this.#placeGrips(grips, view, focused) || isFocusLost;
   }
 
-  /**
-   * The elements of a new shape.
-   * @param {string} key
-   * @param {ShapeKind} what
-   */
-  make(key, what) {
+  /** The elements of a new shape. */
+  make(key: string, what: ShapeKind): ShapeParts {
     const root = svgElement("g", { class: `dnb-ed-shape dnb-ed-${what === "cuts" ? "cut" : "part"}`, "data-shape": key,
       tabindex: "0", role: "button", "aria-roledescription": SHAPE_NAMES[what], ...OWN_KEYS });
     const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
     this.root.insertBefore(root, what === "parts" ? firstCut : null);
     const tip = svgElement("title", {}, root), were = ["was-case", "was"].map((name) => (
       svgElement("path", { class: `dnb-ed-shape-${name}` }, root))), body = svgElement("g", {}, root);
-    /** @param {string} name */
-    const path = (name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, body);
-    const parts = { root, tip, were, body, inside: path("inside"), fill: path("fill"), halo: path("halo"),
+    const path = (name: string) => svgElement("path", { class: `dnb-ed-shape-${name}` }, body);
+    const parts: ShapeParts = { root, tip, were, body, inside: path("inside"), fill: path("fill"), halo: path("halo"),
       case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, body),
       far: [path("far-case"), path("far")], line: path("line"), tips: path("tips"), hit: path("hit"),
       name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
@@ -124,16 +133,7 @@ export class ShapeHandles {
     return parts;
   }
 
-  /**
-   * @param {ShapeParts} parts
-   * @param {ShapeData} shape
-   * @param {Chosen} own
-   * @param {View} view
-   * @param {number} reach
-   * @param {boolean} isChosen
-   * @param {Motion} motion
-   */
-  #place(parts, shape, { what, index }, view, reach, isChosen, motion) {
+  #place(parts: ShapeParts, shape: ShapeData, { what, index }: Chosen, view: View, reach: number, isChosen: boolean, motion: Motion) {
     const { region } = shape, label = shapeLabel(shape, what, index);
     parts.root.classList.toggle("dnb-ed-off", !shape.enabled);
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
@@ -157,41 +157,29 @@ export class ShapeHandles {
     setText(parts.name, `${shapeName(shape, what, index)}${shape.enabled ? "" : " (off)"}`);
   }
 
-  /** @param {ShapeParts} parts @param {{ d: string, mark: number }[]} bands */
-  #bands(parts, bands) {
+  #bands(parts: ShapeParts, bands: { d: string, mark: number }[]) {
     for (const gone of [...parts.bands.children].slice(bands.length)) gone.remove();
     bands.forEach(({ d, mark }, k) => {
       setAttributes(parts.bands.children[k] ?? svgElement("path", {}, parts.bands), { d, "data-region": mark });
     });
   }
 
-  /**
-   * Put the button that swaps the sides on the line of a fixed side, beside its ring; true if there is none.
-   * @param {ShapeData | null} shape
-   * @param {View} view
-   * @param {number} reach
-   */
-  #placeSwap(shape, { k, x, y, width, height }, reach) {
+  /** Put the button that swaps the sides on the line of a fixed side, beside its ring; true if there is none. */
+  #placeSwap(shape: ShapeData | null, { k, x, y, width, height }: View, reach: number) {
     setAttributes(this.swap, { visibility: shape ? "visible" : "hidden", tabindex: shape ? "0" : "-1" });
     if (!shape) return true;
     const [[p, q], [r, s]] = cornersOf(shape.region, reach).map((place) => placeMoved(motionOf(shape), place))
       .map(([a, b]) => [k * a + x, k * b + y]);
     const length = Math.hypot(r - p, s - q) || 1, way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
     const [first, other] = [way, -way].map((share) => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)]);
-    /** @param {number[]} at */
-    const isSeen = ([u, v]) => u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
+    const isSeen = ([u, v]: number[]) => u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
     const [u, v] = isSeen(first) || !isSeen(other) ? first : other, angle = Math.atan2(s - q, r - p) * 180 / Math.PI;
     setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
     return false;
   }
 
-  /**
-   * True if the focus was on a grip that is gone.
-   * @param {ReturnType<typeof gripsOf>} grips
-   * @param {View} view
-   * @param {Element | null} focused
-   */
-  #placeGrips(grips, { k, x, y }, focused) {
+  /** True if the focus was on a grip that is gone. */
+  #placeGrips(grips: ReturnType<typeof gripsOf>, { k, x, y }: View, focused: Element | null) {
     const gone = [...this.grips.children].slice(grips.length), isFocusLost = gone.some((grip) => grip === focused);
     for (const grip of gone) grip.remove();
     grips.forEach(({ sort, number, place: [a, b], room, label, isTip }, at) => {
@@ -212,21 +200,14 @@ export class ShapeHandles {
     return grip;
   }
 
-  /** @param {Chosen} shape */
-  focus({ what, index }) { this.shown.get(`${what}:${index}`)?.root.focus({ preventScroll: true }); }
+  focus({ what, index }: Chosen) { this.shown.get(`${what}:${index}`)?.root.focus({ preventScroll: true }); }
 
-  /** @param {number} k */
-  focusCorner(k) {
-    /** @type {SVGElement | null} */
-    const grip = this.grips.querySelector(`[data-corner="${k}"]`);
+  focusCorner(k: number) {
+    const grip: SVGElement | null = this.grips.querySelector(`[data-corner="${k}"]`);
     grip?.focus({ preventScroll: true });
   }
 
-  /**
-   * @param {Draft | null} draft
-   * @param {View} view
-   */
-  showDraft(draft, { k, x, y }) {
+  showDraft(draft: Draft | null, { k, x, y }: View) {
     const [casing, line, next, start, cursor] = this.draftParts;
     setAttributes(this.draft, { visibility: draft ? "visible" : "hidden" });
     if (!draft) return;
@@ -247,11 +228,8 @@ export class ShapeHandles {
 /**
  * Grips of a shape: its corners, and the middles of its edges. `room` is the length of an edge, without end at corners
  * unless they would cover a small part.
- * @param {ShapeData} shape
- * @param {Chosen} chosen
- * @param {number} reach
  */
-function gripsOf(shape, { what, index }, reach) {
+function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
   const { region } = shape, name = shapeName(shape, what, index), motion = motionOf(shape);
   const room = what === "parts" ? LEAST_ROOM / SMALL * extentOf(region) : Infinity;
   const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)), n = corners.length;
@@ -268,19 +246,13 @@ function gripsOf(shape, { what, index }, reach) {
   })];
 }
 
-/** Whether a motion moves nothing. @param {Motion} motion */
-function isStill(motion) {
+/** Whether a motion moves nothing. */
+function isStill(motion: Motion) {
   return !motion || (motion.matrix[0][0] === 1 && motion.shift.every((value) => value === 0));
 }
 
-/**
- * The place of the name of a shape in CSS pixels of the view, within it.
- * @param {RegionData} region
- * @param {Motion} motion
- * @param {View} view
- * @param {number} reach
- */
-export function namePlace(region, motion, view, reach) {
+/** The place of the name of a shape in CSS pixels of the view, within it. */
+export function namePlace(region: RegionData, motion: Motion, view: View, reach: number) {
   const { k, x, y, width, height } = view, at = shapePaths(region, view, reach).label;
   const [a, b] = placeMoved(motion, [(at[0] - x) / k, (at[1] - y) / k]);
   const name = [k * a + x, k * b + y];
@@ -288,53 +260,36 @@ export function namePlace(region, motion, view, reach) {
     : [Math.max(6, Math.min(width - 80, name[0])), Math.max(16, Math.min(height - 8, name[1]))];
 }
 
-/**
- * The farthest that a region reaches from a place; infinity for a half plane.
- * @param {RegionData} region
- * @param {number[]} from
- */
-export function farthest(region, [a, b]) {
+/** The farthest that a region reaches from a place; infinity for a half plane. */
+export function farthest(region: RegionData, [a, b]: number[]) {
   if (region.kind === "half_space") return Infinity;
   const places = region.kind === "mask" ? outlineOf(region).corners : region.vertices;
   return Math.max(0, ...places.map(([p, q]) => Math.hypot(p - a, q - b)));
 }
 
-/** The farthest that a region reaches from its middle. @param {RegionData} region */
-function extentOf(region) { return farthest(region, middleOfRegion(region)); }
+/** The farthest that a region reaches from its middle. */
+function extentOf(region: RegionData) { return farthest(region, middleOfRegion(region)); }
 
-/**
- * A motion in the picture as one of CSS pixels.
- * @param {NonNullable<Motion>} motion
- * @param {View} view
- */
-function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }, { k, x, y }) {
+/** A motion in the picture as one of CSS pixels. */
+function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }: NonNullable<Motion>, { k, x, y }: View) {
   const values = [a, b, c, d, k * s + x - a * x - c * y, k * t + y - b * x - d * y];
   return `matrix(${values.map((v) => v.toFixed(6)).join(" ")})`;
 }
 
-/** @param {number[][]} places */
-function shapePath(places, isClosed = false) {
+function shapePath(places: number[][], isClosed = false) {
   const texts = places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
   return texts.length ? `M${texts.join("L")}${isClosed ? "Z" : ""}` : "";
 }
 
-/** A disc where a cut stops. @param {number[]} place */
-function discPath([x, y]) { return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`; }
+/** A disc where a cut stops. */
+function discPath([x, y]: number[]) { return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`; }
 
-/**
- * @param {RegionData} region
- * @param {View} view
- * @param {number} reach
- * @returns {ShapePaths}
- */
-export function shapePaths(region, { k, x, y, width, height }, reach) {
+export function shapePaths(region: RegionData, { k, x, y, width, height }: View, reach: number): ShapePaths {
   const endless = 3 * (width + height);
-  /** @param {number[]} place */
-  const on = ([a, b]) => [k * a + x, k * b + y];
+  const on = ([a, b]: number[]) => [k * a + x, k * b + y];
   if (region.kind === "mask") return maskPaths(region, on);
   const at = cornersOf(region, reach).map(on), n = at.length;
-  /** @param {number[]} from @param {number[]} to */
-  const away = ([px, py], [qx, qy]) => {
+  const away = ([px, py]: number[], [qx, qy]: number[]) => {
     const length = Math.hypot(qx - px, qy - py) || 1;
     return [qx + endless * (qx - px) / length, qy + endless * (qy - py) / length];
   };
@@ -349,8 +304,7 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
       tips: ends.map(([end], k) => (isTip[k] ? discPath(end) : "")).join("") };
   }
   const [na, nb] = region.normal;
-  /** @param {number[]} place */
-  const back = ([px, py]) => [px - 2 * endless * na, py - 2 * endless * nb];
+  const back = ([px, py]: number[]) => [px - 2 * endless * na, py - 2 * endless * nb];
   const [u, v] = on(region.point), side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
   return { ...paths, far: shapePath([first, last]), inside: shapePath([first, last, back(last), back(first)], true),
     label: [Math.max(6, Math.min(width - 80, side[0])), Math.max(16, Math.min(height - 8, side[1]))] };
@@ -358,29 +312,21 @@ export function shapePaths(region, { k, x, y, width, height }, reach) {
 
 /**
  * Outlines of masks: faces from one place to another, rows of pixels by their four corners, and the box around all.
- * @type {WeakMap<MaskData, ReturnType<typeof maskOutline>>}
  */
-const maskOutlines = new WeakMap();
+const maskOutlines: WeakMap<MaskData, ReturnType<typeof maskOutline>> = new WeakMap();
 
-/** @param {MaskData} region */
-function outlineOf(region) {
+function outlineOf(region: MaskData) {
   const outline = maskOutlines.get(region) ?? maskOutline(region);
   maskOutlines.set(region, outline);
   return outline;
 }
 
-/**
- * The faces of the pixels of a mask where it ends, row by row and column by column.
- * @param {MaskData} region
- */
-function maskOutline(region) {
+/** The faces of the pixels of a mask where it ends, row by row and column by column. */
+function maskOutline(region: MaskData) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = region, isSet = maskPixels(region);
-  /** @type {number[][][]} */
-  const faces = [], /** @type {number[][][]} */ rows = [];
-  /** @param {number} i @param {number} j */
-  const at = (i, j) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
-  /** @param {number} i @param {number} j */
-  const corner = (i, j) => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
+  const faces: number[][][] = [], rows: number[][][] = [];
+  const at = (i: number, j: number) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
+  const corner = (i: number, j: number) => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
   for (let i = 0; i <= nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
     const is = j < nu && at(i, j) !== at(i - 1, j);
     if (is && from < 0) from = j;
@@ -403,25 +349,15 @@ function maskOutline(region) {
   return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
-/**
- * @param {MaskData} region
- * @param {(place: number[]) => number[]} on
- */
-function maskPaths(region, on) {
+function maskPaths(region: MaskData, on: (place: number[]) => number[]) {
   const { faces, rows } = outlineOf(region);
   const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
   return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "", tips: "",
     inside: rows.map((row) => shapePath(row.map(on), true)).join(""), label: [x + 8, y - 8] };
 }
 
-/**
- * Along every edge of a cut a line on either side, with the mark of the region that lies there.
- * @param {RegionData} region
- * @param {View} view
- * @param {number} reach
- * @param {SideKey} sideKey
- */
-function sideBands(region, { k, x, y, width, height }, reach, sideKey) {
+/** Along every edge of a cut a line on either side, with the mark of the region that lies there. */
+function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: number, sideKey: SideKey) {
   if (region.kind === "mask") return [];
   const corners = cornersOf(region, reach), n = corners.length, bands = [], off = 4, endless = 3 * (width + height);
   const edges = region.kind === "polygon" ? n : n - 1;
@@ -429,13 +365,12 @@ function sideBands(region, { k, x, y, width, height }, reach, sideKey) {
     const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]);
     if (!length) continue;
     const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], isOpen = region.kind !== "polygon";
-    const goesOn = (/** @type {number} */ corner) => isOpen && stopsAt(region, corner) !== true;
+    const goesOn = (corner: number) => isOpen && stopsAt(region, corner) !== true;
     const before = j === 0 && goesOn(0) ? endless : 0, after = j === edges - 1 && goesOn(n - 1) ? endless : 0;
     for (const side of [-1, 1]) {
       const na = -side * tb, nb = side * ta, nudge = Math.min(1.5 / k, length / 4);
       const mark = sideKey((p[0] + q[0]) / 2 + nudge * na, (p[1] + q[1]) / 2 + nudge * nb) % REGION_MARKS;
-      /** @param {number[]} from @param {number} along */
-      const place = ([a, b], along) => [k * a + x + off * na + along * ta, k * b + y + off * nb + along * tb];
+      const place = ([a, b]: number[], along: number) => [k * a + x + off * na + along * ta, k * b + y + off * nb + along * tb];
       bands.push({ d: shapePath([place(p, -before), place(q, after)]), mark });
     }
   }

@@ -1,54 +1,53 @@
 // The editor's tools for cuts, rigid parts and fixed sides: the pen that draws them, and edits of those that are there.
 
-import { sidesKey } from "../maths/cuts.js";
-import { shownLength } from "../maths/numbers.js";
-import { changed, cleanShapes, sameShapes } from "../maths/points.js";
-import { rbfLabel } from "../maths/rbf.js";
-import { regionFault } from "../maths/regions.js";
-import { heldPoints } from "../maths/rigid_stages.js";
+import { sidesKey } from "../maths/cuts.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { changed, cleanShapes, sameShapes } from "../maths/points.ts";
+import { rbfLabel } from "../maths/rbf.ts";
+import { regionFault } from "../maths/regions.ts";
+import { heldPoints } from "../maths/rigid_stages.ts";
 import {
   cornersOf, fixedSideThrough, followedShape, insertedCorner, MOST_SHAPES, motionOf, motionWords, movedCorner, movedRegion,
   placeMoved,
   removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, stopsAt, turnedRegion, wayBefore,
   withShape, withStop,
-} from "../maths/shapes.js";
-import { MOST_CHARACTERS } from "../sync/edits.js";
-import { OWN_KEYS, pageElement } from "../ui/dom.js";
-import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.js";
+} from "../maths/shapes.ts";
+import { MOST_CHARACTERS } from "../sync/edits.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
 
-/** @import { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
-/** @import { EditorView } from "./editor.js" */
-/** @import { Chosen, Draft, Grip } from "./shape_handles.js" */
-/** `shown`: places before the stroke under way.
- * @typedef {Draft & { isSet: boolean, canClose: boolean, shown?: number }} PenDraft
- */
+import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { EditorView } from "./editor.ts";
+import type { Chosen, Draft, Grip } from "./shape_handles.ts";
+/** `shown`: places before the stroke under way. */
+export type PenDraft = Draft & { isSet: boolean, canClose: boolean, shown?: number };
 
-/** The lists before a drag, the region, its corner that is dragged if it is one, and where that was.
- * @typedef {{ shapes: Shapes, region: RegionData, corner: number | null, at: number[], wasFine: boolean }} ShapeDrag
- */
+/** The lists before a drag, the region, its corner that is dragged if it is one, and where that was. */
+export type ShapeDrag = { shapes: Shapes, region: RegionData, corner: number | null, at: number[], wasFine: boolean };
 
-/** @type {Record<string, string>} */
-const PEN_HINTS = {
+const PEN_HINTS: Record<string, string> = {
   cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
     "it. An open cut goes on straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
   fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
 };
-/** @type {Record<string, string>} */
-export const PEN_WORDS = { cut: "cut", part: "rigid part", fixed: "fixed side" };
+export const PEN_WORDS: Record<string, string> = { cut: "cut", part: "rigid part", fixed: "fixed side" };
 const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  endedAt: number;
+  draft: PenDraft | null;
+  stroke: number[][] | null;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.endedAt = -Infinity;
-    /** @type {PenDraft | null} */
     this.draft = null;
-    /** Places of a stroke from where the pointer went down. @type {number[][] | null} */
+    /** Places of a stroke from where the pointer went down. */
     this.stroke = null;
   }
 
@@ -56,8 +55,8 @@ export class Pen {
 
   get hasJustEnded() { return performance.now() - this.endedAt < 500; }
 
-  /** @param {string} tool a name of PEN_WORDS */
-  start(tool) {
+  /** @param tool a name of PEN_WORDS */
+  start(tool: string) {
     const { editor } = this;
     this.stroke = null;
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
@@ -87,18 +86,13 @@ export class Pen {
 
   // ---- the pointer --------------------------------------------------------------------------------------------------
 
-  /**
-   * CSS pixels between a place of the picture and one of the view.
-   * @param {number[]} place
-   * @param {number[]} at
-   */
-  #gap(place, at) {
+  /** CSS pixels between a place of the picture and one of the view. */
+  #gap(place: number[], at: number[]) {
     const [x, y] = this.editor.onView(place);
     return Math.hypot(x - at[0], y - at[1]);
   }
 
-  /** @param {number[]} at */
-  hover(at) {
+  hover(at: number[]) {
     const { draft } = this;
     if (!draft) return;
     draft.next = this.editor.placeAt(at);
@@ -107,11 +101,8 @@ export class Pen {
     this.editor.invalidate();
   }
 
-  /**
-   * Go on with a stroke.
-   * @param {number[]} at
-   */
-  drag(at) {
+  /** Go on with a stroke. */
+  drag(at: number[]) {
     const { draft } = this, place = this.editor.placeAt(at);
     if (!draft) return;
     this.stroke ??= [];
@@ -122,12 +113,8 @@ export class Pen {
     this.editor.invalidate();
   }
 
-  /**
-   * End a stroke or a click.
-   * @param {number[]} from
-   * @param {number[]} at
-   */
-  up(from, at) {
+  /** End a stroke or a click. */
+  up(from: number[], at: number[]) {
     const { draft, stroke, editor } = this;
     if (!draft) return;
     if (!stroke) { this.click(at); return; }
@@ -144,8 +131,7 @@ export class Pen {
     editor.invalidate();
   }
 
-  /** @param {number[]} at */
-  click(at) {
+  click(at: number[]) {
     const { draft } = this;
     if (!draft) return;
     const { places } = draft, last = places[places.length - 1];
@@ -154,8 +140,7 @@ export class Pen {
     this.#set(draft, this.editor.placeAt(at));
   }
 
-  /** @param {PenDraft} draft @param {number[]} place */
-  #set(draft, place) {
+  #set(draft: PenDraft, place: number[]) {
     draft.places.push(place);
     draft.isSet = true;
     this.#count(draft);
@@ -163,18 +148,15 @@ export class Pen {
     this.editor.invalidate();
   }
 
-  /** @param {PenDraft} draft */
-  #count(draft) { draft.canClose = draft.tool !== "fixed" && draft.places.length > 2; }
+  #count(draft: PenDraft) { draft.canClose = draft.tool !== "fixed" && draft.places.length > 2; }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   /**
    * Whether a key means something to the pen.
-   * @param {string} key
-   * @param {KeyboardEvent} event
-   * @param {number[]} [arrow] the direction of an arrow key
+   * @param arrow the direction of an arrow key
    */
-  key(key, event, arrow) {
+  key(key: string, event: KeyboardEvent, arrow?: number[]) {
     const { draft, editor } = this;
     if (!draft) return false;
     if (key === "Escape") { this.cancel(); return true; }
@@ -204,11 +186,8 @@ export class Pen {
 
   // ---- the end ------------------------------------------------------------------------------------------------------
 
-  /**
-   * Make the shape, or show why it cannot be one and go on drawing.
-   * @param {boolean} isClosed
-   */
-  finish(isClosed) {
+  /** Make the shape, or show why it cannot be one and go on drawing. */
+  finish(isClosed: boolean) {
     const { draft, editor } = this;
     if (!draft) return false;
     const { tool, places } = draft, least = isClosed || tool === "part" ? 3 : 2;
@@ -216,8 +195,7 @@ export class Pen {
       editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
       return false;
     }
-    /** @type {RegionData} */
-    const region = tool === "fixed" ? fixedSideThrough(places[0], places[1], movedPlace(editor))
+    const region: RegionData = tool === "fixed" ? fixedSideThrough(places[0], places[1], movedPlace(editor))
       : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
     if (fault) {
@@ -230,34 +208,36 @@ export class Pen {
   }
 }
 
-/**
- * The place that surely moves: the middle of the points that were dragged, or of the picture where none was.
- * @param {{ points: Point[], box: number[] }} editor
- */
-function movedPlace({ points, box: [a0, a1, b0, b1] }) {
+/** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
+function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[], box: number[] }) {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
   if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
   return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c], 0) / dragged.length);
 }
 
-/** Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
- * @typedef {{ parts: PartData[], points: Point[], kind: string }} Offer
+/**
+ * Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
  */
+export type Offer = { parts: PartData[], points: Point[], kind: string };
 
 const LONGEST_KIND = 80; // characters of the name of an edit
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
 export class ShapeTools {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  handles: ShapeHandles;
+  chosen: Chosen | null;
+  drag0: ShapeDrag | null;
+  offered: Offer | null;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.handles = new ShapeHandles(editor.svg);
-    /** @type {Chosen | null} */
     this.chosen = null;
-    /** The shapes before a drag, null while there is none. @type {ShapeDrag | null} */
+    /** The shapes before a drag, null while there is none. */
     this.drag0 = null;
-    /** The edit that waits for an answer. @type {Offer | null} */
+    /** The edit that waits for an answer. */
     this.offered = null;
   }
 
@@ -267,8 +247,7 @@ export class ShapeTools {
     return Math.hypot(a1 - a0, b1 - b0) / 8;
   }
 
-  /** @returns {ShapeData | null} */
-  get chosenShape() { return this.chosen ? this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
+  get chosenShape(): ShapeData | null { return this.chosen ? this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
 
   /** A description of the chosen shape, "" for none. */
   get chosenLabel() {
@@ -306,11 +285,8 @@ export class ShapeTools {
     return editor.partTools.draw() || isLost;
   }
 
-  /**
-   * The mark of a point: that of the region in which its source lies; null where no cut parts the picture.
-   * @param {Point} point
-   */
-  markOf({ source: [a, b] }) {
+  /** The mark of a point: that of the region in which its source lies; null where no cut parts the picture. */
+  markOf({ source: [a, b] }: Point) {
     const regions = this.editor.layered?.regions ?? [];
     return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
   }
@@ -320,13 +296,10 @@ export class ShapeTools {
   /**
    * Replace all cuts or all parts, unless one is no shape or no fit is possible with them: then the reason is shown.
    * Where points contradict a part, the user is asked what becomes of them.
-   * @param {ShapeKind} what
-   * @param {ShapeData[]} shapes
-   * @param {string} kind the name of the edit
-   * @param {{ wasFine?: boolean, points?: Point[], join?: string | null }} [how] whether a fit was possible before; the
-   *   points, if they change too; edits with the same `join` in quick succession are undone as one
+   * @param kind the name of the edit
+   * @param how whether a fit was possible before; the points, if they change too; edits with the same `join` in quick succession are undone as one
    */
-  edit(what, shapes, kind, { wasFine = !this.editor.error, points = this.editor.points, join = null } = {}) {
+  edit(what: ShapeKind, shapes: ShapeData[], kind: string, { wasFine = !this.editor.error, points = this.editor.points, join = null }: { wasFine?: boolean, points?: Point[], join?: string | null } = {}) {
     const { editor } = this;
     if (editor.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
@@ -346,18 +319,13 @@ export class ShapeTools {
     return true;
   }
 
-  /**
-   * @param {ShapeKind} what
-   * @param {RegionData} region
-   */
-  add(what, region, name = "") {
+  add(what: ShapeKind, region: RegionData, name = "") {
     const [shape] = cleanShapes([{ region, name }], what);
     if (this.edit(what, [...this.editor.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
     else this.editor.focusStage();
   }
 
-  /** @param {ShapeKind} what */
-  #added(what) {
+  #added(what: ShapeKind) {
     const { editor } = this, index = editor.shapes[what].length - 1, chosen = { what, index };
     this.choose(chosen);
     editor.drawNow();
@@ -367,11 +335,7 @@ export class ShapeTools {
     editor.hint("Each side bends by its own points now. Pull open sets some, or add your own and drag them", 6000);
   }
 
-  /**
-   * @param {Partial<PartData>} change
-   * @param {string} kind
-   */
-  #change(change, kind) {
+  #change(change: Partial<PartData>, kind: string) {
     const { chosen, chosenShape: shape, editor } = this;
     if (!chosen || !shape) return false;
     const { what, index } = chosen;
@@ -414,8 +378,7 @@ export class ShapeTools {
     });
   }
 
-  /** @param {number} k */
-  removeCorner(k) {
+  removeCorner(k: number) {
     const region = this.chosenShape && removedCorner(this.chosenShape.region, k);
     if (!region) { this.remove(); return; }
     if (!this.#change({ region }, "change")) return;
@@ -424,11 +387,8 @@ export class ShapeTools {
     this.editor.announce(`corner ${k + 1} deleted`);
   }
 
-  /**
-   * Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut.
-   * @param {number} k
-   */
-  toggleStop(k) {
+  /** Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut. */
+  toggleStop(k: number) {
     const { chosen, chosenShape: shape, editor } = this, isStop = shape && !stopsAt(shape.region, k);
     const region = shape && isStop !== null && chosen?.what === "cuts" ? withStop(shape.region, k, isStop) : null;
     if (!region || editor.isLocked) return false;
@@ -441,8 +401,8 @@ export class ShapeTools {
     return true;
   }
 
-  /** Let the chosen cut stop at both ends, or go on to the border. @param {boolean} isStop */
-  stopAtEnds(isStop) {
+  /** Let the chosen cut stop at both ends, or go on to the border. */
+  stopAtEnds(isStop: boolean) {
     const { chosen, chosenShape: shape } = this;
     if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
     const { kind, vertices } = shape.region;
@@ -451,11 +411,8 @@ export class ShapeTools {
     }
   }
 
-  /**
-   * Insert a corner in the middle of edge k. Its number, or null if it could not be inserted.
-   * @param {number} k
-   */
-  insertCorner(k) {
+  /** Insert a corner in the middle of edge k. Its number, or null if it could not be inserted. */
+  insertCorner(k: number) {
     if (!this.chosenShape || !this.#change({ region: withMiddle(this.chosenShape.region, k) }, "change")) return null;
     this.editor.drawNow();
     this.handles.focusCorner(k + 1);
@@ -464,11 +421,8 @@ export class ShapeTools {
 
   /**
    * Move a corner, or all of the shape, by so many pixels of the picture; the middle of an edge becomes a corner.
-   * @param {Grip} grip
-   * @param {number[]} way
-   * @param {number} pixels
    */
-  nudge(grip, [dx, dy], pixels) {
+  nudge(grip: Grip, [dx, dy]: number[], pixels: number) {
     const { editor } = this, [du, dv] = editor.model.get("raster").spacing;
     const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner, { chosenShape: shape } = this;
@@ -483,14 +437,12 @@ export class ShapeTools {
 
   /**
    * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
-   * @param {number[]} way
    */
-  #wayOf(way) { return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way; }
+  #wayOf(way: number[]) { return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way; }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
-  /** @param {Grip} grip */
-  beginDrag(grip) {
+  beginDrag(grip: Grip) {
     const { editor, chosenShape: shape } = this;
     if (editor.isLocked || !shape) return;
     const region = grip.middle !== null ? withMiddle(shape.region, grip.middle) : shape.region;
@@ -501,10 +453,8 @@ export class ShapeTools {
 
   /**
    * Move by CSS pixels since the drag began. The last place that makes a shape stays where the next one does not.
-   * @param {number} dx
-   * @param {number} dy
    */
-  drag(dx, dy) {
+  drag(dx: number, dy: number) {
     const { editor, drag0, chosen } = this, { k } = editor.view;
     if (!drag0 || !chosen) return;
     const { region: region0, corner, at } = drag0, { what, index } = chosen;
@@ -518,8 +468,7 @@ export class ShapeTools {
     editor.changed(true);
   }
 
-  /** @param {boolean} isCancelled */
-  endDrag(isCancelled) {
+  endDrag(isCancelled: boolean) {
     const { editor, drag0, chosen } = this, { shapes } = editor;
     this.drag0 = null;
     editor.stage.classList.remove("dnb-ed-refusing");
@@ -540,9 +489,8 @@ export class ShapeTools {
 
   /**
    * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
-   * @param {Offer} offer
    */
-  #offer(offer) {
+  #offer(offer: Offer) {
     const held = heldPoints(offer.points, offer.parts, this.editor.strength), { editor } = this;
     if (!held.length) return false;
     const one = held.length === 1, [who, it, whose] = one ? [rbfLabel(held[0].point), "it", "its"]
@@ -560,12 +508,8 @@ export class ShapeTools {
     return true;
   }
 
-  /**
-   * Points that are carried go where their part takes them: back to where they were taken in a fixed one.
-   * @param {Offer} offer
-   * @param {string} how
-   */
-  #takeOffer({ parts, points, kind }, how) {
+  /** Points that are carried go where their part takes them: back to where they were taken in a fixed one. */
+  #takeOffer({ parts, points, kind }: Offer, how: string) {
     const { editor } = this, count = editor.shapes.parts.length;
     const held = new Map(heldPoints(points, parts, editor.strength).map(({ point, part }) => [point.id, part]));
     const freed = changed(points, [...held.keys()], ({ id, source }) => (
@@ -591,8 +535,8 @@ export class ShapeTools {
     this.offered = null;
   }
 
-  /** The outline of the part that waits for an answer, where it would be. @returns {Draft | null} */
-  get #offeredDraft() {
+  /** The outline of the part that waits for an answer, where it would be. */
+  get #offeredDraft(): Draft | null {
     const { parts } = this.offered ?? {}, { sender } = this.editor;
     const part = parts?.find((one, k) => !sameShapes(one, sender.shapes.parts[k]));
     if (!part) return null;
@@ -602,8 +546,7 @@ export class ShapeTools {
 
   // ---- the choice ---------------------------------------------------------------------------------------------------
 
-  /** @param {Chosen | null} chosen */
-  choose(chosen) {
+  choose(chosen: Chosen | null) {
     const { editor } = this, was = JSON.stringify(this.chosen);
     const shape = chosen ? editor.shapes[chosen.what]?.[chosen.index] : null;
     this.chosen = chosen && shape ? { what: chosen.what, index: chosen.index } : null;
@@ -614,11 +557,8 @@ export class ShapeTools {
     editor.invalidate();
   }
 
-  /**
-   * Take other lists; the chosen shape stays chosen, wherever it is in them.
-   * @param {Shapes} shapes
-   */
-  follow(shapes) {
+  /** Take other lists; the chosen shape stays chosen, wherever it is in them. */
+  follow(shapes: Shapes) {
     const { chosen, editor } = this;
     this.dropOffer(); // it was about other points and parts
     const index = chosen && followedShape(editor.shapes[chosen.what], shapes[chosen.what], chosen.index);
@@ -630,7 +570,7 @@ export class ShapeTools {
   receiveChosen() {
     const { editor } = this;
     if (editor.sender.isBehind() || editor.isDragging) return;
-    const { what, index } = /** @type {Partial<Chosen>} */ (editor.model.get("chosen_shape") ?? {});
+    const { what, index } = ((editor.model.get("chosen_shape") ?? {}) as Partial<Chosen>);
     const chosen = what && index !== undefined && editor.shapes[what]?.[index] ? { what, index } : null;
     if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
     this.chosen = chosen;
@@ -639,12 +579,8 @@ export class ShapeTools {
   }
 }
 
-/**
- * A region with another corner in the middle of edge k.
- * @param {RegionData} region
- * @param {number} k
- */
-function withMiddle(region, k) {
+/** A region with another corner in the middle of edge k. */
+function withMiddle(region: RegionData, k: number) {
   const { vertices } = region;
   if (!vertices) return region;
   const p = vertices[k], q = vertices[(k + 1) % vertices.length];

@@ -1,13 +1,13 @@
 // The line under the editor's picture: counts, the legend of the regions, folds, and remarks or advice.
 
-import { NEARLY_FOLDED } from "../maths/constants.js";
-import { placeOf } from "../maths/cuts.js";
-import { shownLength } from "../maths/numbers.js";
-import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { REGION_FORMS } from "./shape_handles.js";
-import { shownValue } from "./window_tool.js";
+import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { placeOf } from "../maths/cuts.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { REGION_FORMS } from "./shape_handles.ts";
+import { shownValue } from "./window_tool.ts";
 
-/** @import { EditorView } from "./editor.js" */
+import type { EditorView } from "./editor.ts";
 
 const FOLD_TIP = "the smallest factor by which areas are stretched on the way back from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
@@ -17,8 +17,16 @@ const VALUE_TIP = "the place under the pointer in the picture, and the grey valu
 
 /** The line's elements and their texts. */
 export class StatusLine {
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  editor: EditorView;
+  slice: HTMLSpanElement;
+  facts: HTMLSpanElement;
+  legend: HTMLSpanElement;
+  value: HTMLSpanElement;
+  folds: HTMLSpanElement;
+  notes: HTMLDivElement;
+  legendKey: string;
+
+  constructor(editor: EditorView) {
     this.editor = editor;
     const root = pageElement("div", "dnb-ed-status", editor.root);
     const state = pageElement("div", "dnb-ed-state", root); // one line, and below it the next step
@@ -41,9 +49,9 @@ export class StatusLine {
 
   /**
    * Show the place under the pointer, and the grey value that is seen there.
-   * @param {number[] | null} at CSS pixels of the view; null for none
+   * @param at CSS pixels of the view; null for none
    */
-  pointAt(at) {
+  pointAt(at: number[] | null) {
     const { editor, editor: { painter: { source }, model } } = this;
     const place = at && source ? editor.placeAt(at) : null, fit = at ? editor.fitAt(at) : null;
     if (!place || !source) { setText(this.value, ""); return; }
@@ -76,8 +84,7 @@ export class StatusLine {
     this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
   }
 
-  /** @param {{ least: number, share: number, air: number }} folds */
-  #updateFolds({ least, share, air }) {
+  #updateFolds({ least, share, air }: { least: number, share: number, air: number }) {
     const value = `min det J ${least.toFixed(2)}`;
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     this.folds.classList.toggle("dnb-ed-bad", least <= 0);
@@ -92,8 +99,7 @@ export class StatusLine {
 
   /** "2 regions: (disc) 4, (diamond) 3" where cuts part the picture. */
   #updateLegend() {
-    /** @type {Map<number, number>} */
-    const counts = new Map();
+    const counts: Map<number, number> = new Map();
     for (const p of this.editor.points) {
       const mark = this.editor.shapeTools.markOf(p);
       if (mark !== null && p.active) counts.set(mark, (counts.get(mark) ?? 0) + 1);

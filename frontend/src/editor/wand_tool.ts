@@ -2,11 +2,11 @@
 // bar with the range and what becomes of it.
 // Messages to Python: wand (what, place, tolerance, rule, through). The trait "wand" has the answer: region, words, share.
 
-import { shownLength } from "../maths/numbers.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { shapePaths } from "./shape_handles.js";
+import { shownLength } from "../maths/numbers.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { shapePaths } from "./shape_handles.ts";
 
-/** @import { EditorView } from "./editor.js" */
+import type { EditorView } from "./editor.ts";
 
 const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
 const MOST = 2; // widths of the window: the largest tolerance
@@ -16,18 +16,31 @@ const KEY_PIXELS = [4, 20]; // CSS pixels of an arrow key with and without Shift
 const RULES = [["near", "Like it"], ["brighter", "Like it or brighter"], ["darker", "Like it or darker"]];
 
 export class Wand {
+  editor: EditorView;
+  path: SVGGElement;
+  fill: SVGPathElement;
+  lines: SVGPathElement[];
+  cross: SVGPathElement;
+  bar: HTMLDivElement;
+  rule: HTMLSelectElement;
+  slider: HTMLInputElement;
+  tolerated: HTMLSpanElement;
+  through: HTMLInputElement;
+  part: HTMLButtonElement;
+  cut: HTMLButtonElement;
+  words: HTMLSpanElement;
+
   isOn = false;
 
-  /** The place of the picture that was clicked. @type {number[] | null} */
-  place = null;
+  /** The place of the picture that was clicked. */
+  place: number[] | null = null;
 
-  /** The cross of the keys, in CSS pixels. @type {number[] | null} */
-  at = null;
+  /** The cross of the keys, in CSS pixels. */
+  at: number[] | null = null;
 
   timer = 0;
 
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.path = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.svg);
     this.fill = svgElement("path", { class: "dnb-ed-wand-fill" }, this.path);
@@ -52,8 +65,7 @@ export class Wand {
     }
   }
 
-  /** @param {string} text @param {string} label @param {() => void} action */
-  #button(text, label, action) {
+  #button(text: string, label: string, action: () => void) {
     const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": text,
       ...OWN_KEYS });
     made.textContent = text;
@@ -61,8 +73,8 @@ export class Wand {
     return made;
   }
 
-  /** What Python has answered; empty where nobody selects. @returns {{ region?: any, words?: string, share?: number, failed?: boolean }} */
-  get answer() { return this.editor.model.get("wand") ?? {}; }
+  /** What Python has answered; empty where nobody selects. */
+  get answer(): { region?: any, words?: string, share?: number, failed?: boolean } { return this.editor.model.get("wand") ?? {}; }
 
   /** Whether there is a wand at all: only a studio has one. */
   get isThere() { return Object.keys(this.answer).length > 0; }
@@ -103,8 +115,8 @@ export class Wand {
 
   close() { clearTimeout(this.timer); }
 
-  /** @param {number[]} at CSS pixels */
-  pick(at) {
+  /** @param at CSS pixels */
+  pick(at: number[]) {
     const { editor } = this, source = editor.pointTools.seenAt(editor.placeAt(at));
     if (source === null) { editor.hint("This is a gap: there is nothing here to select"); return; }
     this.place = source;
@@ -117,14 +129,13 @@ export class Wand {
     if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
   }
 
-  /** Make a shape of what is selected; the wand stays for the next one. @param {"part" | "cut"} what */
-  #make(what) {
+  /** Make a shape of what is selected; the wand stays for the next one. */
+  #make(what: "part" | "cut") {
     this.#send(what);
     this.editor.focusStage();
   }
 
-  /** @param {"preview" | "part" | "cut" | "stop"} what */
-  #send(what) {
+  #send(what: "preview" | "part" | "cut" | "stop") {
     const { place, tolerance } = this;
     this.editor.model.send({ type: "wand", what, place: place ?? [0, 0], tolerance, rule: this.rule.value,
       through: this.through.checked });
@@ -149,11 +160,9 @@ export class Wand {
 
   /**
    * Whether a key means something to the wand.
-   * @param {string} key
-   * @param {KeyboardEvent} event
-   * @param {number[]} [arrow] the direction of an arrow key
+   * @param arrow the direction of an arrow key
    */
-  key(key, event, arrow) {
+  key(key: string, event: KeyboardEvent, arrow?: number[]) {
     const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") {
       this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));

@@ -1,10 +1,10 @@
 // The window of a picture of grey values, changed by hand: by the tool, or by a drag with the right button. And the bar
 // of the tool.
 
-import { RestingTrait } from "../sync/edits.js";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { RestingTrait } from "../sync/edits.ts";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
-/** @import { EditorView } from "./editor.js" */
+import type { EditorView } from "./editor.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
 const LEVEL_PIXELS = 300; // CSS pixels of a drag upwards that raise the level by a width of the window
@@ -14,68 +14,54 @@ const WIDEST = 4; // times the range of values
 const HINT = "Drag left and right for the width, up and down for the level; double-click resets, Esc ends";
 const NO_WINDOW = "Only pictures of grey values have a window: a slice, the maximum or the mean";
 
-/** @param {number} value @param {number} least @param {number} most */
-const clamp = (value, least, most) => Math.max(least, Math.min(most, value));
+const clamp = (value: number, least: number, most: number) => Math.max(least, Math.min(most, value));
 
-/**
- * The exponent of ten of the step to which values of a range are rounded.
- * @param {number[]} range
- */
-function exponent([first, last]) { return Math.floor(Math.log10((last - first) / STEPS)); }
+/** The exponent of ten of the step to which values of a range are rounded. */
+function exponent([first, last]: number[]) { return Math.floor(Math.log10((last - first) / STEPS)); }
 
-/**
- * The step to which the values of a window are rounded.
- * @param {number[]} range
- */
-export function windowStep(range) { return 10 ** exponent(range); }
+/** The step to which the values of a window are rounded. */
+export function windowStep(range: number[]) { return 10 ** exponent(range); }
 
-/**
- * A value of a range, rounded as it is shown.
- * @param {number} value
- * @param {number[]} range
- */
-export function shownValue(value, range) {
+/** A value of a range, rounded as it is shown. */
+export function shownValue(value: number, range: number[]) {
   return Number(value.toFixed(clamp(-exponent(range), 0, 20)));
 }
 
 /**
  * The window after a drag by CSS pixels: to the right it gets wider, upwards its level rises.
- * @param {number[]} window the values shown as black and white
- * @param {number[]} by
- * @param {number[]} range the smallest and the largest value of the picture
+ * @param window the values shown as black and white
+ * @param range the smallest and the largest value of the picture
  */
-export function draggedWindow([low, high], [dx, dy], [first, last]) {
+export function draggedWindow([low, high]: number[], [dx, dy]: number[], [first, last]: number[]) {
   const step = windowStep([first, last]), whole = last - first;
-  /** @param {number} value */
-  const rounded = (value) => Math.round(value / step) * step;
+  const rounded = (value: number) => Math.round(value / step) * step;
   const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
   const level = rounded(clamp((low + high) / 2 - dy / LEVEL_PIXELS * (high - low), first, last));
   return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15)));
 }
 
-/**
- * Such as "window 80, level 40 HU".
- * @param {number[]} window
- * @param {number[]} range
- * @param {string} unit
- */
-export function windowWords([low, high], range, unit) {
+/** Such as "window 80, level 40 HU". */
+export function windowWords([low, high]: number[], range: number[], unit: string) {
   const words = `window ${shownValue(high - low, range)}, level ${shownValue((low + high) / 2, range)}`;
   return unit ? `${words} ${unit}` : words;
 }
 
 /** The tool, and a drag of the window under way. */
 export class WindowTool {
+  editor: EditorView;
+  trait: RestingTrait;
+  bar: HTMLDivElement;
+  value: HTMLSpanElement;
+
   isOn = false;
 
-  /** The window of a drag when it began, as the trait has it. @type {number[] | null} */
-  from = null;
+  /** The window of a drag when it began, as the trait has it. */
+  from: number[] | null = null;
 
-  /** The same in values. @type {number[]} */
-  start = [0, 1];
+  /** The same in values. */
+  start: number[] = [0, 1];
 
-  /** @param {EditorView} editor */
-  constructor(editor) {
+  constructor(editor: EditorView) {
     this.editor = editor;
     this.trait = new RestingTrait(editor.model, "window");
     this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Window" });
@@ -84,8 +70,7 @@ export class WindowTool {
     this.#button("Done", "put the tool away", () => { this.stop(); editor.focusStage(); });
   }
 
-  /** @param {string} text @param {string} label @param {() => void} action */
-  #button(text, label, action) {
+  #button(text: string, label: string, action: () => void) {
     const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": label,
       ...OWN_KEYS });
     made.textContent = text;
@@ -95,8 +80,8 @@ export class WindowTool {
   /** The values of the picture, and its unit; null without a picture of grey values. */
   get #grey() { return this.editor.painter.source?.grey ?? null; }
 
-  /** The values shown as black and white. @returns {number[] | null} */
-  get window() {
+  /** The values shown as black and white. */
+  get window(): number[] | null {
     const own = this.editor.model.get("window") ?? [];
     return own.length === 2 ? own : this.#grey?.window ?? null;
   }
@@ -155,15 +140,14 @@ export class WindowTool {
     this.start = window;
   }
 
-  /** @param {number[]} by CSS pixels since the drag began */
-  drag(by) {
+  /** @param by CSS pixels since the drag began */
+  drag(by: number[]) {
     const grey = this.#grey;
     if (!this.from || !grey) return;
     this.#set(draggedWindow(this.start, by, grey.range));
   }
 
-  /** @param {boolean} isCancelled */
-  end(isCancelled) {
+  end(isCancelled: boolean) {
     const { from, editor } = this;
     if (!from) return;
     this.from = null;
@@ -178,8 +162,11 @@ export class WindowTool {
     this.editor.announce(`automatic ${this.words}`);
   }
 
-  /** Show a window that is on its way. @param {number[]} window  empty for the automatic one */
-  put(window) {
+  /**
+   * Show a window that is on its way.
+   * @param window empty for the automatic one
+   */
+  put(window: number[]) {
     this.editor.model.set("window", window);
     this.apply();
   }
@@ -191,19 +178,17 @@ export class WindowTool {
     this.editor.announce(this.words);
   }
 
-  /** @param {number[]} window  empty for the automatic one */
-  #set(window) {
+  /** @param window empty for the automatic one */
+  #set(window: number[]) {
     this.put(window);
     if (!this.isOn) this.editor.hint(this.words); // else the bar has it
   }
 
   /**
    * Whether a key means something to the tool.
-   * @param {string} key
-   * @param {KeyboardEvent} event
-   * @param {number[]} [arrow] the direction of an arrow key
+   * @param arrow the direction of an arrow key
    */
-  key(key, event, arrow) {
+  key(key: string, event: KeyboardEvent, arrow?: number[]) {
     const grey = this.#grey, { window } = this;
     if (key === "Home") { this.reset(); return true; }
     if (!arrow || !grey || !window) return false;

@@ -1,34 +1,31 @@
 // NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/volumes/nifti.py: the sform if its code is above 0, else the qform
 // if its code is above 0, else the voxel sizes alone. NIfTI is RAS: x and y change sign. Source: nifti1.h and nifti2.h.
 
-import { ByteReader, FileError, volumeShape } from "./reading.js";
+import { ByteReader, FileError, volumeShape } from "./reading.ts";
 
-/** @import { VoxelType } from "./reading.js" */
-/** @import { Header } from "./volume_files.js" */
-/** @import { Vector3 } from "../types.d.ts" */
+import type { VoxelType } from "./reading.ts";
+import type { Header } from "./volume_files.ts";
+import type { Vector3 } from "../types.ts";
 
-/** @type {Record<number, VoxelType>} */
-const TYPES = { 2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8" };
-/** @type {Record<number, string>} */
-const REFUSED = { 1: "single bits", 32: "complex numbers", 128: "colours", 1536: "128-bit floats",
+const TYPES: Record<number, VoxelType> = { 2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8" };
+const REFUSED: Record<number, string> = { 1: "single bits", 32: "complex numbers", 128: "colours", 1536: "128-bit floats",
   1792: "complex numbers", 2048: "complex numbers", 2304: "colours" };
 const LABEL_INTENT = 1002;
 const UNITS = ["", "m", "mm", "\u00b5m"]; // by their codes
 const FIRST_VOXEL = 352, MOST_EXTENSIONS = 2 ** 26;
 
-/** @typedef {ReturnType<typeof fieldsOf>} Fields */
+export type Fields = ReturnType<typeof fieldsOf>;
 
-/** @param {Uint8Array} data */
-function fieldsOf(data) {
+function fieldsOf(data: Uint8Array) {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
-  const text = (/** @type {number} */ from) => String.fromCharCode(...data.subarray(from, from + 3));
+  const text = (from: number) => String.fromCharCode(...data.subarray(from, from + 3));
   for (const little of [true, false]) {
     const size = data.length >= 4 ? view.getInt32(0, little) : 0;
-    const list = (/** @type {number} */ count, /** @type {(k: number) => number} */ read) =>
+    const list = (count: number, read: (k: number) => number) =>
       Array.from({ length: count }, (_, k) => read(k));
-    const floats = (/** @type {number} */ from, /** @type {number} */ count) =>
+    const floats = (from: number, count: number) =>
       list(count, (k) => view.getFloat32(from + 4 * k, little));
-    const doubles = (/** @type {number} */ from, /** @type {number} */ count) =>
+    const doubles = (from: number, count: number) =>
       list(count, (k) => view.getFloat64(from + 8 * k, little));
     if (size === 348 && data.length >= 352) {
       if (text(344) === "ni1") throw new FileError("this is the header of a pair .hdr and .img; save both as one .nii.");
@@ -52,12 +49,8 @@ function fieldsOf(data) {
   throw new FileError("this is not a NIfTI file: its header's own size is neither 348 nor 540.");
 }
 
-/**
- * The header of a file.
- * @param {Blob} blob
- * @returns {Promise<Header>}
- */
-export async function niftiHeader(blob) {
+/** The header of a file. */
+export async function niftiHeader(blob: Blob): Promise<Header> {
   const [a, b] = new Uint8Array(await blob.slice(0, 2).arrayBuffer()), isPacked = a === 0x1f && b === 0x8b;
   const reader = new ByteReader(blob, isPacked), start = await reader.take(544);
   const fields = fieldsOf(start), { datatype, dim, offset } = fields, type = TYPES[datatype];
@@ -65,8 +58,7 @@ export async function niftiHeader(blob) {
   if (REFUSED[datatype]) throw new FileError(`its voxels are ${REFUSED[datatype]}; save one real number per voxel.`);
   if (!type) throw new FileError(`the field 'datatype' is ${datatype}, which NIfTI does not define.`);
   if (!(dim[0] >= 1 && dim[0] <= 7)) throw new FileError(`the field 'dim' starts with ${dim[0]} axes; a volume has 3.`);
-  /** @type {string[]} */
-  const notes = [], shape = volumeShape(dim.slice(1, 1 + dim[0]), Number(type[1]), notes);
+  const notes: string[] = [], shape = volumeShape(dim.slice(1, 1 + dim[0]), Number(type[1]), notes);
   if (!(Number.isInteger(offset) && offset >= FIRST_VOXEL && offset <= MOST_EXTENSIONS)) {
     throw new FileError(`the field 'vox_offset' is ${offset}; it should be a whole number from ${FIRST_VOXEL} on.`);
   }
@@ -75,7 +67,7 @@ export async function niftiHeader(blob) {
     notes.push(`the code ${code} of its unit of lengths is none of NIfTI; its numbers stay as they are`);
   }
   const { affine, direction, origin } = placeOfVoxels(fields, notes);
-  const spacing = /** @type {Vector3} */ (fields.pixdim.slice(1, 4));
+  const spacing = (fields.pixdim.slice(1, 4) as Vector3);
   return { shape, type, isBig: fields.isBig, slope, intercept, affine, spacing, origin, direction, unit,
     isLabels: fields.intent === LABEL_INTENT, notes,
     read: async (work) => {
@@ -85,8 +77,7 @@ export async function niftiHeader(blob) {
     } };
 }
 
-/** @param {Fields} fields */
-function scalingOf({ scaling: [slope, intercept] }) {
+function scalingOf({ scaling: [slope, intercept] }: Fields) {
   if (slope === 0 || Number.isNaN(slope)) return [1, 0]; // "not scaled" in the standard
   if (!(Number.isFinite(slope) && Number.isFinite(intercept))) {
     throw new FileError(`the fields 'scl_slope' and 'scl_inter' are ${slope} and ${intercept}; they must be finite.`);
@@ -94,12 +85,8 @@ function scalingOf({ scaling: [slope, intercept] }) {
   return [slope, intercept];
 }
 
-/**
- * The sform as an affine map if it counts, else direction and origin.
- * @param {Fields} fields
- * @param {string[]} notes
- */
-function placeOfVoxels(fields, notes) {
+/** The sform as an affine map if it counts, else direction and origin. */
+function placeOfVoxels(fields: Fields, notes: string[]) {
   const [qform, sform] = fields.codes, { srow, pixdim } = fields;
   if (sform <= 0) {
     if (qform <= 0) {
@@ -109,7 +96,7 @@ function placeOfVoxels(fields, notes) {
   }
   if (!srow.every(Number.isFinite)) throw new FileError("the sform (srow_x, srow_y, srow_z) is not finite.");
   const affine = [0, 1, 2].map((k) => srow.slice(4 * k, 4 * k + 4).map((x) => (k < 2 ? -x : x)));
-  const place = { affine, direction: /** @type {Vector3[]} */ ([]), origin: /** @type {Vector3} */ ([0, 0, 0]) };
+  const place = { affine, direction: ([] as Vector3[]), origin: ([0, 0, 0] as Vector3) };
   if (qform > 0) {
     const { direction, origin } = qformOf(fields);
     const most = Math.max(...affine.flatMap((row) => row.slice(0, 3).map(Math.abs)));
@@ -122,12 +109,8 @@ function placeOfVoxels(fields, notes) {
   return place;
 }
 
-/**
- * Direction and origin of the qform, or of the bare axes if it does not count.
- * @param {Fields} fields
- * @returns {{direction: Vector3[], origin: Vector3}}
- */
-function qformOf({ codes, quatern, pixdim }) {
+/** Direction and origin of the qform, or of the bare axes if it does not count. */
+function qformOf({ codes, quatern, pixdim }: Fields): {direction: Vector3[], origin: Vector3} {
   if (codes[0] <= 0) return { direction: [[-1, 0, 0], [0, -1, 0], [0, 0, 1]], origin: [0, 0, 0] };
   let [b, c, d] = quatern;
   const [, , , x, y, z] = quatern, length = Math.sqrt(b * b + c * c + d * d);

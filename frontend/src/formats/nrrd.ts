@@ -1,15 +1,14 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
-import { cross } from "../maths/camera.js";
-import { commonUnit, statedUnit } from "../volume/units.js";
-import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.js";
+import { cross } from "../maths/camera.ts";
+import { commonUnit, statedUnit } from "../volume/units.ts";
+import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.ts";
 
-/** @import { VoxelType } from "./reading.js" */
-/** @import { Header } from "./volume_files.js" */
-/** @import { Vector3 } from "../types.d.ts" */
+import type { VoxelType } from "./reading.ts";
+import type { Header } from "./volume_files.ts";
+import type { Vector3 } from "../types.ts";
 
-/** @type {Record<VoxelType, string[]>} */
-const TYPES = {
+const TYPES: Record<VoxelType, string[]> = {
   i1: ["signed char", "int8", "int8_t"],
   u1: ["uchar", "unsigned char", "uint8", "uint8_t"],
   i2: ["short", "short int", "signed short", "signed short int", "int16", "int16_t"],
@@ -22,23 +21,21 @@ const TYPES = {
   f8: ["double"],
 };
 
-/** What turns each space into left-posterior-superior. @type {Record<string, Vector3>} */
-const SPACES = { "left-posterior-superior": [1, 1, 1], lps: [1, 1, 1], "right-anterior-superior": [-1, -1, 1],
+/** What turns each space into left-posterior-superior. */
+const SPACES: Record<string, Vector3> = { "left-posterior-superior": [1, 1, 1], lps: [1, 1, 1], "right-anterior-superior": [-1, -1, 1],
   ras: [-1, -1, 1], "left-anterior-superior": [1, -1, 1], las: [1, -1, 1], "scanner-xyz": [1, 1, 1],
   "3d-right-handed": [1, 1, 1], "3d-left-handed": [1, 1, 1] };
 const PLACES = ["domain", "space", "???", "none"]; // kinds of axes in space
 const MOST_SKIPPED = 2 ** 26;
 
-/** @typedef {Record<string, string>} Texts */
+export type Texts = Record<string, string>;
 
-/** @param {Uint8Array} data */
-function fieldsOf(data) {
+function fieldsOf(data: Uint8Array) {
   const text = new TextDecoder("latin1").decode(data); // a byte is a character, so that places are counted in bytes
   if (!text.startsWith("NRRD000")) throw new FileError("this is not a NRRD file: it does not begin with NRRD000.");
   const end = /\r?\n\r?\n/.exec(text);
   if (!end) throw new FileError("its header has no end (an empty line); it is cut short or damaged.");
-  /** @type {Texts} */
-  const fields = {}, /** @type {Texts} */ keys = {};
+  const fields: Texts = {}, keys: Texts = {};
   for (const line of text.slice(0, end.index).split(/\r?\n/).slice(1)) {
     if (line.startsWith("#") || !line.trim()) continue;
     const assign = line.indexOf(":=");
@@ -56,12 +53,8 @@ function fieldsOf(data) {
   return { fields, keys, end: end.index + end[0].length };
 }
 
-/**
- * The header of a file.
- * @param {Blob} blob
- * @returns {Promise<Header>}
- */
-export async function nrrdHeader(blob) {
+/** The header of a file. */
+export async function nrrdHeader(blob: Blob): Promise<Header> {
   const { fields, keys, end } = fieldsOf(new Uint8Array(await blob.slice(0, HEADER_BYTES).arrayBuffer()));
   for (const name of ["dimension", "type", "sizes", "encoding"]) {
     if (!Object.hasOwn(fields, name)) throw new FileError(`its header lacks the field '${name}'.`);
@@ -71,8 +64,7 @@ export async function nrrdHeader(blob) {
     throw new FileError(`the field 'dimension' is ${dimension}; a volume has 3.`);
   }
   const sizes = integersOf("sizes", fields.sizes, dimension), axes = placesOf(fields, sizes);
-  /** @type {string[]} */
-  const notes = [], shape = volumeShape(axes.map((axis) => sizes[axis]), Number(type[1]), notes);
+  const notes: string[] = [], shape = volumeShape(axes.map((axis) => sizes[axis]), Number(type[1]), notes);
   const { unit, factors } = unitOfAxes(fields, axes, notes);
   const count = shape[0] * shape[1] * shape[2], from = await beginningOf(blob, fields, end, count * Number(type[1]));
   return { shape, type, isBig, slope: 1, intercept: 0, ...placeOfVoxels(fields, axes, dimension, factors), unit,
@@ -84,10 +76,9 @@ export async function nrrdHeader(blob) {
     } };
 }
 
-/** @param {Texts} fields */
-function typeOf(fields) {
+function typeOf(fields: Texts) {
   const name = fields.type.toLowerCase().split(/\s+/).join(" ");
-  const type = /** @type {VoxelType | undefined} */ (Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0]);
+  const type = (Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0] as VoxelType | undefined);
   if (!type) {
     throw new FileError(`the voxel type '${shownText(fields.type)}' is not supported; save one number per voxel.`);
   }
@@ -98,12 +89,8 @@ function typeOf(fields) {
   return { type, isBig: endian === "big" };
 }
 
-/**
- * Indices of the axes x, y and z.
- * @param {Texts} fields
- * @param {number[]} sizes
- */
-function placesOf(fields, sizes) {
+/** Indices of the axes x, y and z. */
+function placesOf(fields: Texts, sizes: number[]) {
   let kinds = fields.kinds !== undefined ? fields.kinds.toLowerCase().split(/\s+/).filter(Boolean)
     : sizes.map(() => "domain");
   if (fields.spacedirections !== undefined) {
@@ -126,12 +113,7 @@ function placesOf(fields, sizes) {
   return places.slice(0, 3);
 }
 
-/**
- * @param {string} field
- * @param {string} text
- * @returns {(number[] | null)[]}
- */
-function vectorsOf(field, text) {
+function vectorsOf(field: string, text: string): (number[] | null)[] {
   const words = text.match(/none|\([^()]*\)/gi) ?? [];
   if (text.replace(/none|\([^()]*\)|\s/gi, "")) {
     throw new FileError(`the field '${field}' should be vectors like (1,0,0) but is '${shownText(text)}'.`);
@@ -141,12 +123,10 @@ function vectorsOf(field, text) {
 
 /**
  * Where the voxels begin.
- * @param {Blob} blob
- * @param {Texts} fields
- * @param {number} end of the header
- * @param {number} expected bytes
+ * @param end of the header
+ * @param expected bytes
  */
-async function beginningOf(blob, fields, end, expected) {
+async function beginningOf(blob: Blob, fields: Texts, end: number, expected: number) {
   const encoding = fields.encoding.toLowerCase(), isPacked = ["gzip", "gz"].includes(encoding);
   if (!isPacked && encoding !== "raw") {
     throw new FileError(`the encoding '${shownText(encoding)}' is not supported; save it as raw or gzip.`);
@@ -175,13 +155,8 @@ async function beginningOf(blob, fields, end, expected) {
   return { offset, skip, isPacked };
 }
 
-/**
- * The unit of lengths, and by how much the numbers along the three axes are multiplied to be in it.
- * @param {Texts} fields
- * @param {number[]} axes
- * @param {string[]} notes
- */
-function unitOfAxes(fields, axes, notes) {
+/** The unit of lengths, and by how much the numbers along the three axes are multiplied to be in it. */
+function unitOfAxes(fields: Texts, axes: number[], notes: string[]) {
   const given = fields.spaceunits ?? fields.units;
   if (given === undefined) {
     const isPatient = /anterior|posterior|^(lps|ras|las)$/.test((fields.space ?? "").toLowerCase());
@@ -199,23 +174,17 @@ function unitOfAxes(fields, axes, notes) {
   return commonUnit(units, notes);
 }
 
-/**
- * @param {Texts} fields
- * @param {number[]} axes
- * @param {number} dimension
- * @param {number[]} factors by which the numbers along x, y and z are multiplied
- * @returns {{affine: number[][] | null, spacing: Vector3, origin: Vector3, direction: Vector3[]}}
- */
-function placeOfVoxels(fields, axes, dimension, factors) {
+/** @param factors by which the numbers along x, y and z are multiplied */
+function placeOfVoxels(fields: Texts, axes: number[], dimension: number, factors: number[]): {affine: number[][] | null, spacing: Vector3, origin: Vector3, direction: Vector3[]} {
   const space = (fields.space ?? "").toLowerCase();
   if (space && !Object.hasOwn(SPACES, space)) {
     throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
   }
   const signs = (SPACES[space] ?? [1, 1, 1]).map((sign, k) => sign * factors[k]);
   const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
-  const corner = /** @type {Vector3} */ (three("space origin", first === undefined ? [0, 0, 0] : first)
-    .map((x, k) => x * signs[k]));
-  const direction = /** @type {Vector3[]} */ ([[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
+  const corner = (three("space origin", first === undefined ? [0, 0, 0] : first)
+    .map((x, k) => x * signs[k]) as Vector3);
+  const direction = ([[1, 0, 0], [0, 1, 0], [0, 0, 1]] as Vector3[]);
   if (fields.spacedirections === undefined) {
     const { spacing, origin } = spacingsOf(fields, axes, dimension, factors);
     return { affine: null, spacing, origin: first === undefined ? origin : corner, direction };
@@ -231,31 +200,24 @@ function placeOfVoxels(fields, axes, dimension, factors) {
   return { affine, spacing: [1, 1, 1], origin: corner, direction };
 }
 
-/** @param {string} field @param {number[] | null | undefined} vector */
-function three(field, vector) {
+function three(field: string, vector: number[] | null | undefined) {
   if (!vector || ![2, 3, 4].includes(vector.length)) {
     throw new FileError(`the field '${field}' should have vectors of three numbers.`);
   }
   return [...vector, 0].slice(0, 3);
 }
 
-/**
- * @param {Texts} fields
- * @param {number[]} axes
- * @param {number} dimension
- * @param {number[]} factors
- */
-function spacingsOf(fields, axes, dimension, factors) {
-  const perAxis = (/** @type {string} */ name, /** @type {string} */ shown, /** @type {number} */ missing) => {
+function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: number[]) {
+  const perAxis = (name: string, shown: string, missing: number) => {
     if (fields[name] === undefined) return [missing, missing, missing];
     const values = floatsOfText(shown, fields[name], dimension);
     return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3);
   };
-  const spacing = /** @type {Vector3} */ (perAxis("spacings", "spacings", 1)), least = perAxis("axismins", "axis mins", 0);
+  const spacing = (perAxis("spacings", "spacings", 1) as Vector3), least = perAxis("axismins", "axis mins", 0);
   const centres = (fields.centers ?? fields.centerings ?? "").toLowerCase().split(/\s+/).filter(Boolean);
   // "axis min" is the border of a cell, or the place of a node.
   const first = least.map((low, k) => low + (centres[axes[k]] === "cell" ? spacing[k] / 2 : 0));
   const from = first.every(Number.isFinite) ? first : [0, 0, 0];
-  const scaled = (/** @type {number[]} */ v) => /** @type {Vector3} */ (v.map((x, k) => x * factors[k]));
+  const scaled = (v: number[]) => (v.map((x, k) => x * factors[k]) as Vector3);
   return { spacing: scaled(spacing), origin: scaled(from) };
 }

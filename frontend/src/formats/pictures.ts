@@ -1,29 +1,28 @@
 // Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
 // rounds them, turned as the camera says, rows along y. The browser unpacks them.
 
-import { checkedGrid } from "../volume/grid.js";
-import { FileError, shownText } from "./reading.js";
+import { checkedGrid } from "../volume/grid.ts";
+import { FileError, shownText } from "./reading.ts";
 
-/** @import { Volume } from "./volume_files.js" */
+import type { Volume } from "./volume_files.ts";
 
 /** Suffixes of pictures. */
 export const PICTURE_SUFFIXES = [".png", ".jpg", ".jpeg"];
 const MOST_PIXELS = 2 ** 26; // 67 million; phones take pictures of 12 to 50
 const SHOWN = 2048; // pixels along a side that the editor shows
 
-/**
- * @typedef {object} Photograph
- * @property {Volume} volume
- * @property {boolean} isExact whether Python reads the very same values
- * @property {{rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number, factor: number}} shown the picture in
- *   its colours, averaged over squares of so many pixels
- */
+export interface Photograph {
+  volume: Volume;
+  /** whether Python reads the very same values */
+  isExact: boolean;
+  /** the picture in its colours, averaged over squares of so many pixels */
+  shown: {rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number, factor: number};
+}
 
 /**
  * Width and height in the header of a PNG or a JPEG, and whether every browser finds the same grey values as Pillow.
- * @param {Uint8Array} data
  */
-export function pictureSize(data) {
+export function pictureSize(data: Uint8Array) {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (data.length >= 33 && view.getUint32(0) === 0x89504e47 && view.getUint32(4) === 0x0d0a1a0a) {
     const text = new TextDecoder("latin1").decode(data.subarray(0, 2 ** 16)), [depth, colour] = data.subarray(24, 26);
@@ -42,13 +41,8 @@ export function pictureSize(data) {
   throw new FileError("it is cut short or no picture (PNG or JPEG).");
 }
 
-/**
- * The picture of a file.
- * @param {Blob} blob
- * @param {string} name
- * @returns {Promise<Photograph>}
- */
-export async function readPicture(blob, name) {
+/** The picture of a file. */
+export async function readPicture(blob: Blob, name: string): Promise<Photograph> {
   try {
     const { width, height, isExact } = pictureSize(new Uint8Array(await blob.slice(0, 2 ** 22).arrayBuffer()));
     if (width < 1 || height < 1 || width * height > MOST_PIXELS) {
@@ -61,9 +55,8 @@ export async function readPicture(blob, name) {
   }
 }
 
-/** @param {Blob} blob @param {string} name */
-async function decoded(blob, name) {
-  let bitmap;
+async function decoded(blob: Blob, name: string) {
+  let bitmap: ImageBitmap;
   try {
     bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none",
       imageOrientation: "from-image" });
@@ -82,12 +75,7 @@ async function decoded(blob, name) {
   return { volume, shown: averaged(rgba, width, height) };
 }
 
-/**
- * @param {Uint8ClampedArray<ArrayBuffer>} rgba
- * @param {number} width
- * @param {number} height
- */
-function averaged(rgba, width, height) {
+function averaged(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
   const factor = Math.max(1, Math.ceil(Math.max(width, height) / SHOWN));
   if (factor === 1) return { rgba, width, height, factor };
   const w = Math.floor(width / factor), h = Math.floor(height / factor), out = new Uint8ClampedArray(4 * w * h);

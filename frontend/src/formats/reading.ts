@@ -10,31 +10,25 @@ const MOST_BYTES = 2 ** 30; // of voxels as stored: a phone holds no more, and h
 const MOST_PACKED = 1040; // bytes of deflate's densest data for each packed one
 const MOST_BEHIND = 2 ** 22; // bytes behind the voxels that are looked at for the check sum of gzip
 
-/**
- * @typedef {object} Work
- * @property {(share: number) => void} [progress]
- * @property {AbortSignal} [signal] ends the work
- */
+export interface Work {
+  progress?: (share: number) => void;
+  /** ends the work */
+  signal?: AbortSignal;
+}
 
-/** @typedef {"u1" | "i1" | "u2" | "i2" | "u4" | "i4" | "u8" | "i8" | "f4" | "f8"} VoxelType */
+export type VoxelType = "u1" | "i1" | "u2" | "i2" | "u4" | "i4" | "u8" | "i8" | "f4" | "f8";
 
-/** @type {Record<VoxelType, any>} */
-const ARRAYS = { u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, u4: Uint32Array, i4: Int32Array,
+const ARRAYS: Record<VoxelType, any> = { u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, u4: Uint32Array, i4: Int32Array,
   u8: BigUint64Array, i8: BigInt64Array, f4: Float32Array, f8: Float64Array };
 
-/** Text from a file made fit for a message. @param {unknown} text */
-export function shownText(text) {
+/** Text from a file made fit for a message. */
+export function shownText(text: unknown) {
   const plain = String(text), cut = plain.length > 120 ? `${plain.slice(0, 120)}...` : plain;
   return cut.replace(/[^\P{C}]/gu, "?");
 }
 
-/**
- * Whole numbers of a header's field.
- * @param {string} field
- * @param {string} text
- * @param {number} count
- */
-export function integersOf(field, text, count) {
+/** Whole numbers of a header's field. */
+export function integersOf(field: string, text: string, count: number) {
   const words = text.split(/\s+/).filter(Boolean);
   if (words.length !== count || !words.every((word) => /^[+-]?\d{1,19}$/.test(word))) {
     throw new FileError(`the field '${field}' should be ${count} whole numbers but is '${shownText(text)}'.`);
@@ -42,15 +36,10 @@ export function integersOf(field, text, count) {
   return words.map(Number);
 }
 
-/**
- * Numbers of a header's field; NaN and infinity are for the caller to refuse.
- * @param {string} field
- * @param {string} text
- * @param {number | null} count
- */
-export function floatsOfText(field, text, count = null) {
+/** Numbers of a header's field; NaN and infinity are for the caller to refuse. */
+export function floatsOfText(field: string, text: string, count: number | null = null) {
   const words = text.split(/\s+/).filter(Boolean);
-  const isNumber = (/** @type {string} */ word) =>
+  const isNumber = (word: string) =>
     /^[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)$/i.test(word);
   if (words.length > 100 || (count !== null && words.length !== count) || !words.every(isNumber)) {
     throw new FileError(`the field '${field}' should be numbers but is '${shownText(text)}'.`);
@@ -59,22 +48,15 @@ export function floatsOfText(field, text, count = null) {
     : /inf/i.test(word) ? (word.startsWith("-") ? -Infinity : Infinity) : Number(word)));
 }
 
-/** @param {number} count */
-export function shownBytes(count) {
+export function shownBytes(count: number) {
   const units = ["bytes", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
   let size = count, k = 0;
   while (size >= 1024 && k < units.length - 1) { size /= 1024; k += 1; }
   return `${k ? size.toFixed(1) : size} ${units[k]}`;
 }
 
-/**
- * Sizes [nz, ny, nx] of the sizes along x, y, z and beyond.
- * @param {number[]} sizes
- * @param {number} itemsize
- * @param {string[]} notes
- * @returns {[number, number, number]}
- */
-export function volumeShape(sizes, itemsize, notes) {
+/** Sizes [nz, ny, nx] of the sizes along x, y, z and beyond. */
+export function volumeShape(sizes: number[], itemsize: number, notes: string[]): [number, number, number] {
   if (!sizes.length || Math.min(...sizes) < 1) {
     throw new FileError(`every size must be at least 1 voxel, but the sizes along x, y, z are ${sizes.join(", ")}.`);
   }
@@ -95,14 +77,16 @@ export function volumeShape(sizes, itemsize, notes) {
 
 /** Bytes of a file one after the other, unpacked if need be. */
 export class ByteReader {
-  /**
-   * @param {Blob} blob
-   * @param {boolean} isPacked whether by gzip
-   */
-  constructor(blob, isPacked) {
+  size: number;
+  isPacked: boolean;
+  reader: ReadableStreamDefaultReader<Uint8Array<ArrayBuffer>>;
+  rest: Uint8Array<ArrayBuffer>;
+
+  /** @param isPacked whether by gzip */
+  constructor(blob: Blob, isPacked: boolean) {
     this.size = blob.size;
     this.isPacked = isPacked;
-    const stream = /** @type {ReadableStream<Uint8Array<ArrayBuffer>>} */ (blob.stream());
+    const stream = (blob.stream() as ReadableStream<Uint8Array<ArrayBuffer>>);
     this.reader = (isPacked ? stream.pipeThrough(new DecompressionStream("gzip")) : stream).getReader();
     this.rest = new Uint8Array(0);
   }
@@ -121,12 +105,8 @@ export class ByteReader {
     }
   }
 
-  /**
-   * Fill an array with the next bytes; returns how many there were.
-   * @param {Uint8Array<ArrayBuffer>} target
-   * @param {Work} [work]
-   */
-  async fill(target, { progress, signal } = {}) {
+  /** Fill an array with the next bytes; returns how many there were. */
+  async fill(target: Uint8Array<ArrayBuffer>, { progress, signal }: Work = {}) {
     let at = 0;
     while (at < target.length) {
       signal?.throwIfAborted();
@@ -141,14 +121,13 @@ export class ByteReader {
     return at;
   }
 
-  /** The next bytes, fewer at the end of the file. @param {number} count */
-  async take(count) {
+  /** The next bytes, fewer at the end of the file. */
+  async take(count: number) {
     const target = new Uint8Array(count);
     return target.subarray(0, await this.fill(target));
   }
 
-  /** @param {number} count */
-  async skip(count) {
+  async skip(count: number) {
     for (let left = count; left > 0;) {
       const piece = await this.#next();
       if (!piece) return;
@@ -159,16 +138,13 @@ export class ByteReader {
 
   /**
    * The next voxels. Their bytes are counted before there is an array for them.
-   * @param {VoxelType} type
-   * @param {boolean} isBig whether the highest byte comes first
-   * @param {number} count
-   * @param {number} before bytes that were read
-   * @param {Work} work
+   * @param isBig whether the highest byte comes first
+   * @param before bytes that were read
    */
-  async voxels(type, isBig, count, before, work) {
+  async voxels(type: VoxelType, isBig: boolean, count: number, before: number, work: Work) {
     const bytes = count * Number(type[1]), most = this.isPacked ? this.size * MOST_PACKED : this.size - before;
     if (bytes > most) this.#cutShort(Math.max(0, most), bytes);
-    let target;
+    let target: Uint8Array<ArrayBuffer>;
     try { target = new Uint8Array(bytes); } catch {
       throw new FileError(`there is not enough memory for its ${shownBytes(bytes)} of voxels; save it coarser.`);
     }
@@ -181,8 +157,7 @@ export class ByteReader {
     return new ARRAYS[type](target.buffer);
   }
 
-  /** @param {number} found @param {number} wanted @returns {never} */
-  #cutShort(found, wanted) {
+  #cutShort(found: number, wanted: number): never {
     throw new FileError(`its header announces ${shownBytes(wanted)} of voxels but the file holds at most ` +
       `${shownBytes(found)}; it is cut short or its header is damaged.`);
   }
@@ -190,8 +165,8 @@ export class ByteReader {
   async close() { await this.reader.cancel().catch(() => {}); }
 }
 
-/** @param {Uint8Array} bytes @param {number} size of a number */
-function swapBytes(bytes, size) {
+/** @param size of a number */
+function swapBytes(bytes: Uint8Array, size: number) {
   if (size === 1) return;
   for (let at = 0; at < bytes.length; at += size) {
     for (let low = at, high = at + size - 1; low < high; low++, high--) {

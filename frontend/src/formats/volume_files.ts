@@ -1,73 +1,67 @@
 // Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
 
-import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.js";
-import { niftiHeader } from "./nifti.js";
-import { nrrdHeader } from "./nrrd.js";
-import { FileError, shownText } from "./reading.js";
+import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.ts";
+import { niftiHeader } from "./nifti.ts";
+import { nrrdHeader } from "./nrrd.ts";
+import { FileError, shownText } from "./reading.ts";
 
-/** @import { VoxelType, Work } from "./reading.js" */
-/** @import { Grid } from "../volume/grid.js" */
-/** @import { Vector3 } from "../types.d.ts" */
+import type { VoxelType, Work } from "./reading.ts";
+import type { Grid } from "../volume/grid.ts";
+import type { Vector3 } from "../types.ts";
 
-/**
- * All that is known of a file before any voxel is read.
- * @typedef {object} Header
- * @property {Vector3} shape [nz, ny, nx]
- * @property {VoxelType} type
- * @property {boolean} isBig whether the highest byte comes first
- * @property {number} slope voxels mean slope * stored + intercept
- * @property {number} intercept
- * @property {number[][] | null} affine of the indices, three rows of four numbers; null where spacing, origin and
- *   direction are stated instead
- * @property {Vector3} spacing
- * @property {Vector3} origin
- * @property {Vector3[]} direction
- * @property {string} unit of lengths; "" where it is not known
- * @property {boolean} isLabels
- * @property {string[]} notes
- * @property {(work: Work) => Promise<any>} read the voxels as they are stored
- */
+/** All that is known of a file before any voxel is read. */
+export interface Header {
+  /** [nz, ny, nx] */
+  shape: Vector3;
+  type: VoxelType;
+  /** whether the highest byte comes first */
+  isBig: boolean;
+  /** voxels mean slope * stored + intercept */
+  slope: number;
+  intercept: number;
+  /** of the indices, three rows of four numbers; null where spacing, origin and direction are stated instead */
+  affine: number[][] | null;
+  spacing: Vector3;
+  origin: Vector3;
+  direction: Vector3[];
+  /** of lengths; "" where it is not known */
+  unit: string;
+  isLabels: boolean;
+  notes: string[];
+  /** the voxels as they are stored */
+  read: (work: Work) => Promise<any>;
+}
 
-/** @typedef {Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array | Float64Array} Values */
+export type Values = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array | Float64Array;
 
-/**
- * @typedef {object} Volume
- * @property {string} name
- * @property {Grid} grid
- * @property {Values} values [z, y, x] in one row
- * @property {string} dtype NumPy's name of their type
- * @property {boolean} isLabels
- * @property {string[]} notes
- */
+export interface Volume {
+  name: string;
+  grid: Grid;
+  /** [z, y, x] in one row */
+  values: Values;
+  /** NumPy's name of their type */
+  dtype: string;
+  isLabels: boolean;
+  notes: string[];
+}
 
-/**
- * A row of deformnb/volume/known_spacings.json: a public volume whose files state a wrong spacing.
- * @typedef {{title: string, shape: number[], dtype: string, sha256: string, header_spacing: number[],
- *   spacing: Vector3, reason: string}} KnownSpacing
- */
+/** A row of deformnb/volume/known_spacings.json: a public volume whose files state a wrong spacing. */
+export type KnownSpacing = {title: string, shape: number[], dtype: string, sha256: string, header_spacing: number[], spacing: Vector3, reason: string};
 
-/** @type {Record<string, (blob: Blob) => Promise<Header>>} */
-const FORMATS = { ".nii": niftiHeader, ".nii.gz": niftiHeader, ".nrrd": nrrdHeader };
+const FORMATS: Record<string, (blob: Blob) => Promise<Header>> = { ".nii": niftiHeader, ".nii.gz": niftiHeader, ".nrrd": nrrdHeader };
 /** Suffixes of volumes. */
 export const VOLUME_SUFFIXES = Object.keys(FORMATS);
 
-/** @type {Record<VoxelType, string>} */
-const NAMES = { u1: "uint8", i1: "int8", u2: "uint16", i2: "int16", u4: "uint32", i4: "int32", u8: "uint64", i8: "int64",
+const NAMES: Record<VoxelType, string> = { u1: "uint8", i1: "int8", u2: "uint16", i2: "int16", u4: "uint32", i4: "int32", u8: "uint64", i8: "int64",
   f4: "float32", f8: "float64" };
 
-/** @param {string} name of a file */
-export function volumeSuffix(name) {
+/** @param name of a file */
+export function volumeSuffix(name: string) {
   return VOLUME_SUFFIXES.filter((suffix) => name.toLowerCase().endsWith(suffix)).at(-1) ?? null;
 }
 
-/**
- * A volume of a file.
- * @param {Blob} blob
- * @param {string} name
- * @param {Work & {knownSpacings?: KnownSpacing[]}} [work]
- * @returns {Promise<Volume>}
- */
-export async function readVolume(blob, name, work = {}) {
+/** A volume of a file. */
+export async function readVolume(blob: Blob, name: string, work: Work & {knownSpacings?: KnownSpacing[]} = {}): Promise<Volume> {
   try {
     const suffix = volumeSuffix(name);
     if (!suffix) throw new FileError(`this is no kind of volume that is read here (${VOLUME_SUFFIXES.join(", ")}).`);
@@ -84,25 +78,20 @@ export async function readVolume(blob, name, work = {}) {
   }
 }
 
-/** @param {Header} header */
-function gridOf({ shape, affine, spacing, origin, direction, unit, notes }) {
+function gridOf({ shape, affine, spacing, origin, direction, unit, notes }: Header) {
   const grid = affine ? gridOfAffine(shape, affine) : straightenedGrid(shape, spacing, origin, direction, notes);
   return { ...grid, unit };
 }
 
-/**
- * The values that stored voxels mean, in the type in which Python holds them.
- * @param {any} stored
- * @param {Header} header
- */
-function loaded(stored, { type, slope, intercept, notes }) {
+/** The values that stored voxels mean, in the type in which Python holds them. */
+function loaded(stored: any, { type, slope, intercept, notes }: Header) {
   if (slope !== 1 || intercept !== 0) {
     const isWide = ["i4", "u4", "i8", "u8", "f8"].includes(type);
     const values = isWide ? new Float64Array(stored.length) : new Float32Array(stored.length);
     for (let k = 0; k < values.length; k++) values[k] = Number(stored[k]) * slope + intercept;
     return { values, dtype: isWide ? "float64" : "float32" };
   }
-  if (!["u4", "i8", "u8"].includes(type)) return { values: /** @type {Values} */ (stored), dtype: NAMES[type] };
+  if (!["u4", "i8", "u8"].includes(type)) return { values: (stored as Values), dtype: NAMES[type] };
   let low = stored[0], high = stored[0];
   for (const value of stored) { if (value < low) low = value; if (value > high) high = value; }
   const fits = low >= -(2 ** 31) && high < 2 ** 31;
@@ -122,9 +111,8 @@ function loaded(stored, { type, slope, intercept, notes }) {
 /**
  * SHA-256 of a volume's type, shape and voxels as deformnb/volume/volume.py makes it; null where the browser makes none,
  * as on pages of a server without encryption.
- * @param {Volume} volume
  */
-export async function voxelChecksum({ values, dtype, grid: { shape } }) {
+export async function voxelChecksum({ values, dtype, grid: { shape } }: Volume) {
   const subtle = globalThis.crypto?.subtle;
   if (!subtle) return null;
   const about = new TextEncoder().encode(`${dtype} (${shape.join(", ")}) `);
@@ -139,11 +127,7 @@ export async function voxelChecksum({ values, dtype, grid: { shape } }) {
   }
 }
 
-/**
- * @param {Volume} volume
- * @param {KnownSpacing[]} known
- */
-async function withTrueSpacing(volume, known) {
+async function withTrueSpacing(volume: Volume, known: KnownSpacing[]) {
   const { grid, dtype } = volume;
   const likely = known.filter((row) => row.dtype === dtype && row.shape.every((n, k) => n === grid.shape[k])
     && row.header_spacing.every((s, k) => Math.abs(s - grid.spacing[k]) <= 1e-5 * grid.spacing[k]));

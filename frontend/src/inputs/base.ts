@@ -1,55 +1,49 @@
 // The base of small widgets whose value the user edits: their link to Python, theme and messages.
 // To Python: edit (seq, view, phase, value). From Python: done (seq, view), error (view, message).
 
-/** @import { Model, Vector2 } from "../types.d.ts" */
+import type { Model, Vector2 } from "../types.ts";
 
-import { EditLink } from "../sync/edits.js";
-import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.js";
-import { ThemeObserver } from "../ui/theme.js";
+import { EditLink } from "../sync/edits.ts";
+import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.ts";
+import { ThemeObserver } from "../ui/theme.ts";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
 
-/**
- * The index of the element to which an event was sent, or -1.
- * @param {Element[]} elements
- * @param {Event} event
- */
-export function targetIndex(elements, event) { return elements.indexOf(targetOf(event)); }
+/** The index of the element to which an event was sent, or -1. */
+export function targetIndex(elements: Element[], event: Event) { return elements.indexOf(targetOf(event)); }
 
 /**
  * The value of an attribute of what lies under the pointer within an element, or null. The place is looked up because
  * the clicks of a captured pointer go to the element that has captured it.
- * @param {MouseEvent} event
- * @param {Element} within
- * @param {string} name
  */
-export function attributeUnder(event, within, name) {
+export function attributeUnder(event: MouseEvent, within: Element, name: string) {
   const hit = treeOf(within).elementFromPoint(event.clientX, event.clientY)?.closest(`[${name}]`);
   return hit && within.contains(hit) ? hit.getAttribute(name) : null;
 }
 
-/**
- * The same for a number.
- * @param {MouseEvent} event
- * @param {Element} within
- * @param {string} name
- */
-export function numberUnder(event, within, name) {
+/** The same for a number. */
+export function numberUnder(event: MouseEvent, within: Element, name: string) {
   const found = attributeUnder(event, within, name);
   return found === null ? null : Number(found);
 }
 
 export class InputView {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   * @param {string} name
-   */
-  constructor(model, el, name) {
+  model: Model;
+  link: EditLink;
+  handlers: [string, (...given: any[]) => void][];
+  frame: number;
+  isHeld: boolean;
+  closed: AbortController;
+  root: HTMLDivElement;
+  alert: HTMLDivElement;
+  liveRegion: HTMLDivElement;
+  theme: ThemeObserver;
+  observer: ResizeObserver;
+
+  constructor(model: Model, el: HTMLElement, name: string) {
     this.model = model;
-    this.link = new EditLink((/** @type {object} */ message) => model.send(message));
-    /** @type {[string, (...given: any[]) => void][]} */
+    this.link = new EditLink((message: object) => model.send(message));
     this.handlers = [];
     this.frame = 0;
     this.isHeld = false;
@@ -75,26 +69,14 @@ export class InputView {
     this.guard(() => { this.adopt(this.model.get("shown")); this.applyTheme(); this.draw(); });
   }
 
-  /**
-   * @param {string} name
-   * @param {(...given: any[]) => void} handler
-   */
-  on(name, handler) {
-    /** @param {any[]} given */
-    const guarded = (...given) => this.guard(() => handler(...given));
+  on(name: string, handler: (...given: any[]) => void) {
+    const guarded = (...given: any[]) => this.guard(() => handler(...given));
     this.model.on(name, guarded);
     this.handlers.push([name, guarded]);
   }
 
-  /**
-   * @template {keyof HTMLElementEventMap} K
-   * @param {EventTarget} target
-   * @param {K} name
-   * @param {(event: HTMLElementEventMap[K]) => void} handler
-   * @param {AddEventListenerOptions} [options]
-   */
-  listen(target, name, handler, options = {}) {
-    target.addEventListener(name, (event) => this.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
+  listen<K extends keyof HTMLElementEventMap>(target: EventTarget, name: K, handler: (event: HTMLElementEventMap[K]) => void, options: AddEventListenerOptions = {}) {
+    target.addEventListener(name, (event) => this.guard(() => handler((event as HTMLElementEventMap[K]))),
       { signal: this.closed.signal, ...options });
   }
 
@@ -107,12 +89,8 @@ export class InputView {
     this.root.remove();
   }
 
-  /**
-   * Run an action; an error in it is shown in the widget, which goes on.
-   * @template T
-   * @param {() => T} action
-   */
-  guard(action) {
+  /** Run an action; an error in it is shown in the widget, which goes on. */
+  guard<T>(action: () => T) {
     try { return action(); } catch (error) {
       console.error(error);
       this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
@@ -131,35 +109,30 @@ export class InputView {
     this.invalidate();
   }
 
-  /** Take over the value of the trait `shown`. @param {any} _shown */
-  adopt(_shown) {}
+  /** Take over the value of the trait `shown`. */
+  adopt(_shown: any) {}
 
-  /** @param {any} message */
-  message(message) {
+  message(message: any) {
     if (message?.view && message.view !== this.link.id) return; // another view of the same model
     if (message?.type === "error") this.showMessage(String(message.message));
     if (message?.type === "done") this.link.done(message.seq);
   }
 
-  /** @param {object} value */
-  move(value) { if (this.model.get("live")) this.link.move(value); }
+  move(value: object) { if (this.model.get("live")) this.link.move(value); }
 
-  /** @param {object} value */
-  end(value) {
+  end(value: object) {
     this.showMessage("");
     this.link.end(value);
   }
 
   // ---- the widget ---------------------------------------------------------------------------------------------------
 
-  /** @param {string} text */
-  showMessage(text) {
+  showMessage(text: string) {
     setText(this.alert, text);
     this.alert.hidden = text === "";
   }
 
-  /** @param {string} text */
-  announce(text) { setText(this.liveRegion, text); }
+  announce(text: string) { setText(this.liveRegion, text); }
 
   invalidate() {
     if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
@@ -174,28 +147,20 @@ export class InputView {
   }
 }
 
-/**
- * What a drag does. `press` returns what is grabbed, or null.
- * @template T
- * @typedef {object} DragHandler
- * @property {(event: PointerEvent) => T | null} press
- * @property {(grabbed: T, by: Vector2) => void} drag
- * @property {(grabbed: T, isCancelled: boolean, isClick: boolean) => void} drop
- */
+/** What a drag does. `press` returns what is grabbed, or null. */
+export interface DragHandler<T> {
+  press: (event: PointerEvent) => T | null;
+  drag: (grabbed: T, by: Vector2) => void;
+  drop: (grabbed: T, isCancelled: boolean, isClick: boolean) => void;
+}
 
 /**
  * Listen to presses that become drags, with the mouse, a pen or a finger. Returns a function that cancels the drag and
  * returns whether there was one.
- * @template T
- * @param {InputView} view
- * @param {Element} target
- * @param {DragHandler<T>} handler
  */
-export function listenToDrags(view, target, handler) {
-  /** @type {{ grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null} */
-  let held = null;
-  /** @param {boolean} isCancelled */
-  const drop = (isCancelled) => {
+export function listenToDrags<T>(view: InputView, target: Element, handler: DragHandler<T>) {
+  let held: { grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null = null;
+  const drop = (isCancelled: boolean) => {
     if (!held) return;
     const { grabbed, isPress } = held;
     held = null;
@@ -215,14 +180,12 @@ export function listenToDrags(view, target, handler) {
   });
   view.listen(target, "pointermove", (event) => {
     if (held?.pointer !== event.pointerId) return;
-    /** @type {Vector2} */
-    const by = [event.clientX - held.from[0], event.clientY - held.from[1]];
+    const by: Vector2 = [event.clientX - held.from[0], event.clientY - held.from[1]];
     if (held.isPress && Math.hypot(...by) < (SLACK[event.pointerType] ?? SLACK.mouse)) return;
     held.isPress = false;
     handler.drag(held.grabbed, by);
   });
-  /** @param {boolean} isCancelled */
-  const over = (isCancelled) => (/** @type {PointerEvent} */ event) => {
+  const over = (isCancelled: boolean) => (event: PointerEvent) => {
     if (held?.pointer === event.pointerId) drop(isCancelled);
   };
   view.listen(target, "pointerup", over(false));

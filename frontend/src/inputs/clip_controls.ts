@@ -1,13 +1,11 @@
 // The clip controls: a view's sliders in a cell of their own.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-import { ClipSliders } from "./clip_sliders.js";
+import { ClipSliders } from "./clip_sliders.ts";
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-async function render({ model, el }) {
-  /** @type {ClipSliders | null} */
-  let sliders = null;
+async function render({ model, el }: { model: Model, el: HTMLElement }) {
+  let sliders: ClipSliders | null = null;
   let turn = 0;
   const follow = async () => {
     turn += 1;

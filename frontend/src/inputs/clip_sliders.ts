@@ -1,50 +1,39 @@
 // Three sliders with two ends each, which cut away what lies outside of a part of a view's box. They set the view's
 // trait `clip` in the front end, so a live view follows without the kernel.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-import { dot, scaled, sideOf } from "../maths/camera.js";
-import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.js";
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+import { dot, scaled, sideOf } from "../maths/camera.ts";
+import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
 const CLIP_STEP = 0.01;
 const THINNEST = 0.02; // of the box: a part can always be taken hold of again
-/** @type {Record<string, string>} */
-const SIDE_WORDS = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
+const SIDE_WORDS: Record<string, string> = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
 
-/**
- * The trait `volume_info`, as far as it is needed here; empty before there is a volume.
- * @typedef {{ axes?: number[][] }} VolumeInfo
- */
+/** The trait `volume_info`, as far as it is needed here; empty before there is a volume. */
+export type VolumeInfo = { axes?: number[][] };
 
-/**
- * The direction in space of an index axis.
- * @param {number[][]} axes
- * @param {number} i
- * @returns {number[]}
- */
-const axisOf = ([x, y, z], i) => [x[i], y[i], z[i]];
-/** @param {string} letters */
-const sideWords = (letters) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
+/** The direction in space of an index axis. */
+const axisOf = ([x, y, z]: number[][], i: number): number[] => [x[i], y[i], z[i]];
+const sideWords = (letters: string) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
 
-/**
- * The clip that takes away the half of what is seen that lies towards a viewer.
- * @param {number[]} direction
- * @param {number[][]} axes
- * @returns {number[][]}
- */
-function openedTowards(direction, axes) {
+/** The clip that takes away the half of what is seen that lies towards a viewer. */
+function openedTowards(direction: number[], axes: number[][]): number[][] {
   const along = [0, 1, 2].map((i) => dot(direction, axisOf(axes, i)));
   const axis = along.reduce((best, x, i) => (Math.abs(x) > Math.abs(along[best]) ? i : best), 0);
   return UNCLIPPED.map((pair, i) => (i !== axis ? pair : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
 }
 
 export class ClipSliders {
-  /**
-   * @param {HTMLElement} parent
-   * @param {Model} model that of the view
-   */
-  constructor(parent, model) {
+  model: Model;
+  root: HTMLDivElement;
+  rows: { row: HTMLDivElement; from: HTMLSpanElement; track: HTMLDivElement; ends: HTMLInputElement[]; to: HTMLSpanElement; value: HTMLOutputElement; }[];
+  whole: HTMLButtonElement;
+  shown: () => void;
+
+  /** @param model that of the view */
+  constructor(parent: HTMLElement, model: Model) {
     this.model = model;
     this.root = pageElement("div", "dnb-clip", parent,
       { role: "group", "aria-label": "Part of the volume that is seen" });
@@ -60,14 +49,12 @@ export class ClipSliders {
     this.show();
   }
 
-  /** @returns {VolumeInfo} */
-  get info() { return this.model.get("volume_info") ?? {}; }
+  get info(): VolumeInfo { return this.model.get("volume_info") ?? {}; }
 
-  /** A copy of the view's clip. @returns {number[][]} */
-  get clip() { return clipOf(this.model).map(([low, high]) => [low, high]); }
+  /** A copy of the view's clip. */
+  get clip(): number[][] { return clipOf(this.model).map(([low, high]) => [low, high]); }
 
-  /** @param {number} axis */
-  #row(axis) {
+  #row(axis: number) {
     const row = pageElement("div", "dnb-clip-row", this.root);
     const from = pageElement("span", "dnb-clip-side", row), track = pageElement("div", "dnb-clip-track", row);
     pageElement("div", "dnb-clip-rail", track);
@@ -81,33 +68,21 @@ export class ClipSliders {
       value: pageElement("output", "dnb-clip-value", row) };
   }
 
-  /**
-   * @param {HTMLElement} parent
-   * @param {string} text
-   * @param {string} title
-   * @param {() => void} action
-   */
-  #button(parent, text, title, action) {
+  #button(parent: HTMLElement, text: string, title: string, action: () => void) {
     const button = pageElement("button", "dnb-clip-button", parent, { type: "button", title, ...OWN_KEYS });
     button.textContent = text;
     button.addEventListener("click", action);
     return button;
   }
 
-  /**
-   * @param {number} axis
-   * @param {number} end
-   * @param {number} value
-   */
-  #moved(axis, end, value) {
+  #moved(axis: number, end: number, value: number) {
     const { clip } = this, [low, high] = clip[axis];
     clip[axis][end] = end ? Math.max(value, Math.min(1, low + THINNEST))
       : Math.min(value, Math.max(0, high - THINNEST));
     this.put(clip);
   }
 
-  /** @param {number[][]} clip */
-  put(clip) {
+  put(clip: number[][]) {
     const rounded = clip.map((pair) => pair.map((share) => Number(share.toFixed(4))));
     if (JSON.stringify(rounded) !== JSON.stringify(this.clip)) {
       this.model.set("clip", rounded);

@@ -1,27 +1,27 @@
 // The curve editor: f(z) over the depth, drawn by hand or given by a formula.
 
-/** @import { NodeRules } from "../maths/curves.js" */
-/** @import { Model } from "../types.d.ts" */
+import type { NodeRules } from "../maths/curves.ts";
+import type { Model } from "../types.ts";
 
-import { shownNumber } from "../maths/curves.js";
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
-import { CurvePlot } from "./curve_plot.js";
+import { shownNumber } from "../maths/curves.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { CurvePlot } from "./curve_plot.ts";
 
 class CurveEditorView extends CurvePlot {
-  isTyping = false;
-  /** @type {string | undefined} a formula that Python has not answered yet */
-  sent = undefined;
+  chooser: HTMLSelectElement;
+  input: HTMLInputElement;
+  smoother: HTMLButtonElement;
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  isTyping = false;
+  /** a formula that Python has not answered yet */
+  sent: string | undefined = undefined;
+
+  constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-curve-editor");
     this.snaps = [0, 1];
     this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Ready-made curves", ...OWN_KEYS });
     pageElement("option", "", this.chooser, { value: "" }).textContent = "Own curve";
-    for (const [name, formula] of Object.entries(this.model.get("presets") ?? {})) {
+    for (const [name, formula] of Object.entries<string>(this.model.get("presets") ?? {})) {
       pageElement("option", "", this.chooser, { value: formula }).textContent = name.replace("-", "\u2212");
     }
     const label = pageElement("label", "dnb-cv-formula", this.bar);
@@ -48,8 +48,7 @@ class CurveEditorView extends CurvePlot {
     this.start();
   }
 
-  /** @param {{ nodes: number[][], samples: number[], smooth: boolean, formula: string | null }} shown */
-  adopt(shown) {
+  adopt(shown: { nodes: number[][], samples: number[], smooth: boolean, formula: string | null }) {
     this.nodes = shown.nodes;
     this.samples = shown.samples.length ? shown.samples : null;
     this.isSmooth = shown.smooth;
@@ -63,8 +62,8 @@ class CurveEditorView extends CurvePlot {
     this.commit();
   }
 
-  /** Send a formula. Only Python can read it: until it has answered, the old curve stays. @param {string} formula */
-  take(formula) {
+  /** Send a formula. Only Python can read it: until it has answered, the old curve stays. */
+  take(formula: string) {
     if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
     // Enter comes as a key and as a change.
     if ((!this.isTyping && formula === this.named) || formula === this.sent) return;
@@ -75,8 +74,7 @@ class CurveEditorView extends CurvePlot {
     this.end({ formula });
   }
 
-  /** @param {any} message */
-  message(message) {
+  message(message: any) {
     super.message(message);
     const isOurs = !message?.view || message.view === this.link.id;
     const isRefused = message?.type === "error" && isOurs && this.sent !== undefined;
@@ -93,11 +91,7 @@ class CurveEditorView extends CurvePlot {
     this.invalidate();
   }
 
-  /**
-   * @param {number[][]} nodes
-   * @param {number} chosen
-   */
-  show(nodes, chosen) {
+  show(nodes: number[][], chosen: number) {
     super.show(nodes, chosen);
     this.forget();
   }
@@ -106,26 +100,19 @@ class CurveEditorView extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  /** @returns {NodeRules} */
-  rules() { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
+  rules(): NodeRules { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
 
-  /** @returns {number[][]} */
-  axes() {
+  axes(): number[][] {
     const [low, high] = this.model.get("range");
     const seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
     return [[0, 1], [Math.min(low, ...seen), Math.max(high, ...seen)]];
   }
 
-  /**
-   * @param {number} low
-   * @param {number} high
-   */
-  placeTicks(low, high) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
+  placeTicks(low: number, high: number) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
 
   endWords() { return ["0 front", "back 1"]; }
 
-  /** @param {number} k */
-  words(k) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
+  words(k: number) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
 
   describe() {
     super.describe();
@@ -146,8 +133,7 @@ class CurveEditorView extends CurvePlot {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new CurveEditorView(model, el);
   return () => view.close();
 }

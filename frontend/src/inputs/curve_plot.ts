@@ -1,60 +1,65 @@
 // A plot with a curve through nodes that are dragged, added and removed. A widget extends it and defines its axes:
 // rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
 
-/** @import { NodeRules } from "../maths/curves.js" */
-/** @import { Model } from "../types.d.ts" */
+import type { NodeRules } from "../maths/curves.ts";
+import type { Model } from "../types.ts";
 
-import { addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../maths/curves.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
-import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
+import { addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../maths/curves.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
-/** @type {Record<string, number[]>} */
-export const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+export const ARROWS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
-/**
- * A drag of a node.
- * @typedef {object} NodeDrag
- * @property {number} k
- * @property {number[]} from its place in pixels
- * @property {{ nodes: number[][], samples: number[] | null, named: string }} before
- * @property {boolean} isFree whether nothing snaps
- */
+/** A drag of a node. */
+export interface NodeDrag {
+  k: number;
+  /** its place in pixels */
+  from: number[];
+  before: { nodes: number[][], samples: number[] | null, named: string };
+  /** whether nothing snaps */
+  isFree: boolean;
+}
 
-/**
- * A drag of the plot itself, which had these ends.
- * @typedef {{ pan: number[] }} PlotDrag
- */
+/** A drag of the plot itself, which had these ends. */
+export type PlotDrag = { pan: number[] };
 
 export class CurvePlot extends InputView {
-  /** @type {number[][]} */
-  nodes = [];
-  /** @type {number[] | null} values of a formula instead of nodes */
-  samples = null;
+  bar: HTMLDivElement;
+  stage: HTMLDivElement;
+  svg: SVGSVGElement;
+  status: HTMLDivElement;
+  facts: HTMLSpanElement;
+  note: HTMLSpanElement;
+  backLayer: SVGGElement;
+  axesLayer: SVGGElement;
+  curveLayer: SVGGElement;
+  frontLayer: SVGGElement;
+  line: SVGPathElement;
+  pair: HTMLSpanElement;
+  adder: HTMLButtonElement;
+  remover: HTMLButtonElement;
+  cancelDrag: () => boolean;
+
+  nodes: number[][] = [];
+  /** values of a formula instead of nodes */
+  samples: number[] | null = null;
   named = ""; // the preset or formula that made the curve
   isSmooth = false;
   chosen = 0;
   power = 1;
-  /** @type {number[]} */
-  snaps = [];
-  /** @type {SVGGElement[]} */
-  dots = [];
-  /** @type {number | null} */
-  nudged = null;
+  snaps: number[] = [];
+  dots: SVGGElement[] = [];
+  nudged: number | null = null;
   keyTimer = 0;
   margins = PLOT;
   box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
-  /** @type {number[][]} the ends of the axes */
-  view = [[0, 1], [0, 1]];
+  /** the ends of the axes */
+  view: number[][] = [[0, 1], [0, 1]];
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   * @param {string} name
-   */
-  constructor(model, el, name) {
+  constructor(model: Model, el: HTMLElement, name: string) {
     super(model, el, name);
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
@@ -63,8 +68,7 @@ export class CurvePlot extends InputView {
     this.facts = pageElement("span", "dnb-cv-facts", this.status);
     this.note = pageElement("span", "dnb-cv-note", this.status);
     this.root.append(this.alert);
-    /** @param {string} layer */
-    const makeLayer = (layer) => svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
+    const makeLayer = (layer: string) => svgElement("g", { class: `dnb-cv-${layer}` }, this.svg);
     this.backLayer = makeLayer("back");
     this.axesLayer = makeLayer("axes");
     this.curveLayer = makeLayer("curve");
@@ -87,12 +91,7 @@ export class CurvePlot extends InputView {
     super.close();
   }
 
-  /**
-   * @param {string} text
-   * @param {string} tip
-   * @param {() => void} action
-   */
-  #button(text, tip, action) {
+  #button(text: string, tip: string, action: () => void) {
     const button = pageElement("button", "dnb-cv-button", this.pair,
       { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     button.textContent = text;
@@ -102,17 +101,17 @@ export class CurvePlot extends InputView {
 
   // ---- the axes -----------------------------------------------------------------------------------------------------
 
-  /** The rules of edits. @returns {NodeRules} */
-  rules() { return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
+  /** The rules of edits. */
+  rules(): NodeRules { return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
 
-  /** The ends of the axes when nothing is dragged. @returns {number[][]} */
-  axes() {
+  /** The ends of the axes when nothing is dragged. */
+  axes(): number[][] {
     const { x, y } = this.rules();
     return [x, y];
   }
 
-  /** The value that Python gets. @returns {object} */
-  value() { return { nodes: this.nodes }; }
+  /** The value that Python gets. */
+  value(): object { return { nodes: this.nodes }; }
 
   addChosen() { this.addAfter(this.chosen); }
 
@@ -120,62 +119,43 @@ export class CurvePlot extends InputView {
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  /**
-   * @param {number[]} place
-   * @returns {number[]}
-   */
-  toPixel([x, y]) {
+  toPixel([x, y]: number[]): number[] {
     const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
     return [b.left + (x - x0) / (x1 - x0) * b.width, b.top + (1 - height ** this.power) * b.height];
   }
 
-  /**
-   * @param {number[]} pixel
-   * @returns {number[]}
-   */
-  toPlace([px, py]) {
+  toPlace([px, py]: number[]): number[] {
     const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
     return [x0 + (px - b.left) / b.width * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
   }
 
   /**
    * A place with as many digits as can be distinguished, at one of the snapping heights if it is near.
-   * @param {number[]} place
-   * @param {boolean} [isFree] whether nothing snaps
-   * @returns {number[]}
+   * @param isFree whether nothing snaps
    */
-  tidy([x, y], isFree = false) {
+  tidy([x, y]: number[], isFree: boolean = false): number[] {
     const [, py] = this.toPixel([x, y]);
     const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
     const [[x0, x1], [y0, y1]] = this.view;
-    /** @param {number} range */
-    const digits = (range) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
+    const digits = (range: number) => Math.max(0, Math.min(12, 3 - Math.floor(Math.log10(range))));
     const rounded = this.power === 1 ? y.toFixed(digits(y1 - y0)) : y < 5e-6 ? 0 : y.toPrecision(3);
     return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
   }
 
-  /**
-   * @param {MouseEvent} event
-   * @returns {number[]}
-   */
-  pointOf(event) {
+  pointOf(event: MouseEvent): number[] {
     const box = this.svg.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  /** The node under the pointer. @param {MouseEvent} event */
-  nodeAt(event) { return numberUnder(event, this.svg, "data-node"); }
+  /** The node under the pointer. */
+  nodeAt(event: MouseEvent) { return numberUnder(event, this.svg, "data-node"); }
 
   curve() { return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth); }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /**
-   * Show other nodes: they are no formula any more.
-   * @param {number[][]} nodes
-   * @param {number} chosen
-   */
-  show(nodes, chosen) {
+  /** Show other nodes: they are no formula any more. */
+  show(nodes: number[][], chosen: number) {
     this.nodes = nodes;
     this.chosen = chosen;
     this.samples = null;
@@ -191,11 +171,7 @@ export class CurvePlot extends InputView {
     this.invalidate();
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @returns {NodeDrag | PlotDrag | null}
-   */
-  press(event) {
+  press(event: PointerEvent): NodeDrag | PlotDrag | null {
     const k = this.isReadOnly ? null : this.nodeAt(event);
     if (k === null) return null;
     this.settle();
@@ -207,11 +183,7 @@ export class CurvePlot extends InputView {
     return { k, from: this.toPixel(nodes[k]), before: { nodes, samples, named }, isFree: event.altKey };
   }
 
-  /**
-   * @param {NodeDrag | PlotDrag} grabbed
-   * @param {number[]} by
-   */
-  drag(grabbed, [dx, dy]) {
+  drag(grabbed: NodeDrag | PlotDrag, [dx, dy]: number[]) {
     if ("pan" in grabbed) return;
     const { k, from, before, isFree } = grabbed;
     const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
@@ -219,12 +191,7 @@ export class CurvePlot extends InputView {
     this.move(this.value());
   }
 
-  /**
-   * @param {NodeDrag | PlotDrag} grabbed
-   * @param {boolean} isCancelled
-   * @param {boolean} isClick
-   */
-  drop(grabbed, isCancelled, isClick) {
+  drop(grabbed: NodeDrag | PlotDrag, isCancelled: boolean, isClick: boolean) {
     if ("pan" in grabbed) return;
     this.isHeld = false;
     if (isClick) { this.receive(); return; }
@@ -236,17 +203,11 @@ export class CurvePlot extends InputView {
     this.invalidate();
   }
 
-  /**
-   * Move a node by an arrow key.
-   * @param {number} k
-   * @param {number[]} way
-   * @param {boolean} isFar
-   */
-  nudge(k, [dx, dy], isFar) {
+  /** Move a node by an arrow key. */
+  nudge(k: number, [dx, dy]: number[], isFar: boolean) {
     const { step } = this.rules(), times = isFar ? 10 : 1, [[x0, x1]] = this.view, [x, y] = this.nodes[k];
     const [px, py] = this.toPixel([x, y]), moved = this.toPlace([px, py - dy * times * this.box.height / 100]);
-    /** @type {number[]} */
-    const place = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
+    const place: number[] = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
     this.show(movedNode(this.nodes, k, place, this.rules()), k);
@@ -266,8 +227,7 @@ export class CurvePlot extends InputView {
     if (this.nudged !== null) this.commit();
   }
 
-  /** @param {number[]} place */
-  add(place) {
+  add(place: number[]) {
     if (this.isReadOnly) return;
     this.settle();
     const added = addedNode(this.nodes, place, this.rules());
@@ -280,16 +240,14 @@ export class CurvePlot extends InputView {
     this.announce(`added ${this.words(this.chosen)}`);
   }
 
-  /** @param {number} k */
-  addAfter(k) {
+  addAfter(k: number) {
     const from = Math.max(0, Math.min(this.nodes.length - 2, k));
     const [[x0], [x1]] = [this.nodes[from], this.nodes[from + 1]];
     const x = (x0 + x1) / 2;
     this.add([x, this.tidy([x, this.curve()(x)], true)[1]]);
   }
 
-  /** @param {number} k */
-  remove(k) {
+  remove(k: number) {
     if (this.isReadOnly) return;
     this.settle();
     const nodes = removedNode(this.nodes, k, this.rules());
@@ -306,23 +264,20 @@ export class CurvePlot extends InputView {
     this.announce(`removed; ${nodes.length} nodes are left`);
   }
 
-  /** @param {MouseEvent} event */
-  doubleClick(event) {
+  doubleClick(event: MouseEvent) {
     if (this.nodeAt(event) !== null) return;
     event.preventDefault();
     this.add(this.tidy(this.toPlace(this.pointOf(event)), event.altKey));
   }
 
-  /** @param {MouseEvent} event */
-  contextMenu(event) {
+  contextMenu(event: MouseEvent) {
     const k = this.nodeAt(event);
     if (k === null || this.isReadOnly) return;
     event.preventDefault();
     if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
     const k = targetIndex(this.dots, event);
@@ -363,14 +318,9 @@ export class CurvePlot extends InputView {
   /** The curve in pixels, from edge to edge. */
   outline() {
     const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this;
-    /** @param {number} x */
-    const at = (x) => this.toPixel([x, curve(x)]);
-    /**
-     * The part of it that is seen.
-     * @param {number} from
-     * @param {number} to
-     */
-    const between = (from, to) => {
+    const at = (x: number) => this.toPixel([x, curve(x)]);
+    /** The part of it that is seen. */
+    const between = (from: number, to: number) => {
       const a = Math.max(from, x0), b = Math.min(to, x1);
       if (!(b > a)) return [];
       const parts = Math.max(1, Math.ceil((b - a) / (x1 - x0) * this.box.width / 2));
@@ -415,33 +365,16 @@ export class CurvePlot extends InputView {
     return [x0, x1].map((x) => shownNumber(x, x1 - x0));
   }
 
-  /** The place of a node in words. @param {number} k */
-  words(k) { return this.nodes[k].join(", "); }
+  /** The place of a node in words. */
+  words(k: number) { return this.nodes[k].join(", "); }
 
-  /** @param {number} y */
-  tickText(y) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
+  tickText(y: number) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
 
-  /**
-   * @param {number} low
-   * @param {number} high
-   * @returns {number[]}
-   */
-  placeTicks(low, high) { return ticksOf(low, high, this.box.width / 70); }
+  placeTicks(low: number, high: number): number[] { return ticksOf(low, high, this.box.width / 70); }
 
-  /**
-   * @param {number} low
-   * @param {number} high
-   * @returns {number[]}
-   */
-  ticks(low, high) { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
+  ticks(low: number, high: number): number[] { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
 
-  /**
-   * @param {number} x
-   * @param {number} y
-   * @param {string} text
-   * @param {string} anchor
-   */
-  write(x, y, text, anchor) {
+  write(x: number, y: number, text: string, anchor: string) {
     const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
     node.textContent = text;
   }
@@ -477,7 +410,7 @@ export class CurvePlot extends InputView {
   }
 }
 
-/** A path of straight lines. @param {number[][]} points */
-export function pathOf(points) {
+/** A path of straight lines. */
+export function pathOf(points: number[][]) {
   return points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
 }

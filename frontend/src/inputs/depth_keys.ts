@@ -1,36 +1,37 @@
 // Depths of the key pictures as marks on a bar, of which one is selected.
 
-/** @import { Model, Vector2 } from "../types.d.ts" */
+import type { Model, Vector2 } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.js";
-import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.js";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
 const MOST_KEYS = 64;
-/** @type {Record<string, number>} */
-const STEPS = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
+const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
-/**
- * A drag of a key.
- * @typedef {{ k: number, before: { knots: number[], selected: number } }} KeyDrag
- */
+/** A drag of a key. */
+export type KeyDrag = { k: number, before: { knots: number[], selected: number } };
 
 class DepthKeysView extends InputView {
-  /** @type {number[]} the depths */
-  knots = [];
+  bar: HTMLDivElement;
+  facts: HTMLSpanElement;
+  adder: HTMLButtonElement;
+  remover: HTMLButtonElement;
+  stage: HTMLDivElement;
+  svg: SVGSVGElement;
+  back: SVGGElement;
+  front: SVGGElement;
+  cancelDrag: () => boolean;
+
+  /** the depths */
+  knots: number[] = [];
   selected = 0;
-  /** @type {SVGGElement[]} */
-  marks = [];
-  /** @type {number | null} */
-  nudged = null;
+  marks: SVGGElement[] = [];
+  nudged: number | null = null;
   keyTimer = 0;
   span = 1; // pixels of the bar
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-depth-keys");
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", this.bar);
@@ -61,12 +62,7 @@ class DepthKeysView extends InputView {
     super.close();
   }
 
-  /**
-   * @param {string} text
-   * @param {string} tip
-   * @param {() => void} action
-   */
-  #button(text, tip, action) {
+  #button(text: string, tip: string, action: () => void) {
     const button = pageElement("button", "dnb-cv-button", this.bar,
       { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     button.textContent = text;
@@ -74,33 +70,24 @@ class DepthKeysView extends InputView {
     return button;
   }
 
-  /** @param {{ knots: number[], selected: number }} shown */
-  adopt({ knots, selected }) {
+  adopt({ knots, selected }: { knots: number[], selected: number }) {
     this.knots = knots;
     this.selected = Math.min(selected, knots.length - 1);
   }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  /** @param {number} depth */
-  toPixel(depth) { return BAR.left + depth * this.span; }
+  toPixel(depth: number) { return BAR.left + depth * this.span; }
 
-  /** @param {MouseEvent} event */
-  depthOf(event) { return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span; }
+  depthOf(event: MouseEvent) { return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span; }
 
-  /** The key under the pointer. @param {MouseEvent} event */
-  keyAt(event) { return numberUnder(event, this.svg, "data-key"); }
+  /** The key under the pointer. */
+  keyAt(event: MouseEvent) { return numberUnder(event, this.svg, "data-key"); }
 
-  /** @returns {number} */
-  get apart() { return this.model.get("least_apart"); }
+  get apart(): number { return this.model.get("least_apart"); }
 
-  /**
-   * These keys with the k-th one at another depth, as far as its neighbours let it.
-   * @param {number[]} knots
-   * @param {number} k
-   * @param {number} depth
-   */
-  moved(knots, k, depth) {
+  /** These keys with the k-th one at another depth, as far as its neighbours let it. */
+  moved(knots: number[], k: number, depth: number) {
     const low = k > 0 ? knots[k - 1] + this.apart : 0, high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
     if (low > high) return knots;
     const rounded = Math.round(depth * 200) / 200;
@@ -109,29 +96,17 @@ class DepthKeysView extends InputView {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /**
-   * The value that Python gets.
-   * @param {string} kind
-   * @param {number} index
-   */
-  value(kind, index) { return { kind, index, knots: this.knots, selected: this.selected }; }
+  /** The value that Python gets. */
+  value(kind: string, index: number) { return { kind, index, knots: this.knots, selected: this.selected }; }
 
-  /**
-   * @param {string} kind
-   * @param {number} index
-   */
-  commit(kind, index) {
+  commit(kind: string, index: number) {
     this.isHeld = false;
     this.nudged = null;
     this.end(this.value(kind, index));
     this.invalidate();
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @returns {KeyDrag | null}
-   */
-  press(event) {
+  press(event: PointerEvent): KeyDrag | null {
     const k = this.isReadOnly ? null : this.keyAt(event);
     if (k === null) return null;
     this.settle();
@@ -143,22 +118,13 @@ class DepthKeysView extends InputView {
     return { k, before: { knots, selected } };
   }
 
-  /**
-   * @param {KeyDrag} grabbed
-   * @param {Vector2} by
-   */
-  drag({ k, before }, [dx]) {
+  drag({ k, before }: KeyDrag, [dx]: Vector2) {
     this.knots = this.moved(before.knots, k, before.knots[k] + dx / this.span);
     this.move(this.value("move", k));
     this.invalidate();
   }
 
-  /**
-   * @param {KeyDrag} grabbed
-   * @param {boolean} isCancelled
-   * @param {boolean} isClick
-   */
-  drop({ k, before }, isCancelled, isClick) {
+  drop({ k, before }: KeyDrag, isCancelled: boolean, isClick: boolean) {
     if (isCancelled) Object.assign(this, before);
     if (!isClick && (!isCancelled || this.model.get("live"))) { this.commit("move", k); return; }
     if (!isCancelled && k !== before.selected) { this.commit("select", k); return; }
@@ -167,11 +133,7 @@ class DepthKeysView extends InputView {
     this.invalidate();
   }
 
-  /**
-   * @param {number} k
-   * @param {number} by
-   */
-  nudge(k, by) {
+  nudge(k: number, by: number) {
     this.isHeld = true;
     this.nudged = k;
     this.knots = this.moved(this.knots, k, this.knots[k] + by);
@@ -187,15 +149,13 @@ class DepthKeysView extends InputView {
     if (this.nudged !== null) this.commit("move", this.nudged);
   }
 
-  /** @param {number} k */
-  select(k) {
+  select(k: number) {
     if (this.isReadOnly || k === this.selected) return;
     this.selected = k;
     this.commit("select", k);
   }
 
-  /** @param {number} depth */
-  add(depth) {
+  add(depth: number) {
     if (this.isReadOnly) return;
     this.settle();
     const at = Math.round(Math.max(0, Math.min(1, depth)) * 200) / 200;
@@ -219,8 +179,7 @@ class DepthKeysView extends InputView {
     this.add(right[1] >= left[1] ? right[0] : left[0]);
   }
 
-  /** @param {number} k */
-  remove(k) {
+  remove(k: number) {
     if (this.isReadOnly) return;
     this.settle();
     if (this.knots.length === 1) { this.showMessage("One key stays: the picture that is edited."); return; }
@@ -237,8 +196,7 @@ class DepthKeysView extends InputView {
     this.marks[this.selected].focus({ preventScroll: true });
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
     if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
     const k = targetIndex(this.marks, event);
@@ -254,8 +212,7 @@ class DepthKeysView extends InputView {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  /** @param {number} k */
-  words(k) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
+  words(k: number) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
 
   draw() {
     const width = Math.max(160, this.stage.clientWidth || 360), label = this.model.get("label") || "Keys";
@@ -289,13 +246,7 @@ class DepthKeysView extends InputView {
     this.#drawTick(1, "back 1", "end", 8);
   }
 
-  /**
-   * @param {number} depth
-   * @param {string} text
-   * @param {string} anchor
-   * @param {number} dx
-   */
-  #drawTick(depth, text, anchor, dx) {
+  #drawTick(depth: number, text: string, anchor: string, dx: number) {
     const x = this.toPixel(depth);
     svgElement("path", { class: "dnb-cv-tick", d: `M${x} ${BAR.line + 13}v3` }, this.back);
     const node = svgElement("text", { class: "dnb-cv-text", x: x + dx, y: BAR.height - 3, "text-anchor": anchor });
@@ -325,8 +276,7 @@ class DepthKeysView extends InputView {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new DepthKeysView(model, el);
   return () => view.close();
 }

@@ -1,24 +1,35 @@
 // A button that uploads files, and a drop on the studio around it: one file after the other, in pieces that Python
 // requests. Messages to Python: begin, piece, cancel. Messages from Python: next, reading, done.
 
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
 
-/** @param {DragEvent} event */
-const hasFiles = ({ dataTransfer }) => Boolean(dataTransfer?.types.includes("Files"));
+const hasFiles = ({ dataTransfer }: DragEvent) => Boolean(dataTransfer?.types.includes("Files"));
 
-/** @param {number} bytes */
-const size = (bytes) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
+const size = (bytes: number) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
 class FileInputView {
-  /** Files that wait for the one under way. @type {File[]} */
-  waiting = [];
+  model: Model;
+  host: HTMLElement;
+  root: HTMLDivElement;
+  button: HTMLButtonElement;
+  chooser: HTMLInputElement;
+  state: HTMLDivElement;
+  words: HTMLSpanElement;
+  bar: HTMLProgressElement;
+  stop: HTMLButtonElement;
+  veil: HTMLDivElement;
+  receive: (content: any) => Promise<void>;
+  draw: () => void;
 
-  /** The upload under way. @type {{ id: string, file: File } | null} */
-  current = null;
+  /** Files that wait for the one under way. */
+  waiting: File[] = [];
+
+  /** The upload under way. */
+  current: { id: string, file: File } | null = null;
 
   depth = 0; // of the elements that a dragged file has entered
 
@@ -26,11 +37,7 @@ class FileInputView {
 
   closing = new AbortController();
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.host = el;
     this.root = pageElement("div", "dnb-file-input", el);
@@ -52,7 +59,7 @@ class FileInputView {
       this.chooser.value = ""; // the same file can be chosen again
     }, { signal });
     if (model.get("drops")) this.#takeDrops(signal);
-    this.receive = (/** @type {any} */ content) => this.#receive(content);
+    this.receive = (content: any) => this.#receive(content);
     this.draw = () => this.#draw();
     model.on("msg:custom", this.receive);
     for (const name of ["label", "accept", "tip"]) model.on(`change:${name}`, this.draw);
@@ -77,14 +84,12 @@ class FileInputView {
 
   // ---- drops --------------------------------------------------------------------------------------------------------
 
-  /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. @param {AbortSignal} signal */
-  #takeDrops(signal) {
+  /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. */
+  #takeDrops(signal: AbortSignal) {
     const options = { signal, capture: true };
-    /** @param {DragEvent} event */
-    const isOurs = (event) => hasFiles(event) && event.target instanceof Node
+    const isOurs = (event: DragEvent) => hasFiles(event) && event.target instanceof Node
       && Boolean(this.host.closest(".dnb-studio")?.contains(event.target));
-    /** @param {number} depth */
-    const enter = (depth) => { this.depth = depth; this.veil.hidden = depth <= 0; };
+    const enter = (depth: number) => { this.depth = depth; this.veil.hidden = depth <= 0; };
     window.addEventListener("dragenter", (event) => { if (isOurs(event)) enter(this.depth + 1); }, options);
     window.addEventListener("dragleave", (event) => { if (isOurs(event)) enter(this.depth - 1); }, options);
     window.addEventListener("dragover", (event) => {
@@ -104,8 +109,7 @@ class FileInputView {
 
   // ---- uploads ------------------------------------------------------------------------------------------------------
 
-  /** @param {File[]} files */
-  add(files) {
+  add(files: File[]) {
     this.waiting.push(...files);
     if (!this.current) this.#begin();
   }
@@ -123,8 +127,7 @@ class FileInputView {
     if (this.current) this.model.send({ type: "cancel", id: this.current.id });
   }
 
-  /** @param {{ type: string, id: string, offset: number, length: number, share: number }} content */
-  async #receive({ type, id, offset, length, share }) {
+  async #receive({ type, id, offset, length, share }: { type: string, id: string, offset: number, length: number, share: number }) {
     const { current } = this;
     if (current?.id !== id) return; // of another page
     const { file } = current;
@@ -141,8 +144,7 @@ class FileInputView {
     else if (type === "done") this.#end();
   }
 
-  /** @param {string} [message] */
-  #end(message = "") {
+  #end(message: string = "") {
     this.current = null;
     this.state.hidden = !message;
     this.bar.hidden = this.stop.hidden = true;
@@ -152,8 +154,7 @@ class FileInputView {
     this.#begin();
   }
 
-  /** @param {string} words @param {number} share */
-  #show(words, share) {
+  #show(words: string, share: number) {
     this.state.hidden = this.bar.hidden = this.stop.hidden = false;
     setText(this.words, words);
     this.bar.value = share;
@@ -161,8 +162,7 @@ class FileInputView {
 }
 
 export default {
-  /** @param {{ model: Model, el: HTMLElement }} widget */
-  render({ model, el }) {
+  render({ model, el }: { model: Model, el: HTMLElement }) {
     const view = new FileInputView(model, el);
     return () => view.close();
   },

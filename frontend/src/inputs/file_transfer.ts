@@ -1,19 +1,14 @@
 // A text for the clipboard or a file for the downloads, from Python; reports what it has done.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-import { OWN_KEYS, setAttributes } from "../ui/dom.js";
+import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
 
-/** @param {string} text */
-async function copied(text) {
+async function copied(text: string) {
   try { await navigator.clipboard.writeText(text); return true; } catch { return false; }
 }
 
-/**
- * @param {string} name
- * @param {DataView<ArrayBuffer>} bytes
- */
-function downloaded(name, bytes) {
+function downloaded(name: string, bytes: DataView<ArrayBuffer>) {
   const url = URL.createObjectURL(new Blob([bytes]));
   const link = Object.assign(document.createElement("a"), { href: url, download: name });
   document.body.append(link);
@@ -22,8 +17,7 @@ function downloaded(name, bytes) {
   setTimeout(() => URL.revokeObjectURL(url), 60_000);
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const root = document.createElement("div");
   root.className = "dnb-file-transfer";
   const line = Object.assign(document.createElement("span"), { className: "dnb-file-transfer-line" });
@@ -34,11 +28,7 @@ function render({ model, el }) {
   root.append(line, area);
   el.append(root);
 
-  /**
-   * @param {any} content
-   * @param {DataView<ArrayBuffer>[]} buffers
-   */
-  const receive = async (content, buffers) => {
+  const receive = async (content: any, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
       const lines = content.text.trimEnd().split("\n").length;

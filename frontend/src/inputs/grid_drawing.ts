@@ -1,37 +1,39 @@
 // A grid on a drawing: its nodes are dragged to the parts of the body they belong to. Nodes that nobody has placed follow
 // the thin-plate spline through those that were, and the corners, over the regular grid.
 
-/** @import { Model, Point } from "../types.d.ts" */
+import type { Model, Point } from "../types.ts";
 
-import { newPoint } from "../maths/points.js";
-import { rbfAt, rbfFit } from "../maths/rbf.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { InputView, listenToDrags, targetIndex } from "./base.js";
+import { newPoint } from "../maths/points.ts";
+import { rbfAt, rbfFit } from "../maths/rbf.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { InputView, listenToDrags, targetIndex } from "./base.ts";
 
-/** @typedef {{ index: number, before: Grid }} NodeDrag */
-/** @typedef {{ nodes: number[][][], placed: number[] }} Grid */
+export type NodeDrag = { index: number, before: Grid };
+export type Grid = { nodes: number[][][], placed: number[] };
 
-/** @type {Record<string, [number, number]>} */
-const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const ARROWS: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 const STEP = 1 / 200; // of the picture's longer side, for an arrow key; Shift makes it five times as large
 const EDGE = 0.03; // around the picture, as a share of its longer side: nodes on its border are whole
 const MOST_UNDO = 100;
 const HINT = "Drag the corners first, then nodes; arrow keys move the node that has the focus";
 
 class GridDrawingView extends InputView {
-  /** @type {Grid} */
-  grid = { nodes: [], placed: [] };
-  /** @type {SVGGElement[]} */
-  marks = [];
-  /** @type {Grid[]} */
-  undone = [];
+  svg: SVGSVGElement;
+  image: SVGImageElement;
+  lines: SVGPathElement;
+  nodes: SVGGElement;
+  undo: HTMLButtonElement;
+  spread: HTMLButtonElement;
+  note: HTMLSpanElement;
+  cancelDrag: () => boolean;
+  url: string | undefined;
+
+  grid: Grid = { nodes: [], placed: [] };
+  marks: SVGGElement[] = [];
+  undone: Grid[] = [];
   current = 0; // the node that Tab reaches
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-grid-drawing");
     this.svg = svgElement("svg", { class: "dnb-gd-svg", role: "group", preserveAspectRatio: "xMidYMid meet" }, this.root);
     this.image = svgElement("image", { preserveAspectRatio: "none", "aria-hidden": "true" }, this.svg);
@@ -56,13 +58,7 @@ class GridDrawingView extends InputView {
     super.close();
   }
 
-  /**
-   * @param {HTMLElement} bar
-   * @param {string} text
-   * @param {string} tip
-   * @param {() => void} action
-   */
-  #button(bar, text, tip, action) {
+  #button(bar: HTMLElement, text: string, tip: string, action: () => void) {
     const button = pageElement("button", "dnb-cv-button dnb-cv-wide", bar, { type: "button", title: tip, ...OWN_KEYS });
     button.textContent = text;
     this.listen(button, "click", action);
@@ -75,8 +71,7 @@ class GridDrawingView extends InputView {
     setAttributes(this.image, { href: this.url });
   }
 
-  /** @param {Grid} shown */
-  adopt({ nodes, placed }) {
+  adopt({ nodes, placed }: Grid) {
     if (nodes.length !== this.grid.nodes.length || nodes[0].length !== this.columns) this.undone = [];
     this.grid = { nodes, placed };
   }
@@ -92,37 +87,27 @@ class GridDrawingView extends InputView {
     return this.svg.getScreenCTM()?.a || 1;
   }
 
-  /** @param {Grid} grid @param {number} index */
-  placeOf(grid, index) { return grid.nodes[Math.floor(index / this.columns)][index % this.columns]; }
+  placeOf(grid: Grid, index: number) { return grid.nodes[Math.floor(index / this.columns)][index % this.columns]; }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /**
    * The grid with a node at another place. It goes where it is put, the corners and the other nodes that were placed stay,
    * and all between them follow.
-   * @param {Grid} before
-   * @param {number} index
-   * @param {number[]} place
-   * @returns {Grid}
    */
-  moved(before, index, place) {
+  moved(before: Grid, index: number, place: number[]): Grid {
     const placed = before.placed.includes(index) ? before.placed : [...before.placed, index];
     return { nodes: this.spline(before, placed, index, place), placed };
   }
 
   /**
    * All nodes by the thin-plate spline through corners and placed ones.
-   * @param {Grid} before
-   * @param {number[]} placed
-   * @param {number} index
-   * @param {number[] | null} place of the node of that index, if it has moved
+   * @param place of the node of that index, if it has moved
    */
-  spline(before, placed, index = -1, place = null) {
+  spline(before: Grid, placed: number[], index: number = -1, place: number[] | null = null) {
     const { rows, columns } = this, knots = [...new Set([...this.corners, ...placed])];
-    /** @param {number} k */
-    const regular = (k) => [k % columns / (columns - 1), Math.floor(k / columns) / (rows - 1)];
-    /** @type {Point[]} */
-    const points = knots.map((k, n) => newPoint(n, k === index && place ? place : this.placeOf(before, k), regular(k)));
+    const regular = (k: number) => [k % columns / (columns - 1), Math.floor(k / columns) / (rows - 1)];
+    const points: Point[] = knots.map((k, n) => newPoint(n, k === index && place ? place : this.placeOf(before, k), regular(k)));
     const fit = rbfFit(points, { kernel: "thin_plate", trend: "affine", support: 1 });
     return before.nodes.map((row, i) => row.map((_, j) => {
       const [u, v] = [j / (columns - 1), i / (rows - 1)], [da, db] = rbfAt(fit, u, v);
@@ -130,8 +115,7 @@ class GridDrawingView extends InputView {
     }));
   }
 
-  /** @param {Grid} grid @param {Grid} before */
-  edit(grid, before) {
+  edit(grid: Grid, before: Grid) {
     this.undone = [...this.undone, before].slice(-MOST_UNDO);
     this.grid = grid;
     this.end(grid);
@@ -156,11 +140,10 @@ class GridDrawingView extends InputView {
 
   // ---- drags and keys -----------------------------------------------------------------------------------------------
 
-  /** @param {PointerEvent} event @returns {NodeDrag | null} */
-  press(event) {
+  press(event: PointerEvent): NodeDrag | null {
     if (this.isReadOnly) return null;
     const at = event.target instanceof Element ? event.target.closest(".dnb-cv-node") : null;
-    const index = at ? this.marks.indexOf(/** @type {SVGGElement} */ (at)) : -1;
+    const index = at ? this.marks.indexOf((at as SVGGElement)) : -1;
     if (index < 0) return null;
     this.isHeld = true;
     this.current = index;
@@ -168,30 +151,26 @@ class GridDrawingView extends InputView {
     return { index, before: this.grid };
   }
 
-  /** @param {NodeDrag} grabbed @param {[number, number]} by */
-  drag({ index, before }, [dx, dy]) {
+  drag({ index, before }: NodeDrag, [dx, dy]: [number, number]) {
     const [a, b] = this.placeOf(before, index), { scale } = this;
     this.grid = this.moved(before, index, this.inside([a + dx / scale, b + dy / scale]));
     this.move(this.grid);
     this.invalidate();
   }
 
-  /** @param {NodeDrag} grabbed @param {boolean} isCancelled @param {boolean} isClick */
-  drop({ index, before }, isCancelled, isClick) {
+  drop({ index, before }: NodeDrag, isCancelled: boolean, isClick: boolean) {
     this.isHeld = false;
     if (isCancelled || isClick) this.grid = before; else this.edit(this.grid, before);
     if (!isCancelled && !isClick) this.announce(this.words(index));
     this.invalidate();
   }
 
-  /** @param {number[]} place */
-  inside([a, b]) {
+  inside([a, b]: number[]) {
     const [a0, a1, b0, b1] = this.model.get("box");
     return [Math.max(a0, Math.min(a1, a)), Math.max(b0, Math.min(b1, b))];
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.takeBack();
     else if (event.key === "Escape") { if (!this.cancelDrag()) return; }
     else if (ARROWS[event.key] && !event.ctrlKey && !event.metaKey) this.nudge(event);
@@ -200,8 +179,8 @@ class GridDrawingView extends InputView {
     event.stopPropagation();
   }
 
-  /** With Alt an arrow goes to the next node, else it moves the one that has the focus. @param {KeyboardEvent} event */
-  nudge(event) {
+  /** With Alt an arrow goes to the next node, else it moves the one that has the focus. */
+  nudge(event: KeyboardEvent) {
     const index = targetIndex(this.marks, event), [di, dj] = ARROWS[event.key];
     if (index < 0) return;
     if (event.altKey) {
@@ -219,8 +198,7 @@ class GridDrawingView extends InputView {
     this.announce(this.words(index));
   }
 
-  /** @param {number} index */
-  words(index) {
+  words(index: number) {
     const [a, b] = this.placeOf(this.grid, index);
     return `node r${Math.floor(index / this.columns)} c${index % this.columns} at ${a.toFixed(1)}, ${b.toFixed(1)}`;
   }
@@ -250,8 +228,7 @@ class GridDrawingView extends InputView {
     setText(this.note, this.isReadOnly ? "shown only" : HINT);
   }
 
-  /** @param {number} k */
-  #make(k) {
+  #make(k: number) {
     const mark = svgElement("g", { role: "button", ...OWN_KEYS }, this.nodes);
     svgElement("circle", { class: "dnb-cv-hit", r: 11 }, mark);
     svgElement("circle", { class: "dnb-cv-halo", r: 9 }, mark);
@@ -261,8 +238,7 @@ class GridDrawingView extends InputView {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new GridDrawingView(model, el);
   return () => view.close();
 }

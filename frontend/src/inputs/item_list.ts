@@ -3,27 +3,26 @@
 // Python owns the list. The front end requests a command for a row, with the state of the list ("version"), and waits
 // for the answer: a second click must not meet rows that have moved meanwhile.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.js";
-import { ThemeObserver } from "../ui/theme.js";
+import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.ts";
+import { ThemeObserver } from "../ui/theme.ts";
 
-/**
- * A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds.
- * @typedef {object} Row
- * @property {string} [name]
- * @property {string} [title]
- * @property {boolean} on
- * @property {string} [mark]
- * @property {string} [swatch]
- * @property {number} [indent]
- * @property {string[]} [facts]
- * @property {number} [time]
- * @property {string} [tip]
- */
+/** A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds. */
+export interface Row {
+  name?: string;
+  title?: string;
+  on: boolean;
+  mark?: string;
+  swatch?: string;
+  indent?: number;
+  facts?: string[];
+  time?: number;
+  tip?: string;
+}
 
-/** @type {Record<string, [string, string]>} command: tip, icon of 16 x 16 */
-const ROW_BUTTONS = {
+/** command: tip, icon of 16 x 16 */
+const ROW_BUTTONS: Record<string, [string, string]> = {
   rename: ["Rename (F2)", "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2"],
   up: ["Earlier (Alt+Up)", "M8 13V3M4 7l4-4 4 4"],
   down: ["Later (Alt+Down)", "M8 3v10M4 9l4 4 4-4"],
@@ -32,28 +31,31 @@ const ROW_BUTTONS = {
 };
 const LONGEST_NAME = 100;
 
-/**
- * A time in the zone of the front end, which may be another than Python's, as the language around it writes it.
- * @param {number} seconds
- * @param {Element} place
- */
-function timeOfDay(seconds, place) {
+/** A time in the zone of the front end, which may be another than Python's, as the language around it writes it. */
+function timeOfDay(seconds: number, place: Element) {
   const language = place.closest("[lang]")?.getAttribute("lang") || [];
   return new Date(1000 * seconds).toLocaleTimeString(language, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 }
 
 class ItemListView {
+  model: Model;
+  root: HTMLDivElement;
+  table: HTMLTableElement;
+  head: HTMLTableSectionElement;
+  body: HTMLTableSectionElement;
+  empty: HTMLDivElement;
+  draw: () => void;
+  answered: (content: any) => void;
+  theme: ThemeObserver;
+  sized: ResizeObserver;
+
   chosen = -1; // the row that was in sight last
   current = 0; // the row that Tab reaches
   isWaiting = false;
   isNaming = false;
   isChoosing = false;
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.root = pageElement("div", "dnb-item-list", el);
     this.table = pageElement("table", "dnb-il-table", this.root);
@@ -61,7 +63,7 @@ class ItemListView {
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
     this.draw = () => this.#draw();
-    this.answered = (/** @type {any} */ content) => {
+    this.answered = (content: any) => {
       if (content.type !== "done") return;
       this.isChoosing = false;
       this.#wait(false);
@@ -83,20 +85,14 @@ class ItemListView {
     this.root.remove();
   }
 
-  /** @returns {Row[]} */
-  get rows() { return this.model.get("rows") || []; }
+  get rows(): Row[] { return this.model.get("rows") || []; }
 
   get hasSwitches() { return this.model.get("switches") !== false; }
 
-  /** @returns {string[]} */
-  get commands() { return this.model.get("commands") || []; }
+  get commands(): string[] { return this.model.get("commands") || []; }
 
-  /**
-   * @param {string} what the command
-   * @param {number} index
-   * @param {string | boolean | null} value
-   */
-  act(what, index, value = null) {
+  /** @param what the command */
+  act(what: string, index: number, value: string | boolean | null = null) {
     const isKnown = what === "choose" || what === "switch" || this.commands.includes(what);
     if ((this.isWaiting && what !== "rename") || !this.rows[index] || !isKnown) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
@@ -106,8 +102,7 @@ class ItemListView {
     this.model.send({ type: "act", what, index, value, version: this.model.get("version") });
   }
 
-  /** @param {boolean} isWaiting */
-  #wait(isWaiting) {
+  #wait(isWaiting: boolean) {
     this.isWaiting = isWaiting;
     this.table.setAttribute("aria-busy", String(isWaiting));
   }
@@ -143,8 +138,7 @@ class ItemListView {
     else if (end > this.root.scrollTop + this.root.clientHeight) this.root.scrollTop = end - this.root.clientHeight;
   }
 
-  /** @param {boolean} isShown */
-  #drawHead(isShown) {
+  #drawHead(isShown: boolean) {
     const columns = this.model.get("columns") || [];
     this.head.replaceChildren();
     if (!columns.length || !isShown) return;
@@ -154,12 +148,7 @@ class ItemListView {
     }
   }
 
-  /**
-   * @param {Row} row
-   * @param {number} k
-   * @param {boolean} isChosen
-   */
-  #row(row, k, isChosen) {
+  #row(row: Row, k: number, isChosen: boolean) {
     const line = document.createElement("tr"), name = row.name || row.title || "";
     line.className = `dnb-il-row${isChosen ? " dnb-il-chosen" : ""}${row.on ? "" : " dnb-il-off"}`;
     line.addEventListener("click", (event) => {
@@ -191,25 +180,14 @@ class ItemListView {
     return line;
   }
 
-  /**
-   * @param {HTMLElement} line
-   * @param {Row} row
-   * @param {number} k
-   * @param {string} name
-   */
-  #switch(line, row, k, name) {
+  #switch(line: HTMLElement, row: Row, k: number, name: string) {
     const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), { type: "checkbox",
       "data-part": "switch", title: "Switch on or off", "aria-label": `${name} is on`, ...OWN_KEYS });
     on.checked = row.on;
     on.addEventListener("change", () => { this.act("switch", k, on.checked); on.checked = row.on; });
   }
 
-  /**
-   * @param {HTMLElement} cell
-   * @param {number} k
-   * @param {string} name
-   */
-  #buttons(cell, k, name) {
+  #buttons(cell: HTMLElement, k: number, name: string) {
     const last = this.rows.length - 1;
     for (const command of this.commands) {
       const [tip, path] = ROW_BUTTONS[command];
@@ -225,8 +203,7 @@ class ItemListView {
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(event: KeyboardEvent) {
     const target = targetOf(event), line = target.closest("tr");
     if (!line || this.isNaming) return;
     const k = [...this.body.rows].indexOf(line);
@@ -240,16 +217,14 @@ class ItemListView {
     event.stopPropagation();
   }
 
-  /** @param {number} k */
-  #rename(k) {
+  #rename(k: number) {
     if (!this.commands.includes("rename") || this.isNaming || !this.rows[k]) return;
     const cell = this.body.rows[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
     const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME,
       spellcheck: "false", "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
     input.value = before;
     this.isNaming = true;
-    /** @param {boolean} isTaken */
-    const end = (isTaken) => {
+    const end = (isTaken: boolean) => {
       if (!this.isNaming) return;
       this.isNaming = false;
       const name = input.value.trim();
@@ -274,17 +249,12 @@ class ItemListView {
     return activeElement && this.body.contains(activeElement) ? activeElement.getAttribute("data-part") : null;
   }
 
-  /**
-   * @param {number} k
-   * @param {string | null} part
-   */
-  #focus(k, part) {
+  #focus(k: number, part: string | null) {
     const line = this.body.rows[k];
     if (!line) return;
     this.current = k;
     this.#reach();
-    /** @type {HTMLElement | null} */
-    const wanted = line.querySelector(`[data-part="${part}"]`) ?? line.querySelector("button");
+    const wanted: HTMLElement | null = line.querySelector(`[data-part="${part}"]`) ?? line.querySelector("button");
     wanted?.focus({ preventScroll: false });
   }
 
@@ -297,8 +267,7 @@ class ItemListView {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new ItemListView(model, el);
   return () => view.close();
 }

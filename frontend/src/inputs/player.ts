@@ -8,36 +8,34 @@
 //
 // A view sets the traits time, is_playing, speed and loop: a few times a second while it plays, and exactly at rest.
 
-/** @import { Bus, Model, TimeDetail } from "../types.d.ts" */
+import type { Bus, Model, TimeDetail } from "../types.ts";
 
-import { busOf, holdBus, releaseBus } from "../sync/bus.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
-import { InputView } from "./base.js";
+import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { InputView } from "./base.ts";
 
 const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
 
-/**
- * The functions of a window by which a clock ticks.
- * @typedef {Pick<Window, "requestAnimationFrame" | "cancelAnimationFrame">} FrameSource
- */
+/** The functions of a window by which a clock ticks. */
+export type FrameSource = Pick<Window, "requestAnimationFrame" | "cancelAnimationFrame">;
 
 export class PlayClock {
+  publish: (detail: TimeDetail) => void;
+  frames: FrameSource;
+
   position = 0;
   duration = 0;
   speed = 1;
   loop = "once";
   isPlaying = false;
   frame = 0;
-  /** @type {number | null} the time of the last tick */
-  last = null;
-  /** @type {PlayerView | null} the one view that sends the time to Python */
-  leader = null;
+  /** the time of the last tick */
+  last: number | null = null;
+  /** the one view that sends the time to Python */
+  leader: PlayerView | null = null;
 
-  /**
-   * @param {(detail: TimeDetail) => void} publish called at every change
-   * @param {FrameSource} [frames]
-   */
-  constructor(publish, frames = window) {
+  /** @param publish called at every change */
+  constructor(publish: (detail: TimeDetail) => void, frames: FrameSource = window) {
     this.publish = publish;
     this.frames = frames;
   }
@@ -45,11 +43,8 @@ export class PlayClock {
   /** The moment from 0 to the duration; on the way back of a swing it falls while the position rises. */
   get time() { return momentOf(this.position, this.duration, this.loop); }
 
-  /**
-   * Change settings; what is undefined stays.
-   * @param {{ duration?: number, speed?: number, loop?: string }} settings
-   */
-  set({ duration, speed, loop }) {
+  /** Change settings; what is undefined stays. */
+  set({ duration, speed, loop }: { duration?: number, speed?: number, loop?: string }) {
     const time = this.time;
     if (speed !== undefined) this.speed = speed;
     if (loop !== undefined && loop !== this.loop) {
@@ -61,8 +56,7 @@ export class PlayClock {
     this.#changed();
   }
 
-  /** @param {number} time */
-  seek(time) {
+  seek(time: number) {
     this.position = Math.max(0, Math.min(this.duration, time));
     this.#changed();
   }
@@ -85,8 +79,7 @@ export class PlayClock {
 
   #next() { this.frame = this.frames.requestAnimationFrame((now) => this.tick(now)); }
 
-  /** @param {number} now */
-  tick(now) {
+  tick(now: number) {
     if (!this.isPlaying) return;
     const passed = this.last === null ? 0 : Math.min(LONGEST_TICK, Math.max(0, now - this.last)) / 1000;
     this.last = now;
@@ -105,18 +98,12 @@ export class PlayClock {
   #changed() { this.publish({ time: this.time, isPlaying: this.isPlaying }); }
 }
 
-/**
- * @param {number} position
- * @param {number} duration
- * @param {string} loop
- */
-function momentOf(position, duration, loop) {
+function momentOf(position: number, duration: number, loop: string) {
   if (loop !== "swing" || position <= duration) return Math.min(position, duration);
   return Math.max(0, 2 * duration - position);
 }
 
-/** @param {Bus} bus */
-function clockOf(bus) {
+function clockOf(bus: Bus) {
   bus.clock ??= new PlayClock((detail) => {
     bus.moment = detail;
     bus.dispatchEvent(new CustomEvent("deformnb:time", { detail }));
@@ -135,19 +122,31 @@ const PLAYER_ICONS = {
 const KEY_NEAR = 1e-6; // seconds
 
 class PlayerView extends InputView {
+  bus: Bus;
+  uid: any;
+  clock: PlayClock;
+  back: HTMLButtonElement;
+  play: HTMLButtonElement;
+  next: HTMLButtonElement;
+  track: HTMLDivElement;
+  rail: HTMLDivElement;
+  done: HTMLDivElement;
+  diamonds: HTMLDivElement;
+  knob: HTMLDivElement;
+  read: HTMLSpanElement;
+  speed: HTMLSelectElement;
+  loop: HTMLSelectElement;
+  listener: (event: CustomEvent<TimeDetail>) => void;
+
   later = 0; // a timer
   sent = -Infinity; // milliseconds
-  /** @type {number | undefined} the time that Python got last */
-  lastTime = undefined;
+  /** the time that Python got last */
+  lastTime: number | undefined = undefined;
   isScrubbed = false;
   wasPlaying = false;
   markedFor = ""; // the key frames that are drawn
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-player");
     this.bus = busOf(model);
     this.uid = model.get("uid");
@@ -173,7 +172,7 @@ class PlayerView extends InputView {
     this.loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
     this.root.append(this.alert);
     listenToScrub(this, this.track);
-    this.listener = (/** @type {CustomEvent<TimeDetail>} */ event) => { this.guard(() => this.moved(event.detail)); };
+    this.listener = (event: CustomEvent<TimeDetail>) => { this.guard(() => this.moved(event.detail)); };
     this.bus.addEventListener("deformnb:time", this.listener);
     for (const name of ["duration", "speed", "loop"]) this.on(`change:${name}`, () => this.#take());
     this.on("change:time", () => { if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time")); });
@@ -195,13 +194,7 @@ class PlayerView extends InputView {
     super.close();
   }
 
-  /**
-   * @param {HTMLElement} parent
-   * @param {"first" | "play" | "last"} icon
-   * @param {string} tip
-   * @param {() => void} action
-   */
-  #button(parent, icon, tip, action) {
+  #button(parent: HTMLElement, icon: "first" | "play" | "last", tip: string, action: () => void) {
     const button = pageElement("button", "dnb-pl-button", parent,
       { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
@@ -210,12 +203,7 @@ class PlayerView extends InputView {
     return button;
   }
 
-  /**
-   * @param {HTMLElement} parent
-   * @param {string} label
-   * @param {(value: string) => void} chosen
-   */
-  #select(parent, label, chosen) {
+  #select(parent: HTMLElement, label: string, chosen: (value: string) => void) {
     const select = pageElement("select", "dnb-cv-select", parent, { "aria-label": label, title: label, ...OWN_KEYS });
     this.listen(select, "change", () => chosen(select.value));
     return select;
@@ -223,11 +211,10 @@ class PlayerView extends InputView {
 
   // ---- the model ----------------------------------------------------------------------------------------------------
 
-  /** @returns {number} */
-  get duration() { return this.model.get("duration"); }
+  get duration(): number { return this.model.get("duration"); }
 
-  /** The times of the key frames. @returns {number[]} */
-  get keys() { return this.model.get("marks") || []; }
+  /** The times of the key frames. */
+  get keys(): number[] { return this.model.get("marks") || []; }
 
   #take() {
     const [duration, speed, loop] = ["duration", "speed", "loop"].map((name) => this.model.get(name));
@@ -240,18 +227,14 @@ class PlayerView extends InputView {
     this.#send(true); // where there is nothing to play it stays paused
   }
 
-  /**
-   * @param {"speed" | "loop"} name
-   * @param {number | string} value
-   */
-  #set(name, value) {
+  #set(name: "speed" | "loop", value: number | string) {
     this.model.set(name, value);
     this.model.save_changes();
     this.#take();
   }
 
-  /** Send the time to Python: at once at rest, else a few times a second. @param {boolean} isAtRest */
-  #send(isAtRest) {
+  /** Send the time to Python: at once at rest, else a few times a second. */
+  #send(isAtRest: boolean) {
     if (this.clock.leader === null) this.clock.leader = this;
     if (this.clock.leader !== this) return;
     const { time, isPlaying } = this.clock, now = performance.now(), pause = this.model.get("sync_ms");
@@ -269,8 +252,7 @@ class PlayerView extends InputView {
     this.model.save_changes();
   }
 
-  /** @param {TimeDetail} detail */
-  moved({ isPlaying }) {
+  moved({ isPlaying }: TimeDetail) {
     const hasStopped = this.wasPlaying && !isPlaying;
     this.wasPlaying = isPlaying;
     this.#send(hasStopped || (!isPlaying && !this.isScrubbed));
@@ -281,24 +263,23 @@ class PlayerView extends InputView {
 
   toggle() { if (this.clock.isPlaying) this.clock.pause(); else this.clock.play(); }
 
-  /** @param {number} time */
-  seek(time) {
+  seek(time: number) {
     this.clock.pause();
     this.clock.seek(time);
   }
 
-  /** Go to the key frame before or after the moment shown. @param {number} way 1 or -1 */
-  toKey(way) {
+  /**
+   * Go to the key frame before or after the moment shown.
+   * @param way 1 or -1
+   */
+  toKey(way: number) {
     const { time } = this.clock, places = [...new Set([0, ...this.keys, this.duration])].sort((a, b) => a - b);
     const found = way > 0 ? places.find((t) => t > time + KEY_NEAR) : places.findLast((t) => t < time - KEY_NEAR);
     if (found !== undefined) this.seek(found);
   }
 
-  /**
-   * @param {number} share of the bar
-   * @param {"start" | "move" | "end"} phase
-   */
-  scrubbed(share, phase) {
+  /** @param share of the bar */
+  scrubbed(share: number, phase: "start" | "move" | "end") {
     this.isScrubbed = phase !== "end";
     if (phase === "start") this.clock.pause();
     // It snaps to a key frame that is nearer than six pixels.
@@ -308,8 +289,7 @@ class PlayerView extends InputView {
     if (phase === "end") this.#send(true);
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
     const isButton = event.target instanceof HTMLButtonElement, { time } = this.clock, step = this.model.get("step");
     if (event.key === " " && !isButton) this.toggle();
@@ -343,12 +323,7 @@ class PlayerView extends InputView {
     this.#drawChoices();
   }
 
-  /**
-   * @param {number[]} keys
-   * @param {number} duration
-   * @param {number} time
-   */
-  #drawMarks(keys, duration, time) {
+  #drawMarks(keys: number[], duration: number, time: number) {
     const shown = JSON.stringify([keys, duration]);
     if (shown !== this.markedFor) {
       this.markedFor = shown;
@@ -375,16 +350,10 @@ class PlayerView extends InputView {
   }
 }
 
-/**
- * Listen to presses and drags along the bar, with the mouse, a pen or a finger.
- * @param {PlayerView} view
- * @param {HTMLElement} track
- */
-function listenToScrub(view, track) {
-  /** @type {number | null} */
-  let pointer = null;
-  /** @param {PointerEvent} event */
-  const share = (event) => {
+/** Listen to presses and drags along the bar, with the mouse, a pen or a finger. */
+function listenToScrub(view: PlayerView, track: HTMLElement) {
+  let pointer: number | null = null;
+  const share = (event: PointerEvent) => {
     const { left, width } = view.rail.getBoundingClientRect();
     return Math.max(0, Math.min(1, (event.clientX - left) / Math.max(1, width)));
   };
@@ -398,7 +367,7 @@ function listenToScrub(view, track) {
   view.listen(track, "pointermove", (event) => {
     if (event.pointerId === pointer) view.scrubbed(share(event), "move");
   });
-  for (const name of /** @type {const} */ (["pointerup", "pointercancel"])) {
+  for (const name of (["pointerup", "pointercancel"] as const)) {
     view.listen(track, name, (event) => {
       if (event.pointerId !== pointer) return;
       pointer = null;
@@ -407,8 +376,7 @@ function listenToScrub(view, track) {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new PlayerView(model, el);
   return () => view.close();
 }

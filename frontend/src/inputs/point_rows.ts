@@ -1,40 +1,39 @@
 // The rows of the table of control points: the data that Python sends, columns, order, texts. Pure functions; no DOM.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-/** @type {Record<number, string[]>} */
-export const AXES = { 2: ["a", "b"], 3: ["x", "y", "z"] };
+export const AXES: Record<number, string[]> = { 2: ["a", "b"], 3: ["x", "y", "z"] };
 const FLAGS = { active: 1, locked: 2, suspect: 4 };
 
-/**
- * A point: its source, target, weight, radius and error as numbers.
- * @typedef {object} TableRow
- * @property {number} id
- * @property {string} name
- * @property {boolean} active
- * @property {boolean} locked
- * @property {boolean} suspect whether it disagrees with its neighbours
- * @property {Float64Array} numbers
- */
+/** A point: its source, target, weight, radius and error as numbers. */
+export interface TableRow {
+  id: number;
+  name: string;
+  active: boolean;
+  locked: boolean;
+  /** whether it disagrees with its neighbours */
+  suspect: boolean;
+  numbers: Float64Array;
+}
 
-/**
- * @typedef {object} Column
- * @property {string} key
- * @property {string} title
- * @property {"fact" | "text" | "check" | "number" | "go"} kind "fact" and "go" cannot be edited
- * @property {string} width as in CSS
- * @property {string} tip
- * @property {number} [at] the index in a row of numbers
- * @property {string} [field] the field of a point, where it is not the key
- * @property {number} [axis] the index in this field
- */
+export interface Column {
+  key: string;
+  title: string;
+  /** "fact" and "go" cannot be edited */
+  kind: "fact" | "text" | "check" | "number" | "go";
+  /** as in CSS */
+  width: string;
+  tip: string;
+  /** the index in a row of numbers */
+  at?: number;
+  /** the field of a point, where it is not the key */
+  field?: string;
+  /** the index in this field */
+  axis?: number;
+}
 
-/**
- * @param {number} dim
- * @returns {Column[]}
- */
-export function pointColumns(dim) {
-  const axes = AXES[dim] ?? AXES[2], unit = "in the volume's unit", number = /** @type {const} */ ("number");
+export function pointColumns(dim: number): Column[] {
+  const axes = AXES[dim] ?? AXES[2], unit = "in the volume's unit", number = ("number" as const);
   return [
     { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
     { key: "name", title: "Name", kind: "text", width: "minmax(80px, 1fr)", tip: "Name of the point" },
@@ -61,16 +60,15 @@ export function pointColumns(dim) {
 /** Columns by their keys or fields, the most wanted first: what has room where a table is narrow. */
 const WANTED = ["name", "go", "active", "target", "drag", "source", "error", "locked", "id", "weight", "radius"];
 
-/** The least width of a column in CSS pixels. @param {Column} column */
-export function leastWidth({ width }) { return Number(width.match(/(\d+)px/)?.[1]); }
+/** The least width of a column in CSS pixels. */
+export function leastWidth({ width }: Column) { return Number(width.match(/(\d+)px/)?.[1]); }
 
 /**
  * The columns that have room, in their order; the coordinates of a place together or not at all.
- * @param {Column[]} columns
- * @param {number} room CSS pixels
+ * @param room CSS pixels
  */
-export function fittingColumns(columns, room) {
-  const kept = new Set(), sum = (/** @type {Column[]} */ some) => some.reduce((all, column) => all + leastWidth(column), 0);
+export function fittingColumns(columns: Column[], room: number) {
+  const kept = new Set(), sum = (some: Column[]) => some.reduce((all, column) => all + leastWidth(column), 0);
   let left = room;
   for (const wanted of WANTED) {
     const group = columns.filter(({ key, field }) => (field ?? key) === wanted), width = sum(group);
@@ -81,19 +79,13 @@ export function fittingColumns(columns, room) {
   return columns.filter((column) => kept.has(column));
 }
 
-/** @param {DataView | null | undefined} view */
-function bytesOf(view) {
+function bytesOf(view: DataView | null | undefined) {
   return view ? view.buffer.slice(view.byteOffset, view.byteOffset + view.byteLength) : new ArrayBuffer(0);
 }
 
-/**
- * All points of a model, or null while its traits do not fit together yet.
- * @param {Model} model
- * @returns {TableRow[] | null}
- */
-export function readPoints(model) {
-  /** @type {number[]} */
-  const ids = model.get("ids") ?? [];
+/** All points of a model, or null while its traits do not fit together yet. */
+export function readPoints(model: Model): TableRow[] | null {
+  const ids: number[] = model.get("ids") ?? [];
   const names = model.get("names") ?? [], dim = model.get("dim"), width = 2 * dim + 3;
   const numbers = bytesOf(model.get("numbers")), flags = new Uint8Array(bytesOf(model.get("flags")));
   const isWhole = names.length === ids.length && flags.length === ids.length;
@@ -104,54 +96,34 @@ export function readPoints(model) {
     numbers: all.subarray(k * width, (k + 1) * width) }));
 }
 
-/**
- * @param {TableRow} p
- * @param {number} dim
- */
-function dragOf(p, dim) {
+function dragOf(p: TableRow, dim: number) {
   let sum = 0;
   for (let k = 0; k < dim; k += 1) sum += (p.numbers[dim + k] - p.numbers[k]) ** 2;
   return Math.sqrt(sum);
 }
 
-/**
- * The value of a cell, for its order and its text.
- * @param {TableRow} p
- * @param {Column} column
- * @param {number} dim
- */
-export function cellValue(p, { key, at }, dim) {
+/** The value of a cell, for its order and its text. */
+export function cellValue(p: TableRow, { key, at }: Column, dim: number) {
   if (key === "drag") return dragOf(p, dim);
-  return at === undefined ? p[/** @type {"id" | "name" | "active" | "locked"} */ (key)] : p.numbers[at];
+  return at === undefined ? p[(key as "id" | "name" | "active" | "locked")] : p.numbers[at];
 }
 
-/**
- * The text of a value while it is edited, with all digits; empty for no number.
- * @param {string | number | boolean} value
- */
-export function editedText(value) { return Number.isNaN(value) ? "" : String(value); }
+/** The text of a value while it is edited, with all digits; empty for no number. */
+export function editedText(value: string | number | boolean) { return Number.isNaN(value) ? "" : String(value); }
 
-/** @param {number} value */
-export function shownNumber(value) {
+export function shownNumber(value: number) {
   if (Number.isNaN(value)) return "";
   const size = Math.abs(value);
   if (size === 0) return "0";
   return size < 0.005 || size >= 1e7 ? value.toExponential(1) : value.toFixed(2);
 }
 
-/**
- * Indices of the points in the order of a column; those without a value come last, either way round.
- * @param {TableRow[]} points
- * @param {Column | undefined} column
- * @param {boolean} isDown
- * @param {number} dim
- */
-export function orderedPoints(points, column, isDown, dim) {
+/** Indices of the points in the order of a column; those without a value come last, either way round. */
+export function orderedPoints(points: TableRow[], column: Column | undefined, isDown: boolean, dim: number) {
   const places = points.map((_, k) => k);
   if (!column) return places;
   const values = points.map((p) => cellValue(p, column, dim)), sign = isDown ? -1 : 1;
-  /** @param {string | number | boolean} v */
-  const isNothing = (v) => v === "" || Number.isNaN(v);
+  const isNothing = (v: string | number | boolean) => v === "" || Number.isNaN(v);
   return places.sort((i, j) => {
     const p = values[i], q = values[j];
     if (isNothing(p) || isNothing(q)) return Number(isNothing(p)) - Number(isNothing(q)) || i - j;
@@ -160,16 +132,10 @@ export function orderedPoints(points, column, isDown, dim) {
   });
 }
 
-/**
- * The points as CSV with a header, which Python takes back (deformnb.io.landmarks.formats).
- * @param {TableRow[]} points
- * @param {number} dim
- */
-export function pointsAsCsv(points, dim) {
+/** The points as CSV with a header, which Python takes back (deformnb.io.landmarks.formats). */
+export function pointsAsCsv(points: TableRow[], dim: number) {
   const columns = pointColumns(dim).filter(({ key }) => !["drag", "error", "go"].includes(key));
-  /** @param {string} text */
-  const quoted = (text) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-  /** @param {TableRow} p */
-  const line = (p) => columns.map((c) => quoted(editedText(cellValue(p, c, dim))));
+  const quoted = (text: string) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const line = (p: TableRow) => columns.map((c) => quoted(editedText(cellValue(p, c, dim))));
   return [columns.map(({ key }) => key), ...points.map(line)].map((row) => `${row.join(",")}\n`).join("");
 }

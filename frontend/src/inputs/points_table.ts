@@ -4,22 +4,22 @@
 // edits: {type: "act", view, seq, what, ids, field, axis, value}, and is answered {type: "done", view, seq, ok}.
 // While the editor drags points, their rows follow it without Python (sync/bus.js).
 
-/** @import { Bus, Model, PointsDetail } from "../types.d.ts" */
-/** @import { Column, TableRow } from "./point_rows.js" */
+import type { Bus, Model, PointsDetail } from "../types.ts";
+import type { Column, TableRow } from "./point_rows.ts";
 
-import { busOf } from "../sync/bus.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
-import { ThemeObserver } from "../ui/theme.js";
+import { busOf } from "../sync/bus.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
+import { ThemeObserver } from "../ui/theme.ts";
 import { AXES, cellValue, editedText, fittingColumns, leastWidth,
-  orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.js";
+  orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.ts";
 
 const ROW_HEIGHT = 26;
 const SPARE_ROWS = 4; // drawn above and below those in sight
 const NUMERIC = /[-+.,\dne]/i; // characters with which a number is written
 const GO_ICON = "M8 1.5v3M8 11.5v3M1.5 8h3M11.5 8h3M8 5.2a2.8 2.8 0 1 0 0 5.6 2.8 2.8 0 0 0 0-5.6";
 
-/** @type {[string, string, string, boolean][]} name, text, tip, whether it needs chosen points */
-const TABLE_BUTTONS = [
+/** name, text, tip, whether it needs chosen points */
+const TABLE_BUTTONS: [string, string, string, boolean][] = [
   ["reset", "Put back", "Put the selected points back where they were taken", true],
   ["switch", "On/off", "Switch the selected points on or off", true],
   ["lock", "Lock", "Lock the selected points where they are, or unlock them", true],
@@ -30,45 +30,60 @@ const TABLE_BUTTONS = [
 ];
 
 class PointsTableView {
+  model: Model;
+  selected: Set<number>;
+  root: HTMLDivElement;
+  bar: HTMLDivElement;
+  place: HTMLInputElement;
+  addButton: HTMLButtonElement;
+  buttons: Map<string, HTMLButtonElement>;
+  pasting: HTMLDivElement;
+  text: HTMLTextAreaElement;
+  take: HTMLButtonElement;
+  drop: HTMLButtonElement;
+  grid: HTMLDivElement;
+  scroller: HTMLDivElement;
+  head: HTMLDivElement;
+  body: HTMLDivElement;
+  status: HTMLDivElement;
+  facts: HTMLSpanElement;
+  liveRegion: HTMLSpanElement;
+  handlers: [string, (...given: any[]) => void][];
+  sized: ResizeObserver;
+  visibility: IntersectionObserver;
+  theme: ThemeObserver;
+  moved: (event: CustomEvent<PointsDetail>) => void;
+
   view = Math.random().toString(36).slice(2, 12); // a name for this view
   seq = 0;
   frame = 0;
   reading = 0; // a timer
-  /** @type {Map<number, { what: string, ids: number[], key: string }>} requests without an answer, by seq */
-  waiting = new Map();
+  /** requests without an answer, by seq */
+  waiting: Map<number, { what: string, ids: number[], key: string }> = new Map();
   dim = 0;
-  /** @type {Column[]} */
-  columns = [];
-  /** @type {TableRow[]} */
-  points = [];
-  /** @type {number[]} indices of the points, as sorted */
-  order = [];
-  /** @type {Map<number, number>} places in the order, by id */
-  ranks = new Map();
-  /** @type {Map<number, Float64Array>} numbers of points that are being dragged, by id */
-  live = new Map();
-  /** @type {Map<number, HTMLElement>} elements of the rows in sight, by id */
-  rows = new Map();
-  /** @type {{ key: string | null, isDown: boolean }} */
-  sort = { key: null, isDown: false };
-  /** @type {{ id: number | null, key: string }} the marked cell; no id for the headings */
-  active = { id: null, key: "name" };
-  /** @type {HTMLElement | null} the one cell that Tab reaches */
-  reached = null;
+  columns: Column[] = [];
+  points: TableRow[] = [];
+  /** indices of the points, as sorted */
+  order: number[] = [];
+  /** places in the order, by id */
+  ranks: Map<number, number> = new Map();
+  /** numbers of points that are being dragged, by id */
+  live: Map<number, Float64Array> = new Map();
+  /** elements of the rows in sight, by id */
+  rows: Map<number, HTMLElement> = new Map();
+  sort: { key: string | null, isDown: boolean } = { key: null, isDown: false };
+  /** the marked cell; no id for the headings */
+  active: { id: number | null, key: string } = { id: null, key: "name" };
+  /** the one cell that Tab reaches */
+  reached: HTMLElement | null = null;
   lastRank = 0;
-  /** @type {number | null} where a range of selected rows begins */
-  anchor = null;
-  /** @type {Bus | null} */
-  bus = null;
+  /** where a range of selected rows begins */
+  anchor: number | null = null;
+  bus: Bus | null = null;
   closed = new AbortController();
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
-    /** @type {Set<number>} */
     this.selected = new Set(model.get("selected"));
     this.root = pageElement("div", "dnb-points-table", el, { role: "group", "aria-label": "Control points" });
     this.bar = pageElement("div", "dnb-pt-bar", this.root);
@@ -92,7 +107,6 @@ class PointsTableView {
     this.liveRegion = pageElement("span", "dnb-pt-said", this.status, { role: "status" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
 
-    /** @type {[string, (...given: any[]) => void][]} */
     this.handlers = [["msg:custom", (content) => this.#answered(content)],
       ["change:uid", () => this.follow()], ["change:smoothing_on", () => this.invalidate()],
       ["change:read_only", () => this.invalidate()],
@@ -102,13 +116,7 @@ class PointsTableView {
     }
     for (const [name, handler] of this.handlers) model.on(name, handler);
     const { signal } = this.closed;
-    /**
-     * @template {keyof HTMLElementEventMap} K
-     * @param {HTMLElement} target
-     * @param {K} name
-     * @param {(event: HTMLElementEventMap[K]) => void} handler
-     */
-    const on = (target, name, handler) => target.addEventListener(name, handler, { signal });
+    const on = <K extends keyof HTMLElementEventMap>(target: HTMLElement, name: K, handler: (event: HTMLElementEventMap[K]) => void) => target.addEventListener(name, handler, { signal });
     on(this.scroller, "scroll", () => this.invalidate());
     on(this.grid, "keydown", (event) => this.key(event));
     on(this.grid, "click", (event) => this.#click(event));
@@ -136,19 +144,13 @@ class PointsTableView {
     });
     this.visibility.observe(this.root);
     this.theme = new ThemeObserver(this.root, () => this.#repaint());
-    this.moved = (/** @type {CustomEvent<PointsDetail>} */ event) => this.#showDrag(event.detail);
+    this.moved = (event: CustomEvent<PointsDetail>) => this.#showDrag(event.detail);
     this.#repaint();
     this.follow();
     this.read();
   }
 
-  /**
-   * @param {string} name
-   * @param {string} text
-   * @param {string} tip
-   * @param {HTMLElement} parent
-   */
-  #button(name, text, tip, parent = this.bar) {
+  #button(name: string, text: string, tip: string, parent: HTMLElement = this.bar) {
     const made = pageElement("button", "dnb-pt-button", parent,
       { type: "button", title: tip, "data-act": name, ...OWN_KEYS });
     made.textContent = text;
@@ -217,8 +219,8 @@ class PointsTableView {
     this.draw();
   }
 
-  /** Sort by a column: upwards, then downwards, then as the points were made. @param {string} key */
-  sortBy(key) {
+  /** Sort by a column: upwards, then downwards, then as the points were made. */
+  sortBy(key: string) {
     if (this.sort.key !== key) this.sort = { key, isDown: false };
     else if (!this.sort.isDown) this.sort.isDown = true;
     else this.sort = { key: null, isDown: false };
@@ -235,8 +237,8 @@ class PointsTableView {
     this.bus.addEventListener("deformnb:points", this.moved);
   }
 
-  /** Show the points of a drag, until Python sends them. @param {PointsDetail} detail */
-  #showDrag({ points }) {
+  /** Show the points of a drag, until Python sends them. */
+  #showDrag({ points }: PointsDetail) {
     this.live = new Map();
     for (const { id, source, target } of points) {
       const p = this.points[this.order[this.rankOf(id)]];
@@ -256,16 +258,15 @@ class PointsTableView {
   /** The selected points, else that of the marked cell. */
   chosenIds() { return this.selected.size ? [...this.selected] : this.active.id === null ? [] : [this.active.id]; }
 
-  /** @param {number[]} ids */
-  select(ids) {
+  select(ids: number[]) {
     this.selected = new Set(ids);
     this.model.set("selected", [...this.selected]);
     this.model.save_changes();
     this.invalidate();
   }
 
-  /** Take a selection from Python, as after a click in the picture. @param {number[]} ids */
-  takeSelection(ids) {
+  /** Take a selection from Python, as after a click in the picture. */
+  takeSelection(ids: number[]) {
     if (ids.length === this.selected.size && ids.every((id) => this.selected.has(id))) return;
     this.selected = new Set(ids);
     const rank = this.rankOf(ids[0]);
@@ -276,12 +277,7 @@ class PointsTableView {
     this.invalidate();
   }
 
-  /**
-   * @param {number} rank
-   * @param {boolean} isToggled
-   * @param {boolean} isRange
-   */
-  choose(rank, isToggled, isRange) {
+  choose(rank: number, isToggled: boolean, isRange: boolean) {
     const id = this.points[this.order[rank]]?.id, from = this.rankOf(this.anchor);
     if (id === undefined) return;
     if (isRange && from >= 0) {
@@ -306,8 +302,8 @@ class PointsTableView {
     const first = Math.max(0, Math.floor(this.scroller.scrollTop / ROW_HEIGHT) - SPARE_ROWS);
     const end = Math.min(order.length, first + Math.ceil(height / ROW_HEIGHT) + 2 * SPARE_ROWS);
     const held = this.isFocused();
-    /** @type {Map<number, number>} places of the rows to draw, by id */
-    const wanted = new Map();
+    /** places of the rows to draw, by id */
+    const wanted: Map<number, number> = new Map();
     for (let k = first; k < end; k += 1) wanted.set(points[order[k]].id, k);
     const { id: active } = this.active; // the row that holds the focus stays, wherever it is
     if (held && active !== null && this.rankOf(active) >= 0) wanted.set(active, this.rankOf(active));
@@ -352,8 +348,7 @@ class PointsTableView {
     });
   }
 
-  /** @param {number} id */
-  #row(id) {
+  #row(id: number) {
     const row = document.createElement("div");
     setAttributes(row, { class: "dnb-pt-row", role: "row", "data-id": id });
     this.columns.forEach((column, k) => {
@@ -371,20 +366,15 @@ class PointsTableView {
     return row;
   }
 
-  /**
-   * @param {HTMLElement} row
-   * @param {TableRow} p
-   * @param {number} rank
-   */
-  #fill(row, p, rank) {
+  #fill(row: HTMLElement, p: TableRow, rank: number) {
     const isSelected = this.selected.has(p.id), who = p.name || `point ${p.id}`, { live } = this;
     row.style.top = `${rank * ROW_HEIGHT}px`;
     row.className = `dnb-pt-row${isSelected ? " dnb-pt-selected" : ""}${p.active ? "" : " dnb-pt-off"}`;
     setAttributes(row, { "aria-rowindex": rank + 2, "aria-selected": isSelected });
     this.columns.forEach((column, k) => {
-      const cell = /** @type {HTMLElement} */ (row.children[k]), moved = live.get(p.id);
+      const cell = (row.children[k] as HTMLElement), moved = live.get(p.id);
       if (column.kind === "check") {
-        const box = /** @type {HTMLInputElement} */ (cell.firstChild), isSet = cellValue(p, column, this.dim) === true;
+        const box = (cell.firstChild as HTMLInputElement), isSet = cellValue(p, column, this.dim) === true;
         if (box.checked !== isSet) box.checked = isSet;
         setAttributes(box, { "aria-label": `${who}: ${column.key === "active" ? "on" : "locked"}` });
       } else if (column.kind === "go") setAttributes(cell.children[0], { "aria-label": `Show ${who} in the picture` });
@@ -394,12 +384,7 @@ class PointsTableView {
     });
   }
 
-  /**
-   * @param {HTMLElement} cell
-   * @param {Column} column
-   * @param {TableRow} p
-   */
-  #text(cell, column, p) {
+  #text(cell: HTMLElement, column: Column, p: TableRow) {
     const value = cellValue(p, column, this.dim), isNumber = typeof value === "number" && column.key !== "id";
     const isSuspect = column.key === "error" && p.suspect;
     const isFixed = p.locked && column.axis !== undefined;
@@ -419,19 +404,13 @@ class PointsTableView {
 
   // ---- the marked cell ----------------------------------------------------------------------------------------------
 
-  /** The place of a point in the order, or -1. @param {number | null} id */
-  rankOf(id) { return id === null ? -1 : this.ranks.get(id) ?? -1; }
+  /** The place of a point in the order, or -1. */
+  rankOf(id: number | null) { return id === null ? -1 : this.ranks.get(id) ?? -1; }
 
-  /**
-   * The element of a cell that can have the focus; no id for the headings.
-   * @param {number | null} id
-   * @param {string} key
-   * @returns {HTMLElement | null}
-   */
-  cellOf(id, key) {
+  /** The element of a cell that can have the focus; no id for the headings. */
+  cellOf(id: number | null, key: string): HTMLElement | null {
     const row = id === null ? this.head : this.rows.get(id);
-    /** @type {HTMLElement | null | undefined} */
-    const cell = row?.querySelector(`[data-key="${key}"]`);
+    const cell: HTMLElement | null | undefined = row?.querySelector(`[data-key="${key}"]`);
     return cell?.querySelector("input.dnb-pt-box, button") ?? cell ?? null;
   }
 
@@ -452,12 +431,8 @@ class PointsTableView {
     if (reached) reached.tabIndex = 0;
   }
 
-  /**
-   * @param {number} rank -1 for the headings
-   * @param {string} key
-   * @param {boolean} [isFocused]
-   */
-  mark(rank, key, isFocused = true) {
+  /** @param rank 1 for the headings */
+  mark(rank: number, key: string, isFocused: boolean = true) {
     const to = Math.max(-1, Math.min(rank, this.order.length - 1));
     this.active = { id: to < 0 ? null : this.points[this.order[to]].id, key };
     if (to >= 0) this.show(to);
@@ -465,8 +440,8 @@ class PointsTableView {
     if (isFocused) this.focusCell();
   }
 
-  /** Scroll to a row by the table's own scroll bar: scrollIntoView would move the whole page. @param {number} rank */
-  show(rank) {
+  /** Scroll to a row by the table's own scroll bar: scrollIntoView would move the whole page. */
+  show(rank: number) {
     const box = this.scroller, top = rank * ROW_HEIGHT, seen = box.clientHeight - this.head.offsetHeight;
     if (top < box.scrollTop) box.scrollTop = top;
     else if (top + ROW_HEIGHT > box.scrollTop + seen) box.scrollTop = top + ROW_HEIGHT - seen;
@@ -476,11 +451,9 @@ class PointsTableView {
 
   /**
    * Edit a cell.
-   * @param {number} id
-   * @param {string} key
-   * @param {string | null} first the text instead of the old value
+   * @param first the text instead of the old value
    */
-  write(id, key, first = null) {
+  write(id: number, key: string, first: string | null = null) {
     const column = this.columns.find((c) => c.key === key), p = this.points[this.order[this.rankOf(id)]];
     if (!p || !column || !["text", "number"].includes(column.kind) || this.isReadOnly) return;
     if (p.locked && column.axis !== undefined) {
@@ -497,8 +470,7 @@ class PointsTableView {
     input.value = first ?? before;
     cell.classList.add("dnb-pt-writing");
     cell.replaceChildren(input);
-    /** @param {boolean} isTaken */
-    const end = (isTaken) => {
+    const end = (isTaken: boolean) => {
       if (!cell.classList.contains("dnb-pt-writing")) return;
       cell.classList.remove("dnb-pt-writing");
       cell.replaceChildren();
@@ -513,13 +485,7 @@ class PointsTableView {
     if (first === null) input.select();
   }
 
-  /**
-   * @param {KeyboardEvent} event
-   * @param {(isTaken: boolean) => void} end
-   * @param {number} id
-   * @param {string} key
-   */
-  #writingKey(event, end, id, key) {
+  #writingKey(event: KeyboardEvent, end: (isTaken: boolean) => void, id: number, key: string) {
     event.stopPropagation();
     if (event.isComposing || !["Enter", "Escape", "Tab"].includes(event.key)) return;
     event.preventDefault();
@@ -530,12 +496,8 @@ class PointsTableView {
     else this.mark(rank, event.key === "Tab" ? (editable[next]?.key ?? key) : key);
   }
 
-  /**
-   * Show the old value of a cell again, whose text was refused, and that it was refused.
-   * @param {number} id
-   * @param {string} key
-   */
-  refuse(id, key) {
+  /** Show the old value of a cell again, whose text was refused, and that it was refused. */
+  refuse(id: number, key: string) {
     const cell = this.rows.get(id)?.querySelector(`[data-key="${key}"]`);
     cell?.classList.add("dnb-pt-refused");
     setTimeout(() => cell?.classList.remove("dnb-pt-refused"), 1600);
@@ -543,8 +505,7 @@ class PointsTableView {
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     const target = targetOf(event), rank = this.rankOf(this.active.id), command = event.ctrlKey || event.metaKey;
     if (event.altKey || target.closest(".dnb-pt-input") || !this.grid.contains(target)) return;
     if (!(command ? this.#commandKey(event, rank) : this.#plainKey(event, rank))) return;
@@ -552,12 +513,8 @@ class PointsTableView {
     event.stopPropagation();
   }
 
-  /**
-   * Returns whether a key with Ctrl is one of the table.
-   * @param {KeyboardEvent} event
-   * @param {number} rank
-   */
-  #commandKey({ key, shiftKey }, rank) {
+  /** Returns whether a key with Ctrl is one of the table. */
+  #commandKey({ key, shiftKey }: KeyboardEvent, rank: number) {
     const last = this.order.length - 1;
     switch (key.length === 1 ? key.toLowerCase() : key) {
       case "Home": this.mark(0, this.columns[0].key); break;
@@ -571,16 +528,11 @@ class PointsTableView {
     return true;
   }
 
-  /**
-   * Returns whether a key is one of the table.
-   * @param {KeyboardEvent} event
-   * @param {number} rank
-   */
-  #plainKey(event, rank) {
+  /** Returns whether a key is one of the table. */
+  #plainKey(event: KeyboardEvent, rank: number) {
     const { key, shiftKey } = event, { active, columns } = this, at = columns.findIndex((c) => c.key === active.key);
     const rows = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2), { kind } = columns[at];
-    /** @type {Record<string, number>} */
-    const ways = { ArrowUp: -1, ArrowDown: 1, PageUp: -rows, PageDown: rows };
+    const ways: Record<string, number> = { ArrowUp: -1, ArrowDown: 1, PageUp: -rows, PageDown: rows };
     const up = ways[key], side = key === "ArrowLeft" ? -1 : key === "ArrowRight" ? 1 : 0;
     const isBox = kind === "check" || kind === "go" || rank < 0;
     if (up) {
@@ -602,22 +554,19 @@ class PointsTableView {
 
   // ---- the mouse ----------------------------------------------------------------------------------------------------
 
-  /** @param {Event} event */
-  #cellAt(event) {
+  #cellAt(event: Event) {
     const cell = targetOf(event).closest(".dnb-pt-cell[data-key]"), row = cell?.closest(".dnb-pt-row[data-id]");
     return cell && row ? { id: Number(row.getAttribute("data-id")), key: String(cell.getAttribute("data-key")) } : null;
   }
 
-  /** @param {FocusEvent} event */
-  #focused(event) {
+  #focused(event: FocusEvent) {
     const at = this.#cellAt(event), head = at ? null : targetOf(event).closest(".dnb-pt-head-cell");
     if (at) this.active = at;
     else if (head) this.active = { id: null, key: String(head.getAttribute("data-key")) };
     this.reach();
   }
 
-  /** @param {MouseEvent} event */
-  #click(event) {
+  #click(event: MouseEvent) {
     const at = this.#cellAt(event), target = targetOf(event);
     if (!at || target.closest(".dnb-pt-input")) return;
     if (at.key === "go") { if (target.closest("button")) this.act("look", [at.id]); return; }
@@ -625,14 +574,12 @@ class PointsTableView {
     this.choose(this.rankOf(at.id), event.ctrlKey || event.metaKey, event.shiftKey);
   }
 
-  /** @param {MouseEvent} event */
-  #doubleClick(event) {
+  #doubleClick(event: MouseEvent) {
     const at = this.#cellAt(event);
     if (at && !targetOf(event).closest("input, button")) this.write(at.id, at.key);
   }
 
-  /** @param {Event} event */
-  #changed(event) {
+  #changed(event: Event) {
     const at = this.#cellAt(event), box = event.target;
     if (!at || !(box instanceof HTMLInputElement) || !box.classList.contains("dnb-pt-box")) return;
     this.act("cell", [at.id], { field: at.key, axis: 0, value: box.checked }, at.key);
@@ -641,8 +588,7 @@ class PointsTableView {
 
   // ---- what is done -------------------------------------------------------------------------------------------------
 
-  /** @param {string} name */
-  run(name) {
+  run(name: string) {
     if (name === "add") this.act("add", [], { value: this.place.value }, "place");
     else if (name === "copy") this.#copyNow();
     else if (name === "paste" || name === "drop") this.#openPasting(name === "paste" && Boolean(this.pasting.hidden));
@@ -650,8 +596,7 @@ class PointsTableView {
     else this.act(name, this.chosenIds());
   }
 
-  /** @param {boolean} isOpen */
-  #openPasting(isOpen) {
+  #openPasting(isOpen: boolean) {
     this.pasting.hidden = !isOpen;
     if (isOpen) this.text.focus();
     else this.buttons.get("paste")?.focus();
@@ -659,20 +604,16 @@ class PointsTableView {
 
   /**
    * Request an action of Python.
-   * @param {string} what
-   * @param {number[]} [ids]
-   * @param {{ field?: string, axis?: number, value?: string | boolean | null }} [how]
-   * @param {string} [key] the place of a refusal: a column, "place" or "text"
+   * @param key the place of a refusal: a column, "place" or "text"
    */
-  act(what, ids = [], { field = "", axis = 0, value = null } = {}, key = "") {
+  act(what: string, ids: number[] = [], { field = "", axis = 0, value = null }: { field?: string, axis?: number, value?: string | boolean | null } = {}, key: string = "") {
     this.seq += 1;
     if (what !== "seen") this.showMessage("");
     this.waiting.set(this.seq, { what, ids, key });
     this.model.send({ type: "act", view: this.view, seq: this.seq, what, ids, field, axis, value });
   }
 
-  /** @param {any} message */
-  #answered({ type, view, seq, ok, text }) {
+  #answered({ type, view, seq, ok, text }: any) {
     const request = this.waiting.get(seq);
     if (type !== "done" || view !== this.view || !request) return;
     this.waiting.delete(seq);
@@ -686,24 +627,21 @@ class PointsTableView {
 
   /** Copy by the browser's command: without https there is no other clipboard. */
   #copyNow() {
-    /** @param {ClipboardEvent} event */
-    const once = (event) => { event.stopPropagation(); this.#copyInto(event); };
+    const once = (event: ClipboardEvent) => { event.stopPropagation(); this.#copyInto(event); };
     document.addEventListener("copy", once, { capture: true });
     const isDone = document.execCommand("copy");
     document.removeEventListener("copy", once, { capture: true });
     if (!isDone) this.showMessage("This browser does not let a page copy.");
   }
 
-  /** @param {ClipboardEvent} event */
-  #copyInto(event) {
+  #copyInto(event: ClipboardEvent) {
     const chosen = this.selected.size ? this.points.filter(({ id }) => this.selected.has(id)) : this.points;
     event.clipboardData?.setData("text/plain", pointsAsCsv(chosen, this.dim));
     event.preventDefault();
     this.showMessage(`${chosen.length} ${chosen.length === 1 ? "point" : "points"} copied as CSV.`);
   }
 
-  /** @param {ClipboardEvent} event */
-  #pasted(event) {
+  #pasted(event: ClipboardEvent) {
     if (targetOf(event).closest("input, textarea")) return;
     event.preventDefault();
     this.act("paste", [], { value: event.clipboardData?.getData("text/plain") });
@@ -711,13 +649,11 @@ class PointsTableView {
 
   // ---- words --------------------------------------------------------------------------------------------------------
 
-  /** @param {string} text */
-  showMessage(text) { setText(this.liveRegion, text); }
+  showMessage(text: string) { setText(this.liveRegion, text); }
 
   describe() {
     const { points, selected } = this;
-    /** @type {(n: number, one: string, more: string) => string} */
-    const count = (n, one, more) => `${n} ${n === 1 ? one : more}`;
+    const count: (n: number, one: string, more: string) => string = (n, one, more) => `${n} ${n === 1 ? one : more}`;
     const suspects = points.filter((p) => p.suspect).length, chosen = points.filter((p) => selected.has(p.id)).length;
     const facts = [count(points.length, "point", "points"), ...(chosen ? [`${chosen} selected`] : []),
       ...(suspects ? [count(suspects, "disagrees with its neighbours", "disagree with their neighbours")] : []),
@@ -733,8 +669,7 @@ class PointsTableView {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new PointsTableView(model, el);
   return () => view.close();
 }

@@ -1,23 +1,27 @@
 // Menu of the presets of colours and opacities, with a picture of this very volume in the colours of each.
 
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
 const TRAITS = ["value", "disabled", "thumbnails"];
 const PICTURE = 64; // CSS pixels
 const EDGE = 4; // CSS pixels between the list and the window's border
 const OWN = "Own colours";
 
-/** @param {string} name of a preset */
-const labelOf = (name) => (name ? name[0].toUpperCase() + name.slice(1) : OWN);
+/** @param name of a preset */
+const labelOf = (name: string) => (name ? name[0].toUpperCase() + name.slice(1) : OWN);
 
 class PresetMenuView {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  model: Model;
+  closing: AbortController;
+  root: HTMLDivElement;
+  button: HTMLButtonElement;
+  list: HTMLDivElement;
+  options: Map<string, { option: HTMLButtonElement; picture: HTMLImageElement; }>;
+  draw: () => void;
+
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.closing = new AbortController();
     const { signal } = this.closing;
@@ -25,8 +29,7 @@ class PresetMenuView {
     this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });
     // In the browser's top layer, since the row over the volume cuts off what is higher than itself.
     this.list = pageElement("div", "dnb-pm-list", this.root, { role: "listbox", "aria-label": "Preset", popover: "auto" });
-    /** @type {[string, string][]} */
-    const presets = Object.entries(model.get("presets") ?? {});
+    const presets: [string, string][] = Object.entries(model.get("presets") ?? {});
     this.options = new Map(presets.map(([name, tip]) => [name, this.#option(name, tip)]));
     this.button.addEventListener("click", () => this.#open(), { signal });
     this.list.addEventListener("keydown", (event) => this.#key(event), { signal });
@@ -43,8 +46,7 @@ class PresetMenuView {
     this.root.remove();
   }
 
-  /** @param {string} name @param {string} tip */
-  #option(name, tip) {
+  #option(name: string, tip: string) {
     const option = pageElement("button", "dnb-pm-option", this.list, { type: "button", role: "option", title: tip, tabindex: -1 });
     const picture = pageElement("img", "", option, { alt: "", width: PICTURE, height: PICTURE, draggable: "false" });
     pageElement("span", "", option).textContent = labelOf(name);
@@ -63,19 +65,17 @@ class PresetMenuView {
 
   #hide() { if (this.list.matches(":popover-open")) this.list.hidePopover(); }
 
-  /** @param {string} name */
-  #choose(name) {
+  #choose(name: string) {
     this.#hide();
     this.button.focus({ preventScroll: true });
     this.model.set("value", name);
     this.model.save_changes();
   }
 
-  /** Arrows go from one to the next, round and round. Enter and space choose, Esc closes: the browser does both. @param {KeyboardEvent} event */
-  #key(event) {
+  /** Arrows go from one to the next, round and round. Enter and space choose, Esc closes: the browser does both. */
+  #key(event: KeyboardEvent) {
     const all = [...this.options.values()].map(({ option }) => option), at = all.findIndex((option) => option.matches(":focus"));
-    /** @type {Record<string, number>} */
-    const next = { ArrowDown: at + 1, ArrowRight: at + 1, ArrowUp: at - 1, ArrowLeft: at - 1, Home: 0, End: -1 };
+    const next: Record<string, number> = { ArrowDown: at + 1, ArrowRight: at + 1, ArrowUp: at - 1, ArrowLeft: at - 1, Home: 0, End: -1 };
     if (event.key !== "Tab") event.stopPropagation(); // the page around has its own keys
     if (!(event.key in next)) return;
     event.preventDefault();
@@ -97,8 +97,7 @@ class PresetMenuView {
 }
 
 export default {
-  /** @param {{ model: Model, el: HTMLElement }} widget */
-  render({ model, el }) {
+  render({ model, el }: { model: Model, el: HTMLElement }) {
     const view = new PresetMenuView(model, el);
     return () => view.close();
   },

@@ -4,39 +4,42 @@
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
 // started again. Other hosts signal nothing.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
-/** @type {[string, string, string][]} command, text, tip */
-const RESTORE_BUTTONS = [
+/** command, text, tip */
+const RESTORE_BUTTONS: [string, string, string][] = [
   ["restore", "Restore", "Go on with it; can be undone"],
   ["skip", "Skip", "Don't show again; it stays under History"],
   ["delete", "Delete", "Remove its file"],
 ];
 const SURE = "Delete for good?";
 const SURE_FOR = 5000; // ms in which a second click deletes
-/** @type {Record<string, string>} */
-const GONE = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died",
+const GONE: Record<string, string> = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died",
   terminating: "was stopped" };
 
-/**
- * A signal of Lumino.
- * @typedef {{ connect?: (slot: StatusSlot) => void, disconnect?: (slot: StatusSlot) => void }} StatusSignal
- */
-/** @typedef {(kernel: unknown, status: string) => void} StatusSlot */
-/** @typedef {Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } }} NotebookModel */
+/** A signal of Lumino. */
+export type StatusSignal = { connect?: (slot: StatusSlot) => void, disconnect?: (slot: StatusSlot) => void };
+export type StatusSlot = (kernel: unknown, status: string) => void;
+export type NotebookModel = Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } };
 
 class RestoreBarView {
+  model: NotebookModel;
+  root: HTMLDivElement;
+  text: HTMLSpanElement;
+  buttons: HTMLButtonElement[];
+  draw: () => void;
+  answered: (content: any) => void;
+  died: () => void;
+  changed: StatusSlot;
+  kernel: StatusSignal | undefined;
+
   timer = 0;
   isWaiting = false;
   fate = ""; // of the kernel
 
-  /**
-   * @param {NotebookModel} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: NotebookModel, el: HTMLElement) {
     this.model = model;
     this.root = pageElement("div", "dnb-restore", el, { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
@@ -48,9 +51,8 @@ class RestoreBarView {
       return button;
     });
     this.draw = () => this.#draw();
-    this.answered = (/** @type {any} */ content) => { if (content.type === "done") this.#wait(false); };
+    this.answered = (content: any) => { if (content.type === "done") this.#wait(false); };
     this.died = () => this.#gone("restarting");
-    /** @type {StatusSlot} */
     this.changed = (_kernel, status) => { if (GONE[status]) this.#gone(status); };
     for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
@@ -69,11 +71,7 @@ class RestoreBarView {
     this.root.remove();
   }
 
-  /**
-   * @param {string} what
-   * @param {HTMLButtonElement} button
-   */
-  #act(what, button) {
+  #act(what: string, button: HTMLButtonElement) {
     if (this.isWaiting) return;
     if (what === "delete" && button.textContent !== SURE) {
       button.textContent = SURE;
@@ -84,14 +82,12 @@ class RestoreBarView {
     this.model.send({ type: "act", what, version: this.model.get("version") });
   }
 
-  /** @param {boolean} isWaiting */
-  #wait(isWaiting) {
+  #wait(isWaiting: boolean) {
     this.isWaiting = isWaiting;
     for (const button of this.buttons) button.disabled = isWaiting;
   }
 
-  /** @param {string} status */
-  #gone(status) {
+  #gone(status: string) {
     this.fate = GONE[status];
     this.#draw();
   }
@@ -112,8 +108,7 @@ class RestoreBarView {
 }
 
 export default {
-  /** @param {{ model: NotebookModel, el: HTMLElement }} widget */
-  render({ model, el }) {
+  render({ model, el }: { model: NotebookModel, el: HTMLElement }) {
     const view = new RestoreBarView(model, el);
     return () => view.close();
   },

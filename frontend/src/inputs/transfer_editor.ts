@@ -1,25 +1,21 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
 
-/** @import { NodeRules } from "../maths/curves.js" */
-/** @import { Model } from "../types.d.ts" */
-/** @import { NodeDrag, PlotDrag } from "./curve_plot.js" */
+import type { NodeRules } from "../maths/curves.ts";
+import type { Model } from "../types.ts";
+import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
 
-import { lineAt, shownNumber } from "../maths/curves.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.js";
-import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.js";
-import { ARROWS, CurvePlot, pathOf, PLOT } from "./curve_plot.js";
+import { lineAt, shownNumber } from "../maths/curves.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
+import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
+import { ARROWS, CurvePlot, pathOf, PLOT } from "./curve_plot.ts";
 
-/**
- * A value and its red, green and blue, from 0 to 1.
- * @typedef {number[]} ColorStop
- */
+/** A value and its red, green and blue, from 0 to 1. */
+export type ColorStop = number[];
 
-/** @typedef {"level" | "low" | "high"} WindowPart */
+export type WindowPart = "level" | "low" | "high";
 
-/**
- * A state before a drag.
- * @typedef {{ nodes: number[][], colors: ColorStop[], named: string }} Kept
- */
+/** A state before a drag. */
+export type Kept = { nodes: number[][], colors: ColorStop[], named: string };
 
 // ---- the part of the axis of values that is seen, and the window (no DOM) -------------------------------------------
 
@@ -29,67 +25,35 @@ const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the 
 /**
  * The seen part of the axis, zoomed by a factor about a value and kept within the whole axis; null where all of it is
  * seen.
- * @param {number[]} seen
- * @param {number[]} whole
- * @param {number} factor
- * @param {number} at
- * @returns {number[] | null}
  */
-export function zoomedAxis([low, high], [first, last], factor, at) {
+export function zoomedAxis([low, high]: number[], [first, last]: number[], factor: number, at: number): number[] | null {
   const span = last - first, width = Math.max(FINEST * span, (high - low) / factor);
   if (width >= span * (1 - 1e-9)) return null;
   return keptInside([at - (at - low) * width / (high - low), width], [first, last]);
 }
 
-/**
- * The seen part of the axis, moved and kept within the whole axis.
- * @param {number[]} seen
- * @param {number[]} whole
- * @param {number} by
- */
-export function pannedAxis([low, high], whole, by) { return keptInside([low + by, high - low], whole); }
+/** The seen part of the axis, moved and kept within the whole axis. */
+export function pannedAxis([low, high]: number[], whole: number[], by: number) { return keptInside([low + by, high - low], whole); }
 
-/**
- * @param {number[]} part its low end and its width
- * @param {number[]} whole
- * @returns {number[]}
- */
-function keptInside([low, width], [first, last]) {
+/** @param part its low end and its width */
+function keptInside([low, width]: number[], [first, last]: number[]): number[] {
   const from = Math.max(first, Math.min(last - width, low));
   return [from, from + width];
 }
 
-/**
- * A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly.
- * @param {number} value
- * @param {number[]} from
- * @param {number[]} to
- */
-export function stretchedValue(value, [first, last], [low, high]) {
+/** A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly. */
+export function stretchedValue(value: number, [first, last]: number[], [low, high]: number[]) {
   return value === last ? high : Math.min(high, low + (value - first) / (last - first) * (high - low));
 }
 
-/**
- * The window of a transfer function, from its first value to its last.
- * @param {number[][]} nodes
- * @param {ColorStop[]} stops
- * @returns {number[]}
- */
-export function windowOf(nodes, stops) {
+/** The window of a transfer function, from its first value to its last. */
+export function windowOf(nodes: number[][], stops: ColorStop[]): number[] {
   const values = [...nodes, ...stops].map((row) => row[0]);
   return [Math.min(...values), Math.max(...values)];
 }
 
-/**
- * A window after a drag of one end or of the whole ("level"): at least so wide, and within limits.
- * @param {number[]} window
- * @param {WindowPart} part
- * @param {number} by
- * @param {number} least
- * @param {number[]} limits
- * @returns {number[]}
- */
-export function movedWindow([low, high], part, by, least, [first, last]) {
+/** A window after a drag of one end or of the whole ("level"): at least so wide, and within limits. */
+export function movedWindow([low, high]: number[], part: WindowPart, by: number, least: number, [first, last]: number[]): number[] {
   if (part === "low") return [Math.max(Math.min(first, low), Math.min(high - least, low + by)), high];
   if (part === "high") return [low, Math.min(Math.max(last, high), Math.max(low + least, high + by))];
   const shift = Math.max(Math.min(first - low, 0), Math.min(Math.max(last - high, 0), by));
@@ -101,70 +65,50 @@ export function movedWindow([low, high], part, by, least, [first, last]) {
 const STRIP = { top: 28, height: 12 }; // CSS pixels, from the floor of the plot
 const PIN = "M0 -1L6 6V15.5H-6V6Z";
 
-/** @param {number[]} rgb */
-export function hexOf(rgb) {
+export function hexOf(rgb: number[]) {
   return `#${rgb.map((v) => Math.round(255 * Math.max(0, Math.min(1, v))).toString(16).padStart(2, "0")).join("")}`;
 }
 
-/**
- * @param {string} hex
- * @returns {number[]}
- */
-export function rgbOf(hex) {
-  /** @param {number} k */
-  const part = (k) => parseInt(hex.slice(k, k + 2), 16) / 255;
+export function rgbOf(hex: string): number[] {
+  const part = (k: number) => parseInt(hex.slice(k, k + 2), 16) / 255;
   return [part(1), part(3), part(5)];
 }
 
-/**
- * Red, green and blue at a value, linear between stops.
- * @param {ColorStop[]} stops
- * @param {number} value
- * @returns {number[]}
- */
-export function colorAt(stops, value) {
-  /** @param {1 | 2 | 3} c */
-  const part = (c) => lineAt(stops.map((stop) => [stop[0], stop[c]]), value);
+/** Red, green and blue at a value, linear between stops. */
+export function colorAt(stops: ColorStop[], value: number): number[] {
+  const part = (c: 1 | 2 | 3) => lineAt(stops.map((stop) => [stop[0], stop[c]]), value);
   return [part(1), part(2), part(3)];
 }
 
-/**
- * Stops with one of them moved, which keeps its place among the others. No edit changes the list it is given.
- * @param {ColorStop[]} stops
- * @param {number} k
- * @param {number} value
- * @param {number[]} range
- * @returns {ColorStop[]}
- */
-export function movedStop(stops, k, value, [first, last]) {
+/** Stops with one of them moved, which keeps its place among the others. No edit changes the list it is given. */
+export function movedStop(stops: ColorStop[], k: number, value: number, [first, last]: number[]): ColorStop[] {
   const low = k > 0 ? stops[k - 1][0] : Math.min(first, stops[0][0]);
   const high = k < stops.length - 1 ? stops[k + 1][0] : Math.max(last, stops[stops.length - 1][0]);
   const [, r, g, b] = stops[k];
   return stops.map((stop, j) => (j === k ? [Math.max(low, Math.min(high, value)), r, g, b] : stop));
 }
 
-/**
- * Stops with another one that changes no colour, and its index.
- * @param {ColorStop[]} stops
- * @param {number} value
- * @returns {[ColorStop[], number]}
- */
-export function addedStop(stops, value) {
+/** Stops with another one that changes no colour, and its index. */
+export function addedStop(stops: ColorStop[], value: number): [ColorStop[], number] {
   const index = stops.findIndex((stop) => stop[0] > value), k = index < 0 ? stops.length : index;
   return [[...stops.slice(0, k), [value, ...colorAt(stops, value)], ...stops.slice(k)], k];
 }
 
 class ColorStops {
+  view: TransferEditorView;
+  group: SVGGElement;
+  title: SVGTextElement;
+  strip: SVGRectElement;
+  ground: SVGRectElement;
+  cancelDrag: () => boolean;
+  picker: HTMLInputElement;
+
   chosen = 0;
-  /** @type {SVGGElement[]} */
-  grips = [];
+  grips: SVGGElement[] = [];
   isPicking = false;
 
-  /**
-   * @param {TransferEditorView} view
-   * @param {string} fill of the strip
-   */
-  constructor(view, fill) {
+  /** @param fill of the strip */
+  constructor(view: TransferEditorView, fill: string) {
     this.view = view;
     this.group = svgElement("g", { class: "dnb-cv-stops" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
@@ -192,8 +136,7 @@ class ColorStops {
   /** The value that Python gets. */
   value() { return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) }; }
 
-  /** @param {number} k */
-  words(k) {
+  words(k: number) {
     const [value, ...rgb] = this.stops[k];
     return `value ${this.view.shownValue(value)}, colour ${hexOf(rgb)}`;
   }
@@ -202,26 +145,20 @@ class ColorStops {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /** The index of the stop under the pointer. @param {MouseEvent} event */
-  #at(event) { return numberUnder(event, this.group, "data-stop"); }
+  /** The index of the stop under the pointer. */
+  #at(event: MouseEvent) { return numberUnder(event, this.group, "data-stop"); }
 
-  /**
-   * @param {ColorStop[]} stops
-   * @param {number} chosen
-   */
-  #show(stops, chosen = this.chosen) {
+  #show(stops: ColorStop[], chosen: number = this.chosen) {
     this.chosen = chosen;
     this.view.changed({ colors: stops });
   }
 
-  /** @param {number} k */
-  choose(k) {
+  choose(k: number) {
     this.chosen = k;
     this.view.choose(this);
   }
 
-  /** @param {PointerEvent} event */
-  press(event) {
+  press(event: PointerEvent) {
     const { view } = this, k = view.isReadOnly ? null : this.#at(event);
     if (k === null) return null;
     view.settle();
@@ -231,28 +168,15 @@ class ColorStops {
     return { k, from: view.toPixel([this.stops[k][0], 0])[0], before: view.kept() };
   }
 
-  /**
-   * @param {{ k: number, from: number, before: Kept }} grabbed
-   * @param {number[]} by
-   */
-  drag({ k, from, before }, [dx]) {
+  drag({ k, from, before }: { k: number, from: number, before: Kept }, [dx]: number[]) {
     const { view } = this, [value] = view.tidy(view.toPlace([from + dx, 0]));
     this.#show(movedStop(before.colors, k, value, view.range), k);
     view.move(this.value());
   }
 
-  /**
-   * @param {{ before: Kept }} grabbed
-   * @param {boolean} isCancelled
-   * @param {boolean} isClick
-   */
-  drop({ before }, isCancelled, isClick) { this.view.dropped(this, before, isCancelled, isClick); }
+  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) { this.view.dropped(this, before, isCancelled, isClick); }
 
-  /**
-   * @param {number} k
-   * @param {number} by
-   */
-  nudge(k, by) {
+  nudge(k: number, by: number) {
     const { view } = this;
     view.nudging(this);
     this.#show(movedStop(this.stops, k, this.stops[k][0] + by, view.range), k);
@@ -260,8 +184,7 @@ class ColorStops {
     view.move(this.value());
   }
 
-  /** @param {number} value */
-  add(value) {
+  add(value: number) {
     const { view } = this;
     if (view.isReadOnly) return;
     view.settle();
@@ -282,8 +205,7 @@ class ColorStops {
 
   get canRemove() { return this.stops.length > 1; }
 
-  /** @param {number} k */
-  remove(k) {
+  remove(k: number) {
     const { view } = this;
     if (view.isReadOnly) return;
     view.settle();
@@ -302,8 +224,7 @@ class ColorStops {
     this.grips[this.chosen].focus({ preventScroll: true });
   }
 
-  /** @param {MouseEvent} event */
-  #doubleClick(event) {
+  #doubleClick(event: MouseEvent) {
     event.preventDefault();
     event.stopPropagation();
     const k = this.#at(event), { view } = this;
@@ -334,8 +255,8 @@ class ColorStops {
     this.view.commitOf(this);
   }
 
-  /** Returns whether the key is one of the stops. @param {KeyboardEvent} event */
-  key(event) {
+  /** Returns whether the key is one of the stops. */
+  key(event: KeyboardEvent) {
     const k = targetIndex(this.grips, event), { view } = this;
     if (k < 0 || view.isReadOnly) return false;
     const step = ARROWS[event.key];
@@ -349,8 +270,8 @@ class ColorStops {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  /** @param {number} floor of the plot, in pixels */
-  draw(floor) {
+  /** @param floor of the plot, in pixels */
+  draw(floor: number) {
     const { view } = this, { left, width } = view.box, top = floor + STRIP.top;
     this.chosen = Math.min(this.chosen, this.stops.length - 1);
     setAttributes(this.title, { x: left - 11, y: top + 10 });
@@ -371,8 +292,7 @@ class ColorStops {
     this.#drawPicker();
   }
 
-  /** @param {number} k */
-  #grip(k) {
+  #grip(k: number) {
     const { view } = this;
     const grip = svgElement("g", { class: "dnb-cv-grip", "data-stop": k, role: "slider", ...OWN_KEYS }, this.group);
     svgElement("rect", { class: "dnb-cv-hit", x: -10, y: -STRIP.height, width: 20, height: STRIP.height + 18 }, grip);
@@ -396,15 +316,20 @@ class ColorStops {
 // ---- the window: a bar from the first value to the last, whose drags take all nodes and colours along ---------------
 
 const BAR_AT = { top: 64, height: 12 }; // CSS pixels, from the floor of the plot
-const WINDOW_PARTS = /** @type {const} */ (["level", "low", "high"]);
+const WINDOW_PARTS = (["level", "low", "high"] as const);
 const NARROWEST = 1 / 1000; // of the values of the volume
 
 class WindowBar {
-  /** @type {WindowPart} */
-  part = "level";
+  view: TransferEditorView;
+  group: SVGGElement;
+  title: SVGTextElement;
+  rail: SVGPathElement;
+  grips: { level: SVGGElement; low: SVGGElement; high: SVGGElement; };
+  cancelDrag: () => boolean;
 
-  /** @param {TransferEditorView} view */
-  constructor(view) {
+  part: WindowPart = "level";
+
+  constructor(view: TransferEditorView) {
     this.view = view;
     this.group = svgElement("g", { class: "dnb-cv-window" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
@@ -422,8 +347,8 @@ class WindowBar {
 
   get window() { return windowOf(this.view.nodes, this.view.colors); }
 
-  /** Limits of either end: as far again as the values of the volume reach. @returns {number[]} */
-  get limits() {
+  /** Limits of either end: as far again as the values of the volume reach. */
+  get limits(): number[] {
     const { low, high } = this.view.model.get("histogram");
     return [low - (high - low), high + (high - low)];
   }
@@ -450,31 +375,25 @@ class WindowBar {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /** The part of the bar under the pointer. @param {MouseEvent} event */
-  #at(event) {
+  /** The part of the bar under the pointer. */
+  #at(event: MouseEvent) {
     const found = attributeUnder(event, this.group, "data-window");
     return WINDOW_PARTS.find((part) => part === found) ?? null;
   }
 
-  /** @param {WindowPart} part */
-  choose(part) {
+  choose(part: WindowPart) {
     this.part = part;
     this.view.choose(this);
   }
 
-  /**
-   * Stretch nodes and colours to a window.
-   * @param {{ nodes: number[][], colors: ColorStop[] }} from
-   * @param {number[]} to
-   */
-  #show({ nodes, colors }, to) {
+  /** Stretch nodes and colours to a window. */
+  #show({ nodes, colors }: { nodes: number[][], colors: ColorStop[] }, to: number[]) {
     const from = windowOf(nodes, colors);
     this.view.changed({ nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
       colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]) });
   }
 
-  /** @param {PointerEvent} event */
-  press(event) {
+  press(event: PointerEvent) {
     const { view } = this, part = view.isReadOnly || this.isFlat ? null : this.#at(event);
     if (part === null) return null;
     view.settle();
@@ -484,11 +403,7 @@ class WindowBar {
     return { part, before: view.kept() };
   }
 
-  /**
-   * @param {{ part: WindowPart, before: Kept }} grabbed
-   * @param {number[]} by
-   */
-  drag({ part, before }, [dx]) {
+  drag({ part, before }: { part: WindowPart, before: Kept }, [dx]: number[]) {
     const { view } = this, [[x0, x1]] = view.view, [low, high] = windowOf(before.nodes, before.colors);
     const end = part === "high" ? high : low, to = end + dx / view.box.width * (x1 - x0);
     const by = view.tidy([to, 0], true, false)[0] - end;
@@ -496,18 +411,9 @@ class WindowBar {
     view.move(this.value());
   }
 
-  /**
-   * @param {{ before: Kept }} grabbed
-   * @param {boolean} isCancelled
-   * @param {boolean} isClick
-   */
-  drop({ before }, isCancelled, isClick) { this.view.dropped(this, before, isCancelled, isClick); }
+  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) { this.view.dropped(this, before, isCancelled, isClick); }
 
-  /**
-   * @param {WindowPart} part
-   * @param {number} by
-   */
-  nudge(part, by) {
+  nudge(part: WindowPart, by: number) {
     const { view } = this;
     if (this.isFlat) return;
     view.nudging(this);
@@ -516,8 +422,8 @@ class WindowBar {
     view.move(this.value());
   }
 
-  /** Returns whether the key is one of the window. @param {KeyboardEvent} event */
-  key(event) {
+  /** Returns whether the key is one of the window. */
+  key(event: KeyboardEvent) {
     const { view } = this, part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
     if (!part || view.isReadOnly) return false;
     const step = ARROWS[event.key];
@@ -529,11 +435,7 @@ class WindowBar {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  /**
-   * @param {WindowPart} part
-   * @param {string} text
-   */
-  #grip(part, text) {
+  #grip(part: WindowPart, text: string) {
     const { view } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part,
       role: "slider", tabindex: 0, "aria-label": `window, ${text}`, ...OWN_KEYS }, this.group);
     const tip = part === "level" ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
@@ -552,11 +454,10 @@ class WindowBar {
     return grip;
   }
 
-  /** @param {number} floor of the plot, in pixels */
-  draw(floor) {
+  /** @param floor of the plot, in pixels */
+  draw(floor: number) {
     const { view } = this, { left, width } = view.box, top = floor + BAR_AT.top, [low, high] = this.window;
-    /** @param {number} value */
-    const inside = (value) => Math.max(left, Math.min(left + width, view.toPixel([value, 0])[0]));
+    const inside = (value: number) => Math.max(left, Math.min(left + width, view.toPixel([value, 0])[0]));
     const from = inside(low), to = inside(high), middle = (low + high) / 2;
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     this.rail.setAttribute("d", `M${left} ${top + BAR_AT.height / 2}h${width}`);
@@ -580,14 +481,16 @@ class WindowBar {
 const THUMBNAIL = 56; // CSS pixels
 
 class PresetButtons {
-  /** @param {TransferEditorView} view */
-  constructor(view) {
+  view: TransferEditorView;
+  group: HTMLDivElement;
+  buttons: Record<string, {button: HTMLButtonElement, picture: HTMLImageElement}>;
+
+  constructor(view: TransferEditorView) {
     this.view = view;
     this.group = pageElement("div", "dnb-cv-presets", null, { role: "group", "aria-label": "Presets" });
     view.root.insertBefore(this.group, view.bar);
-    /** @type {Record<string, {button: HTMLButtonElement, picture: HTMLImageElement}>} */
     this.buttons = {};
-    for (const [name, tip] of Object.entries(view.model.get("presets") ?? {})) {
+    for (const [name, tip] of Object.entries<string>(view.model.get("presets") ?? {})) {
       const button = pageElement("button", "dnb-cv-preset", this.group, { type: "button", title: tip, ...OWN_KEYS });
       const picture = pageElement("img", "dnb-cv-thumbnail", button,
         { alt: "", width: THUMBNAIL, height: THUMBNAIL, draggable: "false" });
@@ -605,11 +508,7 @@ class PresetButtons {
     }
   }
 
-  /**
-   * @param {string} chosen
-   * @param {boolean} isReadOnly
-   */
-  show(chosen, isReadOnly) {
+  show(chosen: string, isReadOnly: boolean) {
     for (const [name, { button }] of Object.entries(this.buttons)) {
       setAttributes(button, { "aria-pressed": name === chosen });
       button.disabled = isReadOnly;
@@ -628,26 +527,33 @@ const VALUE_ICONS = {
 };
 
 class TransferEditorView extends CurvePlot {
+  presets: PresetButtons;
+  resetter: HTMLButtonElement;
+  gradient: SVGLinearGradientElement;
+  hole: SVGRectElement;
+  bars: SVGPathElement;
+  area: SVGPathElement;
+  stops: ColorStops;
+  window: WindowBar;
+  rows: (ColorStops | WindowBar)[];
+  nearer: HTMLButtonElement;
+  farther: HTMLButtonElement;
+  wholer: HTMLButtonElement;
+
   margins = ROWS;
-  /** @type {ColorStop[]} */
-  colors = [];
+  colors: ColorStop[] = [];
   back = ""; // the preset that "Reset" takes
-  /** @type {number[]} */
-  range = [0, 1];
-  /** @type {number[] | null} the part of the axis that is seen; null for all of it */
-  zoom = null;
-  /** @type {ColorStops | WindowBar | null} the row at which the user works; null for the nodes of the curve */
-  row = null;
-  /** @type {ColorStops | WindowBar | null} the row that arrow keys have changed */
-  pending = null;
+  range: number[] = [0, 1];
+  /** the part of the axis that is seen; null for all of it */
+  zoom: number[] | null = null;
+  /** the row at which the user works; null for the nodes of the curve */
+  row: ColorStops | WindowBar | null = null;
+  /** the row that arrow keys have changed */
+  pending: ColorStops | WindowBar | null = null;
   hintTimer = 0;
   hinted = "";
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-transfer-editor");
     this.presets = new PresetButtons(this);
     this.resetter = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button", ...OWN_KEYS });
@@ -684,12 +590,7 @@ class TransferEditorView extends CurvePlot {
     super.close();
   }
 
-  /**
-   * @param {"in" | "out" | "all"} icon
-   * @param {string} tip
-   * @param {() => void} action
-   */
-  #button(icon, tip, action) {
+  #button(icon: "in" | "out" | "all", tip: string, action: () => void) {
     const button = pageElement("button", "dnb-cv-button", this.bar,
       { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     const drawn = svgElement("svg", { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true",
@@ -699,8 +600,7 @@ class TransferEditorView extends CurvePlot {
     return button;
   }
 
-  /** @param {{ nodes: number[][], colors: ColorStop[], preset: string, range: number[], back: string }} shown */
-  adopt(shown) {
+  adopt(shown: { nodes: number[][], colors: ColorStop[], preset: string, range: number[], back: string }) {
     this.nodes = shown.nodes;
     this.colors = shown.colors;
     this.named = shown.preset;
@@ -710,8 +610,7 @@ class TransferEditorView extends CurvePlot {
     this.view = this.axes();
   }
 
-  /** @param {string} preset */
-  take(preset) {
+  take(preset: string) {
     if (this.isReadOnly) { this.invalidate(); return; }
     this.settle();
     this.named = preset;
@@ -720,30 +619,25 @@ class TransferEditorView extends CurvePlot {
 
   // ---- edits of nodes, colours and window ------------------------------------------------------------------------
 
-  /** The state that a cancelled drag restores. @returns {Kept} */
-  kept() {
+  /** The state that a cancelled drag restores. */
+  kept(): Kept {
     const { nodes, colors, named } = this;
     return { nodes, colors, named };
   }
 
-  /** @param {Partial<Kept>} what */
-  changed(what) {
+  changed(what: Partial<Kept>) {
     Object.assign(this, what);
     this.named = "";
     this.invalidate();
   }
 
-  /**
-   * Make a row the one at which the user works; null for the nodes of the curve.
-   * @param {ColorStops | WindowBar | null} row
-   */
-  choose(row) {
+  /** Make a row the one at which the user works; null for the nodes of the curve. */
+  choose(row: ColorStops | WindowBar | null) {
     this.row = row;
     this.invalidate();
   }
 
-  /** @param {ColorStops | WindowBar} row */
-  commitOf(row) {
+  commitOf(row: ColorStops | WindowBar) {
     clearTimeout(this.keyTimer);
     this.pending = null;
     this.isHeld = false;
@@ -752,14 +646,8 @@ class TransferEditorView extends CurvePlot {
     this.invalidate();
   }
 
-  /**
-   * End a drag of a row.
-   * @param {ColorStops | WindowBar} row
-   * @param {Kept} before
-   * @param {boolean} isCancelled
-   * @param {boolean} isClick
-   */
-  dropped(row, before, isCancelled, isClick) {
+  /** End a drag of a row. */
+  dropped(row: ColorStops | WindowBar, before: Kept, isCancelled: boolean, isClick: boolean) {
     if (!isCancelled && !isClick) { this.commitOf(row); return; }
     this.isHeld = false;
     Object.assign(this, before);
@@ -769,8 +657,8 @@ class TransferEditorView extends CurvePlot {
     this.invalidate();
   }
 
-  /** Begin an edit of a row by an arrow key: keys held down are one edit. @param {ColorStops | WindowBar} row */
-  nudging(row) {
+  /** Begin an edit of a row by an arrow key: keys held down are one edit. */
+  nudging(row: ColorStops | WindowBar) {
     if (this.pending !== row) this.settle();
     this.pending = row;
     this.isHeld = true;
@@ -782,21 +670,13 @@ class TransferEditorView extends CurvePlot {
     else super.settle();
   }
 
-  /**
-   * @param {number[][]} nodes
-   * @param {number} chosen
-   */
-  show(nodes, chosen) {
+  show(nodes: number[][], chosen: number) {
     super.show(nodes, chosen);
     this.row = null;
     this.reveal(nodes[chosen][0]);
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @returns {NodeDrag | PlotDrag | null}
-   */
-  press(event) {
+  press(event: PointerEvent): NodeDrag | PlotDrag | null {
     const grabbed = super.press(event);
     if (grabbed !== null) { this.choose(null); return grabbed; }
     const [x, y] = this.pointOf(event), { left, top, width, height } = this.box;
@@ -804,11 +684,7 @@ class TransferEditorView extends CurvePlot {
     return this.zoom && isInside && targetOf(event).closest(".dnb-cv-grip") === null ? { pan: this.zoom } : null;
   }
 
-  /**
-   * @param {NodeDrag | PlotDrag} grabbed
-   * @param {number[]} by
-   */
-  drag(grabbed, by) {
+  drag(grabbed: NodeDrag | PlotDrag, by: number[]) {
     if (!("pan" in grabbed)) { super.drag(grabbed, by); return; }
     const [low, high] = grabbed.pan;
     this.zoomTo(pannedAxis(grabbed.pan, this.whole, -by[0] / this.box.width * (high - low)));
@@ -818,8 +694,7 @@ class TransferEditorView extends CurvePlot {
 
   removeChosen() { if (this.row === this.stops) this.stops.removeChosen(); else super.removeChosen(); }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
     const isEscaped = event.key === "Escape" && this.rows.some((row) => row.cancelDrag());
     if (!isEscaped && !this.rows.some((row) => row.key(event)) && !this.#zoomKey(event)) { super.key(event); return; }
@@ -829,31 +704,25 @@ class TransferEditorView extends CurvePlot {
 
   // ---- the values that are seen ------------------------------------------------------------------------------------
 
-  /** The ends of the whole axis of values. @returns {number[]} */
-  get whole() {
+  /** The ends of the whole axis of values. */
+  get whole(): number[] {
     const [low, high] = this.range;
     return [low, high > low ? high : low + 1];
   }
 
-  /** @param {number} value */
-  isSeen(value) {
+  isSeen(value: number) {
     const [[low, high]] = this.view, slack = 1e-9 * (high - low);
     return value >= low - slack && value <= high + slack;
   }
 
-  /** @param {number[] | null} zoom */
-  zoomTo(zoom) {
+  zoomTo(zoom: number[] | null) {
     this.zoom = zoom;
     this.view = this.axes();
     this.invalidate();
   }
 
-  /**
-   * Zoom about a value, by default the chosen one where it is seen.
-   * @param {number} factor
-   * @param {number} [about]
-   */
-  zoomBy(factor, about) {
+  /** Zoom about a value, by default the chosen one where it is seen. */
+  zoomBy(factor: number, about?: number) {
     const [[low, high]] = this.view;
     const chosen = this.row === this.stops ? this.colors[this.stops.chosen][0] : this.nodes[this.chosen][0];
     const at = about ?? (this.isSeen(chosen) && !(this.row === this.window) ? chosen : (low + high) / 2);
@@ -866,15 +735,14 @@ class TransferEditorView extends CurvePlot {
     this.zoomTo(zoomedAxis([Math.max(whole[0], low - room), Math.min(whole[1], high + room)], whole, 1, low));
   }
 
-  /** Bring a value back into sight that an arrow key has moved beyond the edge. @param {number} value */
-  reveal(value) {
+  /** Bring a value back into sight that an arrow key has moved beyond the edge. */
+  reveal(value: number) {
     if (!this.zoom || this.isSeen(value)) return;
     const [low, high] = this.zoom;
     this.zoomTo(pannedAxis(this.zoom, this.whole, value < low ? value - low : value - high));
   }
 
-  /** @param {KeyboardEvent} event */
-  #zoomKey(event) {
+  #zoomKey(event: KeyboardEvent) {
     if (!this.svg.contains(targetOf(event))) return false;
     if (event.key === "+" || event.key === "=") this.zoomBy(2);
     else if (event.key === "-") this.zoomBy(0.5);
@@ -883,8 +751,8 @@ class TransferEditorView extends CurvePlot {
     return true;
   }
 
-  /** Zoom. The wheel scrolls the page until the user works in here. @param {WheelEvent} event */
-  wheel(event) {
+  /** Zoom. The wheel scrolls the page until the user works in here. */
+  wheel(event: WheelEvent) {
     const isCommand = event.ctrlKey || event.metaKey, isFocused = this.root.contains(treeOf(this.root).activeElement);
     if (!isCommand && !isFocused) { this.hint("Click here, or hold Ctrl, to zoom with the wheel"); return; }
     if (!this.zoom && event.deltaY >= 0 && !isCommand) return; // all is seen: let the page scroll
@@ -900,8 +768,7 @@ class TransferEditorView extends CurvePlot {
     this.zoomBy(Math.exp(-delta * (event.ctrlKey ? 0.01 : WHEEL_STEP)), at);
   }
 
-  /** @param {string} text */
-  hint(text) {
+  hint(text: string) {
     this.hinted = text;
     clearTimeout(this.hintTimer);
     this.hintTimer = setTimeout(() => this.guard(() => { this.hinted = ""; this.invalidate(); }), 2500);
@@ -910,26 +777,18 @@ class TransferEditorView extends CurvePlot {
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  /** @returns {NodeRules} */
-  rules() { return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
+  rules(): NodeRules { return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
 
-  /** @returns {number[][]} */
-  axes() { return [this.zoom ?? this.whole, [0, 1]]; }
+  axes(): number[][] { return [this.zoom ?? this.whole, [0, 1]]; }
 
-  /**
-   * The same, kept within what is seen; the ends of the window may leave it.
-   * @param {number[]} place
-   * @param {boolean} [isFree]
-   * @param {boolean} [isInside]
-   * @returns {number[]}
-   */
-  tidy([x, y], isFree = false, isInside = true) {
+  /** The same, kept within what is seen; the ends of the window may leave it. */
+  tidy([x, y]: number[], isFree: boolean = false, isInside: boolean = true): number[] {
     const [[low, high]] = this.view;
     return super.tidy([isInside ? Math.max(low, Math.min(high, x)) : x, y], isFree);
   }
 
-  /** The step of an arrow key along the axis of values. @param {boolean} isFar */
-  valueStep(isFar) {
+  /** The step of an arrow key along the axis of values. */
+  valueStep(isFar: boolean) {
     const [[low, high]] = this.view;
     return (isFar ? 10 : 1) * (high - low) / 200;
   }
@@ -944,17 +803,14 @@ class TransferEditorView extends CurvePlot {
     });
   }
 
-  /** @param {number} alpha */
-  tickText(alpha) { return String(alpha); }
+  tickText(alpha: number) { return String(alpha); }
 
-  /** @param {number} value */
-  shownValue(value) {
+  shownValue(value: number) {
     const [[low, high]] = this.view;
     return shownNumber(value, high - low);
   }
 
-  /** @param {number} k */
-  words(k) {
+  words(k: number) {
     const [value, alpha] = this.nodes[k];
     return `value ${this.shownValue(value)}, opacity ${Number(alpha.toPrecision(3))}`;
   }
@@ -967,10 +823,8 @@ class TransferEditorView extends CurvePlot {
   drawBack() {
     const { left, top, width, height } = this.box, { low, high, heights } = this.model.get("histogram");
     const floor = top + height, each = (high - low) / heights.length;
-    /** @param {number} value */
-    const x = (value) => this.toPixel([value, 0])[0];
-    /** @param {number} k */
-    const edge = (k) => Math.max(left, Math.min(left + width, x(Math.min(high, low + k * each)))).toFixed(2);
+    const x = (value: number) => this.toPixel([value, 0])[0];
+    const edge = (k: number) => Math.max(left, Math.min(left + width, x(Math.min(high, low + k * each)))).toFixed(2);
     const together = Math.max(1, Math.ceil(LEAST_BAR / (x(each) - x(0)))); // finer bars are seen when zoomed
     const steps = [];
     for (let k = 0; k < heights.length; k += together) {
@@ -1027,8 +881,7 @@ class TransferEditorView extends CurvePlot {
   }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const view = new TransferEditorView(model, el);
   return () => view.close();
 }

@@ -5,9 +5,9 @@
 // it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
-import { newPoint } from "./points.js";
+import { newPoint } from "./points.ts";
 
-/** @import { Point } from "../types.d.ts" */
+import type { Point } from "../types.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
 const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are set anew around the brush
@@ -21,39 +21,51 @@ const BRUSH_MOST_SWELL = 0.8; // logarithm of the largest scale in the middle
 
 const BRUSH_NAME = /^(move|grow|shrink|smudge|expand) \d+$/; // the last two: of earlier versions
 
-/** @param {number} t */
-function brushFalloff(t) {
+function brushFalloff(t: number) {
   const s = 1 - t * t;
   return t < 1 ? s * s : 0;
 }
 
-/** The number of the next stroke, in the names of the points that it leaves. @param {Point[]} points */
-function nextStroke(points) {
+/** The number of the next stroke, in the names of the points that it leaves. */
+function nextStroke(points: Point[]) {
   const numbers = points.filter(({ name }) => BRUSH_NAME.test(name)).map(({ name }) => Number(name.split(" ")[1]));
   return Math.max(0, ...numbers) + 1;
 }
 
-/** @param {Point} p @param {number[]} place */
-function distanceTo(p, [a, b]) { return Math.hypot(p.target[0] - a, p.target[1] - b); }
+function distanceTo(p: Point, [a, b]: number[]) { return Math.hypot(p.target[0] - a, p.target[1] - b); }
 
-/** The distance to the nearest active point. @param {Point[]} points @param {number[]} place */
-function gapTo(points, place) {
+/** The distance to the nearest active point. */
+function gapTo(points: Point[], place: number[]) {
   return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
 export class Stroke {
+  points: Point[];
+  middle: number[];
+  radius: number;
+  tool: string;
+  id: number;
+  sourceAt: (points: Point[]) => (place: number[]) => number[] | null;
+  box: number[];
+  reach: number;
+  settle: (place: number[]) => number[];
+  way: number;
+  done: number;
+  swell: number;
+  number: number;
+  held: number | null;
+  isBegun: boolean;
+  lead: number;
+  lockedBy: Point | null;
+  source: (place: number[]) => number[] | null;
+
   /**
    * Begin a stroke.
    *
    * sourceAt(points): a function of places that returns the source of what is seen there, null for nothing; box: of the
    * picture; reach: of points, 0 for everywhere; settle(place): moves a new place, such as to the axis of a mirror.
-   * @param {Point[]} points
-   * @param {number[]} middle
-   * @param {number} radius
-   * @param {{ tool: string, id: number, sourceAt: (points: Point[]) => (place: number[]) => number[] | null,
-   *   box: number[], reach?: number, settle?: (place: number[]) => number[] }} options
    */
-  constructor(points, middle, radius, { tool, id, sourceAt, box, reach = 0, settle = (place) => place }) {
+  constructor(points: Point[], middle: number[], radius: number, { tool, id, sourceAt, box, reach = 0, settle = (place) => place }: { tool: string, id: number, sourceAt: (points: Point[]) => (place: number[]) => number[] | null, box: number[], reach?: number, settle?: (place: number[]) => number[] }) {
     this.points = points;
     this.middle = [...middle];
     this.radius = radius;
@@ -67,14 +79,13 @@ export class Stroke {
     this.done = 0;
     this.swell = 0;
     this.number = nextStroke(points);
-    /** @type {number | null} the id of the point in the middle */
+    /** the id of the point in the middle */
     this.held = null;
     this.isBegun = false;
     this.lead = 0; // the side of a mirror that decides, for mirroredEdit
     const taken = points.filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
       .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle)).at(0);
     this.lockedBy = taken?.locked ? taken : null;
-    /** @type {(place: number[]) => number[] | null} */
     this.source = () => null;
     if (this.lockedBy) return;
     this.source = sourceAt(points);
@@ -88,12 +99,8 @@ export class Stroke {
 
   get isPossible() { return this.lockedBy === null && this.isBegun; }
 
-  /**
-   * Add a point that holds what is seen at a place; its id, or null where it is not needed.
-   * @param {number[]} there
-   * @param {number} room
-   */
-  #add(there, room) {
+  /** Add a point that holds what is seen at a place; its id, or null where it is not needed. */
+  #add(there: number[], room: number) {
     const place = this.settle(there), [a0, a1, b0, b1] = this.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
     if (!isInside || gapTo(this.points, place) < room * this.radius) return null;
@@ -104,16 +111,15 @@ export class Stroke {
     return this.id - 1;
   }
 
-  /** @param {number} share @param {number} room @param {number} [turn] */
-  #ring(share, room, turn = 0) {
+  #ring(share: number, room: number, turn: number = 0) {
     for (let k = 0; k < BRUSH_RING; k++) {
       const angle = turn + 2 * Math.PI * (k + 0.5) / BRUSH_RING, r = share * this.radius;
       this.#add([this.middle[0] + r * Math.cos(angle), this.middle[1] + r * Math.sin(angle)], room);
     }
   }
 
-  /** Add still points around the brush, and once for a stroke at the rim of the picture. @param {boolean} isFirst */
-  #surround(isFirst) {
+  /** Add still points around the brush, and once for a stroke at the rim of the picture. */
+  #surround(isFirst: boolean) {
     BRUSH_RINGS.forEach((share, k) => {
       if (this.reach > 0 && share >= 2 && this.reach <= share * this.radius) return;
       this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), k * Math.PI / BRUSH_RING);
@@ -127,8 +133,7 @@ export class Stroke {
 
   // ---- the flow -----------------------------------------------------------------------------------------------------
 
-  /** @param {(p: Point, x: number, y: number, share: number) => number[]} by */
-  #flow(by) {
+  #flow(by: (p: Point, x: number, y: number, share: number) => number[]) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
       const x = p.target[0] - this.middle[0], y = p.target[1] - this.middle[1], t = Math.hypot(x, y) / this.radius;
@@ -139,9 +144,8 @@ export class Stroke {
   /**
    * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold:
    * after a while the brush moves faster than what it holds, which stays behind.
-   * @param {number[]} place
    */
-  move(place) {
+  move(place: number[]) {
     const way = [place[0] - this.middle[0], place[1] - this.middle[1]], length = Math.hypot(...way);
     const count = Math.ceil(length / (BRUSH_STEP * this.radius) - 1e-9);
     for (let k = 0; k < count; k++) {
@@ -159,8 +163,8 @@ export class Stroke {
     }
   }
 
-  /** Grow what lies in the brush (by a positive logarithm of its scale) or shrink it. @param {number} swell */
-  grow(swell) {
+  /** Grow what lies in the brush (by a positive logarithm of its scale) or shrink it. */
+  grow(swell: number) {
     const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)), by = wanted - this.swell;
     const count = Math.ceil(Math.abs(by) / BRUSH_STEP - 1e-9), was = this.name;
     for (let k = 0; k < count; k++) {

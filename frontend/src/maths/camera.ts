@@ -1,30 +1,28 @@
 // The camera: parallel projection along a direction, with an up vector and the height of the view.
 // Vectors are in space (LPS); the ray caster gets them in the volume's own frame.
 
-/** @import { Vector3 } from "../types.d.ts" */
+import type { Vector3 } from "../types.ts";
 
-/** @type {(a: number[], b: number[]) => number} */
-export const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-/** @type {(a: number[], b: number[]) => Vector3} */
-export const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-/** @type {(a: number[], k: number) => Vector3} */
-export const scaled = ([x, y, z], k) => [x * k, y * k, z * k];
-/** @type {(a: number[], b: number[]) => Vector3} */
-export const added = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-/** @type {(a: number[]) => Vector3 | null} */
-export const unitVector = (a) => { const n = Math.hypot(...a); return n > 1e-9 ? scaled(a, 1 / n) : null; };
-/** @type {(a: number[], side: number[], angle: number) => Vector3} */
-const rotated = (a, side, angle) => added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
+export const dot: (a: number[], b: number[]) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const cross: (a: number[], b: number[]) => Vector3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+export const scaled: (a: number[], k: number) => Vector3 = ([x, y, z], k) => [x * k, y * k, z * k];
+export const added: (a: number[], b: number[]) => Vector3 = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+export const unitVector: (a: number[]) => Vector3 | null = (a) => { const n = Math.hypot(...a); return n > 1e-9 ? scaled(a, 1 / n) : null; };
+const rotated: (a: number[], side: number[], angle: number) => Vector3 = (a, side, angle) => added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
 const SEEN = 1.02; // a small margin around the box, as in the still pictures
 const LEAST_SEEN = 0.1; // share of the box, or of the view, that stays in view
 const SMALLEST_SHARE = 0.62; // of the box's diagonal: a thin view must still fit the frame after it is turned
 
 export class Camera {
+  direction: Vector3;
+  up: Vector3;
+  height: number;
+  pan: number[];
+  bend: number;
+
   constructor() {
-    /** @type {Vector3} */
     this.direction = [0.4, 1, -0.3];
-    /** @type {Vector3} */
     this.up = [0, 0, 1];
     this.height = 1; // a length in space
     this.pan = [0, 0];
@@ -43,22 +41,16 @@ export class Camera {
 
   /**
    * Look along a direction; without an up vector, up is towards the head, or the front in views from above or below.
-   * @param {number[]} direction
-   * @param {number[] | null} [up]
    */
-  look(direction, up) {
+  look(direction: number[], up?: number[] | null) {
     const [x, y, z] = direction, [u, v, w] = up ?? (Math.abs(z) > 0.999 * Math.hypot(x, y, z) ? [0, -1, 0] : [0, 0, 1]);
     this.direction = [x, y, z];
     this.up = [u, v, w];
     this.#straighten();
   }
 
-  /**
-   * Turn the scene as if the pointer held its front: dx to the right, dy downwards, in radians.
-   * @param {number} dx
-   * @param {number} dy
-   */
-  turn(dx, dy) {
+  /** Turn the scene as if the pointer held its front: dx to the right, dy downwards, in radians. */
+  turn(dx: number, dy: number) {
     const right = this.right;
     const direction = rotated(this.direction, scaled(right, -1), -dx);
     const up = this.up;
@@ -67,18 +59,14 @@ export class Camera {
     this.#straighten();
   }
 
-  /** Turn the picture itself, anticlockwise. @param {number} angle */
-  roll(angle) {
+  /** Turn the picture itself, anticlockwise. */
+  roll(angle: number) {
     this.up = rotated(this.up, this.right, angle);
     this.#straighten();
   }
 
-  /**
-   * The height of the view, a length in space, at which all corners (vectors from the middle) are visible.
-   * @param {number[][]} corners
-   * @param {number} aspect
-   */
-  fit(corners, aspect) {
+  /** The height of the view, a length in space, at which all corners (vectors from the middle) are visible. */
+  fit(corners: number[][], aspect: number) {
     const right = this.right;
     let a = 0, b = 0, far = 0;
     for (const corner of corners) {
@@ -92,10 +80,8 @@ export class Camera {
   /**
    * Moves the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
    * tenth of it.
-   * @param {number[][]} corners
-   * @param {number} aspect
    */
-  keepInView(corners, aspect) {
+  keepInView(corners: number[][], aspect: number) {
     const height = this.height / 2, halves = [height * aspect, height];
     [this.right, this.up].forEach((axis, i) => {
       const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
@@ -106,24 +92,19 @@ export class Camera {
 
   /**
    * The camera in the volume's frame, for the ray caster.
-   * @param {number[][]} toFrame  3 x 3, from space to the volume's frame
-   * @param {number[]} middle  in the volume's frame
-   * @param {number} aspect
+   * @param toFrame 3 x 3, from space to the volume's frame
+   * @param middle in the volume's frame
    */
-  inFrame([first, second, third], middle, aspect) {
-    /** @type {(v: number[]) => Vector3} */
-    const turned = (v) => [dot(first, v), dot(second, v), dot(third, v)];
+  inFrame([first, second, third]: number[][], middle: number[], aspect: number) {
+    const turned: (v: number[]) => Vector3 = (v) => [dot(first, v), dot(second, v), dot(third, v)];
     const right = turned(this.right), up = turned(this.up), ahead = turned(this.direction), half = this.height / 2;
     const eye = added(middle, added(scaled(right, this.pan[0]), scaled(up, this.pan[1])));
     return { eye, right: scaled(right, half * aspect), up: scaled(up, half), ahead, bend: this.bend / this.height };
   }
 }
 
-/**
- * The side of a patient that a direction in space leads to, one or two letters: "L", "PS".
- * @param {number[]} vector
- */
-export function sideOf(vector) {
+/** The side of a patient that a direction in space leads to, one or two letters: "L", "PS". */
+export function sideOf(vector: number[]) {
   const names = [["L", "R"], ["P", "A"], ["S", "I"]];
   const order = [0, 1, 2].sort((i, j) => Math.abs(vector[j]) - Math.abs(vector[i]));
   const [first, second] = order.map((i) => names[i][vector[i] < 0 ? 1 : 0]);

@@ -1,15 +1,16 @@
 // Curves through nodes [x, y], x not falling: their values and edits. No edit changes the list it is given.
 
-/** @typedef {number[]} Node  [x, y] */
+/** [x, y] */
+export type Node = number[];
 
 /**
  * The limits of edits. step: to which x is rounded, 0 for none; isPinned: the outer nodes keep their x; gap: the least
  * distance of two nodes in x; most: nodes.
- * @typedef {{ x: number[], y: number[], step: number, isPinned: boolean, gap: number, most: number }} NodeRules
  */
+export type NodeRules = { x: number[], y: number[], step: number, isPinned: boolean, gap: number, most: number };
 
-/** The value at x of straight lines between the nodes. @param {Node[]} nodes @param {number} x */
-export function lineAt(nodes, x) {
+/** The value at x of straight lines between the nodes. */
+export function lineAt(nodes: Node[], x: number) {
   const last = nodes.length - 1;
   if (x < nodes[0][0]) return nodes[0][1];
   if (x >= nodes[last][0]) return nodes[last][1];
@@ -21,26 +22,21 @@ export function lineAt(nodes, x) {
 
 /**
  * Slopes of Fritsch and Butland (SIAM J. Sci. Stat. Comput. 5 (1984) 300-304): the cubics never leave the nodes' range.
- * @param {Node[]} nodes
  */
-function slopesOf(nodes) {
+function slopesOf(nodes: Node[]) {
   const n = nodes.length;
-  /** @type {number[]} */
-  const step = [];
-  /** @type {number[]} */
-  const rise = [];
+  const step: number[] = [];
+  const rise: number[] = [];
   for (let k = 0; k + 1 < n; k++) {
     step.push(nodes[k + 1][0] - nodes[k][0]);
     rise.push((nodes[k + 1][1] - nodes[k][1]) / step[k]);
   }
-  /** @type {(k: number) => number} */
-  const inner = (k) => {
+  const inner: (k: number) => number = (k) => {
     if (rise[k - 1] * rise[k] <= 0) return 0;
     const w1 = 2 * step[k] + step[k - 1], w2 = step[k] + 2 * step[k - 1];
     return (w1 + w2) / (w1 / rise[k - 1] + w2 / rise[k]);
   };
-  /** @type {(h0: number, h1: number, d0: number, d1: number) => number} */
-  const outer = (h0, h1, d0, d1) => {
+  const outer: (h0: number, h1: number, d0: number, d1: number) => number = (h0, h1, d0, d1) => {
     const d = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
     if (Math.sign(d) !== Math.sign(d0)) return 0;
     return Math.sign(d0) !== Math.sign(d1) && Math.abs(d) > 3 * Math.abs(d0) ? 3 * d0 : d;
@@ -52,13 +48,8 @@ function slopesOf(nodes) {
   });
 }
 
-/**
- * A function of x: straight lines or monotone cubics through the nodes.
- * @param {Node[]} nodes
- * @param {boolean} [isSmooth]
- * @returns {(x: number) => number}
- */
-export function curveThrough(nodes, isSmooth = false) {
+/** A function of x: straight lines or monotone cubics through the nodes. */
+export function curveThrough(nodes: Node[], isSmooth: boolean = false): (x: number) => number {
   if (!isSmooth || nodes.length < 3) return (x) => lineAt(nodes, x);
   const slopes = slopesOf(nodes), last = nodes.length - 1;
   return (x) => {
@@ -71,12 +62,8 @@ export function curveThrough(nodes, isSmooth = false) {
   };
 }
 
-/**
- * A function of x in [0, 1] through values at equal steps.
- * @param {ArrayLike<number>} samples
- * @returns {(x: number) => number}
- */
-export function curveOfSamples(samples) {
+/** A function of x in [0, 1] through values at equal steps. */
+export function curveOfSamples(samples: ArrayLike<number>): (x: number) => number {
   const last = samples.length - 1;
   return (x) => {
     const at = Math.max(0, Math.min(1, x)) * last, k = Math.min(last - 1, Math.floor(at));
@@ -84,14 +71,8 @@ export function curveOfSamples(samples) {
   };
 }
 
-/**
- * The nodes with node k as near to a place as the rules allow.
- * @param {Node[]} nodes
- * @param {number} k
- * @param {number[]} place
- * @param {NodeRules} rules
- */
-export function movedNode(nodes, k, [x, y], rules) {
+/** The nodes with node k as near to a place as the rules allow. */
+export function movedNode(nodes: Node[], k: number, [x, y]: number[], rules: NodeRules) {
   const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
   const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
@@ -101,14 +82,8 @@ export function movedNode(nodes, k, [x, y], rules) {
   return nodes.map((node, j) => (j === k ? to : node));
 }
 
-/**
- * [nodes, index of the new one], or null where there is no room.
- * @param {Node[]} nodes
- * @param {number[]} place
- * @param {NodeRules} rules
- * @returns {[nodes: Node[], index: number] | null}
- */
-export function addedNode(nodes, [x, y], rules) {
+/** [nodes, index of the new one], or null where there is no room. */
+export function addedNode(nodes: Node[], [x, y]: number[], rules: NodeRules): [nodes: Node[], index: number] | null {
   if (nodes.length >= rules.most) return null;
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
@@ -119,32 +94,22 @@ export function addedNode(nodes, [x, y], rules) {
   return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
 }
 
-/**
- * The nodes without node k; null where it must stay.
- * @param {Node[]} nodes
- * @param {number} k
- * @param {NodeRules} rules
- */
-export function removedNode(nodes, k, rules) {
+/** The nodes without node k; null where it must stay. */
+export function removedNode(nodes: Node[], k: number, rules: NodeRules) {
   if (nodes.length <= 2 || (rules.isPinned && (k === 0 || k === nodes.length - 1))) return null;
   return nodes.filter((_, j) => j !== k);
 }
 
-/**
- * Round numbers in [low, high], about `count` of them.
- * @param {number} low
- * @param {number} high
- * @param {number} count
- */
-export function ticksOf(low, high, count) {
+/** Round numbers in [low, high], about `count` of them. */
+export function ticksOf(low: number, high: number, count: number) {
   const rough = (high - low) / Math.max(1, count), power = 10 ** Math.floor(Math.log10(rough)), found = [];
   const step = [1, 2, 5].map((m) => m * power).find((s) => s >= rough * 0.999) ?? 10 * power;
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step || 0);
   return found;
 }
 
-/** A number with as many digits as distinguish values of this range. @param {number} value @param {number} range */
-export function shownNumber(value, range) {
+/** A number with as many digits as distinguish values of this range. */
+export function shownNumber(value: number, range: number) {
   const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(range || 1))));
   const text = Math.abs(value) >= 1e6 ? value.toExponential(2) : String(Number(value.toFixed(digits)));
   return text.replace("-", "\u2212");

@@ -1,26 +1,20 @@
 // Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
 // stop inside the body.
 
-import { MOST_SLITS } from "./constants.js";
-import { RbfError, rbfCheckPoints } from "./rbf.js";
-import { regionOf } from "./regions.js";
-import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.js";
+import { MOST_SLITS } from "./constants.ts";
+import { RbfError, rbfCheckPoints } from "./rbf.ts";
+import { regionOf } from "./regions.ts";
+import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.ts";
 
-/** @import { Fit, FitSettings, LayeredFit, Point, Raster, Region } from "../types.d.ts" */
+import type { Fit, FitSettings, LayeredFit, Point, Raster, Region } from "../types.ts";
 
-/**
- * The fits of the points in the regions between the cuts; without cuts one fit of all points.
- * @param {Point[]} points
- * @param {FitSettings & { previous?: LayeredFit | null }} [settings]
- * @returns {LayeredFit}
- */
-export function layeredFit(points, settings = {}) {
+/** The fits of the points in the regions between the cuts; without cuts one fit of all points. */
+export function layeredFit(points: Point[], settings: FitSettings & { previous?: LayeredFit | null } = {}): LayeredFit {
   const regions = (settings.cuts ?? []).filter((cut) => cut.enabled !== false).map((cut) => regionOf(cut.region));
   const before = new Map(settings.previous?.fits.map(({ key, fit }) => [key, fit]));
   rbfCheckPoints(points);
   checkSlits(regions, settings.cut_rule ?? "source");
-  /** @type {(own: Point[], previous: Fit | null) => Fit} */
-  const fitOf = (own, previous) => stagedFit(own, settings.parts, { ...settings, previous });
+  const fitOf: (own: Point[], previous: Fit | null) => Fit = (own, previous) => stagedFit(own, settings.parts, { ...settings, previous });
   const found = !regions.length ? [{ key: 0, fit: fitOf(points, before.get(0) ?? null) }]
     : regions.some(({ opening }) => opening) ? fitsBesideSlits(points, regions, before, fitOf)
       : [...groupsOf(points, regions)].map(([key, own]) => ({ key, fit: fitOf(own, before.get(key) ?? null) }));
@@ -37,13 +31,10 @@ export function layeredFit(points, settings = {}) {
 
 /**
  * The active points by their sides of some of the regions, as of sidesKey.
- * @param {Point[]} points
- * @param {Region[]} regions
- * @param {number} [mask]  the bits of the regions that count
+ * @param mask the bits of the regions that count
  */
-function groupsOf(points, regions, mask = -1) {
-  /** @type {Map<number, Point[]>} */
-  const groups = new Map();
+function groupsOf(points: Point[], regions: Region[], mask: number = -1) {
+  const groups: Map<number, Point[]> = new Map();
   for (const p of points) {
     if (p.active === false) continue;
     const key = sidesKey(regions, p.source[0], p.source[1]) & mask, group = groups.get(key);
@@ -53,8 +44,8 @@ function groupsOf(points, regions, mask = -1) {
   return groups;
 }
 
-/** As check_slits in deformnb.rbf.slits. @param {Region[]} regions @param {string} rule */
-function checkSlits(regions, rule) {
+/** As check_slits in deformnb.rbf.slits. */
+function checkSlits(regions: Region[], rule: string) {
   const count = regions.filter(({ opening }) => opening).length;
   if (count > MOST_SLITS) {
     throw new RbfError(`at most ${MOST_SLITS} cuts of a step may stop inside the body, got ${count}; let one go on to ` +
@@ -66,23 +57,15 @@ function checkSlits(regions, rule) {
   }
 }
 
-/**
- * The blended fits of every region between cuts of which some stop, as fits_beside_slits in deformnb.rbf.slits.
- * @param {Point[]} points
- * @param {Region[]} regions
- * @param {Map<number, Fit>} before
- * @param {(own: Point[], previous: Fit | null) => Fit} fitOf
- */
-function fitsBesideSlits(points, regions, before, fitOf) {
+/** The blended fits of every region between cuts of which some stop, as fits_beside_slits in deformnb.rbf.slits. */
+function fitsBesideSlits(points: Point[], regions: Region[], before: Map<number, Fit>, fitOf: (own: Point[], previous: Fit | null) => Fit) {
   const stop = regions.flatMap(({ opening }, k) => (opening ? [k] : [])), all = 2 ** regions.length - 1;
   const masks = Array.from({ length: 1 << stop.length }, (_, bits) => (
     stop.reduce((mask, k, j) => (bits & (1 << j) ? mask : mask & ~(1 << k)), all)));
   const groups = masks.map((mask) => groupsOf(points, regions, mask));
-  /** @type {Map<number, Fit>[]} */
-  const known = masks.map(() => new Map());
+  const known: Map<number, Fit>[] = masks.map(() => new Map());
   const openings = stop.flatMap((k) => regions[k].opening ?? []);
-  /** @type {{ key: number, fit: Fit }[]} */
-  const made = [];
+  const made: { key: number, fit: Fit }[] = [];
   for (let key = 0; key <= all; key++) {
     const last = before.get(key)?.blend?.fits;
     const fits = masks.map((mask, bits) => {
@@ -100,29 +83,18 @@ function fitsBesideSlits(points, regions, before, fitOf) {
   return made;
 }
 
-/**
- * The sides of a place as one number: bit k is set inside region k.
- * @param {Pick<Region, "distance">[]} regions
- * @param {number} a
- * @param {number} b
- */
-export function sidesKey(regions, a, b) {
+/** The sides of a place as one number: bit k is set inside region k. */
+export function sidesKey(regions: Pick<Region, "distance">[], a: number, b: number) {
   let key = 0;
   for (let k = 0; k < regions.length; k++) if (regions[k].distance(a, b) < 0) key |= 1 << k;
   return key;
 }
 
-/** The same of the cuts of a fit. @param {LayeredFit} layered @param {number} a @param {number} b */
-export function regionKey(layered, a, b) { return sidesKey(layered.regions, a, b); }
+/** The same of the cuts of a fit. */
+export function regionKey(layered: LayeredFit, a: number, b: number) { return sidesKey(layered.regions, a, b); }
 
-/**
- * The distance of a place from the boundary of the region of these sides; negative outside.
- * @param {Pick<Region, "distance">[]} regions
- * @param {number} key
- * @param {number} a
- * @param {number} b
- */
-export function marginOf(regions, key, a, b) {
+/** The distance of a place from the boundary of the region of these sides; negative outside. */
+export function marginOf(regions: Pick<Region, "distance">[], key: number, a: number, b: number) {
   let least = Infinity;
   for (let k = 0; k < regions.length; k++) {
     const d = regions[k].distance(a, b), into = key & (1 << k) ? -d : d;
@@ -131,34 +103,18 @@ export function marginOf(regions, key, a, b) {
   return least;
 }
 
-/**
- * The share of a pixel within a region, for an edge of this softness.
- * @param {number} margin
- * @param {number} softness
- */
-export function coverage(margin, softness) {
+/** The share of a pixel within a region, for an edge of this softness. */
+export function coverage(margin: number, softness: number) {
   return Math.max(0, Math.min(1, 0.5 + margin / softness));
 }
 
-/**
- * The displacements of each fit at the pixels of a raster, as of fieldOnRaster.
- * @param {LayeredFit} layered
- * @param {Raster} raster
- * @param {(Float32Array | null)[]} [outs]
- */
-export function layersOnRaster(layered, raster, outs = []) {
+/** The displacements of each fit at the pixels of a raster, as of fieldOnRaster. */
+export function layersOnRaster(layered: LayeredFit, raster: Raster, outs: (Float32Array | null)[] = []) {
   return layered.fits.map(({ fit }, k) => fieldOnRaster(fit, raster, outs[k] ?? null));
 }
 
-/**
- * What is seen at a place: [da, db, opacity, k] of fit k; -1 in a region without points, which does not move.
- * @param {LayeredFit} layered
- * @param {number} a
- * @param {number} b
- * @param {number} softness
- * @param {number[]} [out]
- */
-export function placeOf(layered, a, b, softness, out = [0, 0, 1, 0]) {
+/** What is seen at a place: [da, db, opacity, k] of fit k; -1 in a region without points, which does not move. */
+export function placeOf(layered: LayeredFit, a: number, b: number, softness: number, out: number[] = [0, 0, 1, 0]) {
   const { fits, regions } = layered;
   if (!regions.length) { [out[0], out[1]] = fieldAt(fits[0].fit, a, b); out[2] = 1; out[3] = 0; return out; }
   const moves = fits.map(({ fit }) => fieldAt(fit, a, b));
@@ -167,18 +123,11 @@ export function placeOf(layered, a, b, softness, out = [0, 0, 1, 0]) {
 
 /**
  * The same from displacements that are known.
- * @param {LayeredFit} layered
- * @param {Pick<Region, "distance">[]} regions
- * @param {number} a
- * @param {number} b
- * @param {(k: number) => number[]} move  the displacement of fit k at (a, b)
- * @param {number} softness
- * @param {number[]} out
+ * @param move the displacement of fit k at (a, b)
  */
-export function chosenPlace(layered, regions, a, b, move, softness, out) {
+export function chosenPlace(layered: LayeredFit, regions: Pick<Region, "distance">[], a: number, b: number, move: (k: number) => number[], softness: number, out: number[]) {
   const { fits } = layered, own = sidesKey(regions, a, b), at = layered.byKey.get(own) ?? -1;
-  /** @type {(k: number) => number} */
-  const there = (k) => {
+  const there: (k: number) => number = (k) => {
     const [da, db] = move(k);
     return coverage(marginOf(regions, fits[k].key, a + da, b + db), softness);
   };

@@ -2,45 +2,41 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
-import { NEARLY_FOLDED } from "./constants.js";
-import { placeOf } from "./cuts.js";
-import { forwardTargets } from "./forward_fit.js";
-import { RBF_KERNELS, rbfLinearAt } from "./rbf.js";
-import { fieldWithSlope } from "./warp_map.js";
+import { NEARLY_FOLDED } from "./constants.ts";
+import { placeOf } from "./cuts.ts";
+import { forwardTargets } from "./forward_fit.ts";
+import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";
+import { fieldWithSlope } from "./warp_map.ts";
 
-/** @import { Fit, LayeredFit, Raster, RbfFit } from "../types.d.ts" */
+import type { Fit, LayeredFit, Raster, RbfFit } from "../types.ts";
 
-/**
- * @typedef {[a: number, b: number, det: number]} Probe  a place and det J there
- * @typedef {number[]} Polygon  its corners x, y, x, y, ...
- * @typedef {number[]} Segment  [x, y, x', y']
- */
+/** a place and det J there */
+export type Probe = [a: number, b: number, det: number];
+/** its corners x, y, x, y, ... */
+export type Polygon = number[];
+/** [x, y, x', y'] */
+export type Segment = number[];
 
 const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a fold beside a point may hide
 const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
 
-/** det J of a fit at a place. @param {Fit} fit @param {number} a @param {number} b @param {Float64Array} work */
-function detOf(fit, a, b, work) {
+/** det J of a fit at a place. */
+function detOf(fit: Fit, a: number, b: number, work: Float64Array) {
   fieldWithSlope(fit, a, b, work);
   return work[2] * work[5] - work[3] * work[4];
 }
 
 const DET_WORK = new Float64Array(6), DET_SEEN = [0, 0, 1, 0];
 
-/** det J of what is seen at a place. @param {LayeredFit} layered @param {number} a @param {number} b */
-function detAt(layered, a, b) {
+/** det J of what is seen at a place. */
+function detAt(layered: LayeredFit, a: number, b: number) {
   if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0].fit, a, b, DET_WORK) : 1;
   const [,, opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
   return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k].fit, a, b, DET_WORK) : NaN;
 }
 
-/**
- * det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap.
- * @param {LayeredFit} layered
- * @param {Raster} raster
- * @param {Float64Array | null} [out]
- */
-export function detsOnRaster(layered, raster, out = null) {
+/** det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap. */
+export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Array | null = null) {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
   if (one && !one.rigid && !one.stages && !one.forward && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
@@ -53,11 +49,8 @@ export function detsOnRaster(layered, raster, out = null) {
 /**
  * The same of a plain fit: one centre after the other, and for compact kernels only the columns that it reaches, as
  * rbfOnRaster.
- * @param {RbfFit} fit
- * @param {Raster} raster
- * @param {Float64Array} dets
  */
-function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, dets) {
+function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin }: Raster, dets: Float64Array) {
   const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count, quadratic } = fit;
   const { slope, compact } = RBF_KERNELS[fit.kernel], step = du / r, p0 = (origin[0] - fit.origin[0]) / r;
   const row = new Float64Array(4 * nu);
@@ -88,17 +81,14 @@ function rbfDetsOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin }, de
 
 /**
  * Probes at and around the points of every fit, where a lattice might miss a small fold.
- * @param {LayeredFit} layered
- * @param {number} [most]  evaluations of a kernel
+ * @param most evaluations of a kernel
  */
-export function probesOf(layered, most = 2e5) {
-  /** @type {Probe[]} */
-  const found = [];
+export function probesOf(layered: LayeredFit, most: number = 2e5) {
+  const found: Probe[] = [];
   for (const { fit } of layered.fits) {
     const one = fit.blend?.fits.findLast(Boolean) ?? fit, last = one.stages ? one.stages[one.stages.length - 1] : one;
     const { count: n, support: r, origin } = last, x = last.forward ? forwardTargets(last.forward) : last.centers;
-    /** @type {(p: number, q: number) => void} */
-    const look = (p, q) => {
+    const look: (p: number, q: number) => void = (p, q) => {
       const a = origin[0] + p * r, b = origin[1] + q * r;
       found.push([a, b, detOf(fit, a, b, DET_WORK)]);
     };
@@ -126,13 +116,11 @@ export function probesOf(layered, most = 2e5) {
  * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points. Where there is no
  * tissue, a det J up to NEARLY_FOLDED does not count: `air` is the share of such folds, and NEARLY_FOLDED < least where
  * all folds are of that sort.
- * @param {LayeredFit} layered
- * @param {number[]} box  [a0, a1, b0, b1]
- * @param {number} nodes  of each side of the lattice
- * @param {Probe[]} [probes]
- * @param {(a: number, b: number) => boolean} [isTissue]  at a place; default everywhere
+ * @param box [a0, a1, b0, b1]
+ * @param nodes of each side of the lattice
+ * @param isTissue at a place; default everywhere
  */
-export function foldsOf(layered, box, nodes, probes = probesOf(layered), isTissue = () => true) {
+export function foldsOf(layered: LayeredFit, box: number[], nodes: number, probes: Probe[] = probesOf(layered), isTissue: (a: number, b: number) => boolean = () => true) {
   const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
   let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0, inAir = 0;
@@ -156,13 +144,9 @@ export function foldsOf(layered, box, nodes, probes = probesOf(layered), isTissu
 
 /**
  * From a place in a box to the least det J nearby, never out of the box.
- * @param {LayeredFit} layered
- * @param {number[]} box
- * @param {{ least: number, place: number[] }} start
- * @param {number} step
- * @param {(a: number, b: number) => boolean} isTissue  where alone a fold counts
+ * @param isTissue where alone a fold counts
  */
-function downhill(layered, [a0, a1, b0, b1], start, step, isTissue) {
+function downhill(layered: LayeredFit, [a0, a1, b0, b1]: number[], start: { least: number, place: number[] }, step: number, isTissue: (a: number, b: number) => boolean) {
   let { least, place } = start;
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
     let better = null;
@@ -183,24 +167,11 @@ function downhill(layered, [a0, a1, b0, b1], start, step, isTissue) {
 /**
  * The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides,
  * are below a level: adds its polygon to `fill`, and the piece of the level's line in it to `edge`.
- * @param {number} x
- * @param {number} y
- * @param {number} s
- * @param {number} t
- * @param {number} nw
- * @param {number} ne
- * @param {number} se
- * @param {number} sw
- * @param {number} level
- * @param {Polygon[] | null} fill
- * @param {Segment[]} edge
  */
-function clippedCell(x, y, s, t, nw, ne, se, sw, level, fill, edge) {
+function clippedCell(x: number, y: number, s: number, t: number, nw: number, ne: number, se: number, sw: number, level: number, fill: Polygon[] | null, edge: Segment[]) {
   const corners = [[x, y, nw], [x + s, y, ne], [x + s, y + t, se], [x, y + t, sw]];
-  /** @type {Polygon} */
-  const polygon = [];
-  /** @type {number[]} */
-  const ends = [];
+  const polygon: Polygon = [];
+  const ends: number[] = [];
   for (let k = 0; k < 4; k++) {
     const [px, py, p] = corners[k], [qx, qy, q] = corners[(k + 1) % 4], isIn = p <= level;
     if (isIn) polygon.push(px, py);
@@ -213,24 +184,18 @@ function clippedCell(x, y, s, t, nw, ne, se, sw, level, fill, edge) {
   for (let k = 0; k + 3 < ends.length; k += 4) edge.push(ends.slice(k, k + 4));
 }
 
-/** A gap neither folds nor bounds a fold. @type {(det: number) => number} */
-const notFolded = (det) => (Number.isNaN(det) ? 1 : det);
+/** A gap neither folds nor bounds a fold. */
+const notFolded: (det: number) => number = (det) => (Number.isNaN(det) ? 1 : det);
 
 /**
  * The folds on a lattice of det J: polygons that fill them, and segments of their outlines. Cells in which a fold may
  * begin or end, or with a probe that folds, are refined as far as the number of evaluations allows.
- * @param {LayeredFit} layered
- * @param {Raster} raster
- * @param {ArrayLike<number>} dets
- * @param {Probe[]} probes
- * @param {number} most  evaluations of a kernel
+ * @param most evaluations of a kernel
  */
-export function foldPieces(layered, raster, dets, probes, most) {
+export function foldPieces(layered: LayeredFit, raster: Raster, dets: ArrayLike<number>, probes: Probe[], most: number) {
   const { shape: [rows, columns], spacing: [da, db], origin: [a0, b0] } = raster, hit = new Set(), near = [];
-  /** @type {Polygon[]} */
-  const fill = [];
-  /** @type {Segment[]} */
-  const edge = [];
+  const fill: Polygon[] = [];
+  const edge: Segment[] = [];
   for (const [a, b, det] of probes) {
     const j = Math.floor((a - a0) / da), i = Math.floor((b - b0) / db);
     if (det <= 0 && i >= 0 && j >= 0 && i < rows - 1 && j < columns - 1) hit.add(i * columns + j);
@@ -261,17 +226,20 @@ export function foldPieces(layered, raster, dets, probes, most) {
 
 /** Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones. */
 export class Runs {
-  /** @param {Polygon[]} fill @param {number[]} origin @param {number[]} spacing */
-  constructor(fill, origin, spacing) {
+  fill: Polygon[];
+  origin: number[];
+  spacing: number[];
+  open: Map<number, [first: number, last: number]>;
+
+  constructor(fill: Polygon[], origin: number[], spacing: number[]) {
     this.fill = fill;
     this.origin = origin;
     this.spacing = spacing;
-    /** @type {Map<number, [first: number, last: number]>} the open run of each row */
+    /** the open run of each row */
     this.open = new Map();
   }
 
-  /** @param {number} row @param {number} column */
-  add(row, column) {
+  add(row: number, column: number) {
     const run = this.open.get(row);
     if (run && run[1] === column) { run[1] += 1; return; }
     if (run) this.#close(row, run);
@@ -280,8 +248,7 @@ export class Runs {
 
   end() { for (const [row, run] of this.open) this.#close(row, run); }
 
-  /** @param {number} row @param {number[]} run */
-  #close(row, [first, last]) {
+  #close(row: number, [first, last]: number[]) {
     const [a0, b0] = this.origin, [da, db] = this.spacing, top = b0 + row * db, bottom = b0 + (row + 1) * db;
     const left = a0 + first * da, right = a0 + last * da;
     this.fill.push([left, top, right, top, right, bottom, left, bottom]);
@@ -290,14 +257,9 @@ export class Runs {
 
 /**
  * The folds in one cell, from a finer lattice.
- * @param {LayeredFit} layered
- * @param {Raster} raster
- * @param {number} i
- * @param {number} j
- * @param {number} parts  of the side of the cell
- * @param {{ fill: Polygon[], edge: Segment[], runs: Runs }} out
+ * @param parts of the side of the cell
  */
-function finePieces(layered, { spacing: [da, db], origin: [a0, b0] }, i, j, parts, { fill, edge, runs }) {
+function finePieces(layered: LayeredFit, { spacing: [da, db], origin: [a0, b0] }: Raster, i: number, j: number, parts: number, { fill, edge, runs }: { fill: Polygon[], edge: Segment[], runs: Runs }) {
   const side = parts + 1, values = new Float64Array(side * side), s = da / parts, t = db / parts;
   let least = Infinity;
   for (let v = 0; v < side; v++) {
@@ -323,13 +285,10 @@ function finePieces(layered, { spacing: [da, db], origin: [a0, b0] }, i, j, part
 
 /**
  * The line of a level in a lattice of values: segments in columns and rows.
- * @param {ArrayLike<number>} values
- * @param {number[]} shape  [rows, columns]
- * @param {number} level
+ * @param shape [rows, columns]
  */
-export function contourOf(values, [rows, columns], level) {
-  /** @type {Segment[]} */
-  const edge = [];
+export function contourOf(values: ArrayLike<number>, [rows, columns]: number[], level: number) {
+  const edge: Segment[] = [];
   for (let i = 0; i + 1 < rows; i++) {
     for (let j = 0; j + 1 < columns; j++) {
       const n = i * columns + j;

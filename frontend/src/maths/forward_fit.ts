@@ -2,30 +2,21 @@
 // x + F(x) = y, and for a place y of the result the place x of the input by Newton's method. A place is certain where
 // the residual vanishes to rounding and F does not fold at x.
 
-import { rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport, RBF_KERNELS } from "./rbf.js";
+import { rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport, RBF_KERNELS } from "./rbf.ts";
 
-/** @import { Fit, FitSettings, Lattice, Point, Raster, RbfFit } from "../types.d.ts" */
+import type { Fit, FitSettings, Lattice, Point, Raster, RbfFit } from "../types.ts";
 
 const AIM = 1e-12, FOUND = 1e-9, MOST_STEPS = 50, SHORTEST_STEP = 1e-4; // as deformnb.rbf.forward has them
 const SEEDS = [0, 0, 64, 16], AROUND = 0.5, TRIED = 4;
 const NEAR_STEP = 0.02; // of a pixel: a residual that one step of Newton's method squares
 
-/**
- * Points with sources and targets exchanged.
- * @param {Point[]} points
- */
-export function turnedPoints(points) {
+/** Points with sources and targets exchanged. */
+export function turnedPoints(points: Point[]) {
   return points.map((p) => ({ ...p, source: p.target, target: p.source }));
 }
 
-/**
- * The inverse of the fit from sources to targets; in space with dim 3.
- * @param {Point[]} points
- * @param {FitSettings & { previous?: Fit | null }} [settings]
- * @param {number} [dim]
- * @returns {Fit}
- */
-export function forwardFit(points, settings = {}, dim = 2) {
+/** The inverse of the fit from sources to targets; in space with dim 3. */
+export function forwardFit(points: Point[], settings: FitSettings & { previous?: Fit | null } = {}, dim: number = 2): Fit {
   const strength = settings.strength ?? 1, support = rbfSupport(turnedPoints(points), settings);
   const dragged = strength === 1 ? points : points.map((p) => ({ ...p,
     target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
@@ -34,19 +25,14 @@ export function forwardFit(points, settings = {}, dim = 2) {
   return { ...forward, forward };
 }
 
-/** Whether F moves nothing. @param {RbfFit} fit */
-function isStill({ count, coefficients, linear, constant, quadratic }) {
+/** Whether F moves nothing. */
+function isStill({ count, coefficients, linear, constant, quadratic }: RbfFit) {
   return count === 0 || (coefficients.every((v) => v === 0) && constant.every((v) => v === 0) && !quadratic &&
     linear.every((row) => row.every((v) => v === 0)));
 }
 
-/**
- * x + F(x) and its derivative row by row, of a plain fit: `out` gets dim + dim * dim numbers.
- * @param {RbfFit} fit
- * @param {ArrayLike<number>} x
- * @param {Float64Array} out
- */
-function mapAndSlope(fit, x, out) {
+/** x + F(x) and its derivative row by row, of a plain fit: `out` gets dim + dim * dim numbers. */
+function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Float64Array) {
   const { support: r, origin, centers, coefficients: alpha, count, scales, linear, constant, quadratic } = fit;
   const dim = constant.length, p = origin.map((o, k) => (x[k] - o) / r), { profile, slope } = RBF_KERNELS[fit.kernel];
   const m = rbfLinearAt3(fit, p);
@@ -75,21 +61,16 @@ function mapAndSlope(fit, x, out) {
   }
 }
 
-/** The derivative of the trend, in the plane or in space. @param {RbfFit} fit @param {number[]} p */
-function rbfLinearAt3(fit, p) {
+/** The derivative of the trend, in the plane or in space. */
+function rbfLinearAt3(fit: RbfFit, p: number[]) {
   const { quadratic, linear } = fit;
   if (!quadratic || p.length === 2) return rbfLinearAt(fit, p[0], p[1]);
   return linear.map((row, i) => row.map((value, k) => (
     value + 2 * quadratic[i][k].reduce((sum, h, l) => sum + h * p[l], 0))));
 }
 
-/**
- * The determinant of the derivative that mapAndSlope has left, and its adjugate in `out`.
- * @param {Float64Array} t
- * @param {number} dim
- * @param {Float64Array} out
- */
-function adjugateOf(t, dim, out) {
+/** The determinant of the derivative that mapAndSlope has left, and its adjugate in `out`. */
+function adjugateOf(t: Float64Array, dim: number, out: Float64Array) {
   if (dim === 2) {
     out[0] = t[5];
     out[1] = -t[3];
@@ -97,7 +78,7 @@ function adjugateOf(t, dim, out) {
     out[3] = t[2];
     return t[2] * t[5] - t[3] * t[4];
   }
-  const a = (/** @type {number} */ i, /** @type {number} */ k) => t[3 + 3 * (i % 3) + (k % 3)];
+  const a = (i: number, k: number) => t[3 + 3 * (i % 3) + (k % 3)];
   for (let i = 0; i < 3; i++) {
     for (let k = 0; k < 3; k++) {
       out[3 * i + k] = a(k + 1, i + 1) * a(k + 2, i + 2) - a(k + 1, i + 2) * a(k + 2, i + 1);
@@ -106,33 +87,34 @@ function adjugateOf(t, dim, out) {
   return a(0, 0) * out[0] + a(0, 1) * out[3] + a(0, 2) * out[6];
 }
 
-/**
- * @typedef {object} Inverse  what is found once for a fit
- * @property {number} dim
- * @property {number} size of the points
- * @property {number[]} middle of the targets
- * @property {number} sign of the determinant at most points
- * @property {number[][]} sources
- * @property {number[][]} targets
- * @property {number[][]} slopes the inverse of the derivative at each source
- * @property {boolean} isStill
- * @property {{ nodes: Float64Array, ends: Float64Array } | null} lattice
- */
+/** what is found once for a fit */
+export interface Inverse {
+  dim: number;
+  /** of the points */
+  size: number;
+  /** of the targets */
+  middle: number[];
+  /** of the determinant at most points */
+  sign: number;
+  sources: number[][];
+  targets: number[][];
+  /** the inverse of the derivative at each source */
+  slopes: number[][];
+  isStill: boolean;
+  lattice: { nodes: Float64Array, ends: Float64Array } | null;
+}
 
-/** @type {WeakMap<RbfFit, Inverse>} */
-const inverses = new WeakMap();
+const inverses: WeakMap<RbfFit, Inverse> = new WeakMap();
 
 const T = new Float64Array(12), ADJUGATE = new Float64Array(9);
 
-/** @param {RbfFit} fit @returns {Inverse} */
-function inverseOf(fit) {
+function inverseOf(fit: RbfFit): Inverse {
   const known = inverses.get(fit);
   if (known) return known;
   const dim = fit.constant.length, { origin, support, centers, count } = fit;
   const sources = Array.from({ length: count }, (_, c) => origin.map((o, k) => o + support * centers[dim * c + k]));
-  /** @type {number[]} */
-  const signs = [];
-  const targets = /** @type {number[][]} */ ([]), slopes = /** @type {number[][]} */ ([]);
+  const signs: number[] = [];
+  const targets = ([] as number[][]), slopes = ([] as number[][]);
   for (const x of sources) {
     mapAndSlope(fit, x, T);
     const det = adjugateOf(T, dim, ADJUGATE);
@@ -152,8 +134,7 @@ function inverseOf(fit) {
   return made;
 }
 
-/** @param {number[][]} places @param {number} k */
-function sideOf(places, k) {
+function sideOf(places: number[][], k: number) {
   let low = Infinity, high = -Infinity;
   for (const place of places) {
     low = Math.min(low, place[k]);
@@ -162,8 +143,8 @@ function sideOf(places, k) {
   return places.length ? high - low : 0;
 }
 
-/** Places of the input around the sources, and where they come to. @param {RbfFit} fit @param {Inverse} inverse */
-function latticeOf(fit, inverse) {
+/** Places of the input around the sources, and where they come to. */
+function latticeOf(fit: RbfFit, inverse: Inverse) {
   if (inverse.lattice) return inverse.lattice;
   const { dim, sources, size } = inverse, n = SEEDS[dim], sides = sources[0].map((_, k) => sideOf(sources, k));
   const reach = AROUND * Math.max(Math.hypot(...sides), 1e-3 * size), total = n ** dim;
@@ -183,15 +164,8 @@ function latticeOf(fit, inverse) {
 
 const TRIAL = new Float64Array(3), STEP = new Float64Array(3);
 
-/**
- * Damped Newton steps from x, in place; the residual that is left. `t` gets what mapAndSlope leaves at x.
- * @param {RbfFit} fit
- * @param {ArrayLike<number>} y
- * @param {Float64Array} x
- * @param {number} tolerance
- * @param {Float64Array} t
- */
-function newton(fit, y, x, tolerance, t) {
+/** Damped Newton steps from x, in place; the residual that is left. `t` gets what mapAndSlope leaves at x. */
+function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: number, t: Float64Array) {
   const dim = y.length;
   let error = residual(fit, y, x, t);
   for (let turn = 0; turn < MOST_STEPS && error > tolerance; turn++) {
@@ -214,20 +188,17 @@ function newton(fit, y, x, tolerance, t) {
   return error;
 }
 
-/** @param {RbfFit} fit @param {ArrayLike<number>} y @param {Float64Array} x @param {Float64Array} t */
-function residual(fit, y, x, t) {
+function residual(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Float64Array) {
   mapAndSlope(fit, x, t);
   const error = distance(y, t);
   return Number.isFinite(error) ? error : Infinity;
 }
 
-/** @param {ArrayLike<number>} p @param {ArrayLike<number>} q */
-function distance(p, q) {
+function distance(p: ArrayLike<number>, q: ArrayLike<number>) {
   return p.length === 2 ? Math.hypot(p[0] - q[0], p[1] - q[1]) : Math.hypot(p[0] - q[0], p[1] - q[1], p[2] - q[2]);
 }
 
-/** @param {Inverse} inverse @param {ArrayLike<number>} y @param {number} error @param {Float64Array} t */
-function isCertain({ dim, size, middle, sign }, y, error, t) {
+function isCertain({ dim, size, middle, sign }: Inverse, y: ArrayLike<number>, error: number, t: Float64Array) {
   return error <= FOUND * Math.max(size, distance(y, middle)) && adjugateOf(t, dim, ADJUGATE) * sign > 0;
 }
 
@@ -236,12 +207,8 @@ const BEST = new Float64Array(3), BEST_T = new Float64Array(12), AT = new Float6
 /**
  * The place x of the input that comes to y, in `x`, and what mapAndSlope leaves there, in `t`; whether it is certain.
  * Where it is not, x is the best place known.
- * @param {RbfFit} fit
- * @param {ArrayLike<number>} y
- * @param {Float64Array} x
- * @param {Float64Array} t
  */
-export function placeBefore(fit, y, x, t) {
+export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Float64Array) {
   const inverse = inverseOf(fit), { dim } = inverse;
   if (inverse.isStill) {
     for (let k = 0; k < dim; k++) x[k] = y[k];
@@ -262,11 +229,8 @@ export function placeBefore(fit, y, x, t) {
 
 /**
  * Places from which the source of y is sought: by the nearest control point, y - F(y), y, and nodes of a lattice.
- * @param {RbfFit} fit
- * @param {Inverse} inverse
- * @param {ArrayLike<number>} y
  */
-function* starts(fit, inverse, y) {
+function* starts(fit: RbfFit, inverse: Inverse, y: ArrayLike<number>) {
   const { dim, sources, targets, slopes } = inverse;
   let near = 0;
   targets.forEach((target, c) => { if (distance(target, y) < distance(targets[near], y)) near = c; });
@@ -291,33 +255,24 @@ function* starts(fit, inverse, y) {
   for (const i of best) yield Array.from(nodes.subarray(i, i + dim));
 }
 
-/** The targets of the points behind a fit, in its relative coordinates. @param {RbfFit} fit */
-export function forwardTargets(fit) {
+/** The targets of the points behind a fit, in its relative coordinates. */
+export function forwardTargets(fit: RbfFit) {
   const { origin, support } = fit;
   return Float64Array.from(inverseOf(fit).targets.flatMap((y) => y.map((value, k) => (value - origin[k]) / support)));
 }
 
 const X = new Float64Array(3), SLOPE = new Float64Array(12), PLACE = new Float64Array(2);
 
-/**
- * The backward displacement at a place of the picture. @param {RbfFit} fit @param {number} a @param {number} b
- * @returns {[number, number]}
- */
-export function forwardAt(fit, a, b) {
+/** The backward displacement at a place of the picture. */
+export function forwardAt(fit: RbfFit, a: number, b: number): [number, number] {
   PLACE[0] = a;
   PLACE[1] = b;
   placeBefore(fit, PLACE, X, SLOPE);
   return [X[0] - a, X[1] - b];
 }
 
-/**
- * y + D(y) and its Jacobian, as of fieldWithSlope; where nothing is certain the determinant is 0.
- * @param {RbfFit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- */
-export function forwardWithSlope(fit, a, b, out) {
+/** y + D(y) and its Jacobian, as of fieldWithSlope; where nothing is certain the determinant is 0. */
+export function forwardWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
   PLACE[0] = a;
   PLACE[1] = b;
   const isFound = placeBefore(fit, PLACE, X, SLOPE), det = adjugateOf(SLOPE, 2, ADJUGATE);
@@ -327,14 +282,8 @@ export function forwardWithSlope(fit, a, b, out) {
   return out;
 }
 
-/**
- * Where the place (a, b) of the input comes to, in `at`, exactly; whether the result shows it there.
- * @param {RbfFit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} at
- */
-export function forwardEnd(fit, a, b, at) {
+/** Where the place (a, b) of the input comes to, in `at`, exactly; whether the result shows it there. */
+export function forwardEnd(fit: RbfFit, a: number, b: number, at: Float64Array) {
   mapAndSlope(fit, [a, b], T);
   [at[0], at[1]] = T;
   const isFound = placeBefore(fit, at, X, SLOPE);
@@ -343,14 +292,11 @@ export function forwardEnd(fit, a, b, at) {
 
 /**
  * Displacements along rows of places: each place is found from the one before it and the slope there.
- * @param {RbfFit} fit
- * @param {number} count places of a row
- * @param {number} step along the first axis
- * @param {(row: number) => number[]} first place of a row
- * @param {number} rows
- * @param {Float32Array} out
+ * @param count places of a row
+ * @param step along the first axis
+ * @param first place of a row
  */
-function alongRows(fit, count, step, first, rows, out) {
+function alongRows(fit: RbfFit, count: number, step: number, first: (row: number) => number[], rows: number, out: Float32Array) {
   const inverse = inverseOf(fit), { dim } = inverse;
   if (inverse.isStill) { out.fill(0, 0, dim * count * rows); return; }
   const x = new Float64Array(dim), t = new Float64Array(dim + dim * dim), near = NEAR_STEP * step;
@@ -369,15 +315,9 @@ function alongRows(fit, count, step, first, rows, out) {
 /**
  * From the source x of the place before to that of y: along the slope, and one step of Newton's method. False where
  * that is not enough.
- * @param {RbfFit} fit
- * @param {Inverse} inverse
- * @param {ArrayLike<number>} y
- * @param {Float64Array} x
- * @param {Float64Array} t as mapAndSlope has left it
- * @param {number} near
- * @param {number} step
+ * @param t as mapAndSlope has left it
  */
-function stepped(fit, { dim, sign }, y, x, t, near, step) {
+function stepped(fit: RbfFit, { dim, sign }: Inverse, y: ArrayLike<number>, x: Float64Array, t: Float64Array, near: number, step: number) {
   let det = adjugateOf(t, dim, ADJUGATE);
   for (let i = 0; i < dim; i++) x[i] += ADJUGATE[dim * i] * step / det;
   if (!(residual(fit, y, x, t) <= near)) return false;
@@ -389,23 +329,14 @@ function stepped(fit, { dim, sign }, y, x, t, near, step) {
   return true;
 }
 
-/**
- * Displacements at the pixels of a raster, as of rbfOnRaster.
- * @param {RbfFit} fit
- * @param {Raster} raster
- * @param {Float32Array} map
- */
-export function forwardOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }, map) {
+/** Displacements at the pixels of a raster, as of rbfOnRaster. */
+export function forwardOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }: Raster, map: Float32Array) {
   alongRows(fit, nu, du, (row) => [a, b + row * dv], nv, map);
   return map;
 }
 
-/**
- * Displacements at the nodes of a lattice in space, as of rbfOnLattice.
- * @param {RbfFit} fit
- * @param {Lattice} lattice
- */
-export function forwardOnLattice(fit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }) {
+/** Displacements at the nodes of a lattice in space, as of rbfOnLattice. */
+export function forwardOnLattice(fit: RbfFit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }: Lattice) {
   const map = new Float32Array(nx * ny * nz * 3);
   alongRows(fit, nx, dx, (row) => [x, y + (row % ny) * dy, z + Math.floor(row / ny) * dz], ny * nz, map);
   return map;

@@ -8,20 +8,18 @@ const MOST_NUMBERS = 2 ** 24; // of all of them, if they are as large as the lat
 /**
  * What a matrix is made of: places (n x dim), the support radius, what is added to the diagonal, and null or the support
  * radii of the centres' own.
- * @typedef {{ kernel: string, radius: number, places: Float64Array, nugget: ArrayLike<number>,
- *   radii: ArrayLike<number> | null }} Centres
  */
+export type Centres = { kernel: string, radius: number, places: Float64Array, nugget: ArrayLike<number>, radii: ArrayLike<number> | null };
 
-/** The latest first. @type {KernelMatrix[]} */
-const kept = [];
+/** The latest first. */
+const kept: KernelMatrix[] = [];
 
 /**
  * The matrix of these centres: one of the latest, in which as few rows as possible are evaluated again, or a new one.
  * It is valid until the next call.
- * @param {Centres} centres
- * @param {(s: number) => number} profile of the squared relative distance
+ * @param profile of the squared relative distance
  */
-export function kernelMatrix(centres, profile) {
+export function kernelMatrix(centres: Centres, profile: (s: number) => number) {
   const n = centres.nugget.length;
   let best = null, fewest = n / 2;
   for (const matrix of kept) {
@@ -42,12 +40,16 @@ export function kernelMatrix(centres, profile) {
 
 /** phi(|x_i - x_j| / R) + nugget, with R_j in place of R where the centres have radii of their own. */
 class KernelMatrix {
-  /**
-   * @param {number} n
-   * @param {Centres} centres
-   * @param {(s: number) => number} profile
-   */
-  constructor(n, centres, profile) {
+  n: number;
+  dim: number;
+  profile: (s: number) => number;
+  centres: Centres;
+  phi: Float64Array<ArrayBuffer>;
+  order: number[];
+  factored: number;
+  factor: Float64Array<ArrayBuffer>;
+
+  constructor(n: number, centres: Centres, profile: (s: number) => number) {
     this.n = n;
     this.dim = centres.places.length / n;
     this.profile = profile;
@@ -61,10 +63,8 @@ class KernelMatrix {
 
   /**
    * The centres that are others than here, null if those are more than a number or the matrix is of another kind.
-   * @param {Centres} now
-   * @param {number} most
    */
-  movedIn(now, most) {
+  movedIn(now: Centres, most: number) {
     const { n, dim, centres: old } = this, found = [];
     const isOther = old.kernel !== now.kernel || old.radius !== now.radius || !old.radii !== !now.radii;
     if (isOther || now.nugget.length !== n || now.places.length !== old.places.length) return null;
@@ -78,8 +78,8 @@ class KernelMatrix {
     return found;
   }
 
-  /** Take the places of moved centres. @param {Centres} centres @param {number[]} moved */
-  move(centres, moved) {
+  /** Take the places of moved centres. */
+  move(centres: Centres, moved: number[]) {
     this.centres = centres;
     if (moved.length === 0) return;
     const isMoved = new Set(moved);
@@ -88,8 +88,8 @@ class KernelMatrix {
     for (const k of moved) this.#evaluate(k, this.n);
   }
 
-  /** Evaluate row and column i up to a number of centres. @param {number} i @param {number} count */
-  #evaluate(i, count) {
+  /** Evaluate row and column i up to a number of centres. */
+  #evaluate(i: number, count: number) {
     const { n, dim, phi, profile, centres: { places, radius, nugget, radii } } = this, own = radii ? radii[i] : radius;
     for (let j = 0; j < count; j++) {
       const r = radii ? radii[j] : radius;
@@ -105,12 +105,8 @@ class KernelMatrix {
     phi[i * n + i] += nugget[i];
   }
 
-  /**
-   * The solution of a positive definite system with m right-hand sides (n x m); NaN where it is not definite.
-   * @param {Float64Array} rhs
-   * @param {number} m
-   */
-  solve(rhs, m) {
+  /** The solution of a positive definite system with m right-hand sides (n x m); NaN where it is not definite. */
+  solve(rhs: Float64Array, m: number) {
     this.#complete();
     const { n, order, factor: l } = this, out = new Float64Array(n * m), x = new Float64Array(n);
     for (let c = 0; c < m; c++) {
@@ -138,15 +134,8 @@ class KernelMatrix {
   }
 }
 
-/**
- * The sum of products of so many numbers of two arrays, from a place in each.
- * @param {Float64Array} a
- * @param {number} p
- * @param {Float64Array} b
- * @param {number} q
- * @param {number} count
- */
-function dot(a, p, b, q, count) {
+/** The sum of products of so many numbers of two arrays, from a place in each. */
+function dot(a: Float64Array, p: number, b: Float64Array, q: number, count: number) {
   let s = 0, t = 0, u = 0, v = 0, k = 0; // four sums: one would wait for itself at each term
   for (; k + 3 < count; k += 4) {
     s += a[p + k] * b[q + k];

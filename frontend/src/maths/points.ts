@@ -1,20 +1,14 @@
 // Edits of a list of control points and their undo. No edit changes an object it was given.
 
-/** @import { Mirror, Point, RegionData, ShapeKind, Shapes, Vector2 } from "../types.d.ts" */
+import type { Mirror, Point, RegionData, ShapeKind, Shapes, Vector2 } from "../types.ts";
 
-/** @param {unknown} p @param {unknown} q */
-export function samePoints(p, q) {
+export function samePoints(p: unknown, q: unknown) {
   return p === q || JSON.stringify(p) === JSON.stringify(q);
 }
 
-/**
- * Any list of point-like objects as full points; other objects are left out.
- * @param {any} list
- * @returns {Point[]}
- */
-export function cleanPoints(list) {
-  /** @type {(place: any) => boolean} */
-  const good = (place) => Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
+/** Any list of point-like objects as full points; other objects are left out. */
+export function cleanPoints(list: any): Point[] {
+  const good: (place: any) => boolean = (place) => Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
   const seen = new Set();
   return (Array.isArray(list) ? list : []).filter((p) => {
     if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;
@@ -25,87 +19,59 @@ export function cleanPoints(list) {
     locked: p.locked === true, radius: Number.isFinite(p.radius) && p.radius > 0 ? p.radius : null }));
 }
 
-/**
- * The points with these ids changed.
- * @param {Point[]} points
- * @param {number[]} ids
- * @param {(point: Point) => Partial<Point>} change
- */
-export function changed(points, ids, change) {
+/** The points with these ids changed. */
+export function changed(points: Point[], ids: number[], change: (point: Point) => Partial<Point>) {
   const chosen = new Set(ids);
   return points.map((p) => (chosen.has(p.id) ? { ...p, ...change(p) } : p));
 }
 
-/**
- * Move targets ("target"), sources ("source") or whole points ("both") by (da, db).
- * @param {Point[]} points
- * @param {number[]} ids
- * @param {number} da
- * @param {number} db
- * @param {string} [what]
- */
-export function movedPoints(points, ids, da, db, what = "target") {
-  /** @type {(place: number[]) => number[]} */
-  const by = ([a, b]) => [a + da, b + db];
+/** Move targets ("target"), sources ("source") or whole points ("both") by (da, db). */
+export function movedPoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
+  const by: (place: number[]) => number[] = ([a, b]) => [a + da, b + db];
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
 }
 
-/**
- * A point, its fields in the order in which Python sends them: lists are compared as text.
- * @param {number} id
- * @param {ArrayLike<number> & Iterable<number>} source
- * @param {ArrayLike<number> & Iterable<number>} target
- * @param {string} [name]
- * @returns {Point}
- */
-export function newPoint(id, source, target, name = "") {
+/** A point, its fields in the order in which Python sends them: lists are compared as text. */
+export function newPoint(id: number, source: ArrayLike<number> & Iterable<number>, target: ArrayLike<number> & Iterable<number>, name: string = ""): Point {
   return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
 }
 
-/** @param {Point[]} points @param {number} id @param {number[]} source @param {number[]} target */
-export function addedPoint(points, id, source, target) { return [...points, newPoint(id, source, target)]; }
+export function addedPoint(points: Point[], id: number, source: number[], target: number[]) { return [...points, newPoint(id, source, target)]; }
 
-/** @param {Point[]} points @param {number[]} ids */
-export function removedPoints(points, ids) {
+export function removedPoints(points: Point[], ids: number[]) {
   const gone = new Set(ids);
   return points.filter((p) => !gone.has(p.id));
 }
 
-/** @param {Point[]} points @param {number} id @param {string} name */
-export function renamedPoint(points, id, name) {
+export function renamedPoint(points: Point[], id: number, name: string) {
   return changed(points, [id], () => ({ name: name.trim().slice(0, 80) }));
 }
 
-/**
- * On if all chosen are off, else off: one press always does something visible.
- * @param {Point[]} points
- * @param {number[]} ids
- */
-export function switchedPoints(points, ids) {
+/** On if all chosen are off, else off: one press always does something visible. */
+export function switchedPoints(points: Point[], ids: number[]) {
   const chosen = new Set(ids), some = points.some((p) => chosen.has(p.id) && p.active);
   return changed(points, ids, () => ({ active: !some }));
 }
 
-/** Locked if some of the chosen are not yet, else free. @param {Point[]} points @param {number[]} ids */
-export function lockedPoints(points, ids) {
+/** Locked if some of the chosen are not yet, else free. */
+export function lockedPoints(points: Point[], ids: number[]) {
   const chosen = new Set(ids), isFree = points.some((p) => chosen.has(p.id) && !p.locked);
   return changed(points, ids, () => ({ locked: isFree }));
 }
 
-/** Those of the ids that may be moved and removed. @param {Point[]} points @param {number[]} ids */
-export function freeIds(points, ids) {
+/** Those of the ids that may be moved and removed. */
+export function freeIds(points: Point[], ids: number[]) {
   const locked = new Set(points.filter((p) => p.locked).map((p) => p.id));
   return ids.filter((id) => !locked.has(id));
 }
 
-/** @param {Point[]} points @param {number[]} ids */
-export function resetPoints(points, ids) {
+export function resetPoints(points: Point[], ids: number[]) {
   return changed(points, ids, (p) => ({ target: [...p.source] }));
 }
 
-/** The next free id, at least `least`. @param {Point[]} points @param {number} least */
-export function nextId(points, least) {
+/** The next free id, at least `least`. */
+export function nextId(points: Point[], least: number) {
   return points.reduce((id, p) => Math.max(id, p.id + 1), least);
 }
 
@@ -114,16 +80,10 @@ export function nextId(points, least) {
 /**
  * Any lists as full shapes, in one order of their fields. Regions that are in `old` already are kept as the same
  * objects: their distances are known (maths/regions.js).
- * @template {ShapeKind} K
- * @param {any} list
- * @param {K} what
- * @param {Shapes[ShapeKind]} [old]
- * @returns {Shapes[K]}
  */
-export function cleanShapes(list, what, old = []) {
+export function cleanShapes<K extends ShapeKind>(list: any, what: K, old: Shapes[ShapeKind] = []): Shapes[K] {
   const known = new Map(old.map(({ region }) => [JSON.stringify(region), region]));
-  /** @type {any[]} */
-  const clean = (Array.isArray(list) ? list : []).filter((shape) => shape?.region?.kind).map((shape) => {
+  const clean: any[] = (Array.isArray(list) ? list : []).filter((shape) => shape?.region?.kind).map((shape) => {
     const plain = plainRegion(shape.region), region = known.get(JSON.stringify(plain)) ?? plain;
     const kept = { name: String(shape.name ?? ""), enabled: shape.enabled !== false };
     if (what === "cuts") return { ...kept, region };
@@ -134,12 +94,8 @@ export function cleanShapes(list, what, old = []) {
   return clean;
 }
 
-/**
- * A region without fields that do not belong to its kind.
- * @param {RegionData} region
- * @returns {RegionData}
- */
-function plainRegion(region) {
+/** A region without fields that do not belong to its kind. */
+function plainRegion(region: RegionData): RegionData {
   const { kind } = region;
   if (kind === "half_space") return { kind, point: region.point, normal: region.normal };
   if (kind === "polygon") return { kind, vertices: region.vertices };
@@ -151,38 +107,27 @@ function plainRegion(region) {
   return { kind, shape, spacing, origin, bits };
 }
 
-/** @param {unknown} p @param {unknown} q */
-export function sameShapes(p, q) { return p === q || JSON.stringify(p) === JSON.stringify(q); }
+export function sameShapes(p: unknown, q: unknown) { return p === q || JSON.stringify(p) === JSON.stringify(q); }
 
 // ---- points rotated and scaled about their middle, and the rim of a single one -------------------------------------
 // A point alone has nothing to rotate; three still ones around it, its rim, are rotated instead.
 
 /**
  * Keys that rotate, clockwise is 1. With Shift the same keys write other signs, with Alt on some keyboards as well.
- * @type {Record<string, number>}
  */
-export const TURN_WAYS = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 };
-/** @type {Record<string, string>} */
-export const TURN_CODES = { Comma: ",", Period: "." };
+export const TURN_WAYS: Record<string, number> = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 };
+export const TURN_CODES: Record<string, string> = { Comma: ",", Period: "." };
 const TURN_STEPS = [2, 15]; // degrees, or percent, of a key alone and with Shift
 const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls beside another point
 
-/** The middle of the targets. @param {{ target: number[] }[]} points @returns {Vector2} */
-export function middleOf(points) {
-  /** @type {(c: number) => number} */
-  const mean = (c) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
+/** The middle of the targets. */
+export function middleOf(points: { target: number[] }[]): Vector2 {
+  const mean: (c: number) => number = (c) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
   return [mean(0), mean(1)];
 }
 
-/**
- * Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place.
- * @param {Point[]} points
- * @param {number[]} ids
- * @param {number[]} about
- * @param {number} angle
- * @param {number} [factor]
- */
-export function turnedPoints(points, ids, about, angle, factor = 1) {
+/** Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place. */
+export function turnedPoints(points: Point[], ids: number[], about: number[], angle: number, factor: number = 1) {
   const c = factor * Math.cos(angle), s = factor * Math.sin(angle);
   return changed(points, ids, (p) => {
     const x = p.target[0] - about[0], y = p.target[1] - about[1];
@@ -190,25 +135,16 @@ export function turnedPoints(points, ids, about, angle, factor = 1) {
   });
 }
 
-/**
- * The angle and the factor of a key, one of which does nothing.
- * @param {number} way
- * @param {{ isLarge?: boolean, isScale?: boolean }} modifiers
- * @returns {Vector2}
- */
-export function turnOfKey(way, { isLarge, isScale }) {
+/** The angle and the factor of a key, one of which does nothing. */
+export function turnOfKey(way: number, { isLarge, isScale }: { isLarge?: boolean, isScale?: boolean }): Vector2 {
   const step = TURN_STEPS[isLarge ? 1 : 0] * way;
   return isScale ? [0, (1 + Math.abs(step) / 100) ** Math.sign(step)] : [step * Math.PI / 180, 1];
 }
 
 /**
  * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift goes in steps.
- * @param {number[]} from
- * @param {number[]} to
- * @param {{ altKey: boolean, shiftKey: boolean }} event
- * @returns {Vector2}
  */
-export function turnOfDrag([x, y], to, event) {
+export function turnOfDrag([x, y]: number[], to: number[], event: { altKey: boolean, shiftKey: boolean }): Vector2 {
   if (event.altKey) {
     const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
     return [0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor];
@@ -217,23 +153,17 @@ export function turnOfDrag([x, y], to, event) {
   return [event.shiftKey ? step * Math.round(angle / step) : angle, 1];
 }
 
-/** @param {Point} pin */
-function rimName(pin) { return `${pin.name || `point ${pin.id}`} rim`; }
+function rimName(pin: Point) { return `${pin.name || `point ${pin.id}`} rim`; }
 
-/**
- * The rim that a point has already, three at most: the nearest ones of that name.
- * @param {Point[]} points
- * @param {Point} pin
- */
-export function rimOf(points, pin) {
+/** The rim that a point has already, three at most: the nearest ones of that name. */
+export function rimOf(points: Point[], pin: Point) {
   const name = rimName(pin), [x, y] = pin.source;
-  /** @type {(p: Point) => number} */
-  const away = (p) => Math.hypot(p.source[0] - x, p.source[1] - y);
+  const away: (p: Point) => number = (p) => Math.hypot(p.source[0] - x, p.source[1] - y);
   return points.filter((p) => p.name === name && p.id !== pin.id).sort((p, q) => away(p) - away(q)).slice(0, 3);
 }
 
-/** Those points, and the rims of those that have one. @param {Point[]} points @param {number[]} ids */
-export function withRims(points, ids) {
+/** Those points, and the rims of those that have one. */
+export function withRims(points: Point[], ids: number[]) {
   const chosen = new Set(ids);
   for (const p of points) if (ids.includes(p.id)) for (const rim of rimOf(points, p)) chosen.add(rim.id);
   return [...chosen];
@@ -241,21 +171,16 @@ export function withRims(points, ids) {
 
 /**
  * The points with a rim of three points around a pin, each holding what is there.
- * @param {Point[]} points
- * @param {Point} pin
- * @param {number} distance
- * @param {number} id  of the first new point
- * @param {(place: number[]) => number[] | null} sourceAt  null where nothing is
+ * @param id of the first new point
+ * @param sourceAt null where nothing is
  */
-export function rimmedPoints(points, pin, distance, id, sourceAt) {
+export function rimmedPoints(points: Point[], pin: Point, distance: number, id: number, sourceAt: (place: number[]) => number[] | null) {
   const others = points.filter((p) => p.active && p.id !== pin.id);
-  /** @type {(start: number) => number[][]} */
-  const placesFrom = (start) => [0, 1, 2].map((k) => {
+  const placesFrom: (start: number) => number[][] = (start) => [0, 1, 2].map((k) => {
     const angle = start + k * 2 * Math.PI / 3;
     return [pin.target[0] + distance * Math.cos(angle), pin.target[1] + distance * Math.sin(angle)];
   });
-  /** @type {(places: number[][]) => number} */
-  const room = (places) => Math.min(...places.flatMap(([a, b]) => others.map(
+  const room: (places: number[][]) => number = (places) => Math.min(...places.flatMap(([a, b]) => others.map(
     (p) => Math.hypot(p.target[0] - a, p.target[1] - b))), distance);
   const tried = Array.from({ length: RIM_ANGLES },
     (_, k) => placesFrom(-Math.PI / 2 + k * 2 * Math.PI / 3 / RIM_ANGLES));
@@ -269,45 +194,31 @@ export function rimmedPoints(points, pin, distance, id, sourceAt) {
 
 // ---- mirror symmetry: an edit of a point is also done to its partner on the other side of an axis ------------------
 
-/** @param {Mirror} mirror */
-function mirrorNormal({ normal, axis }) { return normal ?? (axis === "a" ? [1, 0] : [0, 1]); }
+function mirrorNormal({ normal, axis }: Mirror) { return normal ?? (axis === "a" ? [1, 0] : [0, 1]); }
 
-/** The distance of a place on the positive side. @param {Mirror} mirror @param {number[]} place */
-function awayFrom(mirror, place) {
+/** The distance of a place on the positive side. */
+function awayFrom(mirror: Mirror, place: number[]) {
   return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * place[k], 0) - mirror.at;
 }
 
-/** A place, moved along the normal. @param {Mirror} mirror @param {number[]} place @param {number} way */
-function acrossBy(mirror, place, way) { return mirrorNormal(mirror).map((n, k) => place[k] + way * n); }
+/** A place, moved along the normal. */
+function acrossBy(mirror: Mirror, place: number[], way: number) { return mirrorNormal(mirror).map((n, k) => place[k] + way * n); }
 
-/** @param {Mirror} mirror @param {number[]} place */
-function mirrorPlace(mirror, place) { return acrossBy(mirror, place, -2 * awayFrom(mirror, place)); }
+function mirrorPlace(mirror: Mirror, place: number[]) { return acrossBy(mirror, place, -2 * awayFrom(mirror, place)); }
 
-/**
- * 1 or -1 for the side of the axis on which a place lies, 0 within `near` of it.
- * @param {Mirror} mirror
- * @param {number[]} place
- * @param {number} near
- */
-export function mirrorSide(mirror, place, near) {
+/** 1 or -1 for the side of the axis on which a place lies, 0 within `near` of it. */
+export function mirrorSide(mirror: Mirror, place: number[], near: number) {
   const away = awayFrom(mirror, place);
   return Math.abs(away) <= near ? 0 : Math.sign(away);
 }
 
-/** The nearest place on the axis. @param {Mirror} mirror @param {number[]} place */
-export function onAxis(mirror, place) { return acrossBy(mirror, place, -awayFrom(mirror, place)); }
+/** The nearest place on the axis. */
+export function onAxis(mirror: Mirror, place: number[]) { return acrossBy(mirror, place, -awayFrom(mirror, place)); }
 
-/** @param {number[]} p @param {number[]} q */
-export function distance(p, q) { return Math.hypot(...p.map((value, k) => value - q[k])); }
+export function distance(p: number[], q: number[]) { return Math.hypot(...p.map((value, k) => value - q[k])); }
 
-/**
- * The point whose source lies where the mirror shows that of `p`, or null.
- * @param {Mirror} mirror
- * @param {Point[]} points
- * @param {Point} p
- * @param {number} near
- */
-function partnerOf(mirror, points, p, near) {
+/** The point whose source lies where the mirror shows that of `p`, or null. */
+function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
   const place = mirrorPlace(mirror, p.source);
   let best = null, least = near;
   for (const q of points) {
@@ -317,14 +228,8 @@ function partnerOf(mirror, points, p, near) {
   return best;
 }
 
-/**
- * A target that stays on the side of its source: beyond the axis it would meet its partner.
- * @param {Mirror} mirror
- * @param {number[]} place
- * @param {number} side
- * @param {number} near
- */
-function keptOnSide(mirror, place, side, near) {
+/** A target that stays on the side of its source: beyond the axis it would meet its partner. */
+function keptOnSide(mirror: Mirror, place: number[], side: number, near: number) {
   const away = awayFrom(mirror, place);
   return away * side >= near ? place : acrossBy(mirror, place, side * near - away);
 }
@@ -335,19 +240,13 @@ function keptOnSide(mirror, place, side, near) {
  * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the
  * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
  * new point takes hold of it there, and moves nothing, also where the two sides have been deformed in different ways.
- * @param {Mirror} mirror
- * @param {Point[]} before
- * @param {Point[]} after
- * @param {{ near: { axis: number, partner: number }, id: number, lead?: number,
- *   seenAt?: (source: number[]) => number[] | null }} options
  */
-export function mirroredEdit(mirror, before, after, { near, id, lead = 0, seenAt = () => null }) {
+export function mirroredEdit(mirror: Mirror, before: Point[], after: Point[], { near, id, lead = 0, seenAt = () => null }: { near: { axis: number, partner: number }, id: number, lead?: number, seenAt?: (source: number[]) => number[] | null }) {
   const was = new Map(before.map((p) => [p.id, p])), result = new Map(after.map((p) => [p.id, p]));
   const moved = after.filter((p) => !isUnmoved(was.get(p.id), p));
   const first = moved.map((p) => mirrorSide(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
   const leads = lead || first;
-  /** @type {(p: Point) => number} */
-  const sideNow = (p) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
+  const sideNow: (p: Point) => number = (p) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
   for (const p of before) {
     if (result.has(p.id) || sideNow(p) === 0) continue;
     const partner = partnerOf(mirror, before, p, near.partner);
@@ -373,42 +272,23 @@ export function mirroredEdit(mirror, before, after, { near, id, lead = 0, seenAt
   return [...result.values()];
 }
 
-/**
- * The place where the tissue is seen; one that differs by rounding alone is the mirror's own.
- * @param {Point} point
- * @param {number[] | null} seen
- * @param {number} near
- */
-function heldPlace({ target }, seen, near) {
+/** The place where the tissue is seen; one that differs by rounding alone is the mirror's own. */
+function heldPlace({ target }: Point, seen: number[] | null, near: number) {
   return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 
-/** @param {Point} p @param {Point} q */
-function hasMoved(p, q) { return !samePoints(p.source, q.source) || !samePoints(p.target, q.target); }
+function hasMoved(p: Point, q: Point) { return !samePoints(p.source, q.source) || !samePoints(p.target, q.target); }
 
-/** @param {Point | undefined} p @param {Point} q */
-function isUnmoved(p, q) { return p !== undefined && !hasMoved(p, q) && p.active === q.active; }
+function isUnmoved(p: Point | undefined, q: Point) { return p !== undefined && !hasMoved(p, q) && p.active === q.active; }
 
-/**
- * A point whose places are moved to the axis.
- * @param {Mirror} mirror
- * @param {Point} p
- * @param {Point} [old]
- */
-function centredPoint(mirror, p, old) {
+/** A point whose places are moved to the axis. */
+function centredPoint(mirror: Mirror, p: Point, old?: Point) {
   const isTaken = old && samePoints(old.source, p.source);
   return { ...p, source: isTaken ? p.source : onAxis(mirror, p.source), target: onAxis(mirror, p.target) };
 }
 
-/**
- * The point on the other side: the partner, or a new one with this id.
- * @param {Mirror} mirror
- * @param {Point} p
- * @param {Point | undefined} old
- * @param {Point | null} partner
- * @param {number} id
- */
-function mirroredPoint(mirror, p, old, partner, id) {
+/** The point on the other side: the partner, or a new one with this id. */
+function mirroredPoint(mirror: Mirror, p: Point, old: Point | undefined, partner: Point | null, id: number) {
   const target = mirrorPlace(mirror, p.target), source = mirrorPlace(mirror, p.source);
   if (partner === null) return { ...p, id, name: old ? "" : p.name, source, target, locked: false };
   const isSame = old && samePoints(old.source, p.source);

@@ -5,89 +5,64 @@ import {
   COLLAPSED, FAR_BEHIND, FLAT, LARGEST_COORDINATE, LARGEST_SET, LEAST_SPREAD, LONGEST_SHARE, MOST_GAIN,
   MOST_LEFT_OUT, MOST_MISSED, NEAREST, NEAREST_AND_EQUAL, NO_ANGLE, RESIDUAL, ROUNDING, SAME_DISPLACEMENT,
   SAME_DISTANCE, SAME_PLACE, SOFTNESS, STEEP, THIN, THIN_BEND, TINY,
-} from "./constants.js";
-import { kernelMatrix } from "./kernel_matrix.js";
-import { kernelOfTable } from "./kernel_table.js";
+} from "./constants.ts";
+import { kernelMatrix } from "./kernel_matrix.ts";
+import { kernelOfTable } from "./kernel_table.ts";
 
-/** @import { FitSettings, KernelTable, Lattice, Point, Raster, RbfFit, Vector2 } from "../types.d.ts" */
+import type { FitSettings, KernelTable, Lattice, Point, Raster, RbfFit, Vector2 } from "../types.ts";
 
 /**
  * share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
- * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels.
- * @typedef {{ title: string, order: number, compact: boolean, share: number, gaps: number,
- *   profile: (s: number) => number, slope: (s: number) => number }} Kernel
- *
- * The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span.
- * For the trend "quadratic" quadrics are the combinations of products of two coordinates that they determine, and bend
- * is the penalty of the rest.
- * @typedef {{ basis: number[][], ridge: number[][] | null, quadrics?: number[][], bend?: number[][] }} Span
- *
- * A control point with its weight, its target x and its displacement d.
- * @typedef {{ point: Point, w: number, x: number[], d: number[] }} Place
- *
- * Points made ready for a solve.
- * @typedef {Span & { n: number, merged: Place[], origin: number[], radius: number, trend: string, notes: string[],
- *   ids: number[] }} Ready
+ * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels. The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span. For the trend "quadratic" quadrics are the combinations of products of two coordinates that they determine, and bend is the penalty of the rest.
  */
+export type Kernel = { title: string, order: number, compact: boolean, share: number, gaps: number, profile: (s: number) => number, slope: (s: number) => number };
+/** A control point with its weight, its target x and its displacement d. */
+export type Span = { basis: number[][], ridge: number[][] | null, quadrics?: number[][], bend?: number[][] };
+/** Points made ready for a solve. */
+export type Place = { point: Point, w: number, x: number[], d: number[] };
+export type Ready = Span & { n: number, merged: Place[], origin: number[], radius: number, trend: string, notes: string[], ids: number[] };
 
 // ---- linear algebra: deformnb.rbf.interpolant.solve and deformnb.rbf.trends, dense ---------------------------------
 // Matrices of n rows and m columns are Float64Array of n * m, row by row; those of dim x dim are nested lists.
 
-/**
- * A matrix by its entries.
- * @param {number} dim
- * @param {(i: number, j: number) => number} entry
- */
-function rbfMatrix(dim, entry) {
+/** A matrix by its entries. */
+function rbfMatrix(dim: number, entry: (i: number, j: number) => number) {
   return Array.from({ length: dim }, (_, i) => Array.from({ length: dim }, (__, j) => entry(i, j)));
 }
 
-/** @param {number} dim */
-function rbfEye(dim) { return rbfMatrix(dim, (i, j) => Number(i === j)); }
+function rbfEye(dim: number) { return rbfMatrix(dim, (i, j) => Number(i === j)); }
 
-/** @param {number[]} p @param {number[]} q */
-function rbfDot(p, q) { return p.reduce((sum, value, k) => sum + value * q[k], 0); }
+function rbfDot(p: number[], q: number[]) { return p.reduce((sum, value, k) => sum + value * q[k], 0); }
 
-/** @param {number[][]} a @param {number[][]} b */
-function rbfTimes(a, b) {
+function rbfTimes(a: number[][], b: number[][]) {
   return rbfMatrix(a.length, (i, j) => a[i].reduce((sum, value, k) => sum + value * b[k][j], 0));
 }
 
-/** @param {number[][]} m */
-function rbfTrace(m) { return m.reduce((sum, row, k) => sum + row[k], 0); }
+function rbfTrace(m: number[][]) { return m.reduce((sum, row, k) => sum + row[k], 0); }
 
-/** @param {number[]} p @param {number[]} q */
-function rbfCross([a, b, c], [d, e, f]) { return [b * f - c * e, c * d - a * f, a * e - b * d]; }
+function rbfCross([a, b, c]: number[], [d, e, f]: number[]) { return [b * f - c * e, c * d - a * f, a * e - b * d]; }
 
-/** The sum of the outer products of images and directions. @param {number[][]} images @param {number[][]} basis */
-function rbfOuter(images, basis, dim = basis[0].length) {
+/** The sum of the outer products of images and directions. */
+function rbfOuter(images: number[][], basis: number[][], dim = basis[0].length) {
   return rbfMatrix(dim, (i, j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0));
 }
 
 /**
  * alpha (n x dim), A (dim x dim), t (dim) and the residual of relative targets x and displacements d (both n x dim).
- * @param {ReturnType<typeof kernelMatrix>} matrix
- * @param {Float64Array} x
- * @param {Float64Array} d
- * @param {Span} span
- * @param {number[][]} turn  the rotation where the points determine none
- * @param {string} kernel
- * @param {string} trend
- * @param {boolean} isSkew  the matrix is not symmetric: points have support radii of their own
+ * @param turn the rotation where the points determine none
+ * @param isSkew the matrix is not symmetric: points have support radii of their own
  */
-function rbfSolve(matrix, x, d, span, turn, kernel, trend, isSkew) {
+function rbfSolve(matrix: ReturnType<typeof kernelMatrix>, x: Float64Array, d: Float64Array, span: Span, turn: number[][], kernel: string, trend: string, isSkew: boolean) {
   const { n, dim, phi } = matrix;
   const { order } = RBF_KERNELS[kernel], whole = d, isBent = trend === "quadratic";
   const q = isBent ? rbfProducts(x, dim) : new Float64Array(0), width = q.length / n;
-  /** @type {number[][] | null} */
-  let bent = null;
+  let bent: number[][] | null = null;
   if (isBent && order < 3) {
     bent = rbfQuadraticPart(phi, x, d, q, span, isSkew);
     d = rbfWithout(d, q, bent);
     trend = "affine";
   }
-  /** @type {{ alpha: Float64Array, linear: number[][], constant: number[], bent?: number[][] | null }} */
-  let solved;
+  let solved: { alpha: Float64Array, linear: number[][], constant: number[], bent?: number[][] | null };
   if (isSkew) solved = rbfLeastSquares(phi, x, d, span, turn, trend);
   else if (order === 3) {
     solved = rbfBorderedTrend(phi, x, d, span.basis, dim, q, span.quadrics ?? []);
@@ -111,15 +86,15 @@ function rbfSolve(matrix, x, d, span, turn, kernel, trend, isSkew) {
 
 // ---- the quadratic trend: products of two coordinates: squares, then mixed ones times sqrt(2) -----------------------
 
-/** The pairs of coordinates of the products. @param {number} dim @returns {Vector2[]} */
-function rbfPairs(dim) {
+/** The pairs of coordinates of the products. */
+function rbfPairs(dim: number): Vector2[] {
   const all = Array.from({ length: dim }, (_, a) => a);
-  return [...all.map((a) => /** @type {Vector2} */ ([a, a])),
-    ...all.flatMap((a) => all.slice(0, a).map((b) => /** @type {Vector2} */ ([a, b])))];
+  return [...all.map((a) => ([a, a] as Vector2)),
+    ...all.flatMap((a) => all.slice(0, a).map((b) => ([a, b] as Vector2)))];
 }
 
-/** @param {Float64Array} x  n x dim; the products of each row come back @param {number} dim */
-function rbfProducts(x, dim) {
+/** @param x n x dim; the products of each row come back */
+function rbfProducts(x: Float64Array, dim: number) {
   const pairs = rbfPairs(dim), n = x.length / dim, out = new Float64Array(n * pairs.length);
   for (let i = 0, k = 0; i < x.length; i += dim) {
     for (const [a, b] of pairs) out[k++] = (a === b ? 1 : Math.SQRT2) * x[i + a] * x[i + b];
@@ -127,8 +102,11 @@ function rbfProducts(x, dim) {
   return out;
 }
 
-/** The symmetric matrices of all components. @param {number[][]} c  products x dim @param {number} dim */
-function rbfQuadraticForms(c, dim) {
+/**
+ * The symmetric matrices of all components.
+ * @param c products x dim
+ */
+function rbfQuadraticForms(c: number[][], dim: number) {
   const pairs = rbfPairs(dim);
   return Array.from({ length: dim }, (_, m) => {
     const form = rbfMatrix(dim, () => 0);
@@ -137,8 +115,8 @@ function rbfQuadraticForms(c, dim) {
   });
 }
 
-/** Displacements without their quadratic part. @param {Float64Array} d @param {Float64Array} q @param {number[][]} c */
-function rbfWithout(d, q, c) {
+/** Displacements without their quadratic part. */
+function rbfWithout(d: Float64Array, q: Float64Array, c: number[][]) {
   const dim = c[0].length, width = c.length;
   return Float64Array.from(d, (value, i) => {
     const m = i % dim, at = width * (i - m) / dim;
@@ -149,14 +127,9 @@ function rbfWithout(d, q, c) {
 /**
  * Factors (products x dim) of the products of least energy beside all affine maps, as deformnb.rbf.interpolant has
  * them.
- * @param {Float64Array} phi
- * @param {Float64Array} x
- * @param {Float64Array} d
- * @param {Float64Array} q
- * @param {Span} span
- * @param {boolean} isSkew  the matrix is not symmetric: by plain least squares
+ * @param isSkew the matrix is not symmetric: by plain least squares
  */
-function rbfQuadraticPart(phi, x, d, q, span, isSkew) {
+function rbfQuadraticPart(phi: Float64Array, x: Float64Array, d: Float64Array, q: Float64Array, span: Span, isSkew: boolean) {
   const n = Math.sqrt(phi.length), dim = x.length / n, count = q.length / n, all = count + dim;
   // Where the points determine none of it, all that follows would be rounding.
   if (span.quadrics?.length === 0) return Array.from({ length: count }, () => new Array(dim).fill(0));
@@ -182,8 +155,8 @@ function rbfQuadraticPart(phi, x, d, q, span, isSkew) {
   return Array.from({ length: count }, (_, k) => Array.from(c.subarray(dim * k, dim * (k + 1))));
 }
 
-/** (1, x on the span of the points), n x (1 + rank). @param {Float64Array} x @param {number[][]} basis @param {number} dim */
-function rbfAffineColumns(x, basis, dim) {
+/** (1, x on the span of the points), n x (1 + rank). */
+function rbfAffineColumns(x: Float64Array, basis: number[][], dim: number) {
   const n = x.length / dim, width = basis.length + 1, p = new Float64Array(n * width);
   for (let i = 0; i < n; i++) {
     p[i * width] = 1;
@@ -192,18 +165,10 @@ function rbfAffineColumns(x, basis, dim) {
   return p;
 }
 
-/**
- * What columns p (n x r) leave of columns b (n x m), by Gram-Schmidt, twice.
- * @param {Float64Array} p
- * @param {Float64Array} b
- * @param {number} n
- * @param {number} r
- * @param {number} m
- */
-function rbfProjected(p, b, n, r, m) {
+/** What columns p (n x r) leave of columns b (n x m), by Gram-Schmidt, twice. */
+function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m: number) {
   const e = Float64Array.from(p), out = b.slice(0, n * m);
-  /** @type {(a: Float64Array, wa: number, k: number, f: Float64Array, wf: number, j: number) => void} */
-  const remove = (a, wa, k, f, wf, j) => {
+  const remove: (a: Float64Array, wa: number, k: number, f: Float64Array, wf: number, j: number) => void = (a, wa, k, f, wf, j) => {
     let dot = 0;
     for (let i = 0; i < n; i++) dot += a[i * wa + k] * f[i * wf + j];
     for (let i = 0; i < n; i++) a[i * wa + k] -= dot * f[i * wf + j];
@@ -220,13 +185,8 @@ function rbfProjected(p, b, n, r, m) {
   return out;
 }
 
-/**
- * The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span.
- * @param {number[][]} rows
- * @param {number[][]} basis
- * @param {number} dim
- */
-function rbfQuadricSpan(rows, basis, dim) {
+/** The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span. */
+function rbfQuadricSpan(rows: number[][], basis: number[][], dim: number) {
   const n = rows.length, size = rbfSpread(rows) || 1;
   const x = Float64Array.from(rows.flat(), (value) => value / size), q = rbfProducts(x, dim), count = q.length / n;
   const rest = rbfProjected(rbfAffineColumns(x, basis, dim), q, n, basis.length + 1, count);
@@ -238,24 +198,19 @@ function rbfQuadricSpan(rows, basis, dim) {
   return { quadrics: directions.filter((_, k) => spreads[k] > FLAT), bend: rbfWeighted(directions, weights) };
 }
 
-/** The symmetric matrix with these orthonormal directions and eigenvalues. @param {number[][]} directions @param {number[]} weights */
-function rbfWeighted(directions, weights) {
+/** The symmetric matrix with these orthonormal directions and eigenvalues. */
+function rbfWeighted(directions: number[][], weights: number[]) {
   return rbfOuter(directions.map((e, k) => e.map((value) => weights[k] * value)), directions);
 }
 
-/** The penalty of a direction with this spread. @param {number} spread @param {number} limit */
-function rbfPenalty(spread, limit) {
+/** The penalty of a direction with this spread. */
+function rbfPenalty(spread: number, limit: number) {
   const s = Math.max(spread, LEAST_SPREAD);
   return s < limit ? ((limit - s) / s) ** 2 / SOFTNESS : 0;
 }
 
-/**
- * Solver of a general square system, factored once with partial pivoting.
- * @param {Float64Array} matrix
- * @param {number} n
- * @returns {(rhs: Float64Array, m: number) => Float64Array}
- */
-function rbfFactored(matrix, n) {
+/** Solver of a general square system, factored once with partial pivoting. */
+function rbfFactored(matrix: Float64Array, n: number): (rhs: Float64Array, m: number) => Float64Array {
   const a = Float64Array.from(matrix), order = Array.from({ length: n }, (_, k) => k);
   for (let c = 0; c < n; c++) {
     let pivot = c;
@@ -288,14 +243,8 @@ function rbfFactored(matrix, n) {
   };
 }
 
-/**
- * [Phi P; P^T 0] with the n x r matrix P.
- * @param {Float64Array} phi
- * @param {Float64Array} p
- * @param {number} n
- * @param {number} r
- */
-function rbfBordered(phi, p, n, r) {
+/** [Phi P; P^T 0] with the n x r matrix P. */
+function rbfBordered(phi: Float64Array, p: Float64Array, n: number, r: number) {
   const size = n + r, out = new Float64Array(size * size);
   for (let i = 0; i < n; i++) {
     for (let j = 0; j < n; j++) out[i * size + j] = phi[i * n + j];
@@ -304,20 +253,10 @@ function rbfBordered(phi, p, n, r) {
   return out;
 }
 
-/**
- * The trend of least energy.
- * @param {ReturnType<typeof kernelMatrix>} matrix
- * @param {Float64Array} x
- * @param {Float64Array} d
- * @param {Span} span
- * @param {number[][]} turn
- * @param {string} kernel
- * @param {string} trend
- */
-function rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend) {
+/** The trend of least energy. */
+function rbfLeastEnergy(matrix: ReturnType<typeof kernelMatrix>, x: Float64Array, d: Float64Array, span: Span, turn: number[][], kernel: string, trend: string) {
   const { n, dim, phi } = matrix, all = 2 * dim, w = new Float64Array(n * all), mean = new Array(all).fill(0);
-  /** @type {(out: Float64Array, width: number, first: number) => void} */
-  const fill = (out, width, first) => {
+  const fill: (out: Float64Array, width: number, first: number) => void = (out, width, first) => {
     for (let i = 0; i < n; i++) {
       out.set(x.subarray(dim * i, dim * (i + 1)), width * i + first);
       out.set(d.subarray(dim * i, dim * (i + 1)), width * i + first + dim);
@@ -360,14 +299,14 @@ function rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend) {
   return { alpha, linear, constant: rbfConstant(mean, linear) };
 }
 
-/** A linear map less the identity. @param {number[][]} m */
-function rbfLessOne(m) { return rbfMatrix(m.length, (i, j) => m[i][j] - Number(i === j)); }
+/** A linear map less the identity. */
+function rbfLessOne(m: number[][]) { return rbfMatrix(m.length, (i, j) => m[i][j] - Number(i === j)); }
 
-/** What a linear map leaves of the mean of displacements, behind the mean of places. @param {number[]} mean @param {number[][]} linear */
-function rbfConstant(mean, linear) { return linear.map((row, k) => mean[row.length + k] - rbfDot(row, mean)); }
+/** What a linear map leaves of the mean of displacements, behind the mean of places. */
+function rbfConstant(mean: number[], linear: number[][]) { return linear.map((row, k) => mean[row.length + k] - rbfDot(row, mean)); }
 
-/** Means and second moments in which all points count alike. @param {Float64Array} x @param {Float64Array} d @param {number} dim */
-function rbfPlainMoments(x, d, dim) {
+/** Means and second moments in which all points count alike. */
+function rbfPlainMoments(x: Float64Array, d: Float64Array, dim: number) {
   const n = x.length / dim, mean = new Array(2 * dim).fill(0), s = rbfMatrix(dim, () => 0), h = rbfMatrix(dim, () => 0);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) { mean[k] += x[dim * i + k] / n; mean[dim + k] += d[dim * i + k] / n; }
@@ -384,14 +323,8 @@ function rbfPlainMoments(x, d, dim) {
   return { mean, s, h };
 }
 
-/**
- * Add the plain moments as much as the points are thin: the energy of a row is that of its small wiggles.
- * @param {number[][]} s
- * @param {number[][]} h
- * @param {{ s: number[][], h: number[][] }} plain
- * @param {number[][]} ridge
- */
-function rbfSteady(s, h, plain, ridge) {
+/** Add the plain moments as much as the points are thin: the energy of a row is that of its small wiggles. */
+function rbfSteady(s: number[][], h: number[][], plain: { s: number[][], h: number[][] }, ridge: number[][]) {
   const share = rbfSingular(ridge).sigma[0], weight = 1 / rbfTrace(s), other = share / rbfTrace(plain.s);
   for (let i = 0; i < s.length; i++) {
     for (let j = 0; j < s.length; j++) {
@@ -401,16 +334,8 @@ function rbfSteady(s, h, plain, ridge) {
   }
 }
 
-/**
- * For a matrix that is not symmetric: the trend of least squares, and Phi alpha = the rest.
- * @param {Float64Array} phi
- * @param {Float64Array} x
- * @param {Float64Array} d
- * @param {Span} span
- * @param {number[][]} turn
- * @param {string} trend
- */
-function rbfLeastSquares(phi, x, d, span, turn, trend) {
+/** For a matrix that is not symmetric: the trend of least squares, and Phi alpha = the rest. */
+function rbfLeastSquares(phi: Float64Array, x: Float64Array, d: Float64Array, span: Span, turn: number[][], trend: string) {
   const dim = turn.length;
   let linear = rbfMatrix(dim, () => 0), constant = new Array(dim).fill(0);
   if (trend !== "none") {
@@ -422,21 +347,14 @@ function rbfLeastSquares(phi, x, d, span, turn, trend) {
   return { alpha: rbfFactored(phi, x.length / dim)(moved, dim), linear, constant };
 }
 
-/** Displacements without a linear part. @param {Float64Array} x @param {Float64Array} d @param {number[][]} linear */
-function rbfWithoutLinear(x, d, linear) {
+/** Displacements without a linear part. */
+function rbfWithoutLinear(x: Float64Array, d: Float64Array, linear: number[][]) {
   const dim = linear.length;
   return Float64Array.from(d, (value, i) => linear[i % dim].reduce((left, m, k) => left - m * x[i - (i % dim) + k], value));
 }
 
-/**
- * The linear map of a trend from second moments.
- * @param {number[][]} s
- * @param {number[][]} h
- * @param {Span} span
- * @param {number[][]} turn
- * @param {string} trend
- */
-function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
+/** The linear map of a trend from second moments. */
+function rbfTrendMap(s: number[][], h: number[][], { basis, ridge }: Span, turn: number[][], trend: string) {
   if (trend === "translation") return rbfEye(s.length);
   const size = rbfTrace(s);
   if (trend === "affine_exact" || (trend === "affine" && !ridge)) {
@@ -458,11 +376,8 @@ function rbfTrendMap(s, h, { basis, ridge }, turn, trend) {
 /**
  * H with the smallest turn of a row of points in space added, as much as the row is thin: see
  * deformnb.rbf.trends._held_about_a_row.
- * @param {number[][]} h
- * @param {number} size
- * @param {number[][]} ridge
  */
-function rbfHeldAboutRow(h, size, ridge) {
+function rbfHeldAboutRow(h: number[][], size: number, ridge: number[][]) {
   if (h.length === 2) return h;
   const { sigma, directions } = rbfSingular(ridge), along = directions[2]; // the penalty of the row is zero
   const image = h.map((row) => rbfDot(row, along)), length = Math.hypot(...image);
@@ -472,13 +387,8 @@ function rbfHeldAboutRow(h, size, ridge) {
   return h.map((row, i) => row.map((value, j) => value + sigma[1] * size * more[i][j]));
 }
 
-/**
- * The images of the directions of the basis under the affine trend of least energy.
- * @param {number[][]} s
- * @param {number[][]} h
- * @param {number[][]} basis
- */
-function rbfAffineImages(s, h, basis) {
+/** The images of the directions of the basis under the affine trend of least energy. */
+function rbfAffineImages(s: number[][], h: number[][], basis: number[][]) {
   const rank = basis.length, dim = s.length, small = new Float64Array(rank * rank), rhs = new Float64Array(rank * dim);
   for (let i = 0; i < rank; i++) {
     for (let j = 0; j < rank; j++) small[i * rank + j] = rbfDot(basis[i], s.map((row) => rbfDot(row, basis[j])));
@@ -491,16 +401,12 @@ function rbfAffineImages(s, h, basis) {
 /**
  * The linear map of the directions of the basis to the images, which rotates and scales the directions across with
  * them: deformnb.rbf.trends.complete.
- * @param {number[][]} images
- * @param {number[][]} basis
- * @param {number} dim
  */
-function rbfComplete(images, basis, dim) {
+function rbfComplete(images: number[][], basis: number[][], dim: number) {
   const rank = basis.length;
   if (rank === 0) return rbfEye(dim);
   if (rank === dim) return rbfOuter(images, basis);
-  /** @type {(p: number[]) => number[]} */
-  const quarter = (p) => [-p[1], p[0]];
+  const quarter: (p: number[]) => number[] = (p) => [-p[1], p[0]];
   if (dim === 2) return rbfOuter([images[0], quarter(images[0])], [basis[0], quarter(basis[0])]);
   if (rank === 1) return rbfSmallestTurn(basis[0], images[0]);
   const image = rbfCross(images[0], images[1]), scale = Math.sqrt(Math.hypot(...image)) || 1;
@@ -509,11 +415,9 @@ function rbfComplete(images, basis, dim) {
 
 /**
  * Scale times the smallest rotation that takes a unit vector to the direction of its image, by Rodrigues.
- * @param {number[]} q
- * @param {number[]} image
- * @param {number[] | null} [axis]  of half a turn, across q; without one that of coordinates farthest from q
+ * @param axis of half a turn, across q; without one that of coordinates farthest from q
  */
-function rbfSmallestTurn(q, image, axis = null) {
+function rbfSmallestTurn(q: number[], image: number[], axis: number[] | null = null) {
   const length = Math.hypot(...image), t = image.map((value) => value / (length || 1));
   const isOpposite = rbfDot(q, t) < -1 + 1e-9; // half a turn, and the rest from there
   const start = isOpposite ? q.map((value) => -value) : q, [a, b, c] = rbfCross(start, t);
@@ -528,8 +432,8 @@ function rbfSmallestTurn(q, image, axis = null) {
   return rbfTimes(turn, half).map((row) => row.map((value) => length * value));
 }
 
-/** @param {number[][]} h @param {number} size @param {number[][]} previous  where there is none */
-function rbfNearestRotation(h, size, previous) {
+/** @param previous where there is none */
+function rbfNearestRotation(h: number[][], size: number, previous: number[][]) {
   const least = NO_ANGLE * Math.max(size, Math.hypot(...h.flat())), { rotation, certainty } = rbfRotation(h);
   if (certainty > least) return rotation;
   return h.length === 2 ? previous
@@ -539,9 +443,8 @@ function rbfNearestRotation(h, size, previous) {
 /**
  * The rotation R with the largest tr(R^T H), and the sum of the two smallest stretches of H, which is zero where the
  * rotation is open.
- * @param {number[][]} h
  */
-function rbfRotation(h) {
+function rbfRotation(h: number[][]) {
   if (h.length === 2) {
     const c = h[0][0] + h[1][1], s = h[1][0] - h[0][1], certainty = Math.hypot(c, s), length = certainty || 1;
     return { rotation: [[c / length, -s / length], [s / length, c / length]], certainty };
@@ -558,15 +461,8 @@ function rbfRotation(h) {
 /**
  * The solution of the bordered system with an affine trend on the span of the points, and with the combinations of
  * products q that they determine.
- * @param {Float64Array} phi
- * @param {Float64Array} x
- * @param {Float64Array} d
- * @param {number[][]} basis
- * @param {number} dim
- * @param {Float64Array | null} [q]
- * @param {number[][]} [quadrics]
  */
-function rbfBorderedTrend(phi, x, d, basis, dim, q = null, quadrics = []) {
+function rbfBorderedTrend(phi: Float64Array, x: Float64Array, d: Float64Array, basis: number[][], dim: number, q: Float64Array | null = null, quadrics: number[][] = []) {
   const n = x.length / dim, rank = basis.length, affine = rank + 1, width = affine + quadrics.length;
   const first = rbfAffineColumns(x, basis, dim), p = new Float64Array(n * width), count = q ? q.length / n : 0;
   for (let i = 0; i < n; i++) {
@@ -578,10 +474,10 @@ function rbfBorderedTrend(phi, x, d, basis, dim, q = null, quadrics = []) {
     }
   }
   const factored = rbfFactored(rbfBordered(phi, p, n, width), n + width);
-  const solve = (/** @type {Float64Array} */ b) => {
+  const solve = (b: Float64Array) => {
     const rhs = new Float64Array(dim * (n + width));
     rhs.set(b);
-    const v = factored(rhs, dim), row = (/** @type {number} */ k) => Array.from(v.subarray(dim * k, dim * (k + 1)));
+    const v = factored(rhs, dim), row = (k: number) => Array.from(v.subarray(dim * k, dim * (k + 1)));
     const bent = Array.from({ length: count }, (_, j) => Array.from({ length: dim }, (__, m) => quadrics.reduce(
       (sum, e, k) => sum + e[j] * v[dim * (n + affine + k) + m], 0)));
     return { alpha: v.slice(0, dim * n), constant: row(n), bent: q ? bent : null,
@@ -599,8 +495,8 @@ function rbfBorderedTrend(phi, x, d, basis, dim, q = null, quadrics = []) {
     linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])) };
 }
 
-/** Orthonormal directions that span centred points. @param {number[][]} rows */
-function rbfSpan(rows) {
+/** Orthonormal directions that span centred points. */
+function rbfSpan(rows: number[][]) {
   if (rows.length < 2) return [];
   const dim = rows[0].length;
   const { sigma, directions } = rbfSingular(Array.from({ length: dim }, (_, k) => rows.map((row) => row[k])));
@@ -610,12 +506,10 @@ function rbfSpan(rows) {
 
 /**
  * Singular values of the columns of a matrix, falling, and their directions: by one-sided Jacobi, exact to rounding.
- * @param {number[][]} columns
  */
-function rbfSingular(columns) {
+function rbfSingular(columns: number[][]) {
   const count = columns.length, a = [...columns], v = a.map((_, k) => a.map((__, j) => Number(j === k)));
-  /** @type {(p: number[], q: number[]) => number} */
-  const dot = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
+  const dot: (p: number[], q: number[]) => number = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
   for (let sweep = 0, isDone = false; sweep < 8 * (count - 1) && !isDone; sweep++) {
     isDone = true;
     for (let i = 0; i < count; i++) {
@@ -641,20 +535,16 @@ function rbfSingular(columns) {
 /**
  * The principal directions of places, and their spread along each relative to the longest, in the thinner of two sets:
  * deformnb.rbf.trends.thin_directions.
- * @param {number[][]} targets
- * @param {number[][]} sources
  */
-function rbfSpreads(targets, sources) {
+function rbfSpreads(targets: number[][], sources: number[][]) {
   const [x, y] = [targets, sources].map(rbfScaled), dim = x[0].length, tiny = 1e-12; // both may be flat in one direction
-  /** @type {(p: number[][], q: number[][]) => number[][]} */
-  const moments = (p, q) => rbfMatrix(dim, (i, j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0));
+  const moments: (p: number[][], q: number[][]) => number[][] = (p, q) => rbfMatrix(dim, (i, j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0));
   const xx = moments(x, x), yy = moments(y, y), yx = moments(y, x);
   const least = 1e-9 * Math.sqrt(rbfTrace(xx) * rbfTrace(yy)); // the smallest turn where one is open
   const { rotation } = rbfRotation(yx.map((row, i) => row.map((value, j) => value + (i === j ? least : 0))));
   const back = y.map((row) => rotation.map((_, k) => row.reduce((sum, value, i) => sum + value * rotation[i][k], 0)));
   const a = rbfRelative(xx), b = rbfTrace(yy) > 0 ? rbfRelative(moments(back, back)) : a;
-  /** @type {(m: number[][], t: number) => number[][]} */
-  const more = (m, t) => m.map((row, i) => row.map((value, j) => value + (i === j ? t : 0)));
+  const more: (m: number[][], t: number) => number[][] = (m, t) => m.map((row, i) => row.map((value, j) => value + (i === j ? t : 0)));
   // 2 A (A + B)^-1 B
   const sum = more(a.map((row, i) => row.map((value, j) => value + b[i][j])), 2 * tiny).flat();
   const solved = rbfFactored(Float64Array.from(sum), dim)(Float64Array.from(more(b, tiny).flat()), dim);
@@ -663,16 +553,16 @@ function rbfSpreads(targets, sources) {
   return { spreads: sigma.map((value) => Math.sqrt(value / sigma[0])), directions };
 }
 
-/** Places centred, and about 1 in size: squares of tiny lengths would be zero. @param {number[][]} places */
-function rbfScaled(places) {
+/** Places centred, and about 1 in size: squares of tiny lengths would be zero. */
+function rbfScaled(places: number[][]) {
   const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
   const centred = places.map((p) => p.map((value, k) => value - mean[k]));
   const size = rbfSpread(centred) || 1;
   return centred.map((p) => p.map((value) => value / size));
 }
 
-/** The root mean square distance of places from their centroid; 0 for none. @param {number[][]} places */
-function rbfSpread(places) {
+/** The root mean square distance of places from their centroid; 0 for none. */
+function rbfSpread(places: number[][]) {
   if (places.length === 0) return 0;
   const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / places.length);
   const away = places.map((p) => Math.hypot(...p.map((value, k) => value - mean[k])));
@@ -680,14 +570,14 @@ function rbfSpread(places) {
   return largest && largest * Math.sqrt(away.reduce((sum, value) => sum + (value / largest) ** 2, 0) / places.length);
 }
 
-/** Second moments relative to their largest eigenvalue. @param {number[][]} m */
-function rbfRelative(m) {
+/** Second moments relative to their largest eigenvalue. */
+function rbfRelative(m: number[][]) {
   const largest = rbfSingular(m).sigma[0] || 1;
   return m.map((row) => row.map((value) => value / largest));
 }
 
-/** The rotation of the trend of a fit. @param {RbfFit} fit */
-function rbfRotationOf({ linear, support }) {
+/** The rotation of the trend of a fit. */
+function rbfRotationOf({ linear, support }: RbfFit) {
   const m = linear.map((row, i) => row.map((value, j) => Number(i === j) + value / support));
   const determinant = m.length === 2 ? m[0][0] * m[1][1] - m[0][1] * m[1][0] : rbfDot(m[0], rbfCross(m[1], m[2]));
   return determinant > 0 ? rbfRotation(m).rotation : rbfEye(m.length);
@@ -697,15 +587,12 @@ function rbfRotationOf({ linear, support }) {
 
 /**
  * The indices of the nearest neighbours of each point, nearest first, row by row; as many as are asked for, or all.
- * @param {Ready} ready
- * @param {number} most
  */
-function rbfNeighbours({ merged, n, origin, radius }, most) {
+function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
   const count = Math.min(most, n - 1), found = new Int32Array(n * count), gaps = new Float64Array(n * count).fill(Infinity);
   const dim = origin.length, x = new Float64Array(dim * n);
   merged.forEach((q, k) => { for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c] - origin[c]) / radius; });
-  /** @type {(i: number, j: number, gap: number) => void} */
-  const insert = (i, j, gap) => {
+  const insert: (i: number, j: number, gap: number) => void = (i, j, gap) => {
     let at = (i + 1) * count - 1;
     for (; at > i * count && gaps[at - 1] > gap; at--) { gaps[at] = gaps[at - 1]; found[at] = found[at - 1]; }
     gaps[at] = gap;
@@ -722,17 +609,15 @@ function rbfNeighbours({ merged, n, origin, radius }, most) {
   return { found, count };
 }
 
-/** @param {Ready} ready */
-function rbfClosest(ready) {
+function rbfClosest(ready: Ready) {
   if (ready.n < 2) return "a single point";
   const { merged } = ready, { found } = rbfNeighbours(ready, 1);
-  const gap = (/** @type {number} */ k) => rbfDistance(merged[k].x, merged[found[k]].x);
+  const gap = (k: number) => rbfDistance(merged[k].x, merged[found[k]].x);
   const least = merged.reduce((best, _, k) => (gap(k) < gap(best) ? k : best), 0);
   return `${rbfLabel(merged[least].point)} and ${rbfLabel(merged[found[least]].point)}`;
 }
 
-/** @param {Ready} ready @param {string} kernel @param {number[][]} map */
-function rbfWarnings(ready, kernel, map) {
+function rbfWarnings(ready: Ready, kernel: string, map: number[][]) {
   const notes = [], { sigma } = rbfSingular(map); // of the transpose: the singular values are the same
   const isPlain = ready.trend === "affine_exact" ||
     (["affine", "quadratic"].includes(ready.trend) && RBF_KERNELS[kernel].order >= 2);
@@ -740,9 +625,8 @@ function rbfWarnings(ready, kernel, map) {
     notes.push(`the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
       "or in one plane; the trend similarity would not");
   }
-  const spread = (/** @type {(q: Place) => number[]} */ place) => rbfSpread(ready.merged.map(place));
-  /** @type {Record<string, string>} */
-  const collapses = { affine: "the trend collapses everything to one place",
+  const spread = (place: (q: Place) => number[]) => rbfSpread(ready.merged.map(place));
+  const collapses: Record<string, string> = { affine: "the trend collapses everything to one place",
     affine_exact: "the trend collapses everything to one place",
     quadratic: "the trend collapses everything to one place",
     similarity: "the trend collapses everything to one place", rigid: "the turn is open and stays what it was" };
@@ -756,12 +640,11 @@ function rbfWarnings(ready, kernel, map) {
   return notes;
 }
 
-/** Ids of points that share a source and have different targets. @param {Ready} ready @param {number} [most] */
-function rbfTornPairs({ merged, n, ids }, most = 3) {
+/** Ids of points that share a source and have different targets. */
+function rbfTornPairs({ merged, n, ids }: Ready, most: number = 3) {
   const size = rbfDiameter(merged.map((q) => q.x)), near = SAME_PLACE * size;
   const sources = merged.map(rbfSource);
-  /** @type {Vector2[]} */
-  const found = [];
+  const found: Vector2[] = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
     for (let j = i + 1; j < n && found.length < most; j++) {
       if (Math.abs(sources[i][0] - sources[j][0]) <= near && rbfDistance(sources[i], sources[j]) <= near) {
@@ -772,19 +655,12 @@ function rbfTornPairs({ merged, n, ids }, most = 3) {
   return found;
 }
 
-/** @param {Place} place */
-function rbfSource({ x, d }) { return x.map((value, k) => value + d[k]); }
+function rbfSource({ x, d }: Place) { return x.map((value, k) => value + d[k]); }
 
-/** @param {number[]} p @param {number[]} q */
-function rbfDistance(p, q) { return Math.hypot(...p.map((value, k) => value - q[k])); }
+function rbfDistance(p: number[], q: number[]) { return Math.hypot(...p.map((value, k) => value - q[k])); }
 
-/**
- * Ids of points that are pulled past each other.
- * @param {Ready} ready
- * @param {number[][]} map
- * @param {number} [most]
- */
-function rbfCrossingPairs(ready, map, most = 3) {
+/** Ids of points that are pulled past each other. */
+function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
   const moved = merged.map(({ d, x }) => map.map((row, k) => d[k] + x[k] - rbfDot(row, x)));
@@ -813,8 +689,7 @@ function rbfCrossingPairs(ready, map, most = 3) {
 /** Points or settings that cannot be fitted, with a message for users. */
 export class RbfError extends Error {}
 
-/** @type {Record<string, Kernel>} */
-export const RBF_KERNELS = {
+export const RBF_KERNELS: Record<string, Kernel> = {
   wendland_c2: {
     title: "Wendland C2", order: 0, compact: true, share: 1, gaps: 16,
     profile: (s) => { if (s >= 1) return 0; const t = 1 - Math.sqrt(s), q = t * t; return q * q * (5 - 4 * t); },
@@ -876,14 +751,10 @@ export const RBF_KERNELS = {
   },
 };
 
-/** @type {Map<string, KernelTable>} */
-const TABLES = new Map();
+const TABLES: Map<string, KernelTable> = new Map();
 
-/**
- * The name of the kernel of settings; one that Python has registered comes with its table.
- * @param {FitSettings} settings
- */
-export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }) {
+/** The name of the kernel of settings; one that Python has registered comes with its table. */
+export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }: FitSettings) {
   if (table?.name === kernel && TABLES.get(kernel)?.numbers !== table.numbers) {
     TABLES.set(kernel, table);
     RBF_KERNELS[kernel] = kernelOfTable(table);
@@ -891,11 +762,8 @@ export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }) {
   return kernel;
 }
 
-/**
- * order: the largest order of a kernel that the trend can be paired with.
- * @type {Record<string, { title: string, order: number }>}
- */
-export const RBF_TRENDS = {
+/** order: the largest order of a kernel that the trend can be paired with. */
+export const RBF_TRENDS: Record<string, { title: string, order: number }> = {
   affine: { title: "Affine", order: 2 },
   similarity: { title: "Similarity (turn, scale, shift)", order: 1 },
   rigid: { title: "Rigid (turn, shift)", order: 1 },
@@ -907,12 +775,8 @@ export const RBF_TRENDS = {
 
 // ---- the fit --------------------------------------------------------------------------------------------------------
 
-/**
- * The fit of control points on a picture, or of dimension 3 in space. Throws RbfError.
- * @param {Point[]} points
- * @param {FitSettings & { previous?: RbfFit | null }} [settings]
- */
-export function rbfFit(points, settings = {}, dim = 2) {
+/** The fit of control points on a picture, or of dimension 3 in space. Throws RbfError. */
+export function rbfFit(points: Point[], settings: FitSettings & { previous?: RbfFit | null } = {}, dim = 2) {
   const kernel = rbfKernelOf(settings), trend = settings.trend ?? "affine";
   const smoothing = settings.smoothing ?? 0, strength = settings.strength ?? 1;
   rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
@@ -933,15 +797,8 @@ export function rbfFit(points, settings = {}, dim = 2) {
   return rbfSolvePrepared(ready, kernel, smoothing, settings.previous ?? null);
 }
 
-/**
- * Throw an RbfError for settings that do not go together.
- * @param {string} kernel
- * @param {string} trend
- * @param {number} smoothing
- * @param {number} strength
- * @param {number | "box_diagonal" | null} support
- */
-export function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
+/** Throw an RbfError for settings that do not go together. */
+export function rbfCheckSettings(kernel: string, trend: string, smoothing: number, strength: number, support: number | "box_diagonal" | null) {
   if (!Object.hasOwn(RBF_KERNELS, kernel)) {
     throw new RbfError(`unknown kernel '${kernel}'; choose one of ${Object.keys(RBF_KERNELS).join(", ")}.`);
   }
@@ -962,13 +819,12 @@ export function rbfCheckSettings(kernel, trend, smoothing, strength, support) {
   }
 }
 
-/** @param {Point} point */
-export function rbfLabel(point) {
+export function rbfLabel(point: Point) {
   return `control point ${point.id}${point.name ? ` ("${point.name}")` : ""}`;
 }
 
-/** Throw an RbfError for points that cannot be fitted. @param {Point[]} points */
-export function rbfCheckPoints(points, dim = 2) {
+/** Throw an RbfError for points that cannot be fitted. */
+export function rbfCheckPoints(points: Point[], dim = 2) {
   for (const p of points) {
     for (const [what, place] of Object.entries({ source: p.source, target: p.target })) {
       const good = Array.isArray(place) && place.length === dim &&
@@ -990,37 +846,32 @@ export function rbfCheckPoints(points, dim = 2) {
   }
 }
 
-/** @typedef {{ source: number[], target: number[], active?: boolean }} Ends */
+export type Ends = { source: number[], target: number[], active?: boolean };
 
-/**
- * The places that do not move during a drag: the active sources, or the targets if the sources coincide.
- * @param {Ends[]} points
- */
-function rbfAtRest(points) {
+/** The places that do not move during a drag: the active sources, or the targets if the sources coincide. */
+function rbfAtRest(points: Ends[]) {
   const active = points.filter((p) => p.active !== false);
   const sources = active.map((p) => p.source), targets = active.map((p) => p.target);
   return rbfSpread(sources) > SAME_PLACE * rbfSpread(targets) ? sources : targets;
 }
 
-/** The sides of the box of places; nothing for none. @param {number[][]} places */
-function rbfSizes(places) {
+/** The sides of the box of places; nothing for none. */
+function rbfSizes(places: number[][]) {
   return (places[0] ?? []).map((_, k) => places.reduce((m, p) => Math.max(m, p[k]), -Infinity) -
     places.reduce((m, p) => Math.min(m, p[k]), Infinity));
 }
 
-/** The largest distance between two places; 0 for none. @param {number[][]} places */
-function rbfDiameter(places) {
+/** The largest distance between two places; 0 for none. */
+function rbfDiameter(places: number[][]) {
   const size = rbfSpread(places);
   if (size === 0) return 0;
   const scaled = rbfScaled(places), middle = scaled[0].map(() => 0);
-  /** @type {(p: number[], q: number[]) => number} */
-  const square = (p, q) => {
+  const square: (p: number[], q: number[]) => number = (p, q) => {
     let sum = 0;
     for (let k = 0; k < p.length; k++) sum += (p[k] - q[k]) ** 2;
     return sum;
   };
-  /** @type {(from: number[]) => number[]} */
-  const farthest = (from) => scaled.reduce((far, p) => (square(p, from) > square(far, from) ? p : far), from);
+  const farthest: (from: number[]) => number[] = (from) => scaled.reduce((far, p) => (square(p, from) > square(far, from) ? p : far), from);
   const one = farthest(middle), other = farthest(one);
   const least = Math.sqrt(square(other, farthest(other))), reach = Math.sqrt(square(one, middle));
   // Others are within that distance of all.
@@ -1030,18 +881,16 @@ function rbfDiameter(places) {
   return size * Math.sqrt(most);
 }
 
-/** The support of documents of before 2.0, which depends on the axes; nothing else does. @param {Ends[]} points */
-export function rbfBoxDiagonal(points) {
+/** The support of documents of before 2.0, which depends on the axes; nothing else does. */
+export function rbfBoxDiagonal(points: Ends[]) {
   return Math.hypot(...rbfSizes(rbfAtRest(points))) || null;
 }
 
 /**
  * The usual support of points: a share of their diameter, not below the distance at which they hang together, and less
  * for points in a row.
- * @param {Point[]} points
- * @param {string} kernel
  */
-function rbfUsualSupport(points, kernel) {
+function rbfUsualSupport(points: Point[], kernel: string) {
   const places = rbfAtRest(points), size = rbfDiameter(places), { share, gaps } = RBF_KERNELS[kernel];
   if (size === 0) return null;
   const { spreads } = rbfSpreads(places, places), wide = spreads.filter((spread) => spread >= THIN).length;
@@ -1050,8 +899,8 @@ function rbfUsualSupport(points, kernel) {
   return wide === spreads.length ? usual : Math.min(usual, size * Math.min(0.5, gaps / across));
 }
 
-/** The longest edge of the shortest tree of places: the distance at which they hang together. @param {number[][]} places */
-function rbfGap(places) {
+/** The longest edge of the shortest tree of places: the distance at which they hang together. */
+function rbfGap(places: number[][]) {
   if (places.length < 2) return 0;
   const near = places.map((p) => rbfDistance(p, places[0])), waiting = places.map((_, k) => k > 0);
   let longest = 0;
@@ -1065,11 +914,8 @@ function rbfGap(places) {
   return longest;
 }
 
-/**
- * About so many of the places, by their distance from the centroid: deformnb.rbf.cross_validation.sample_of.
- * @param {number[][]} places
- */
-function rbfSample(places) {
+/** About so many of the places, by their distance from the centroid: deformnb.rbf.cross_validation.sample_of. */
+function rbfSample(places: number[][]) {
   const n = places.length;
   if (n <= MOST_LEFT_OUT) return places;
   const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / n);
@@ -1087,18 +933,15 @@ function rbfSample(places) {
 /**
  * The support radius of a set of points: as given, by a rule, as Python chose it, the usual one, or that of a lone
  * point.
- * @param {Point[]} points
- * @param {FitSettings} settings
  */
-export function rbfSupport(points, settings) {
+export function rbfSupport(points: Point[], settings: FitSettings) {
   const { support, chosen_support: chosen, lone_support: lone } = settings, kernel = rbfKernelOf(settings);
   const own = support === "box_diagonal" ? rbfBoxDiagonal(points)
     : support ?? chosen ?? rbfUsualSupport(points, kernel);
   return own ?? lone ?? null;
 }
 
-/** @param {Point[]} active @param {number | null} radius @param {string} trend */
-function rbfRadius(active, radius, trend) {
+function rbfRadius(active: Point[], radius: number | null, trend: string) {
   if (radius !== null) return radius;
   if (active.length && trend === "none") {
     throw new RbfError(`${rbfLabel(active[0])} is alone and there is no trend, so nothing determines its range; ` +
@@ -1107,17 +950,8 @@ function rbfRadius(active, radius, trend) {
   return 1; // a translation does not depend on it
 }
 
-/**
- * @param {Point[]} active
- * @param {string} kernel
- * @param {number} given  support radius
- * @param {string} trend
- * @param {number} smoothing
- * @param {number} strength
- * @param {number} dim
- * @returns {Ready}
- */
-function rbfPrepare(active, kernel, given, trend, smoothing, strength, dim) {
+/** @param given support radius */
+function rbfPrepare(active: Point[], kernel: string, given: number, trend: string, smoothing: number, strength: number, dim: number): Ready {
   const places = active.map((p) => {
     const x = strength === 1 ? [...p.target] : p.source.map((value, k) => value + strength * (p.target[k] - value));
     return { point: p, w: p.weight ?? 1, x, d: p.source.map((value, k) => value - x[k]) };
@@ -1136,8 +970,7 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength, dim) {
   const centred = merged.map((q) => q.x.map((value, k) => value - origin[k])), basis = rbfSpan(centred);
   const { ridge, where } = rbfThinness(merged, basis);
   const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where, dim);
-  /** @type {Pick<Span, "quadrics" | "bend">} */
-  const bent = name === "quadratic" ? rbfQuadricSpan(centred, basis, dim) : {};
+  const bent: Pick<Span, "quadrics" | "bend"> = name === "quadratic" ? rbfQuadricSpan(centred, basis, dim) : {};
   const open = bent.bend?.flat().some((value) => value !== 0) ? rbfOpenBend(n, kernel, dim) : [];
   return { n, merged, origin, radius, basis, ridge, ...bent, trend: name,
     notes: [...limited, ...notes, ...remark, ...open], ids: merged.map((q) => q.point.id) };
@@ -1146,10 +979,8 @@ function rbfPrepare(active, kernel, given, trend, smoothing, strength, dim) {
 /**
  * The penalty of the trend "affine" across a row of points, or in space across a flat set, and its place in words;
  * nothing for wide sets.
- * @param {Place[]} merged
- * @param {number[][]} basis
  */
-function rbfThinness(merged, basis) {
+function rbfThinness(merged: Place[], basis: number[][]) {
   if (merged.length < 2 || basis.length === 0) return { ridge: null, where: "" };
   const { spreads, directions } = rbfSpreads(merged.map((q) => q.x), merged.map(rbfSource));
   const wide = spreads.filter((spread) => spread >= THIN).length;
@@ -1158,24 +989,16 @@ function rbfThinness(merged, basis) {
     where: wide === 1 ? "on one line" : "in one plane" };
 }
 
-/**
- * Unite points at one place, found through a sort along a so that 2000 points take no longer than a few.
- * @param {Place[]} places
- * @param {number} radius
- * @param {number} reach
- * @param {number} smoothing
- */
-function rbfMerge(places, radius, reach, smoothing) {
+/** Unite points at one place, found through a sort along a so that 2000 points take no longer than a few. */
+function rbfMerge(places: Place[], radius: number, reach: number, smoothing: number) {
   const near = SAME_PLACE * reach, order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
   const parent = places.map((_, k) => k);
-  /** @type {(k: number) => number} */
-  const root = (k) => {
+  const root: (k: number) => number = (k) => {
     let top = k;
     while (parent[top] !== top) { parent[top] = parent[parent[top]]; top = parent[top]; }
     return top;
   };
-  /** @type {Vector2[]} */
-  const pairs = [];
+  const pairs: Vector2[] = [];
   order.forEach((i, at) => {
     for (let next = at + 1; next < order.length; next++) {
       const j = order[next], p = places[i].x, q = places[j].x;
@@ -1186,8 +1009,7 @@ function rbfMerge(places, radius, reach, smoothing) {
   if (pairs.length === 0) return { merged: places, notes: [] };
   if (smoothing === 0) rbfRefuseConflicts(places, pairs, radius);
   for (const [i, j] of pairs) parent[root(i)] = root(j);
-  /** @type {Map<number, Place[]>} */
-  const groups = new Map();
+  const groups: Map<number, Place[]> = new Map();
   for (const [k, q] of places.entries()) {
     const r = root(k), group = groups.get(r);
     if (group) group.push(q);
@@ -1196,8 +1018,7 @@ function rbfMerge(places, radius, reach, smoothing) {
   const merged = [], notes = [];
   for (const members of groups.values()) { // in the order of their first members
     const w = members.reduce((sum, q) => sum + q.w, 0);
-    /** @type {(key: "x" | "d") => number[]} */
-    const mean = (key) => members[0][key].map((_, k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
+    const mean: (key: "x" | "d") => number[] = (key) => members[0][key].map((_, k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
     merged.push({ point: members[0].point, w, x: mean("x"), d: mean("d") });
     if (members.length > 1) {
       notes.push(`${members.map((q) => rbfLabel(q.point)).join(", ")} are at one place and count as one`);
@@ -1206,8 +1027,7 @@ function rbfMerge(places, radius, reach, smoothing) {
   return { merged, notes };
 }
 
-/** @param {Place[]} places @param {Vector2[]} pairs @param {number} radius */
-function rbfRefuseConflicts(places, pairs, radius) {
+function rbfRefuseConflicts(places: Place[], pairs: Vector2[], radius: number) {
   for (const [i, j] of pairs) {
     const p = places[i], q = places[j];
     if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius + rbfDistance(p.x, q.x)) continue;
@@ -1217,22 +1037,12 @@ function rbfRefuseConflicts(places, pairs, radius) {
   }
 }
 
-/** @param {number} value */
-function rbfShown(value) {
+function rbfShown(value: number) {
   return String(Number(value.toPrecision(6)));
 }
 
-/**
- * The trend that so many points bear, and a remark.
- * @param {string} trend
- * @param {string} kernel
- * @param {number} n
- * @param {number} rank
- * @param {string} where
- * @param {number} dim
- * @returns {[trend: string, remarks: string[]]}
- */
-function rbfDeterminedTrend(trend, kernel, n, rank, where, dim) {
+/** The trend that so many points bear, and a remark. */
+function rbfDeterminedTrend(trend: string, kernel: string, n: number, rank: number, where: string, dim: number): [trend: string, remarks: string[]] {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
   const { order } = RBF_KERNELS[kernel];
   if (rank === 0) return [order >= 2 ? trend : "translation", ["one control point: the trend is a translation"]];
@@ -1247,8 +1057,8 @@ function rbfDeterminedTrend(trend, kernel, n, rank, where, dim) {
     "kernel with the trend affine stays calm"]];
 }
 
-/** A note where n points do not determine all of the quadratic trend. @param {number} n @param {string} kernel @param {number} dim */
-function rbfOpenBend(n, kernel, dim) {
+/** A note where n points do not determine all of the quadratic trend. */
+function rbfOpenBend(n: number, kernel: string, dim: number) {
   if (n < 2) return [];
   const least = (dim + 1) * (dim + 2) / 2;
   const curve = dim === 2 ? "one conic (an ellipse, a hyperbola, two lines)" : "one quadric (an ellipsoid, two planes)";
@@ -1259,8 +1069,7 @@ function rbfOpenBend(n, kernel, dim) {
     : "what they leave open of it is left out"}`];
 }
 
-/** @param {Ready} ready @param {string} kernel @param {string} trend @param {number} support @returns {RbfFit} */
-function rbfIdentity(ready, kernel, trend, support) {
+function rbfIdentity(ready: Ready, kernel: string, trend: string, support: number): RbfFit {
   const dim = ready.origin.length;
   const centers = Float64Array.from(ready.merged.flatMap((q) => q.x.map((value, k) => (value - ready.origin[k]) / support)));
   const radii = ready.merged.map((q) => q.point.radius ?? ready.radius), isOwn = radii.some((r) => r !== ready.radius);
@@ -1270,14 +1079,7 @@ function rbfIdentity(ready, kernel, trend, support) {
     notes: ready.notes };
 }
 
-/**
- * @param {Ready} ready
- * @param {string} kernel
- * @param {number} smoothing
- * @param {RbfFit | null} previous
- * @returns {RbfFit}
- */
-function rbfSolvePrepared(ready, kernel, smoothing, previous) {
+function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previous: RbfFit | null): RbfFit {
   const { n, radius: r } = ready;
   const fit = rbfIdentity(ready, kernel, ready.trend, r);
   const d = Float64Array.from(ready.merged.flatMap((q) => q.d), (value) => value / r), dim = ready.origin.length;
@@ -1289,8 +1091,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel].profile);
   const { alpha, linear, constant, quadratic, miss } = rbfSolve(matrix, fit.centers, d, ready, turn, kernel, ready.trend,
     radii !== null);
-  /** @type {(array: Float64Array) => number} */
-  const largest = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
+  const largest: (array: Float64Array) => number = (array) => array.reduce((most, value) => (most >= Math.abs(value) || Number.isNaN(most) ? most
     : Math.abs(value)), 0);
   if (fit.scales && !(largest(alpha) <= MOST_GAIN * largest(d))) {
     throw new RbfError("the support radii that these control points have of their own do not go together: the system " +
@@ -1304,8 +1105,7 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
   }
   const map = linear.map((row, i) => row.map((value, j) => Number(i === j) + value));
   const torn = rbfTornPairs(ready);
-  /** @type {(pair: number[]) => boolean} */
-  const isTorn = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const isTorn: (pair: number[]) => boolean = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
     ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`);
   const solved = { ...fit, coefficients: alpha.map((value) => value * r), linear: linear.map((row) => row.map((m) => m * r)),
@@ -1317,18 +1117,23 @@ function rbfSolvePrepared(ready, kernel, smoothing, previous) {
     ...rbfWarnings(ready, kernel, map)] };
 }
 
-/** Places on the way from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant. */
+/**
+ * Places on the way from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant.
+ */
 const BETWEEN = Array.from({ length: 16 }, (_, k) => (k + 0.5) / 16);
 
-/** Whether det(1 + dD/dx) <= 0 somewhere on the straight way between two points. @param {RbfFit} fit @param {number[]} pair  ids */
-function rbfFoldsBetween(fit, pair) {
+/**
+ * Whether det(1 + dD/dx) <= 0 somewhere on the straight way between two points.
+ * @param pair ids
+ */
+function rbfFoldsBetween(fit: RbfFit, pair: number[]) {
   const dim = fit.constant.length;
   const [p, q] = pair.map((id) => { const k = fit.ids.indexOf(id); return [...fit.centers.subarray(dim * k, dim * (k + 1))]; });
   return BETWEEN.some((t) => !(rbfDeterminant(rbfMapDerivative(fit, p.map((value, k) => value + t * (q[k] - value)))) > 0));
 }
 
-/** 1 + dD/dx at a place in relative coordinates, in a plane or in space. @param {RbfFit} fit @param {number[]} place */
-function rbfMapDerivative(fit, place) {
+/** 1 + dD/dx at a place in relative coordinates, in a plane or in space. */
+function rbfMapDerivative(fit: RbfFit, place: number[]) {
   const { centers: x, coefficients: alpha, count, scales, linear, quadratic, support } = fit, dim = place.length;
   const slope = RBF_KERNELS[fit.kernel].slope;
   const out = rbfMatrix(dim, (m, k) => linear[m][k] + (quadratic ? 2 * rbfDot(quadratic[m][k], place) : 0));
@@ -1340,13 +1145,12 @@ function rbfMapDerivative(fit, place) {
   return rbfMatrix(dim, (m, k) => Number(m === k) + out[m][k] / support);
 }
 
-/** The determinant of a matrix of 2 or 3 rows. @param {number[][]} m */
-function rbfDeterminant([a, b, c]) {
+/** The determinant of a matrix of 2 or 3 rows. */
+function rbfDeterminant([a, b, c]: number[][]) {
   return c ? rbfDot(a, rbfCross(b, c)) : a[0] * b[1] - a[1] * b[0];
 }
 
-/** @param {Ready} ready @param {Float64Array} miss */
-function rbfNearlySingular(ready, miss) {
+function rbfNearlySingular(ready: Ready, miss: Float64Array) {
   const { n, radius, origin: { length: dim } } = ready;
   const lengths = Array.from({ length: n }, (_, k) => Math.hypot(...miss.subarray(k * dim, (k + 1) * dim)));
   const most = radius * Math.max(...lengths);
@@ -1356,14 +1160,8 @@ function rbfNearlySingular(ready, miss) {
 
 // ---- evaluation -----------------------------------------------------------------------------------------------------
 
-/**
- * The backward displacement at a place of the picture.
- * @param {RbfFit} fit
- * @param {number} a
- * @param {number} b
- * @returns {Vector2}
- */
-export function rbfAt(fit, a, b) {
+/** The backward displacement at a place of the picture. */
+export function rbfAt(fit: RbfFit, a: number, b: number): Vector2 {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const profile = RBF_KERNELS[fit.kernel].profile;
@@ -1381,24 +1179,22 @@ export function rbfAt(fit, a, b) {
   return [u, v];
 }
 
-/** The value of a quadratic form. @param {number[][]} h  symmetric @param {number[]} place */
-export function rbfQuadraticAt(h, place) {
+/**
+ * The value of a quadratic form.
+ * @param h symmetric
+ */
+export function rbfQuadraticAt(h: number[][], place: number[]) {
   return place.reduce((sum, p, i) => sum + p * rbfDot(h[i], place), 0);
 }
 
-/**
- * The derivative of the trend at a place in relative coordinates.
- * @param {RbfFit} fit
- * @param {number} p
- * @param {number} q
- */
-export function rbfLinearAt({ quadratic, linear }, p, q) {
+/** The derivative of the trend at a place in relative coordinates. */
+export function rbfLinearAt({ quadratic, linear }: RbfFit, p: number, q: number) {
   return quadratic ? linear.map((row, m) => row.map((value, k) => value + 2 * (quadratic[m][k][0] * p +
     quadratic[m][k][1] * q))) : linear;
 }
 
-/** [[dDa/da, dDa/db], [dDb/da, dDb/db]] at a place. @param {RbfFit} fit @param {number} a @param {number} b */
-export function rbfJacobianAt(fit, a, b) {
+/** [[dDa/da, dDa/db], [dDb/da, dDb/db]] at a place. */
+export function rbfJacobianAt(fit: RbfFit, a: number, b: number) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, count, scales } = fit, slope = RBF_KERNELS[fit.kernel].slope;
   let [[m00, m01], [m10, m11]] = rbfLinearAt(fit, p, q);
@@ -1413,13 +1209,8 @@ export function rbfJacobianAt(fit, a, b) {
   return [[m00 / r, m01 / r], [m10 / r, m11 / r]];
 }
 
-/**
- * Displacements at the pixels of a raster, nv * nu * 2 numbers with the component last.
- * @param {RbfFit} fit
- * @param {Raster} raster
- * @param {Float32Array | null} [out]
- */
-export function rbfOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }, out = null) {
+/** Displacements at the pixels of a raster, nv * nu * 2 numbers with the component last. */
+export function rbfOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }: Raster, out: Float32Array | null = null) {
   const map = out ?? new Float32Array(nv * nu * 2), row = new RbfRow(fit, a, du, nu);
   for (let i = 0; i < nv; i++) row.evaluate([b + i * dv], map, 2 * nu * i);
   return map;
@@ -1427,10 +1218,9 @@ export function rbfOnRaster(fit, { shape: [nv, nu], spacing: [du, dv], origin: [
 
 /**
  * Displacements at the nodes of a lattice in space, nz * ny * nx * 3 numbers with the component last.
- * @param {RbfFit} fit  of dimension 3
- * @param {Lattice} lattice
+ * @param fit of dimension 3
  */
-export function rbfOnLattice(fit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }) {
+export function rbfOnLattice(fit: RbfFit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }: Lattice) {
   const map = new Float32Array(nx * ny * nz * 3), row = new RbfRow(fit, x, dx, nx);
   for (let k = 0, at = 0; k < nz; k++) {
     for (let j = 0; j < ny; j++, at += 3 * nx) row.evaluate([y + j * dy, z + k * dz], map, at);
@@ -1443,28 +1233,24 @@ export function rbfOnLattice(fit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], 
  * only the places that it reaches: the distance across the row is constant.
  */
 class RbfRow {
-  /**
-   * @param {RbfFit} fit
-   * @param {number} first
-   * @param {number} step
-   * @param {number} count
-   */
-  constructor(fit, first, step, count) {
+  fit: RbfFit;
+  step: number;
+  first: number;
+  sums: Float64Array<ArrayBuffer>[];
+  moving: number[];
+
+  constructor(fit: RbfFit, first: number, step: number, count: number) {
     this.fit = fit;
     this.step = step / fit.support;
     this.first = (first - fit.origin[0]) / fit.support;
     this.sums = Array.from({ length: 3 }, () => new Float64Array(count)); // of each component; in a plane the last is idle
-    const dim = fit.constant.length, isMoving = (/** @type {number} */ c) => (
+    const dim = fit.constant.length, isMoving = (c: number) => (
       fit.coefficients.subarray(dim * c, dim * (c + 1)).some((value) => value !== 0));
     this.moving = Array.from({ length: fit.count }, (_, c) => c).filter(isMoving); // centres
   }
 
-  /**
-   * @param {number[]} across  the other coordinates
-   * @param {Float32Array} out
-   * @param {number} at
-   */
-  evaluate(across, out, at) {
+  /** @param across the other coordinates */
+  evaluate(across: number[], out: Float32Array, at: number) {
     const { fit, step, first: p0, moving, sums } = this, { support, origin, centers: x, coefficients: alpha, scales } = fit;
     const place = [0, ...across.map((value, k) => (value - origin[k + 1]) / support)], [, q, r] = place;
     const dim = place.length, [us, vs, ws] = sums, { length } = us, { profile, compact } = RBF_KERNELS[fit.kernel];
@@ -1487,8 +1273,11 @@ class RbfRow {
     for (let m = 0; m < dim; m++) for (let k = 0, n = at + m; k < length; k++, n += dim) out[n] = sums[m][k];
   }
 
-  /** Begin with the trend. @param {number[]} place  relative coordinates; the first one is set here */
-  #trend(place) {
+  /**
+   * Begin with the trend.
+   * @param place relative coordinates; the first one is set here
+   */
+  #trend(place: number[]) {
     const { fit: { linear, constant, quadratic }, first, step, sums } = this;
     for (const [m, [along, ...across]] of linear.entries()) {
       const sum = sums[m], rest = across.reduce((value, a, k) => value + a * place[k + 1], constant[m]);

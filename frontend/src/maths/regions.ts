@@ -8,19 +8,17 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
-import { LARGEST_SHAPE } from "./constants.js";
+import { LARGEST_SHAPE } from "./constants.ts";
 
-/** @import { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData } from "../types.d.ts" */
+import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData } from "../types.ts";
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
 
-/** @param {MaskData} data @returns {Region} */
-function maskRegion(data) {
+function maskRegion(data: MaskData): Region {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = data, isSet = maskPixels(data);
   const outside = boxDistances(isSet, nv, nu, du, dv), inside = boxDistances(isSet.map((v) => 1 - v), nv, nu, du, dv);
   const signed = outside.map((value, k) => (isSet[k] ? -inside[k] : value));
-  /** @type {(a: number, b: number) => number} */
-  const distance = (a, b) => {
+  const distance: (a: number, b: number) => number = (a, b) => {
     const u = (a - a0) / du, v = (b - b0) / dv;
     const p = Math.max(0, Math.min(nu - 1, u)), q = Math.max(0, Math.min(nv - 1, v));
     const i = Math.min(Math.floor(q), Math.max(0, nv - 2)), j = Math.min(Math.floor(p), Math.max(0, nu - 2));
@@ -32,8 +30,8 @@ function maskRegion(data) {
   return { kind: "mask", distance, near: () => distance, isSet };
 }
 
-/** The pixels of a mask, 0 or 1. @param {MaskData} mask */
-export function maskPixels({ shape: [nv, nu], bits }) {
+/** The pixels of a mask, 0 or 1. */
+export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
   const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))), out = new Uint8Array(nv * nu);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3] >> (7 - (k & 7))) & 1;
   return out;
@@ -42,13 +40,8 @@ export function maskPixels({ shape: [nv, nu], bits }) {
 /**
  * Distance of every centre to the nearest pixel that is set, measured to its faces; 1e15 if there is none, for infinity
  * would become NaN where it is interpolated.
- * @param {Uint8Array} isSet
- * @param {number} nv
- * @param {number} nu
- * @param {number} du
- * @param {number} dv
  */
-function boxDistances(isSet, nv, nu, du, dv) {
+function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv: number) {
   const found = new Float32Array(nv * nu);
   if (!isSet.includes(1)) return found.fill(1e15);
   const above = new Int32Array(nv * nu); // the row of the nearest set pixel in the same column, -1 for none
@@ -64,8 +57,7 @@ function boxDistances(isSet, nv, nu, du, dv) {
   }
   const feet = new Int32Array(nu), from = new Float64Array(nu + 1);
   for (let i = 0; i < nv; i++) {
-    /** @type {(j: number) => number} */
-    const height = (j) => ((above[i * nu + j] - i) * dv) ** 2;
+    const height: (j: number) => number = (j) => ((above[i * nu + j] - i) * dv) ** 2;
     const row = i * nu;
     let top = -1; // the lower envelope of the columns' parabolas
     for (let j = 0; j < nu; j++) {
@@ -99,11 +91,10 @@ const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129,
   2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577];
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
-/** The data in a stream of zlib (RFC 1950, 1951). @param {Uint8Array} bytes */
-export function inflated(bytes) {
+/** The data in a stream of zlib (RFC 1950, 1951). */
+export function inflated(bytes: Uint8Array) {
   let at = 16, out = new Uint8Array(1 << 14), size = 0; // at: in bits; a header of two bytes comes first
-  /** @type {(n: number) => number} */
-  const take = (n) => {
+  const take: (n: number) => number = (n) => {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
       if (at >> 3 >= bytes.length) throw new Error("a mask ends too early");
@@ -111,8 +102,7 @@ export function inflated(bytes) {
     }
     return value;
   };
-  /** @type {(value: number) => void} */
-  const put = (value) => {
+  const put: (value: number) => void = (value) => {
     if (size === out.length) { const more = new Uint8Array(2 * size); more.set(out); out = more; }
     out[size++] = value;
   };
@@ -138,14 +128,11 @@ export function inflated(bytes) {
   return out.subarray(0, size);
 }
 
-/** @typedef {(n: number) => number} Take  the next n bits */
+/** the next n bits */
+export type Take = (n: number) => number;
 
-/**
- * A reader of the Huffman code whose symbols have these numbers of bits.
- * @param {number[]} lengths
- * @returns {(take: Take) => number}
- */
-function codeReader(lengths) {
+/** A reader of the Huffman code whose symbols have these numbers of bits. */
+function codeReader(lengths: number[]): (take: Take) => number {
   const counts = new Array(16).fill(0), table = new Map();
   for (const n of lengths) if (n) counts[n] += 1;
   const next = [0];
@@ -166,12 +153,10 @@ function fixedCodes() {
   return [codeReader(lengths), codeReader(new Array(30).fill(5))];
 }
 
-/** @param {Take} take */
-function sentCodes(take) {
+function sentCodes(take: Take) {
   const literals = take(5) + 257, distances = take(5) + 1, count = take(4) + 4, first = new Array(19).fill(0);
   for (let k = 0; k < count; k++) first[INFLATE_ORDER[k]] = take(3);
-  /** @type {number[]} */
-  const lengths = [];
+  const lengths: number[] = [];
   const read = codeReader(first);
   while (lengths.length < literals + distances) {
     const symbol = read(take);
@@ -188,14 +173,13 @@ function sentCodes(take) {
 // ---- any region -----------------------------------------------------------------------------------------------------
 
 
-/** @type {WeakMap<RegionData, Region>} */
-const regionsMade = new WeakMap();
+const regionsMade: WeakMap<RegionData, Region> = new WeakMap();
 
-/** The signed distance to a region's boundary, negative inside. @param {RegionData} data */
-export function regionDistance(data) { return regionOf(data).distance; }
+/** The signed distance to a region's boundary, negative inside. */
+export function regionDistance(data: RegionData) { return regionOf(data).distance; }
 
-/** A region made ready for use, once for each object of data. @param {RegionData} data */
-export function regionOf(data) {
+/** A region made ready for use, once for each object of data. */
+export function regionOf(data: RegionData) {
   const made = regionsMade.get(data);
   if (made) return made;
   const region = newRegion(data);
@@ -203,19 +187,16 @@ export function regionOf(data) {
   return region;
 }
 
-/** @param {RegionData} data */
-function newRegion(data) {
+function newRegion(data: RegionData) {
   if (data.kind === "half_space") return halfSpaceRegion(data);
   if (data.kind === "mask") return maskRegion(data);
   if (data.kind === "polygon" || data.kind === "line") return outlineRegion(data);
-  throw new Error(`unknown region '${/** @type {{ kind: string }} */ (data).kind}'`);
+  throw new Error(`unknown region '${(data as { kind: string }).kind}'`);
 }
 
-/** @param {HalfSpaceData} data @returns {Region} */
-function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
+function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }: HalfSpaceData): Region {
   const length = Math.hypot(na, nb), u = na / length, v = nb / length;
-  /** @type {(a: number, b: number) => number} */
-  const distance = (a, b) => (a - pa) * u + (b - pb) * v;
+  const distance: (a: number, b: number) => number = (a, b) => (a - pa) * u + (b - pb) * v;
   return { kind, distance, near: () => distance };
 }
 
@@ -225,14 +206,12 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }) {
  * The edges of an outline, twelve numbers each: from (x, y) by (dx, dy), where t in [low, high] belongs to it, the unit
  * normal to the outside, and its sums with those of the edges before and behind, which decide the side where a corner
  * is nearest.
- * @param {OutlineData} data
  */
-function outlineEdges({ kind, vertices }) {
+function outlineEdges({ kind, vertices }: OutlineData) {
   const isClosed = kind === "polygon", corners = withoutTwins(vertices, isClosed), n = corners.length;
   const count = isClosed ? n : n - 1, turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
   const data = new Float64Array(12 * count);
-  /** @type {(j: number) => number[]} */
-  const normal = (j) => {
+  const normal: (j: number) => number[] = (j) => {
     const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
     return [-turn * (q[1] - p[1]) / length, turn * (q[0] - p[0]) / length];
   };
@@ -246,30 +225,25 @@ function outlineEdges({ kind, vertices }) {
   return { count, data };
 }
 
-/** The vertices without those that repeat the one before. @param {number[][]} vertices @param {boolean} isClosed */
-function withoutTwins(vertices, isClosed) {
+/** The vertices without those that repeat the one before. */
+function withoutTwins(vertices: number[][], isClosed: boolean) {
   return vertices.filter(([a, b], k) => {
     const before = k ? vertices[k - 1] : isClosed ? vertices[vertices.length - 1] : null;
     return !before || vertices.length < 2 || before[0] !== a || before[1] !== b;
   });
 }
 
-/**
- * Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen.
- * @param {number[][]} corners
- */
-function signedArea(corners) {
+/** Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen. */
+function signedArea(corners: number[][]) {
   return corners.reduce((sum, p, k) => {
     const q = corners[(k + 1) % corners.length];
     return sum + p[0] * q[1] - p[1] * q[0];
   }, 0);
 }
 
-/** @param {OutlineData} data @returns {Region} */
-function outlineRegion(data) {
+function outlineRegion(data: OutlineData): Region {
   const edges = outlineEdges(data), all = Int32Array.from({ length: edges.count }, (_, k) => k);
-  /** @type {(some: Int32Array) => Region["distance"]} */
-  const toEdges = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
+  const toEdges: (some: Int32Array) => Region["distance"] = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
   const distance = toEdges(all), opening = data.kind === "line" && data.stops?.some(Boolean) ? openingOf(data) : null;
   return { kind: data.kind, distance, edges: edges.count, ...(opening && { opening }), near: (a, b, radius) => {
     const far = Math.abs(distance(a, b)) + 2 * radius;
@@ -280,13 +254,10 @@ function outlineRegion(data) {
 
 /**
  * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
- * @param {LineData} line
- * @returns {NonNullable<Region["opening"]>}
  */
-function openingOf({ vertices, stops = [] }) {
+function openingOf({ vertices, stops = [] }: LineData): NonNullable<Region["opening"]> {
   const corners = withoutTwins(vertices, false), n = corners.length;
-  /** @type {(p: number[], q: number[]) => number} */
-  const way = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
+  const way: (p: number[], q: number[]) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
   for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
   const ends = [[corners[1], corners[0]], [corners[n - 2], corners[n - 1]]].filter((_, k) => stops[k])
@@ -308,15 +279,13 @@ function openingOf({ vertices, stops = [] }) {
   };
 }
 
-/** @param {Float64Array} e @param {number} j @param {number} a @param {number} b */
-function edgeDistance(e, j, a, b) {
+function edgeDistance(e: Float64Array, j: number, a: number, b: number) {
   const k = 12 * j, dx = e[k + 2], dy = e[k + 3], pa = a - e[k], pb = b - e[k + 1];
   const t = Math.max(e[k + 4], Math.min(e[k + 5], (pa * dx + pb * dy) / (dx * dx + dy * dy)));
   return Math.hypot(pa - t * dx, pb - t * dy);
 }
 
-/** @param {Float64Array} e @param {Int32Array} some @param {number} a @param {number} b */
-function outlineDistance(e, some, a, b) {
+function outlineDistance(e: Float64Array, some: Int32Array, a: number, b: number) {
   let best = Infinity, at = 0, where = 0;
   for (let i = 0; i < some.length; i++) {
     const k = 12 * some[i], dx = e[k + 2], dy = e[k + 3], pa = a - e[k], pb = b - e[k + 1];
@@ -336,8 +305,8 @@ function outlineDistance(e, some, a, b) {
 
 // ---- faults of regions ----------------------------------------------------------------------------------------------
 
-/** The reason why data cannot be used as a region, in words for users; "" if they can. @param {RegionData} data */
-export function regionFault(data) {
+/** The reason why data cannot be used as a region, in words for users; "" if they can. */
+export function regionFault(data: RegionData) {
   if (data.kind === "half_space") {
     return data.normal[0] !== 0 || data.normal[1] !== 0 ? "" : "Give the line two different places.";
   }
@@ -352,12 +321,8 @@ export function regionFault(data) {
     : "This line crosses itself, or its straight continuation does, so it does not part the picture in two.";
 }
 
-/**
- * Whether two edges that are no neighbours meet; the ends of an open line continue without end.
- * @param {number[][]} corners
- * @param {boolean} isClosed
- */
-export function crossing(corners, isClosed) {
+/** Whether two edges that are no neighbours meet; the ends of an open line continue without end. */
+export function crossing(corners: number[][], isClosed: boolean) {
   const n = corners.length, count = isClosed ? n : n - 1;
   for (let i = 0; i < count; i++) {
     for (let j = i + 1; j < count; j++) {
@@ -370,16 +335,12 @@ export function crossing(corners, isClosed) {
 
 /**
  * The range of an edge's own parameter: a line's first edge continues backwards and its last one forwards, without end.
- * @param {number} j
- * @param {boolean} isClosed
- * @param {number} count
  */
-function reachOf(j, isClosed, count) {
+function reachOf(j: number, isClosed: boolean, count: number) {
   return [!isClosed && j === 0 ? -Infinity : 0, !isClosed && j === count - 1 ? Infinity : 1];
 }
 
-/** @param {number[][]} corners @param {number} i @param {number} j @param {boolean} isClosed @param {number} count */
-function edgesMeet(corners, i, j, isClosed, count) {
+function edgesMeet(corners: number[][], i: number, j: number, isClosed: boolean, count: number) {
   const n = corners.length, [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [s[0] - r[0], s[1] - r[1]], g = [r[0] - p[0], r[1] - p[1]];
   const [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
@@ -389,21 +350,14 @@ function edgesMeet(corners, i, j, isClosed, count) {
     return t >= low && t <= high && u >= from && u <= to;
   }
   if (g[0] * d[1] - g[1] * d[0] !== 0) return false; // side by side
-  /** @type {(v: number[]) => number} */
-  const along = (v) => ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
+  const along: (v: number[]) => number = (v) => ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
   const a = along(r), b = along(s), rise = Math.sign(b - a);
   const ends = [from === -Infinity ? -rise * Infinity : a, to === Infinity ? rise * Infinity : b];
   return Math.max(...ends) >= low && Math.min(...ends) <= high;
 }
 
-/**
- * Whether neighbours meet in more than their corner: the second goes straight back over the first.
- * @param {number[][]} corners
- * @param {number} i
- * @param {number} j
- * @param {number} count
- */
-function turnsBack(corners, i, j, count) {
+/** Whether neighbours meet in more than their corner: the second goes straight back over the first. */
+function turnsBack(corners: number[][], i: number, j: number, count: number) {
   const n = corners.length, [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
   const [p, q, r] = [corners[f], corners[(f + 1) % n], corners[(g + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]], e = [r[0] - q[0], r[1] - q[1]];

@@ -1,38 +1,31 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
-import { MOST_STAGES, SAME_MOTION } from "./constants.js";
-import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.js";
+import { MOST_STAGES, SAME_MOTION } from "./constants.ts";
+import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
 import {
   rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfKernelOf, rbfLabel, rbfOnRaster, rbfSupport,
-} from "./rbf.js";
-import { regionDistance } from "./regions.js";
-import { sampledAt, sampledOnRaster } from "./sampled_fit.js";
-import { placeMoved } from "./shapes.js";
+} from "./rbf.ts";
+import { regionDistance } from "./regions.ts";
+import { sampledAt, sampledOnRaster } from "./sampled_fit.ts";
+import { placeMoved } from "./shapes.ts";
 
-/** @import { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.d.ts" */
+import type { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.ts";
 
 // ---- fits beside rigid parts ----------------------------------------------------------------------------------------
 
 
-/** @type {Record<string, (value: number) => number>} */
-const RIGID_WEIGHTS = {
+const RIGID_WEIGHTS: Record<string, (value: number) => number> = {
   saturated: (value) => { const t = Math.max(0, Math.min(1, value)); return t * t * t * (t * (6 * t - 15) + 10); },
   distance: (value) => Math.max(0, value),
 };
 
-/** @param {PartData} part */
-export function partLabel(part) { return part.name ? `the rigid part "${part.name}"` : "a rigid part"; }
+export function partLabel(part: PartData) { return part.name ? `the rigid part "${part.name}"` : "a rigid part"; }
 
-/**
- * A motion done t times along one screw, backward: from where tissue is to where it was.
- * @param {Motion} motion
- * @param {number} t
- */
-function backwardMotion(motion, t) {
+/** A motion done t times along one screw, backward: from where tissue is to where it was. */
+function backwardMotion(motion: Motion, t: number) {
   if (!motion) return { m: [1, 0, 0, 1], s: [0, 0], isStill: true };
-  /** @type {(angle: number) => number[]} */
-  const path = (angle) => (Math.abs(angle) < 1e-4 ? [1 - angle * angle / 6, angle / 2]
+  const path: (angle: number) => number[] = (angle) => (Math.abs(angle) < 1e-4 ? [1 - angle * angle / 6, angle / 2]
     : [Math.sin(angle) / angle, (1 - Math.cos(angle)) / angle]);
   const [[c, minus], [s]] = motion.matrix, turn = Math.atan2((s - minus) / 2, c);
   let shift = motion.shift, angle = turn;
@@ -48,12 +41,8 @@ function backwardMotion(motion, t) {
 
 /**
  * The motion L - id of a set of parts at a place, and the weight w of the smooth displacement. `out` gets [da, db, w].
- * @param {ReadyPart[]} rigid
- * @param {number} a
- * @param {number} b
- * @param {Float64Array | number[]} out
  */
-export function partsAt(rigid, a, b, out) {
+export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Array | number[]) {
   const { length } = rigid;
   let w = 1, least = Infinity;
   for (const part of rigid) {
@@ -78,20 +67,14 @@ export function partsAt(rigid, a, b, out) {
   return out;
 }
 
-/** @param {PartData[] | undefined} parts @param {number} strength @returns {ReadyPart[]} */
-function readyParts(parts, strength) {
+function readyParts(parts: PartData[] | undefined, strength: number): ReadyPart[] {
   return (parts ?? []).filter((part) => part.enabled !== false).map((part) => ({ part, scale: 1,
     back: backwardMotion(part.motion ?? null, strength), distance: regionDistance(part.region),
     step: RIGID_WEIGHTS[part.weight ?? "saturated"], pa: 0, pb: 0, d: 0 }));
 }
 
-/**
- * The points dragged `strength` times as far; those that a part carries go as far as it does then.
- * @param {Point[]} points
- * @param {number} strength
- * @param {PartData[]} [parts]
- */
-function draggedPoints(points, strength, parts = []) {
+/** The points dragged `strength` times as far; those that a part carries go as far as it does then. */
+function draggedPoints(points: Point[], strength: number, parts: PartData[] = []) {
   if (strength === 1) return points;
   const turning = parts.filter((part) => part.motion), near = turning.length ? SAME_MOTION * sizeOf(points) : 0;
   const whole = readyParts(turning, 1), scaled = readyParts(turning, strength);
@@ -102,25 +85,20 @@ function draggedPoints(points, strength, parts = []) {
   });
 }
 
-/** Where a part takes a place. @param {ReadyPart} part @param {number[]} place */
-function forward({ back: { m, s } }, [a, b]) {
+/** Where a part takes a place. */
+function forward({ back: { m, s } }: ReadyPart, [a, b]: number[]) {
   const x = a - s[0], y = b - s[1];
   return [m[0] * x + m[2] * y, m[1] * x + m[3] * y];
 }
 
-/** Whether a part takes a point where the point goes. @param {ReadyPart} part @param {Point} point @param {number} near */
-function isCarried(part, point, near) {
+/** Whether a part takes a point where the point goes. */
+function isCarried(part: ReadyPart, point: Point, near: number) {
   const { isIn, gap } = heldBy(part, point);
   return isIn && gap <= near;
 }
 
-/**
- * The points in a part that require another displacement than the part's.
- * @param {Point[]} points
- * @param {PartData[]} parts
- * @param {number} [strength]
- */
-export function heldPoints(points, parts, strength = 1) {
+/** The points in a part that require another displacement than the part's. */
+export function heldPoints(points: Point[], parts: PartData[], strength: number = 1) {
   const ready = readyParts(parts, strength);
   return ready.length ? sortedPoints(draggedPoints(points, strength, parts), ready).refused : [];
 }
@@ -128,19 +106,16 @@ export function heldPoints(points, parts, strength = 1) {
 /**
  * The points after a part has got another motion: those that it carried, the active points in it that
  * require what it does, go on with it.
- * @param {Point[]} points
- * @param {PartData} before
- * @param {PartData} after
  */
-export function carriedPoints(points, before, after) {
+export function carriedPoints(points: Point[], before: PartData, after: PartData) {
   const [ready] = readyParts([before], 1), near = SAME_MOTION * sizeOf(points);
   if (!ready) return points;
   return points.map((p) => (p.active !== false && isCarried(ready, p, near)
     ? { ...p, target: placeMoved(after.motion, p.source) } : p));
 }
 
-/** The diagonal of the box of all sources and targets; 0 without points. @param {Point[]} points */
-function sizeOf(points) {
+/** The diagonal of the box of all sources and targets; 0 without points. */
+function sizeOf(points: Point[]) {
   const all = points.flatMap((p) => [p.source, p.target]);
   return points.length ? Math.hypot(...[0, 1].map((k) => {
     let low = Infinity, high = -Infinity;
@@ -149,28 +124,17 @@ function sizeOf(points) {
   })) : 0;
 }
 
-/**
- * Whether a point lies in a part, and how far what it requires is from what the part does.
- * @param {ReadyPart} part
- * @param {Point} point
- */
-function heldBy({ back: { m, s }, distance }, { source, target: [a, b] }) {
+/** Whether a point lies in a part, and how far what it requires is from what the part does. */
+function heldBy({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b] }: Point) {
   const x = m[0] * a + m[1] * b + s[0], y = m[2] * a + m[3] * b + s[1];
   return { isIn: distance(x, y) <= 0, gap: Math.hypot(source[0] - x, source[1] - y) };
 }
 
-/**
- * The active points beside all parts, notes on those that a part holds anyway, and the points that it refuses.
- * @param {Point[]} points
- * @param {ReadyPart[]} ready
- */
-function sortedPoints(points, ready) {
-  /** @type {Point[]} */
-  const free = [];
-  /** @type {string[]} */
-  const notes = [];
-  /** @type {{ point: Point, part: PartData }[]} */
-  const refused = [];
+/** The active points beside all parts, notes on those that a part holds anyway, and the points that it refuses. */
+function sortedPoints(points: Point[], ready: ReadyPart[]) {
+  const free: Point[] = [];
+  const notes: string[] = [];
+  const refused: { point: Point, part: PartData }[] = [];
   const size = sizeOf(points);
   for (const p of points) {
     if (p.active === false) continue;
@@ -191,14 +155,8 @@ function sortedPoints(points, ready) {
   return { free, notes, refused };
 }
 
-/**
- * The fit of control points beside rigid parts; without parts as rbfFit.
- * @param {Point[]} points
- * @param {PartData[] | undefined} parts
- * @param {FitSettings & { previous?: Fit | null }} [settings]
- * @returns {Fit}
- */
-export function rigidFit(points, parts, settings = {}) {
+/** The fit of control points beside rigid parts; without parts as rbfFit. */
+export function rigidFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null } = {}): Fit {
   const strength = settings.strength ?? 1, ready = readyParts(parts, strength);
   if (!ready.length) return rbfFit(points, settings);
   rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0, strength,
@@ -226,10 +184,8 @@ export function rigidFit(points, parts, settings = {}) {
 
 /**
  * The distance at which a part's weight is 1: the nearest control point's at the latest. The plain distance has none.
- * @param {ReadyPart} part
- * @param {Point[]} free
  */
-function partScale({ part, back: { m, s }, distance }, free) {
+function partScale({ part, back: { m, s }, distance }: ReadyPart, free: Point[]) {
   const found = free.map(({ target: [a, b] }) => distance(m[0] * a + m[1] * b + s[0], m[2] * a + m[3] * b + s[1]));
   if (part.weight === "distance") return Math.max(0, ...found) || 1;
   const scale = Math.min(part.reach || Infinity, ...found);
@@ -240,8 +196,8 @@ function partScale({ part, back: { m, s }, distance }, free) {
 
 const PARTS_WORK = new Float64Array(3);
 
-/** Whether a fit displaces nothing at all. @param {Fit} fit @returns {boolean} */
-export function isStill(fit) {
+/** Whether a fit displaces nothing at all. */
+export function isStill(fit: Fit): boolean {
   if (fit.blend) return fit.blend.fits.every((one) => !one || isStill(one));
   if (fit.stages) return fit.stages.every(isStill);
   if (fit.rigid && !fit.rigid.every(({ back }) => back.isStill)) return false;
@@ -250,14 +206,8 @@ export function isStill(fit) {
     !quadratic && linear.every((row) => row.every((v) => v === 0)));
 }
 
-/**
- * The backward displacement at a place, of any fit.
- * @param {Fit} fit
- * @param {number} a
- * @param {number} b
- * @returns {Vector2}
- */
-export function fieldAt(fit, a, b) {
+/** The backward displacement at a place, of any fit. */
+export function fieldAt(fit: Fit, a: number, b: number): Vector2 {
   if (fit.sampled) return sampledAt(fit.sampled, a, b) ?? fieldAt(fit.sampled.fit, a, b);
   if (fit.blend) return blendAt(fit.blend, a, b);
   if (fit.stages) return stagedAt(fit.stages, a, b);
@@ -270,14 +220,8 @@ export function fieldAt(fit, a, b) {
   return [da + w * u, db + w * v];
 }
 
-/**
- * The displacements at the pixels of a raster, of any fit, as of rbfOnRaster.
- * @param {Fit} fit
- * @param {Raster} raster
- * @param {Float32Array | null} [out]
- * @returns {Float32Array}
- */
-export function fieldOnRaster(fit, raster, out = null) {
+/** The displacements at the pixels of a raster, of any fit, as of rbfOnRaster. */
+export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null = null): Float32Array {
   const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2), plain = fit.base ?? fit;
   const { sampled } = fit;
   if (sampled) return sampledOnRaster(sampled, raster, map, (a, b) => fieldAt(sampled.fit, a, b));
@@ -303,14 +247,8 @@ export function fieldOnRaster(fit, raster, out = null) {
 // up in the last stage first.
 
 
-/**
- * The fit of control points in `settings.stages` stages; with one as rigidFit.
- * @param {Point[]} points
- * @param {PartData[] | undefined} parts
- * @param {FitSettings & { previous?: Fit | null }} [settings]
- * @returns {Fit}
- */
-export function stagedFit(points, parts, settings = {}) {
+/** The fit of control points in `settings.stages` stages; with one as rigidFit. */
+export function stagedFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null } = {}): Fit {
   const count = settings.stages ?? 1;
   checkDirection(settings.direction ?? "backward", parts);
   if (count === 1) return directedFit(points, parts, settings);
@@ -327,18 +265,12 @@ export function stagedFit(points, parts, settings = {}) {
     notes: [...new Set(stages.flatMap((fit) => fit.notes))] };
 }
 
-/**
- * The fit in the direction of the settings, in one stage.
- * @param {Point[]} points
- * @param {PartData[] | undefined} parts
- * @param {FitSettings & { previous?: Fit | null }} settings
- */
-function directedFit(points, parts, settings) {
+/** The fit in the direction of the settings, in one stage. */
+function directedFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null }) {
   return settings.direction === "forward" ? forwardFit(points, settings) : rigidFit(points, parts, settings);
 }
 
-/** @param {string} direction @param {PartData[] | undefined} parts */
-function checkDirection(direction, parts) {
+function checkDirection(direction: string, parts: PartData[] | undefined) {
   if (direction !== "backward" && direction !== "forward") {
     throw new RbfError(`unknown direction '${direction}' of a fit; choose one of backward, forward.`);
   }
@@ -349,8 +281,7 @@ function checkDirection(direction, parts) {
   }
 }
 
-/** @param {number} count @param {PartData[] | undefined} parts */
-function checkStages(count, parts) {
+function checkStages(count: number, parts: PartData[] | undefined) {
   if (!Number.isInteger(count) || count < 1 || count > MOST_STAGES) {
     throw new RbfError(`the stages of a step must be a whole number from 1 to ${MOST_STAGES}, got ${count}.`);
   }
@@ -361,24 +292,16 @@ function checkStages(count, parts) {
   }
 }
 
-/** The points of stage j, from 1. @param {Point[]} points @param {number} j @param {number} count */
-function partOfWay(points, j, count) {
+/** The points of stage j, from 1. */
+function partOfWay(points: Point[], j: number, count: number) {
   return points.map((p) => {
-    /** @type {(t: number) => number[]} */
-    const way = (t) => p.source.map((value, k) => value + t * (p.target[k] - value));
+    const way: (t: number) => number[] = (t) => p.source.map((value, k) => value + t * (p.target[k] - value));
     return { ...p, source: way((j - 1) / count), target: j === count ? p.target : way(j / count) };
   });
 }
 
-/**
- * The fit of stage j, with its number in error messages.
- * @param {Point[]} points
- * @param {PartData[] | undefined} parts
- * @param {FitSettings & { previous?: Fit | null }} settings
- * @param {number} j
- * @param {number} count
- */
-function stageFit(points, parts, settings, j, count) {
+/** The fit of stage j, with its number in error messages. */
+function stageFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null }, j: number, count: number) {
   try {
     return directedFit(points, parts, settings);
   } catch (error) {
@@ -387,8 +310,7 @@ function stageFit(points, parts, settings, j, count) {
   }
 }
 
-/** @param {Fit[]} stages @param {number} a @param {number} b @returns {Vector2} */
-function stagedAt(stages, a, b) {
+function stagedAt(stages: Fit[], a: number, b: number): Vector2 {
   let x = a, y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
     const [da, db] = fieldAt(stages[k], x, y);
@@ -398,8 +320,7 @@ function stagedAt(stages, a, b) {
   return [x - a, y - b];
 }
 
-/** @param {Fit[]} stages @param {Raster} raster @param {Float32Array} map */
-function stagedOnRaster(stages, raster, map) {
+function stagedOnRaster(stages: Fit[], raster: Raster, map: Float32Array) {
   const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin, before = stages.slice(0, -1);
   fieldOnRaster(stages[stages.length - 1], raster, map); // row by row, as far as its kernel reaches
   for (let i = 0, n = 0; i < nv; i++) {
@@ -416,14 +337,8 @@ function stagedOnRaster(stages, raster, map) {
 
 const TIP_MOVES = new Float64Array(16), TIP_OPENING = new Float64Array(3);
 
-/**
- * The moves of the fits of a blend, two numbers each, become one: the first two numbers.
- * @param {TipBlend} blend
- * @param {Float64Array} moves
- * @param {number} a
- * @param {number} b
- */
-function blendMoves({ openings }, moves, a, b) {
+/** The moves of the fits of a blend, two numbers each, become one: the first two numbers. */
+function blendMoves({ openings }: TipBlend, moves: Float64Array, a: number, b: number) {
   const x = a + moves[0], y = b + moves[1]; // where the tissue comes from without these cuts
   for (let k = openings.length - 1; k >= 0; k--) {
     const w = openings[k](x, y, TIP_OPENING)[0], half = 2 << k;
@@ -431,8 +346,7 @@ function blendMoves({ openings }, moves, a, b) {
   }
 }
 
-/** @param {TipBlend} blend @param {number} a @param {number} b @returns {Vector2} */
-function blendAt(blend, a, b) {
+function blendAt(blend: TipBlend, a: number, b: number): Vector2 {
   blend.fits.forEach((fit, k) => { TIP_MOVES.set(fit ? fieldAt(fit, a, b) : NO_WAY, 2 * k); });
   blendMoves(blend, TIP_MOVES, a, b);
   return [TIP_MOVES[0], TIP_MOVES[1]];
@@ -440,14 +354,10 @@ function blendAt(blend, a, b) {
 
 const NO_WAY = [0, 0];
 
-/**
- * Maps of the fits that several regions blend, while the same raster is sampled.
- * @type {WeakMap<Fit, { raster: Raster, map: Float32Array }>}
- */
-const sharedMaps = new WeakMap();
+/** Maps of the fits that several regions blend, while the same raster is sampled. */
+const sharedMaps: WeakMap<Fit, { raster: Raster, map: Float32Array }> = new WeakMap();
 
-/** @param {Fit} fit @param {Raster} raster @param {Float32Array} like */
-function sharedMap(fit, raster, like) {
+function sharedMap(fit: Fit, raster: Raster, like: Float32Array) {
   const known = sharedMaps.get(fit), size = 2 * raster.shape[0] * raster.shape[1];
   if (known && known.raster === raster && known.map.constructor === like.constructor) return known.map;
   const map = fieldOnRaster(fit, raster, like.slice(0, size));
@@ -455,8 +365,7 @@ function sharedMap(fit, raster, like) {
   return map;
 }
 
-/** @param {TipBlend} blend @param {Raster} raster @param {Float32Array} map */
-function blendOnRaster(blend, raster, map) {
+function blendOnRaster(blend: TipBlend, raster: Raster, map: Float32Array) {
   const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin;
   const maps = blend.fits.map((fit) => (fit ? sharedMap(fit, raster, map) : null)), v = TIP_MOVES;
   const count = maps.length;

@@ -3,22 +3,18 @@
 // Keys, "Cubic Convolution Interpolation for Digital Image Processing", 1981: the error falls with the third power of
 // the distance of the nodes. What is shown at rest is of the fit itself.
 
-/** @import { Fit, LayeredFit, Raster, Sampled, Vector2 } from "../types.d.ts" */
+import type { LayeredFit, Raster, Sampled, Vector2 } from "../types.ts";
 
 const PLACE_COST = 20; // evaluations of a kernel that take as long as a place between the nodes
 const FEWEST_NODES = 4; // of a side
 
 /**
  * The fits with their displacements at the nodes of a raster; where there are too few nodes, the fits themselves.
- * @param {LayeredFit} layered
- * @param {Raster} raster
- * @param {ArrayLike<number>[]} values  of each fit, nv * nu * 2 numbers as of fieldOnRaster
- * @returns {LayeredFit}
+ * @param values of each fit, nv * nu * 2 numbers as of fieldOnRaster
  */
-export function sampledFits(layered, raster, values) {
+export function sampledFits(layered: LayeredFit, raster: Raster, values: ArrayLike<number>[]): LayeredFit {
   if (Math.min(...raster.shape) < FEWEST_NODES) return layered;
-  /** @type {(one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number]} */
-  const sampled = (one, k) => ({ ...one, fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } } });
+  const sampled: (one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number] = (one, k) => ({ ...one, fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } } });
   const fits = layered.fits.map(sampled);
   const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
   return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, cost) };
@@ -29,11 +25,9 @@ const ACROSS = new Float64Array(8), DOWN = new Float64Array(8);
 
 /**
  * The first of four nodes around a place, in units of the nodes, and their weights; -1 beyond the outermost nodes.
- * @param {number} place
- * @param {number} count of the nodes
- * @param {Float64Array} w
+ * @param count of the nodes
  */
-function nodesAround(place, count, w) {
+function nodesAround(place: number, count: number, w: Float64Array) {
   if (!(place >= 0 && place <= count - 1)) return -1;
   const cell = Math.min(count - 2, Math.floor(place)), t = place - cell;
   w[0] = t * (-0.5 + t * (1 - 0.5 * t));
@@ -52,14 +46,8 @@ function nodesAround(place, count, w) {
   return Math.max(0, Math.min(count - 4, cell - 1));
 }
 
-/**
- * y + D(y) and its Jacobian at (a, b), as of fieldWithSlope; false beyond the raster.
- * @param {Sampled} sampled
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- */
-export function sampledWithSlope({ raster: { shape: [nv, nu], spacing: [du, dv], origin }, values }, a, b, out) {
+/** y + D(y) and its Jacobian at (a, b), as of fieldWithSlope; false beyond the raster. */
+export function sampledWithSlope({ raster: { shape: [nv, nu], spacing: [du, dv], origin }, values }: Sampled, a: number, b: number, out: Float64Array) {
   const j = nodesAround((a - origin[0]) / du, nu, ACROSS), i = nodesAround((b - origin[1]) / dv, nv, DOWN);
   if (i < 0 || j < 0) return false;
   let u = 0, v = 0, ua = 0, va = 0, ub = 0, vb = 0;
@@ -91,26 +79,17 @@ export function sampledWithSlope({ raster: { shape: [nv, nu], spacing: [du, dv],
 
 const PLACE = new Float64Array(6);
 
-/**
- * The displacement at (a, b), null beyond the raster.
- * @param {Sampled} sampled
- * @param {number} a
- * @param {number} b
- * @returns {Vector2 | null}
- */
-export function sampledAt(sampled, a, b) {
+/** The displacement at (a, b), null beyond the raster. */
+export function sampledAt(sampled: Sampled, a: number, b: number): Vector2 | null {
   return sampledWithSlope(sampled, a, b, PLACE) ? [PLACE[0] - a, PLACE[1] - b] : null;
 }
 
 /**
  * The displacements at the pixels of another raster, as of fieldOnRaster.
- * @param {Sampled} sampled
- * @param {Raster} raster
- * @param {Float32Array} out
- * @param {(a: number, b: number) => Vector2} exactly  the displacement beyond the nodes
+ * @param exactly the displacement beyond the nodes
  */
-export function sampledOnRaster({ raster: nodes, values }, { shape: [rows, columns], spacing: [du, dv], origin }, out,
-  exactly) {
+export function sampledOnRaster({ raster: nodes, values }: Sampled, { shape: [rows, columns], spacing: [du, dv], origin }: Raster, out: Float32Array,
+  exactly: (a: number, b: number) => Vector2) {
   const [nv, nu] = nodes.shape, across = new Float64Array(4 * columns), first = new Int32Array(columns);
   for (let j = 0; j < columns; j++) {
     first[j] = nodesAround((origin[0] + j * du - nodes.origin[0]) / nodes.spacing[0], nu, ACROSS);

@@ -1,33 +1,24 @@
 // Edits of cuts and rigid parts as plain data. Pure functions; no edit changes an object it was given.
 
-import { shownLength } from "./numbers.js";
-import { maskPixels } from "./regions.js";
+import { shownLength } from "./numbers.ts";
+import { maskPixels } from "./regions.ts";
 
-/** @import { HalfSpaceData, MaskData, Motion, OutlineData, PartData, RegionData, ShapeData } from "../types.d.ts" */
-/** @import { ShapeKind, Vector2 } from "../types.d.ts" */
+import type { HalfSpaceData, MaskData, Motion, OutlineData, PartData, RegionData, ShapeData } from "../types.ts";
+import type { ShapeKind, Vector2 } from "../types.ts";
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
 
-/**
- * The shapes with one of them changed.
- * @template {ShapeData} S
- * @param {S[]} shapes
- * @param {number} index
- * @param {Partial<NoInfer<S>>} change
- */
-export function withShape(shapes, index, change) {
+/** The shapes with one of them changed. */
+export function withShape<S extends ShapeData>(shapes: S[], index: number, change: Partial<NoInfer<S>>) {
   return shapes.map((shape, k) => (k === index ? { ...shape, ...change } : shape));
 }
 
 /**
  * The index of a shape after an edit of its list, or null: the same shape is the equal one, or the only one that was
  * changed. Python follows by the same rule (widgets/edit_messages.py).
- * @param {ShapeData[]} before
- * @param {ShapeData[]} after
- * @param {number} index
  */
-export function followedShape(before, after, index) {
+export function followedShape(before: ShapeData[], after: ShapeData[], index: number) {
   if (before[index] === undefined) return null;
   const texts = after.map((shape) => JSON.stringify(shape)), was = before.map((shape) => JSON.stringify(shape));
   const places = texts.flatMap((text, k) => (text === was[index] ? [k] : []));
@@ -36,8 +27,8 @@ export function followedShape(before, after, index) {
   return isChanged ? index : null;
 }
 
-/** A shape in a message that need only identify it: a mask without its pixels. @param {ShapeData} shape */
-export function shapeRecord(shape) {
+/** A shape in a message that need only identify it: a mask without its pixels. */
+export function shapeRecord(shape: ShapeData) {
   if (shape.region.kind !== "mask") return shape;
   const { bits, ...region } = shape.region;
   return { ...shape, region };
@@ -48,11 +39,8 @@ export function shapeRecord(shape) {
 /**
  * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has
  * none.
- * @param {RegionData} region
- * @param {number} reach
- * @returns {number[][]}
  */
-export function cornersOf(region, reach) {
+export function cornersOf(region: RegionData, reach: number): number[][] {
   if (region.kind === "half_space") {
     const [a, b] = region.point, [na, nb] = region.normal;
     return [[a - nb * reach, b + na * reach], [a + nb * reach, b - na * reach]];
@@ -60,15 +48,8 @@ export function cornersOf(region, reach) {
   return region.vertices ?? [];
 }
 
-/**
- * The region with corner k at a place.
- * @param {RegionData} region
- * @param {number} k
- * @param {number[]} place
- * @param {number} reach
- * @returns {RegionData}
- */
-export function movedCorner(region, k, place, reach) {
+/** The region with corner k at a place. */
+export function movedCorner(region: RegionData, k: number, place: number[], reach: number): RegionData {
   if (region.kind === "mask") return region;
   if (region.kind !== "half_space") {
     return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
@@ -81,80 +62,48 @@ export function movedCorner(region, k, place, reach) {
     normal: [-along[1], along[0]] };
 }
 
-/**
- * The region with a new corner between corner k and the next one.
- * @param {RegionData} region
- * @param {number} k
- * @param {number[]} place
- * @returns {RegionData}
- */
-export function insertedCorner(region, k, place) {
+/** The region with a new corner between corner k and the next one. */
+export function insertedCorner(region: RegionData, k: number, place: number[]): RegionData {
   if (!region.vertices) return region;
   return { ...region, vertices: [...region.vertices.slice(0, k + 1), [...place], ...region.vertices.slice(k + 1)] };
 }
 
-/**
- * The region without corner k; null where too few would be left.
- * @param {RegionData} region
- * @param {number} k
- * @returns {OutlineData | null}
- */
-export function removedCorner(region, k) {
+/** The region without corner k; null where too few would be left. */
+export function removedCorner(region: RegionData, k: number): OutlineData | null {
   if (!region.vertices || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
   return { ...region, vertices: region.vertices.filter((_, i) => i !== k) };
 }
 
-/** @param {RegionData} region @param {number} da @param {number} db @returns {RegionData} */
-export function movedRegion(region, da, db) {
-  /** @type {(place: number[]) => number[]} */
-  const by = ([a, b]) => [a + da, b + db];
+export function movedRegion(region: RegionData, da: number, db: number): RegionData {
+  const by: (place: number[]) => number[] = ([a, b]) => [a + da, b + db];
   if (region.kind === "half_space") return { ...region, point: by(region.point) };
   if (region.kind === "mask") return { ...region, origin: by(region.origin) };
   return { ...region, vertices: region.vertices.map(by) };
 }
 
-/**
- * The other side of a straight or open line; null for closed ones, which have only one inside.
- * @param {RegionData} region
- * @returns {RegionData | null}
- */
-export function turnedRegion(region) {
+/** The other side of a straight or open line; null for closed ones, which have only one inside. */
+export function turnedRegion(region: RegionData): RegionData | null {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
   if (region.kind !== "line") return null;
   const { stops } = region;
   return { ...region, vertices: [...region.vertices].reverse(), ...(stops && { stops: [...stops].reverse() }) };
 }
 
-/**
- * Whether a cut along a region stops at its corner k; null where the corner is no end of a line.
- * @param {RegionData} region
- * @param {number} k
- */
-export function stopsAt(region, k) {
+/** Whether a cut along a region stops at its corner k; null where the corner is no end of a line. */
+export function stopsAt(region: RegionData, k: number) {
   if (region.kind !== "line" || (k !== 0 && k !== region.vertices.length - 1)) return null;
   return region.stops?.[k === 0 ? 0 : 1] ?? false;
 }
 
-/**
- * The region of a cut that stops at its corner k, or does not; null where the corner is no end of a line.
- * @param {RegionData} region
- * @param {number} k
- * @param {boolean} isStop
- * @returns {RegionData | null}
- */
-export function withStop(region, k, isStop) {
+/** The region of a cut that stops at its corner k, or does not; null where the corner is no end of a line. */
+export function withStop(region: RegionData, k: number, isStop: boolean): RegionData | null {
   if (region.kind !== "line" || stopsAt(region, k) === null) return null;
   const { kind, vertices, stops = [false, false] } = region, next = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
   return { kind, vertices, ...(next.some(Boolean) && { stops: next }) };
 }
 
-/**
- * Places evenly spread along a line, of an open one with both ends.
- * @param {number[][]} vertices
- * @param {number} count
- * @param {boolean} isClosed
- */
-export function placesAlong(vertices, count, isClosed) {
+/** Places evenly spread along a line, of an open one with both ends. */
+export function placesAlong(vertices: number[][], count: number, isClosed: boolean) {
   const line = isClosed ? [...vertices, vertices[0]] : vertices;
   return Array.from({ length: count }, (_, k) => alongLine(line, k / (isClosed ? count : count - 1)).place);
 }
@@ -162,22 +111,20 @@ export function placesAlong(vertices, count, isClosed) {
 /**
  * The places of points that open a cut: `pulled`, one on either side of its middle and where each is dragged to, and
  * `held` around them, in a box.
- * @param {number[][]} vertices  of the cut
- * @param {number[]} box  [a0, a1, b0, b1]
+ * @param vertices of the cut
+ * @param box [a0, a1, b0, b1]
  */
-export function openingPlaces(vertices, [a0, a1, b0, b1]) {
+export function openingPlaces(vertices: number[][], [a0, a1, b0, b1]: number[]) {
   const first = vertices[0], last = vertices[vertices.length - 1], chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
   const { place: middle, way } = alongLine(vertices, 0.5);
   const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way, half = chord / 2 || 1;
   const low = [a0, b0], high = [a1, b1];
-  /** Towards a side, u being the way across, and no farther than the box. @type {(way: number[]) => number} */
-  const room = (across) => Math.min(...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w
+  /** Towards a side, u being the way across, and no farther than the box. */
+  const room: (way: number[]) => number = (across) => Math.min(...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w
     : w < 0 ? (low[c] - middle[c]) / w : Infinity)));
-  /** @type {(along: number, across: number) => number[]} */
-  const at = (along, across) => [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map(
+  const at: (along: number, across: number) => number[] = (along, across) => [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map(
     (x, c) => Math.min(high[c], Math.max(low[c], x)));
-  /** @type {{ from: number[], to: number[] }[]} */
-  const pulled = [];
+  const pulled: { from: number[], to: number[] }[] = [];
   const held = [at(-1.4 * half, 0), at(1.4 * half, 0)];
   for (const side of [-1, 1]) {
     const reach = Math.min(1.2 * half, 0.9 * room([-side * v, side * u]));
@@ -190,10 +137,9 @@ export function openingPlaces(vertices, [a0, a1, b0, b1]) {
 
 /**
  * A place on a line at a share of its length, and the direction there.
- * @param {number[][]} vertices
- * @param {number} share  0 to 1
+ * @param share 0 to 1
  */
-function alongLine(vertices, share) {
+function alongLine(vertices: number[][], share: number) {
   const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k][0], b - vertices[k][1]));
   let left = share * lengths.reduce((sum, length) => sum + length, 0), k = 0;
   while (k < lengths.length - 1 && left > lengths[k]) left -= lengths[k++];
@@ -205,34 +151,33 @@ function alongLine(vertices, share) {
 // A part is turned about its pivot by an angle, from the a-axis to the b-axis and so clockwise on the screen, and then
 // shifted. The pivot is a place of the region, before the motion.
 
-/** The motion of a shape; null of a cut, and of a part that is fixed or switched off. @param {ShapeData} shape */
-export function motionOf(shape) { return "motion" in shape && shape.enabled ? shape.motion : null; }
+/** The motion of a shape; null of a cut, and of a part that is fixed or switched off. */
+export function motionOf(shape: ShapeData) { return "motion" in shape && shape.enabled ? shape.motion : null; }
 
-/** Where a motion takes a place. @param {Motion} motion @param {number[]} place @returns {Vector2} */
-export function placeMoved(motion, [a, b]) {
+/** Where a motion takes a place. */
+export function placeMoved(motion: Motion, [a, b]: number[]): Vector2 {
   if (!motion) return [a, b];
   const { matrix: [[c, d], [e, f]], shift: [s, t] } = motion;
   return [c * a + d * b + s, e * a + f * b + t];
 }
 
-/** A direction as it was before a motion. @param {Motion} motion @param {number[]} way @returns {Vector2} */
-export function wayBefore(motion, [a, b]) {
+/** A direction as it was before a motion. */
+export function wayBefore(motion: Motion, [a, b]: number[]): Vector2 {
   if (!motion) return [a, b];
   const { matrix: [[c, d], [e, f]] } = motion;
   return [c * a + e * b, d * a + f * b];
 }
 
-/** The place that a motion takes to this one. @param {Motion} motion @param {number[]} place */
-export function placeBefore(motion, [a, b]) {
+/** The place that a motion takes to this one. */
+export function placeBefore(motion: Motion, [a, b]: number[]) {
   const [s, t] = motion?.shift ?? [0, 0];
   return wayBefore(motion, [a - s, b - t]);
 }
 
-/** Middles of masks: all pixels are counted once. @type {WeakMap<MaskData, Vector2>} */
-const maskMiddles = new WeakMap();
+/** Middles of masks: all pixels are counted once. */
+const maskMiddles: WeakMap<MaskData, Vector2> = new WeakMap();
 
-/** @param {MaskData} mask @returns {Vector2} */
-function maskMiddle(mask) {
+function maskMiddle(mask: MaskData): Vector2 {
   const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = mask, isSet = maskPixels(mask);
   let count = 0, columns = 0, rows = 0;
   for (let i = 0; i < nv; i++) {
@@ -241,8 +186,8 @@ function maskMiddle(mask) {
   return [a0 + du * columns / (count || 1), b0 + dv * rows / (count || 1)];
 }
 
-/** The middle of a region, as of widgets/studio/panels/shapes.py. @param {RegionData} region @returns {number[]} */
-export function middleOfRegion(region) {
+/** The middle of a region, as of widgets/studio/panels/shapes.py. */
+export function middleOfRegion(region: RegionData): number[] {
   if (region.kind === "half_space") return region.point;
   if (region.kind === "mask") {
     const middle = maskMiddles.get(region) ?? maskMiddle(region);
@@ -259,29 +204,23 @@ export function middleOfRegion(region) {
   return [a / (3 * sum), b / (3 * sum)];
 }
 
-/** The place about which a part is turned, before its motion. @param {PartData} part */
-export function pivotOf(part) { return part.pivot ?? middleOfRegion(part.region); }
+/** The place about which a part is turned, before its motion. */
+export function pivotOf(part: PartData) { return part.pivot ?? middleOfRegion(part.region); }
 
-/** The motion of a part as an angle about its pivot, in radians, and a shift. @param {PartData} part */
-export function turnAndShift(part) {
+/** The motion of a part as an angle about its pivot, in radians, and a shift. */
+export function turnAndShift(part: PartData) {
   const { motion } = part, [a, b] = pivotOf(part), [x, y] = placeMoved(motion, [a, b]);
   return { angle: motion ? Math.atan2(motion.matrix[1][0], motion.matrix[0][0]) : 0, shift: [x - a, y - b] };
 }
 
-/**
- * A part turned by an angle and shifted, whatever its motion was.
- * @param {PartData} part
- * @param {number} angle
- * @param {number[]} shift
- * @returns {PartData}
- */
-export function partTurned(part, angle, [da, db]) {
+/** A part turned by an angle and shifted, whatever its motion was. */
+export function partTurned(part: PartData, angle: number, [da, db]: number[]): PartData {
   const [a, b] = pivotOf(part), c = Math.cos(angle), s = Math.sin(angle);
   return { ...part, motion: { matrix: [[c, -s], [s, c]], shift: [a + da - c * a + s * b, b + db - s * a - c * b] } };
 }
 
-/** "moved 12, -3.5, turned 15\u00b0"; "" of a part that is where it was. @param {PartData} part */
-export function motionWords(part) {
+/** "moved 12, -3.5, turned 15\u00b0"; "" of a part that is where it was. */
+export function motionWords(part: PartData) {
   const { angle, shift } = turnAndShift(part), degrees = shownLength(angle * 180 / Math.PI);
   const by = shift.map(shownLength).map((text) => text.replace(/^-0$/, "0"));
   return [by.some((text) => text !== "0") ? `moved ${by.join(", ")}` : "",
@@ -290,27 +229,16 @@ export function motionWords(part) {
 
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
-/**
- * The half plane on the other side of the line from p to q than a place.
- * @param {number[]} p
- * @param {number[]} q
- * @param {number[]} place
- * @returns {HalfSpaceData}
- */
-export function fixedSideThrough(p, q, place) {
+/** The half plane on the other side of the line from p to q than a place. */
+export function fixedSideThrough(p: number[], q: number[], place: number[]): HalfSpaceData {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;
   return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
     normal: n.map((v) => (isTowards ? v : -v) + 0) };
 }
 
-/**
- * The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker).
- * @param {number[][]} path
- * @param {number} tolerance
- * @returns {number[][]}
- */
-export function simplified(path, tolerance) {
+/** The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
+export function simplified(path: number[][], tolerance: number): number[][] {
   if (path.length < 3) return path;
   const [p, q] = [path[0], path[path.length - 1]], d = [q[0] - p[0], q[1] - p[1]], size = d[0] * d[0] + d[1] * d[1];
   let far = -1, at = 0;
@@ -325,19 +253,17 @@ export function simplified(path, tolerance) {
 
 // ---- words ----------------------------------------------------------------------------------------------------------
 
-/** @param {{ name: string }} shape @param {ShapeKind} what @param {number} index */
-export function shapeName(shape, what, index) { return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`; }
+export function shapeName(shape: { name: string }, what: ShapeKind, index: number) { return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`; }
 
-/** @type {Record<string, string>} */
-const REGION_WORDS = { line: "open line", polygon: "closed line", half_space: "half plane", mask: "mask" };
+const REGION_WORDS: Record<string, string> = { line: "open line", polygon: "closed line", half_space: "half plane", mask: "mask" };
 
-/** Where a cut stops, in words. @param {boolean[]} stops */
-function stopWords([first, last]) {
+/** Where a cut stops, in words. */
+function stopWords([first, last]: boolean[]) {
   return first && last ? "stops at both ends" : first ? "stops at its first end" : last ? "stops at its last end" : "";
 }
 
-/** The label of a shape for screen readers. @param {ShapeData} shape @param {ShapeKind} what @param {number} index */
-export function shapeLabel(shape, what, index) {
+/** The label of a shape for screen readers. */
+export function shapeLabel(shape: ShapeData, what: ShapeKind, index: number) {
   const { region } = shape, corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
   const sort = SHAPE_NAMES[what], name = shape.name ? ` ${shape.name}` : "";
   const stops = region.kind === "line" && region.stops ? stopWords(region.stops) : "";

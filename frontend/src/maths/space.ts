@@ -1,62 +1,34 @@
 // Points in space and their places in the pictures of a volume. Pure functions of plain lists.
 
-import { dot } from "./camera.js";
-import { shownLength } from "./numbers.js";
-import { changed } from "./points.js";
+import { dot } from "./camera.ts";
+import { shownLength } from "./numbers.ts";
+import { changed } from "./points.ts";
 
-/** @import { FlatPoint, PaneInfo, Point, RbfFit, Vector3 } from "../types.d.ts" */
+import type { FlatPoint, PaneInfo, Point, RbfFit, Vector3 } from "../types.ts";
 
-/**
- * The coordinates [a, b, c] in a picture of a place in space.
- * @param {PaneInfo} pane
- * @param {number[]} place
- * @returns {Vector3}
- */
-export function inPane({ origin, u, v, n }, place) {
+/** The coordinates [a, b, c] in a picture of a place in space. */
+export function inPane({ origin, u, v, n }: PaneInfo, place: number[]): Vector3 {
   const from = place.map((x, k) => x - origin[k]);
   return [dot(from, u), dot(from, v), dot(from, n)];
 }
 
-/**
- * The place in space of coordinates in a picture.
- * @param {PaneInfo} pane
- * @param {number[]} place
- */
-export function fromPane({ origin, u, v, n }, [a, b, c]) {
+/** The place in space of coordinates in a picture. */
+export function fromPane({ origin, u, v, n }: PaneInfo, [a, b, c]: number[]) {
   return origin.map((o, k) => o + a * u[k] + b * v[k] + c * n[k]);
 }
 
-/**
- * The displacement in space of a displacement in a picture: it never leads out of the picture's plane.
- * @param {PaneInfo} pane
- * @param {number} da
- * @param {number} db
- */
-export function wayInPane({ u, v }, da, db) { return u.map((x, k) => da * x + db * v[k]); }
+/** The displacement in space of a displacement in a picture: it never leads out of the picture's plane. */
+export function wayInPane({ u, v }: PaneInfo, da: number, db: number) { return u.map((x, k) => da * x + db * v[k]); }
 
-/**
- * Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space.
- * @param {Point[]} points
- * @param {number[]} ids
- * @param {number[]} way
- * @param {string} [what]
- */
-export function movedInSpace(points, ids, way, what = "target") {
-  /** @type {(place: number[]) => number[]} */
-  const by = (place) => place.map((x, k) => x + way[k]);
+/** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */
+export function movedInSpace(points: Point[], ids: number[], way: number[], what: string = "target") {
+  const by: (place: number[]) => number[] = (place) => place.map((x, k) => x + way[k]);
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
 }
 
-/**
- * Targets rotated in a picture (clockwise there) and scaled in space, about their middle.
- * @param {Point[]} points
- * @param {number[]} ids
- * @param {PaneInfo} pane
- * @param {number} angle
- * @param {number} [factor]
- */
-export function turnedInSpace(points, ids, pane, angle, factor = 1) {
+/** Targets rotated in a picture (clockwise there) and scaled in space, about their middle. */
+export function turnedInSpace(points: Point[], ids: number[], pane: PaneInfo, angle: number, factor: number = 1) {
   const chosen = points.filter((p) => ids.includes(p.id)), c = factor * Math.cos(angle), s = factor * Math.sin(angle);
   const about = inPane(pane, [0, 1, 2].map((k) => chosen.reduce((sum, p) => sum + p.target[k], 0) / chosen.length));
   return changed(points, ids, (p) => {
@@ -67,18 +39,14 @@ export function turnedInSpace(points, ids, pane, angle, factor = 1) {
 
 /**
  * A fit in space, in another frame.
- * @param {RbfFit} fit
- * @param {number[][]} axes  of the frame, which are orthonormal
- * @param {number[]} origin  of the frame
- * @returns {RbfFit}
+ * @param axes of the frame, which are orthonormal
+ * @param origin of the frame
  */
-export function fitInFrame(fit, axes, origin) {
-  const turned = (/** @type {number[]} */ v) => axes.map((axis) => dot(axis, v));
-  /** @type {(vectors: Float64Array) => Float64Array} */
-  const allTurned = (vectors) => Float64Array.from(vectors, (_, i) => (
+export function fitInFrame(fit: RbfFit, axes: number[][], origin: number[]): RbfFit {
+  const turned = (v: number[]) => axes.map((axis) => dot(axis, v));
+  const allTurned: (vectors: Float64Array) => Float64Array = (vectors) => Float64Array.from(vectors, (_, i) => (
     dot(axes[i % 3], Array.from(vectors.subarray(i - (i % 3), i - (i % 3) + 3)))));
-  /** @type {(m: number[][]) => number[][]} */
-  const seen = (m) => axes.map((left) => axes.map((right) => dot(left, m.map((row) => dot(row, right)))));
+  const seen: (m: number[][]) => number[][] = (m) => axes.map((left) => axes.map((right) => dot(left, m.map((row) => dot(row, right)))));
   const forms = fit.quadratic?.map(seen);
   return { ...fit, centers: allTurned(fit.centers), coefficients: allTurned(fit.coefficients), linear: seen(fit.linear),
     constant: turned(fit.constant), origin: turned(fit.origin.map((x, k) => x - origin[k])),
@@ -86,12 +54,8 @@ export function fitInFrame(fit, axes, origin) {
       dot(axis, forms.map((form) => form[i][j])))))) : null };
 }
 
-/**
- * The points with the sources of other points of the same ids, which Python has found meanwhile.
- * @param {Point[]} points
- * @param {Point[]} known
- */
-export function withSources(points, known) {
+/** The points with the sources of other points of the same ids, which Python has found meanwhile. */
+export function withSources(points: Point[], known: Point[]) {
   const sources = new Map(known.map((p) => [p.id, p.source]));
   return points.map((p) => {
     const source = sources.get(p.id);
@@ -101,12 +65,9 @@ export function withSources(points, known) {
 
 /**
  * A point as it is drawn in a picture.
- * @param {Point} p
- * @param {PaneInfo} pane
- * @param {number | null} depth  of the slice; null in pictures of the whole volume
- * @returns {FlatPoint}
+ * @param depth of the slice; null in pictures of the whole volume
  */
-export function flatPoint(p, pane, depth) {
+export function flatPoint(p: Point, pane: PaneInfo, depth: number | null): FlatPoint {
   const target = inPane(pane, p.target), source = inPane(pane, p.source);
   const away = depth === null ? 0 : target[2] - depth;
   const isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
@@ -117,30 +78,28 @@ export function flatPoint(p, pane, depth) {
 
 /**
  * The opacity of a point that far from the slice: 1 on it, never less than a third.
- * @param {number} away
- * @param {number} depth  of the volume
+ * @param depth of the volume
  */
-export function clearness(away, depth) { return Math.max(0.34, 1 - 3 * Math.abs(away) / Math.max(depth, 1e-9)); }
+export function clearness(away: number, depth: number) { return Math.max(0.34, 1 - 3 * Math.abs(away) / Math.max(depth, 1e-9)); }
 
 const SIDES = [["L", "R"], ["P", "A"], ["S", "I"]]; // of a patient, along growing and falling x, y, z
 
-/** @param {number[]} way */
-function wayInWords(way) {
+function wayInWords(way: number[]) {
   const parts = way.map((x, k) => (Math.abs(x) < 0.05 ? "" : `${shownLength(Math.abs(x))} ${SIDES[k][x > 0 ? 0 : 1]}`));
   const shown = parts.filter(Boolean);
   return shown.length ? `dragged ${shown.join(", ")}` : "not dragged";
 }
 
-/** The label of a point in a picture for screen readers. @param {FlatPoint} point */
-export function spaceLabel({ whole: p, isFar, away }) {
+/** The label of a point in a picture for screen readers. */
+export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
   const way = p.target.map((x, k) => x - p.source[k]);
   const far = isFar ? `, ${shownLength(Math.abs(away))} off the slice` : "";
   return `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(shownLength).join(", ")}, ${wayInWords(way)}` +
     `${far}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
 }
 
-/** The tip of a point in a picture. @param {FlatPoint} point */
-export function spaceTip({ whole: p, isFar, away }) {
+/** The tip of a point in a picture. */
+export function spaceTip({ whole: p, isFar, away }: FlatPoint) {
   const way = p.target.map((x, k) => x - p.source[k]);
   const far = isFar ? `; ${shownLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
   return `${p.name || `point ${p.id}`}: ${wayInWords(way)}${p.active ? "" : "; switched off"}` +

@@ -1,28 +1,20 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
-import { marginOf, regionKey } from "./cuts.js";
-import { forwardEnd, forwardWithSlope } from "./forward_fit.js";
-import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.js";
-import { fieldAt, partsAt } from "./rigid_stages.js";
-import { sampledWithSlope } from "./sampled_fit.js";
+import { marginOf, regionKey } from "./cuts.ts";
+import { forwardEnd, forwardWithSlope } from "./forward_fit.ts";
+import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.ts";
+import { fieldAt, partsAt } from "./rigid_stages.ts";
+import { sampledWithSlope } from "./sampled_fit.ts";
 
-/** @import { Fit, LayeredFit, RbfFit, TipBlend } from "../types.d.ts" */
+import type { Fit, LayeredFit, RbfFit, TipBlend } from "../types.ts";
 
-/** @type {LayeredFit} */
-export const NO_CUTS = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [],
+export const NO_CUTS: LayeredFit = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [],
   count: 0, hasRest: false };
 
 const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
 
-/**
- * y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences.
- * @param {Fit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- * @returns {Float64Array}
- */
-export function fieldWithSlope(fit, a, b, out) {
+/** y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences. */
+export function fieldWithSlope(fit: Fit, a: number, b: number, out: Float64Array): Float64Array {
   if (fit.sampled) return sampledWithSlope(fit.sampled, a, b, out) ? out : fieldWithSlope(fit.sampled.fit, a, b, out);
   if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
@@ -48,14 +40,8 @@ export function fieldWithSlope(fit, a, b, out) {
 
 const STAGE_WORK = new Float64Array(6);
 
-/**
- * The same of stages, by the chain rule: the last comes first.
- * @param {Fit[]} stages
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- */
-function stagedWithSlope(stages, a, b, out) {
+/** The same of stages, by the chain rule: the last comes first. */
+function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array) {
   const t = STAGE_WORK;
   let m00 = 1, m01 = 0, m10 = 0, m11 = 1, x = a, y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
@@ -70,14 +56,8 @@ function stagedWithSlope(stages, a, b, out) {
 
 const TIP_WORK = Array.from({ length: 8 }, () => new Float64Array(6)), TIP_OPENING = new Float64Array(3);
 
-/**
- * The same of fits blended at the tips of cuts, by the product rule.
- * @param {TipBlend} blend
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- */
-function blendWithSlope({ fits, openings }, a, b, out) {
+/** The same of fits blended at the tips of cuts, by the product rule. */
+function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out: Float64Array) {
   fits.forEach((fit, k) => {
     if (fit) fieldWithSlope(fit, a, b, TIP_WORK[k]);
     else TIP_WORK[k].set([a, b, 1, 0, 0, 1]);
@@ -99,14 +79,8 @@ function blendWithSlope({ fits, openings }, a, b, out) {
   return out;
 }
 
-/**
- * The same of a plain fit, in one pass over the centres.
- * @param {RbfFit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} out
- */
-function mapWithSlope(fit, a, b, out) {
+/** The same of a plain fit, in one pass over the centres. */
+function mapWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
   const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const { profile, slope } = RBF_KERNELS[fit.kernel];
@@ -139,14 +113,10 @@ function mapWithSlope(fit, a, b, out) {
  * The place where the feature at (a, b) of the input appears: y with y + D(y) = (a, b), by damped Newton steps; in
  * stages, where these do not converge, one after the other. Returns false where none was found; a fold may have no such
  * place.
- * @param {Fit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} at  the start, then y
- * @param {number} tolerance
- * @param {Float64Array} [work]  gets the last result of fieldWithSlope
+ * @param at the start, then y
+ * @param work gets the last result of fieldWithSlope
  */
-export function mapInverse(fit, a, b, at, tolerance, work) {
+export function mapInverse(fit: Fit, a: number, b: number, at: Float64Array, tolerance: number, work?: Float64Array) {
   if (fit.forward && !fit.sampled && !fit.blend && !fit.stages) {
     const isFound = forwardEnd(fit.forward, a, b, at);
     if (isFound && work) forwardWithSlope(fit.forward, at[0], at[1], work);
@@ -160,15 +130,7 @@ export function mapInverse(fit, a, b, at, tolerance, work) {
   return newtonInverse(fit, a, b, at, tolerance, work);
 }
 
-/**
- * @param {Fit} fit
- * @param {number} a
- * @param {number} b
- * @param {Float64Array} at
- * @param {number} tolerance
- * @param {Float64Array} [work]
- */
-function newtonInverse(fit, a, b, at, tolerance, work) {
+function newtonInverse(fit: Fit, a: number, b: number, at: Float64Array, tolerance: number, work?: Float64Array) {
   const t = work ?? new Float64Array(6);
   fieldWithSlope(fit, at[0], at[1], t);
   let error = Math.hypot(t[0] - a, t[1] - b);
@@ -193,10 +155,10 @@ function newtonInverse(fit, a, b, at, tolerance, work) {
 
 /**
  * The lines of a grid of square cells over a box.
- * @param {number[]} box  [a0, a1, b0, b1]
- * @param {number} cells  along its longer side
+ * @param box [a0, a1, b0, b1]
+ * @param cells along its longer side
  */
-function gridLines(box, cells) {
+function gridLines(box: number[], cells: number) {
   const [a0, a1, b0, b1] = box, size = Math.max(a1 - a0, b1 - b0) / cells;
   const across = Math.max(1, Math.round((a1 - a0) / size)), down = Math.max(1, Math.round((b1 - b0) / size));
   const lines = [];
@@ -211,14 +173,8 @@ function gridLines(box, cells) {
   return lines;
 }
 
-/**
- * Move a place along with its image, by the last result of fieldWithSlope.
- * @param {Float64Array} at
- * @param {number} da
- * @param {number} db
- * @param {Float64Array} slope
- */
-export function follow(at, da, db, [, , j00, j01, j10, j11]) {
+/** Move a place along with its image, by the last result of fieldWithSlope. */
+export function follow(at: Float64Array, da: number, db: number, [, , j00, j01, j10, j11]: Float64Array) {
   const det = j00 * j11 - j01 * j10, isFlat = !(Math.abs(det) > 1e-3);
   at[0] += isFlat ? da : (j11 * da - j01 * db) / det;
   at[1] += isFlat ? db : (j00 * db - j10 * da) / det;
@@ -226,18 +182,13 @@ export function follow(at, da, db, [, , j00, j01, j10, j11]) {
 
 /**
  * The grid on the deformed picture: each line as runs of places, broken where the map folds and at cuts.
- * @param {LayeredFit} layered
- * @param {number[]} box
- * @param {number} cells
- * @param {number} parts  pieces of a line per cell
- * @param {number} tolerance
+ * @param parts pieces of a line per cell
  */
-export function deformedGrid(layered, box, cells, parts, tolerance) {
+export function deformedGrid(layered: LayeredFit, box: number[], cells: number, parts: number, tolerance: number) {
   const work = new Float64Array(6);
   return gridLines(box, cells).map(({ from, to, pieces, isEdge }) => {
     const n = pieces * parts;
-    /** @type {number[][]} */
-    const runs = [];
+    const runs: number[][] = [];
     for (const { first, last, k } of piecesOfLine(layered, from, to, n)) {
       const count = Math.max(1, Math.ceil((last - first) * n - 1e-9));
       traceLine(layered, k, (j) => {
@@ -251,20 +202,13 @@ export function deformedGrid(layered, box, cells, parts, tolerance) {
 
 /**
  * The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
- * @param {LayeredFit} layered
- * @param {number[]} from
- * @param {number[]} to
- * @param {number} n
  */
-function piecesOfLine(layered, from, to, n) {
+function piecesOfLine(layered: LayeredFit, from: number[], to: number[], n: number) {
   if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
-  /** @type {(t: number) => number} */
-  const keyAt = (t) => regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
-  /** @type {{ first: number, last: number, k: number }[]} */
-  const found = [];
+  const keyAt: (t: number) => number = (t) => regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
+  const found: { first: number, last: number, k: number }[] = [];
   let first = 0, key = keyAt(0);
-  /** @type {(last: number) => void} */
-  const end = (last) => { found.push({ first, last, k: layered.byKey.get(key) ?? -1 }); };
+  const end: (last: number) => void = (last) => { found.push({ first, last, k: layered.byKey.get(key) ?? -1 }); };
   for (let i = 1; i <= n; i++) {
     const next = keyAt(i / n);
     if (next === key) continue;
@@ -285,21 +229,13 @@ function piecesOfLine(layered, from, to, n) {
 /**
  * Trace a line through fit k (-1: what does not move) and add its runs. Each place is found from the one before it and
  * the slope there, so that Newton's method has a step to do at most.
- * @param {LayeredFit} layered
- * @param {number} k
- * @param {(j: number) => number[]} place  of the line, j from 0 to count
- * @param {number} count
- * @param {number} tolerance
- * @param {Float64Array} work
- * @param {number[][]} runs
+ * @param place of the line, j from 0 to count
  */
-function traceLine(layered, k, place, count, tolerance, work, runs) {
+function traceLine(layered: LayeredFit, k: number, place: (j: number) => number[], count: number, tolerance: number, work: Float64Array, runs: number[][]) {
   const fit = k < 0 ? null : layered.fits[k].fit, at = new Float64Array(2), hasCuts = layered.regions.length > 0;
-  /** @type {number[] | null} */
-  let run = null;
+  let run: number[] | null = null;
   let before = place(0);
-  /** @type {(x: number, y: number) => boolean} */
-  const find = (x, y) => {
+  const find: (x: number, y: number) => boolean = (x, y) => {
     if (!fit) { at[0] = x; at[1] = y; return true; }
     if (run) follow(at, x - before[0], y - before[1], work);
     else startFrom(fit, x, y, at);
@@ -308,15 +244,14 @@ function traceLine(layered, k, place, count, tolerance, work, runs) {
     at[1] = y;
     return mapInverse(fit, x, y, at, tolerance, work);
   };
-  const begin = (/** @type {number[]} */ places) => { runs.push(places); return places; };
+  const begin = (places: number[]) => { runs.push(places); return places; };
   for (let j = 0; j <= count; j++) {
     const [x, y] = place(j);
     const isSeen = find(x, y) && (!hasCuts || isSeenFrom(layered, k, at[0], at[1]));
     // Where other tissue begins to cover the line, it is followed to the very place.
     if (hasCuts && j > 0 && isSeen !== (run !== null) && fit) {
       let low = j - 1, high = j;
-      /** @type {number[]} */
-      let edge = []; // the last place that is seen
+      let edge: number[] = []; // the last place that is seen
       const kept = run, [a, b] = at;
       run = null;
       for (let turn = 0; turn < 6; turn++) {
@@ -341,14 +276,8 @@ function traceLine(layered, k, place, count, tolerance, work, runs) {
   }
 }
 
-/**
- * Whether a place of the result shows what fit k (-1: what does not move) has brought there.
- * @param {LayeredFit} layered
- * @param {number} k
- * @param {number} a
- * @param {number} b
- */
-function isSeenFrom(layered, k, a, b) {
+/** Whether a place of the result shows what fit k (-1: what does not move) has brought there. */
+function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
   const own = regionKey(layered, a, b), at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
   if (at < 0) return true; // what does not move is covered by what comes
@@ -360,26 +289,22 @@ function isSeenFrom(layered, k, a, b) {
 
 export const LONGEST_ARM = 0.9; // of a cell, tip to tip of a cross
 
-/** The cells of the grid that gridLines draws: [across, down]. @param {number[]} box @param {number} cells */
-export function gridShape([a0, a1, b0, b1], cells) {
+/** The cells of the grid that gridLines draws: [across, down]. */
+export function gridShape([a0, a1, b0, b1]: number[], cells: number) {
   const size = Math.max(a1 - a0, b1 - b0) / cells;
   return [Math.max(1, Math.round((a1 - a0) / size)), Math.max(1, Math.round((b1 - b0) / size))];
 }
 
 /**
  * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of a node that is not seen is meaningless.
- * @param {LayeredFit | null} layered
- * @param {number[]} box
- * @param {number} cells
- * @param {number} tolerance
  */
-export function gridPlaces(layered, box, cells, tolerance) {
+export function gridPlaces(layered: LayeredFit | null, box: number[], cells: number, tolerance: number) {
   const [a0, a1, b0, b1] = box, [across, down] = gridShape(box, cells), columns = across + 1, rows = down + 1;
   const count = columns * rows, source = new Float64Array(2 * count), target = new Float64Array(2 * count);
   const isSeen = new Uint8Array(count), work = new Float64Array(6), at = new Float64Array(2);
   const { regions } = layered ?? NO_CUTS;
-  /** @type {Fit | null} the fit of the node before, whose slope is in `work` */
-  let last = null;
+  /** the fit of the node before, whose slope is in `work` */
+  let last: Fit | null = null;
   for (let n = 0; n < count; n++) {
     const x = a0 + (a1 - a0) * (n % columns) / across, y = b0 + (b1 - b0) * Math.floor(n / columns) / down;
     source.set([x, y], 2 * n);
@@ -400,23 +325,13 @@ export function gridPlaces(layered, box, cells, tolerance) {
   return { columns, rows, source, target, isSeen };
 }
 
-/**
- * The number of the fit of the region of a place, -1 for none.
- * @param {LayeredFit | null} layered
- * @param {number} x
- * @param {number} y
- */
-function fitFrom(layered, x, y) {
+/** The number of the fit of the region of a place, -1 for none. */
+function fitFrom(layered: LayeredFit | null, x: number, y: number) {
   return layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1;
 }
 
-/**
- * The place where the tissue of a place is seen, null where it is not.
- * @param {LayeredFit | null} layered
- * @param {number[]} source
- * @param {number} tolerance
- */
-export function placeSeen(layered, [x, y], tolerance) {
+/** The place where the tissue of a place is seen, null where it is not. */
+export function placeSeen(layered: LayeredFit | null, [x, y]: number[], tolerance: number) {
   const k = fitFrom(layered, x, y), at = new Float64Array(2);
   if (!layered || k < 0) return [x, y];
   const { fit } = layered.fits[k];
@@ -426,8 +341,8 @@ export function placeSeen(layered, [x, y], tolerance) {
   return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [...at] : null;
 }
 
-/** A first guess of the inverse. @param {Fit} fit @param {number} x @param {number} y @param {Float64Array} at */
-function startFrom(fit, x, y, at) {
+/** A first guess of the inverse. */
+function startFrom(fit: Fit, x: number, y: number, at: Float64Array) {
   const [da, db] = fieldAt(fit, x, y);
   at[0] = x - da;
   at[1] = y - db;
@@ -436,10 +351,8 @@ function startFrom(fit, x, y, at) {
 /**
  * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where
  * the map folds or the node is not seen.
- * @param {LayeredFit | null} layered
- * @param {{ source: Float64Array, target: Float64Array, isSeen: Uint8Array }} places
  */
-export function strainsAt(layered, { source, target, isSeen }) {
+export function strainsAt(layered: LayeredFit | null, { source, target, isSeen }: { source: Float64Array, target: Float64Array, isSeen: Uint8Array }) {
   const count = isSeen.length, stretch = new Float64Array(2 * count).fill(NaN), angle = new Float64Array(count);
   const work = new Float64Array(6);
   for (let n = 0; n < count; n++) {
@@ -459,15 +372,15 @@ export function strainsAt(layered, { source, target, isSeen }) {
   return { stretch, angle };
 }
 
-/** A plain factor by which the longest arm is nearly a cell long. @param {{ stretch: Float64Array }} strains */
-export function strainGain({ stretch }) {
+/** A plain factor by which the longest arm is nearly a cell long. */
+export function strainGain({ stretch }: { stretch: Float64Array }) {
   const known = [...stretch].filter(Number.isFinite).map((s) => Math.abs(s - 1)).sort((p, q) => p - q);
   const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 0;
   return most > 1e-9 ? plainNumber(Math.min(1e4, LONGEST_ARM / most)) : 1;
 }
 
-/** The largest of 1, 2, 5, 10, ... up to a positive number. @param {number} most */
-export function plainNumber(most) {
+/** The largest of 1, 2, 5, 10, ... up to a positive number. */
+export function plainNumber(most: number) {
   const power = 10 ** Math.floor(Math.log10(most));
   return Number((power * ([5, 2].find((step) => step * power <= most * (1 + 1e-9)) ?? 1)).toPrecision(3));
 }

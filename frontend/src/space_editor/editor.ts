@@ -1,23 +1,24 @@
 // The editor in space: three linked pictures of a volume with the same points.
 // To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
 
-/** @import { Model, PaneInfo, Point, PointsDetail } from "../types.d.ts" */
-/** @import { ToolEntry } from "../ui/toolbar.js" */
-/** @import { Line, PaneData } from "./pane.js" */
+import type { Model, PaneInfo, Point, PointsDetail } from "../types.ts";
+import type { Change } from "../sync/edits.ts";
+import type { ToolEntry } from "../ui/toolbar.ts";
+import type { Line, PaneData } from "./pane.ts";
 
-import { EditorDrawing, initialize } from "../editor/base.js";
-import { NEARLY_FOLDED } from "../maths/constants.js";
-import { shownLength } from "../maths/numbers.js";
-import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.js";
-import { flatPoint, fromPane, inPane, withSources } from "../maths/space.js";
-import { publishPoints, settingsOf } from "../sync/bus.js";
-import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.js";
-import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.js";
-import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.js";
-import { Toolbar } from "../ui/toolbar.js";
-import { SpacePane } from "./pane.js";
-import { SpacePointTools } from "./point_tools.js";
-import { PaneGestures, spaceKey } from "./pointer.js";
+import { EditorDrawing, initialize } from "../editor/base.ts";
+import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.ts";
+import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";
+import { publishPoints, settingsOf } from "../sync/bus.ts";
+import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.ts";
+import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
+import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import { Toolbar } from "../ui/toolbar.ts";
+import { SpacePane } from "./pane.ts";
+import { SpacePointTools } from "./point_tools.ts";
+import { PaneGestures, spaceKey } from "./pointer.ts";
 
 const LEAST_HEIGHT = 140; // CSS pixels of a picture
 const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
@@ -25,11 +26,9 @@ const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coa
 const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
-/** @type {Record<string, string>} */
-const SPACE_PROJECTIONS = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };
+const SPACE_PROJECTIONS: Record<string, string> = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };
 
-/** @type {ToolEntry[][]} */
-const SPACE_GROUPS = [
+const SPACE_GROUPS: ToolEntry[][] = [
   [["add", "Add", "Add points: click where", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points", false, "selection"],
@@ -44,8 +43,7 @@ const SPACE_GROUPS = [
   [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
 ];
 
-/** @type {ToolEntry[][]} */
-const SPACE_MORE = [
+const SPACE_MORE: ToolEntry[][] = [
   [["mirror", "Mirror", "Do the same on both sides of a plane", true],
     ["mirror-axis", "Mirror another way", "Lay the plane of the mirror across the next axis", false],
     ["snap", "Snap to a lattice", "Targets keep to the nodes of a lattice", true]],
@@ -57,54 +55,63 @@ const SPACE_MORE = [
 
 /**
  * Remarks of Python: the least det J and the share of the volume that folds, the place where it folds most, a sentence.
- * @typedef {{ folds?: [number, number] | null, worst?: number[] | null, note?: string, isBad?: boolean }} Facts
  */
+export type Facts = { folds?: [number, number] | null, worst?: number[] | null, note?: string, isBad?: boolean };
 
-/**
- * A request for other pictures.
- * @typedef {{ cursor?: number[], projection?: string, original?: boolean }} ViewRequest
- */
+/** A request for other pictures. */
+export type ViewRequest = { cursor?: number[], projection?: string, original?: boolean };
 
 export class SpaceEditorView extends EditorDrawing {
+  host: HTMLElement;
+  selected: Set<number>;
+  selection: RestingTrait;
+  points: Point[];
+  panes: PaneInfo[];
+  cursor: number[];
+  pointTools: SpacePointTools;
+  toolbar: Toolbar;
+  chooser: HTMLSelectElement;
+  row: HTMLDivElement;
+  pictures: SpacePane[];
+  gestures: PaneGestures[];
+  wait: HTMLDivElement;
+  input: HTMLInputElement;
+  help: HelpPanel;
+  factsLine: HTMLSpanElement;
+  foldFact: HTMLSpanElement;
+  notes: HTMLDivElement;
+  observer: ResizeObserver;
+
   id = Math.random().toString(36).slice(2, 12);
   closed = new AbortController();
-  /** @type {(() => void)[]} */
-  #ends = []; // of listening
-  /** @type {Point[] | null} the points before the drag, or null */
-  drag0 = null;
+  #ends: (() => void)[] = []; // of listening
+  /** the points before the drag, or null */
+  drag0: Point[] | null = null;
   isAdding = false;
   isSelecting = false;
   isSpaceDown = false;
-  /** @type {{ id: number, pane: SpacePane } | null} the point that is being named */
-  renamed = null;
-  /** @type {Facts} */
-  facts = {};
+  /** the point that is being named */
+  renamed: { id: number, pane: SpacePane } | null = null;
+  facts: Facts = {};
   shownCount = 0; // of the messages with pictures
-  /** @type {Set<string>} the places that were sent */
-  looked = new Set();
-  /** @type {(ViewRequest & { moving: boolean }) | null} the request that waits */
-  pendingLook = null;
+  /** the places that were sent */
+  looked: Set<string> = new Set();
+  /** the request that waits */
+  pendingLook: (ViewRequest & { moving: boolean }) | null = null;
   waitingSince = -Infinity; // milliseconds
   lookTimer = 0;
   slowTimer = 0;
   isSlow = false; // whether pictures have been waited for long
 
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  constructor(model: Model, el: HTMLElement) {
     super(model);
     this.host = el;
-    /** @type {Set<number>} */
     this.selected = new Set(model.get("selected"));
     this.selection = new RestingTrait(model, "selected");
     this.sender.receive();
-    /** @type {Point[]} */
     this.points = this.sender.points;
-    /** @type {PaneInfo[]} */
     this.panes = model.get("panes");
-    /** @type {number[]} the place that the slices meet at */
+    /** the place that the slices meet at */
     this.cursor = [...model.get("cursor")];
     this.pointTools = new SpacePointTools(this);
     el.classList.add("dnb-ed-host");
@@ -145,13 +152,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   #followModel() {
     const { model, bus, sender } = this;
-    /**
-     * @param {string} name
-     * @param {(...given: any[]) => void} handler
-     */
-    const on = (name, handler) => {
-      /** @param {any[]} given */
-      const guarded = (...given) => this.guard(() => handler(...given));
+    const on = (name: string, handler: (...given: any[]) => void) => {
+      const guarded = (...given: any[]) => this.guard(() => handler(...given));
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
@@ -165,26 +167,20 @@ export class SpaceEditorView extends EditorDrawing {
     for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) {
       on(`change:${name}`, () => this.invalidate());
     }
-    const moved = (/** @type {CustomEvent<PointsDetail>} */ event) => {
+    const moved = (event: CustomEvent<PointsDetail>) => {
       this.guard(() => this.#receiveMove(event.detail));
     };
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
     sender.greet();
     const news = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
-    this.#ends.push(sender.listen((what) => this.guard(news[what])));
+    this.#ends.push(sender.listen((what: Change) => this.guard(news[what])));
   }
 
   #followPage() {
     const { signal } = this.closed;
-    /**
-     * @template {keyof HTMLElementEventMap} K
-     * @param {EventTarget} target
-     * @param {K} name
-     * @param {(event: HTMLElementEventMap[K]) => void} handler
-     */
-    const listen = (target, name, handler) => target.addEventListener(
-      name, (event) => this.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))), { signal });
+    const listen = <K extends keyof HTMLElementEventMap>(target: EventTarget, name: K, handler: (event: HTMLElementEventMap[K]) => void) => target.addEventListener(
+      name, (event) => this.guard(() => handler((event as HTMLElementEventMap[K]))), { signal });
     listen(this.chooser, "change", () => this.look({ projection: this.chooser.value }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
@@ -281,8 +277,7 @@ export class SpaceEditorView extends EditorDrawing {
       pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
   }
 
-  /** @param {[number, number] | null | undefined} folds */
-  #describeFolds(folds) {
+  #describeFolds(folds: [number, number] | null | undefined) {
     const [least, share] = folds ?? [1, 0], value = `min det J ${least.toFixed(2)}`;
     this.foldFact.classList.toggle("dnb-ed-bad", least <= 0);
     this.foldFact.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
@@ -310,11 +305,9 @@ export class SpaceEditorView extends EditorDrawing {
 
   /**
    * Make an edit. Returns whether there is one.
-   * @param {Point[]} points
-   * @param {string} kind
-   * @param {string | null} join edits with the same are undone as one
+   * @param join edits with the same are undone as one
    */
-  edit(points, kind = "move", join = null) {
+  edit(points: Point[], kind: string = "move", join: string | null = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
       this.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
@@ -324,27 +317,22 @@ export class SpaceEditorView extends EditorDrawing {
     return true;
   }
 
-  /** @param {"undo" | "redo"} way */
-  stepHistory(way) {
+  stepHistory(way: "undo" | "redo") {
     if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
     this.announce(way === "undo" ? "undone" : "redone");
   }
 
   beginDrag() { if (!this.isLocked) this.drag0 = this.points; }
 
-  /** Show points on their way. @param {Point[]} points */
-  show(points) {
+  /** Show points on their way. */
+  show(points: Point[]) {
     this.points = points;
     this.#publish("move");
     this.sender.move(points);
     this.invalidate();
   }
 
-  /**
-   * @param {boolean} isCancelled
-   * @param {string} kind
-   */
-  endDrag(isCancelled, kind = "move") {
+  endDrag(isCancelled: boolean, kind: string = "move") {
     const before = this.drag0, points = this.points;
     this.drag0 = null;
     if (!before) return;
@@ -356,18 +344,13 @@ export class SpaceEditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /** @param {"move" | "end"} phase */
-  #publish(phase) {
+  #publish(phase: "move" | "end") {
     const { id: origin, points, model } = this;
     publishPoints(this.bus, { origin, points, settings: settingsOf(model), fit: null, phase });
   }
 
-  /**
-   * Let the user name a point.
-   * @param {number} id
-   * @param {SpacePane} pane
-   */
-  rename(id, pane) {
+  /** Let the user name a point. */
+  rename(id: number, pane: SpacePane) {
     const p = this.points.find((q) => q.id === id);
     if (!p || this.isLocked) return;
     const { target: [a, b] } = flatPoint(p, pane.info, null), { k, x, y } = pane.view;
@@ -382,8 +365,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.input.select();
   }
 
-  /** @param {boolean} isKept */
-  endRename(isKept) {
+  endRename(isKept: boolean) {
     if (this.input.hidden || !this.renamed) return;
     const { id, pane } = this.renamed, hadFocus = treeOf(this.root).activeElement === this.input;
     this.input.hidden = true;
@@ -393,11 +375,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   // ---- selection and commands ---------------------------------------------------------------------------------------
 
-  /**
-   * @param {number[] | null} ids
-   * @param {boolean} isShared whether Python gets it
-   */
-  select(ids, isShared = true) {
+  /** @param isShared whether Python gets it */
+  select(ids: number[] | null, isShared: boolean = true) {
     const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
@@ -406,26 +385,23 @@ export class SpaceEditorView extends EditorDrawing {
     this.selection.sendSoon([...this.selected]);
   }
 
-  /** @param {number} id */
-  toggleSelected(id) {
+  toggleSelected(id: number) {
     this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
   }
 
-  /** The points of a command: the selected, or the one in focus if it is not among them. @param {number | null} id */
-  chosenIds(id) { return id !== null && !this.selected.has(id) ? [id] : [...this.selected]; }
+  /** The points of a command: the selected, or the one in focus if it is not among them. */
+  chosenIds(id: number | null) { return id !== null && !this.selected.has(id) ? [id] : [...this.selected]; }
 
   /**
    * Run a command of the toolbar (`focused` is null then) or of a key.
-   * @param {string} command
-   * @param {number | null} focused the point in focus
+   * @param focused the point in focus
    */
-  run(command, focused) {
+  run(command: string, focused: number | null) {
     const ids = this.chosenIds(focused), { points, pictures, pointTools: tools } = this;
     const chosenOrAll = ids.length ? ids : points.map((p) => p.id);
     if (focused === null && this.toolbar.isOff(command)) return;
     const active = this.paneOf(document.activeElement);
-    /** @type {Record<string, () => void>} */
-    const commands = {
+    const commands: Record<string, () => void> = {
       add: () => this.setAdding(!this.isAdding), select: () => this.setSelecting(!this.isSelecting),
       remove: () => tools.remove(ids), undo: () => this.stepHistory("undo"), redo: () => this.stepHistory("redo"),
       rename: () => { if (ids.length === 1) this.rename(ids[0], active); },
@@ -445,17 +421,15 @@ export class SpaceEditorView extends EditorDrawing {
 
   /**
    * Switch a mode in which whatever is dragged around or clicked is added to the selection: fingers have no Shift key.
-   * @param {boolean} isSelecting
    */
-  setSelecting(isSelecting) {
+  setSelecting(isSelecting: boolean) {
     if (isSelecting) this.setAdding(false);
     this.isSelecting = isSelecting;
     if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
     this.invalidate();
   }
 
-  /** @param {boolean} isAdding */
-  setAdding(isAdding) {
+  setAdding(isAdding: boolean) {
     if (isAdding) this.setSelecting(false);
     this.isAdding = isAdding && !this.isLocked;
     this.row.classList.toggle("dnb-ed-adding", this.isAdding);
@@ -483,22 +457,14 @@ export class SpaceEditorView extends EditorDrawing {
 
   // ---- data from Python ---------------------------------------------------------------------------------------------
 
-  /**
-   * @param {any} message
-   * @param {(DataView | ArrayBuffer)[]} buffers
-   */
-  message(message, buffers) {
+  message(message: any, buffers: (DataView | ArrayBuffer)[]) {
     if (message?.type === "error") this.showMessage(String(message.message), true);
     if (message?.type === "look") this.lookAt(message.id);
     const isOurs = !message?.view || message.view === this.id;
     if (message?.type === "pictures" && isOurs) this.receivePictures(message, buffers);
   }
 
-  /**
-   * @param {{ seq?: number, panes: PaneData[], facts: Facts }} message
-   * @param {(DataView | ArrayBuffer)[]} buffers
-   */
-  receivePictures({ seq, panes, facts }, buffers) {
+  receivePictures({ seq, panes, facts }: { seq?: number, panes: PaneData[], facts: Facts }, buffers: (DataView | ArrayBuffer)[]) {
     const parts = buffers.map((b) => (
       b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b)));
     let used = 0;
@@ -519,12 +485,8 @@ export class SpaceEditorView extends EditorDrawing {
     this.#sendLook();
   }
 
-  /**
-   * Set a trait.
-   * @param {string} name
-   * @param {any} value
-   */
-  set(name, value) {
+  /** Set a trait. */
+  set(name: string, value: any) {
     this.model.set(name, value);
     this.model.save_changes();
     this.invalidate();
@@ -544,8 +506,8 @@ export class SpaceEditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /** Take over the points of another view. @param {PointsDetail} detail */
-  #receiveMove({ origin, points, phase }) {
+  /** Take over the points of another view. */
+  #receiveMove({ origin, points, phase }: PointsDetail) {
     if (origin === this.id || this.drag0) return;
     if (phase === "move") { this.points = points; this.invalidate(); } else this.receive();
   }
@@ -592,9 +554,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   /**
    * Show a message while pictures are made: the first of a large volume take seconds, as do those of a projection.
-   * @param {boolean} isExpected
    */
-  #expectPictures(isExpected = true) {
+  #expectPictures(isExpected: boolean = true) {
     clearTimeout(this.slowTimer);
     if (isExpected) {
       this.slowTimer = setTimeout(() => this.guard(() => { this.isSlow = true; this.showWaiting(); }), SLOW_PICTURES);
@@ -604,12 +565,8 @@ export class SpaceEditorView extends EditorDrawing {
     }
   }
 
-  /**
-   * Request pictures; places at the pace at which pictures come, and the newest only.
-   * @param {ViewRequest} what
-   * @param {boolean} isMoving
-   */
-  look(what, isMoving = false) {
+  /** Request pictures; places at the pace at which pictures come, and the newest only. */
+  look(what: ViewRequest, isMoving: boolean = false) {
     this.pendingLook = { ...this.pendingLook, ...what, moving: isMoving };
     if ("projection" in what || "original" in what) this.#expectPictures();
     this.#sendLook();
@@ -633,11 +590,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   lookAtRest() { if (this.isSlice) this.look({ cursor: this.cursor }, false); }
 
-  /**
-   * @param {number[]} place which is kept inside the volume
-   * @param {boolean} isMoving
-   */
-  setCursor(place, isMoving) {
+  /** @param place which is kept inside the volume */
+  setCursor(place: number[], isMoving: boolean) {
     const next = this.panes.reduce((at, pane) => {
       const [a, b, c] = inPane(pane, at), [low, high] = pane.depths;
       return c < low || c > high ? fromPane(pane, [a, b, Math.max(low, Math.min(high, c))]) : at;
@@ -647,20 +601,12 @@ export class SpaceEditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  /**
-   * @param {SpacePane} pane
-   * @param {number} depth
-   */
-  setDepth(pane, depth) {
+  setDepth(pane: SpacePane, depth: number) {
     const [a, b] = inPane(pane.info, this.cursor);
     this.setCursor(fromPane(pane.info, [a, b, depth]), true);
   }
 
-  /**
-   * @param {SpacePane} pane
-   * @param {number} slices
-   */
-  scroll(pane, slices) {
+  scroll(pane: SpacePane, slices: number) {
     const { depths: [first], spacing } = pane.info, now = Math.round((pane.depth - first) / spacing[2]);
     this.setDepth(pane, first + (now + slices) * spacing[2]);
     this.lookAtRest();
@@ -668,20 +614,17 @@ export class SpaceEditorView extends EditorDrawing {
 
   /**
    * Move the cross-hair of a picture to a place on the screen: all of it, or one line only.
-   * @param {SpacePane} pane
-   * @param {number[]} at in pixels
-   * @param {Line | null} line
-   * @param {boolean} isMoving
+   * @param at in pixels
    */
-  moveCross(pane, at, line, isMoving) {
+  moveCross(pane: SpacePane, at: number[], line: Line | null, isMoving: boolean) {
     const [a, b] = pane.toPlane(at), [a0, b0, c0] = inPane(pane.info, this.cursor);
     const place = this.isSlice || line ? [line === "h" ? a0 : a, line === "v" ? b0 : b, c0]
       : inPane(pane.info, pane.under(at)); // of the whole volume: what is seen there
     this.setCursor(fromPane(pane.info, place), isMoving);
   }
 
-  /** Bring the slices to a point. @param {number} id */
-  goTo(id) {
+  /** Bring the slices to a point. */
+  goTo(id: number) {
     const p = this.points.find((q) => q.id === id);
     if (!p) return;
     this.select([id]);
@@ -689,18 +632,17 @@ export class SpaceEditorView extends EditorDrawing {
     this.announce(`slices at ${p.name || `point ${id}`}`);
   }
 
-  /** Bring a point into sight. @param {number} id */
-  lookAt(id) {
+  /** Bring a point into sight. */
+  lookAt(id: number) {
     const p = this.points.find((q) => q.id === id);
     if (p) for (const pane of this.pictures) pane.lookAt(p.target);
   }
 
-  /** The picture that contains an element, else the first. @param {Element | null} element */
-  paneOf(element) { return this.pictures.find((pane) => pane.root.contains(element)) ?? this.pictures[0]; }
+  /** The picture that contains an element, else the first. */
+  paneOf(element: Element | null) { return this.pictures.find((pane) => pane.root.contains(element)) ?? this.pictures[0]; }
 }
 
-/** @param {{ model: Model, el: HTMLElement }} widget */
-function render({ model, el }) {
+function render({ model, el }: { model: Model, el: HTMLElement }) {
   const editor = new SpaceEditorView(model, el);
   return () => editor.close();
 }

@@ -1,56 +1,63 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
-/** @import { FlatPoint, PaneInfo, Point, Raster } from "../types.d.ts" */
-/** @import { SpaceEditorView } from "./editor.js" */
+import type { FlatPoint, PaneInfo, Point, Raster } from "../types.ts";
+import type { SpaceEditorView } from "./editor.ts";
 
-import { Handles, ToolMarks } from "../editor/handles.js";
-import { dot, scaled, sideOf } from "../maths/camera.js";
-import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.js";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.js";
+import { Handles, ToolMarks } from "../editor/handles.ts";
+import { dot, scaled, sideOf } from "../maths/camera.ts";
+import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 
 const MOST_LABELS = 10; // of points off the slice; of more, only the chosen and the pointed at show their distance
 const PANE_MARGIN = 8; // CSS pixels around the picture
 const PART_INK = [86, 180, 233, 0.36], CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and opacity
 // The lines of the cross-hair: upright (the place along a) and level (the place along b).
-export const LINES = /** @type {const} */ (["v", "h"]);
+export const LINES = (["v", "h"] as const);
 
-/** @typedef {typeof LINES[number]} Line */
+export type Line = typeof LINES[number];
 
-/**
- * A picture of Python: pixels of one or three channels, and the shape of a mask of parts and cuts.
- * @typedef {Raster & { index: number, channels: number, hasDepths: boolean, shapes: [number, number] | null }} PaneData
- */
+/** A picture of Python: pixels of one or three channels, and the shape of a mask of parts and cuts. */
+export type PaneData = Raster & { index: number, channels: number, hasDepths: boolean, shapes: [number, number] | null };
 
-/** @param {number} width @param {number} height */
-function makeCanvas(width, height) { return Object.assign(document.createElement("canvas"), { width, height }); }
+function makeCanvas(width: number, height: number) { return Object.assign(document.createElement("canvas"), { width, height }); }
 
-/** @param {HTMLCanvasElement} canvas */
-function contextOf(canvas) { return /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d")); }
+function contextOf(canvas: HTMLCanvasElement) { return (canvas.getContext("2d") as CanvasRenderingContext2D); }
 
 export class SpacePane {
+  editor: SpaceEditorView;
+  index: number;
+  root: HTMLDivElement;
+  title: HTMLSpanElement;
+  place: HTMLSpanElement;
+  stage: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  svg: SVGSVGElement;
+  cross: SVGGElement;
+  lines: SVGGElement[];
+  worst: SVGGElement;
+  nodes: SVGPathElement;
+  handles: Handles<FlatPoint>;
+  marks: ToolMarks;
+  letters: HTMLSpanElement[];
+  slider: HTMLInputElement;
+
   view = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
   isFitted = true;
-  /** @type {HTMLCanvasElement | null} */
-  picture = null;
-  /** @type {HTMLCanvasElement | null} the parts and cuts over it */
-  shapes = null;
-  /** @type {Float32Array | null} the depth that is seen at each pixel of a projection */
-  depths = null;
-  /** @type {Raster} of the picture */
-  raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
+  picture: HTMLCanvasElement | null = null;
+  /** the parts and cuts over it */
+  shapes: HTMLCanvasElement | null = null;
+  /** the depth that is seen at each pixel of a projection */
+  depths: Float32Array | null = null;
+  /** of the picture */
+  raster: Raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
   nodesKey = ""; // of the lattice that is drawn
-  /** @type {unknown[]} what is painted on the canvas: pixels, their place and the colour around them */
-  painted = [];
-  /** @type {WeakMap<Point, FlatPoint>} points as they are drawn at the depth `flatAt` */
-  flat = new WeakMap();
+  /** what is painted on the canvas: pixels, their place and the colour around them */
+  painted: unknown[] = [];
+  /** points as they are drawn at the depth `flatAt` */
+  flat: WeakMap<Point, FlatPoint> = new WeakMap();
   flatAt = "";
 
-  /**
-   * @param {SpaceEditorView} editor
-   * @param {number} index
-   * @param {HTMLElement} parent
-   */
-  constructor(editor, index, parent) {
+  constructor(editor: SpaceEditorView, index: number, parent: HTMLElement) {
     this.editor = editor;
     this.index = index;
     this.root = pageElement("div", `dnb-sp-pane dnb-sp-pane${index}`, parent, { role: "group" });
@@ -81,11 +88,10 @@ export class SpacePane {
     this.slider.addEventListener("change", () => editor.guard(() => editor.lookAtRest()));
   }
 
-  /** @returns {PaneInfo} */
-  get info() { return this.editor.panes[this.index]; }
+  get info(): PaneInfo { return this.editor.panes[this.index]; }
 
-  /** The pane that a line stands for, by the direction of a or b in this picture. @param {Line} name */
-  crossing(name) {
+  /** The pane that a line stands for, by the direction of a or b in this picture. */
+  crossing(name: Line) {
     const along = name === "v" ? this.info.u : this.info.v;
     return this.editor.pictures.find((other) => Math.abs(dot(other.info.n, along)) > 0.9);
   }
@@ -111,11 +117,7 @@ export class SpacePane {
 
   // ---- the view -----------------------------------------------------------------------------------------------------
 
-  /**
-   * @param {number} width
-   * @param {number} height
-   */
-  layout(width, height) {
+  layout(width: number, height: number) {
     const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
     const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
     Object.assign(v, { width, height, ratio });
@@ -139,11 +141,7 @@ export class SpacePane {
     this.editor.invalidate();
   }
 
-  /**
-   * @param {number} dx
-   * @param {number} dy
-   */
-  panBy(dx, dy) {
+  panBy(dx: number, dy: number) {
     const [a0, a1, b0, b1] = this.info.box, v = this.view, rest = 30; // some of the picture stays in sight
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x + dx));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y + dy));
@@ -151,42 +149,31 @@ export class SpacePane {
     this.editor.invalidate();
   }
 
-  /**
-   * @param {number} factor
-   * @param {number} [x]
-   * @param {number} [y]
-   */
-  zoomAt(factor, x = this.view.width / 2, y = this.view.height / 2) {
+  zoomAt(factor: number, x: number = this.view.width / 2, y: number = this.view.height / 2) {
     const v = this.view, k = Math.max(this.fittedScale / 2, Math.min(this.fittedScale * 32, v.k * factor)), f = k / v.k;
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
     this.panBy(0, 0);
   }
 
-  /** Bring a place into the middle of the view, if the picture is not all in sight anyway. @param {number[]} place */
-  lookAt(place) {
+  /** Bring a place into the middle of the view, if the picture is not all in sight anyway. */
+  lookAt(place: number[]) {
     const [a, b] = inPane(this.info, place), v = this.view;
     if (!this.isFitted) this.panBy(v.width / 2 - v.k * a - v.x, v.height / 2 - v.k * b - v.y);
   }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  /** @param {number[]} at in pixels */
-  toPlane([x, y]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
+  /** @param at in pixels */
+  toPlane([x, y]: number[]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
 
-  /**
-   * The place in space under a place of the screen: on the slice, or what is seen there of the whole volume.
-   * @param {number[]} at
-   */
-  under(at) {
+  /** The place in space under a place of the screen: on the slice, or what is seen there of the whole volume. */
+  under(at: number[]) {
     const [a, b] = this.toPlane(at);
     return fromPane(this.info, [a, b, this.editor.isSlice ? this.depth : this.#seenDepth(a, b)]);
   }
 
-  /**
-   * The ids of the points in a rectangle of the view; on slices of those near the slice only.
-   * @param {{ x: number, y: number, width: number, height: number }} box
-   */
-  pointsInside({ x, y, width, height }) {
+  /** The ids of the points in a rectangle of the view; on slices of those near the slice only. */
+  pointsInside({ x, y, width, height }: { x: number, y: number, width: number, height: number }) {
     const { view: v, editor } = this, depth = editor.isSlice ? this.depth : null;
     return editor.points.map((p) => flatPoint(p, this.info, depth)).filter(({ target: [a, b], isFar }) => {
       const px = v.k * a + v.x - x, py = v.k * b + v.y - y;
@@ -194,17 +181,12 @@ export class SpacePane {
     }).map((p) => p.id);
   }
 
-  /** @param {number[]} at */
-  isInside(at) {
+  isInside(at: number[]) {
     const [a, b] = this.toPlane(at), [a0, a1, b0, b1] = this.info.box;
     return a >= a0 && a <= a1 && b >= b0 && b <= b1;
   }
 
-  /**
-   * @param {number} a
-   * @param {number} b
-   */
-  #seenDepth(a, b) {
+  #seenDepth(a: number, b: number) {
     if (!this.depths) return this.depth;
     const { shape: [nv, nu], spacing: [du, dv], origin } = this.raster;
     const column = Math.max(0, Math.min(nu - 1, Math.round((a - origin[0]) / du)));
@@ -216,12 +198,9 @@ export class SpacePane {
 
   /**
    * Take over a picture of Python.
-   * @param {PaneData} data
-   * @param {Uint8Array} pixels
-   * @param {Float32Array | null} depths
-   * @param {Uint8Array | null} shares of parts and of cuts in each pixel
+   * @param shares of parts and of cuts in each pixel
    */
-  take({ shape: [height, width], spacing, origin, channels, shapes }, pixels, depths, shares) {
+  take({ shape: [height, width], spacing, origin, channels, shapes }: PaneData, pixels: Uint8Array, depths: Float32Array | null, shares: Uint8Array | null) {
     const made = new ImageData(width, height), out = new Uint32Array(made.data.buffer);
     for (let k = 0; k < out.length; k++) {
       const [r, g, b] = channels === 1 ? [pixels[k], pixels[k], pixels[k]]
@@ -235,12 +214,8 @@ export class SpacePane {
     this.shapes = shapes && shares && this.#tinted(shapes, shares);
   }
 
-  /**
-   * Parts and cuts as a translucent picture.
-   * @param {[number, number]} shape
-   * @param {Uint8Array} shares
-   */
-  #tinted([height, width], shares) {
+  /** Parts and cuts as a translucent picture. */
+  #tinted([height, width]: [number, number], shares: Uint8Array) {
     const made = new ImageData(width, height), canvas = makeCanvas(width, height);
     for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
       const [ink, share] = shares[k + 1] ? [CUT_INK, shares[k + 1]] : [PART_INK, shares[k]];
@@ -260,7 +235,9 @@ export class SpacePane {
     return this.#drawPoints();
   }
 
-  /** Paint picture, parts and cuts, unless they are on the canvas: of moving points most frames bring no other picture. */
+  /**
+   * Paint picture, parts and cuts, unless they are on the canvas: of moving points most frames bring no other picture.
+   */
   #paint() {
     const { view: v, editor: { colours: { stage } }, picture, shapes } = this;
     const painted = [picture, shapes, stage, v.k, v.x, v.y];
@@ -315,7 +292,9 @@ export class SpacePane {
       transform: `translate(${(k * a + x).toFixed(1)} ${(k * b + y).toFixed(1)})` });
   }
 
-  /** The points in this picture; those that have not moved since the last frame are the same objects, not drawn again. */
+  /**
+   * The points in this picture; those that have not moved since the last frame are the same objects, not drawn again.
+   */
   #flatPoints() {
     const { editor, info } = this, depth = editor.isSlice ? this.depth : null, at = JSON.stringify([info, depth]);
     if (at !== this.flatAt) { this.flatAt = at; this.flat = new WeakMap(); }
@@ -326,8 +305,8 @@ export class SpacePane {
     });
   }
 
-  /** Draw the points. Returns whether the focus was on a point that is gone. @returns {boolean} */
-  #drawPoints() {
+  /** Draw the points. Returns whether the focus was on a point that is gone. */
+  #drawPoints(): boolean {
     const { editor, info } = this, flat = this.#flatPoints(), thick = info.box[5] - info.box[4];
     flat.sort((p, q) => Number(q.isFar) - Number(p.isFar)); // those on the slice are drawn last and grabbed first
     this.svg.classList.toggle("dnb-sp-many", flat.filter((p) => p.isFar).length > MOST_LABELS);
@@ -344,14 +323,11 @@ export class SpacePane {
     return isFocusLost;
   }
 
-  /**
-   * Draw the handle that turns, and the plane of the mirror where it is seen from its edge.
-   * @param {FlatPoint[]} flat
-   */
-  #drawMarks(flat) {
+  /** Draw the handle that turns, and the plane of the mirror where it is seen from its edge. */
+  #drawMarks(flat: FlatPoint[]) {
     const { editor } = this, { k, x, y } = this.view, none = { isOn: false };
     const mirror = editor.pointTools.mirrorIn(this.info) ?? { on: false, axis: "a", at: 0 };
-    const selected = editor.selected.size > 1 ? editor.selected : new Set(); // one point has nothing to turn
+    const selected = editor.selected.size > 1 ? editor.selected : new Set<number>(); // one point has nothing to turn
     this.marks.update({ mirror, view: this.view, gripAway: 34, points: flat, selected, brush: none, pen: none,
       isLocked: editor.isLocked, isHolding: editor.drag0 !== null, isAdding: editor.isAdding,
       onView: ([a, b]) => [k * a + x, k * b + y] });

@@ -1,77 +1,59 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
-/** @import { Mirror, PaneInfo, Point } from "../types.d.ts" */
-/** @import { SpaceEditorView } from "./editor.js" */
-/** @import { SpacePane } from "./pane.js" */
+import type { Mirror, PaneInfo, Point } from "../types.ts";
+import type { SpaceEditorView } from "./editor.ts";
+import type { SpacePane } from "./pane.ts";
 
-import { dot } from "../maths/camera.js";
-import { shownLength } from "../maths/numbers.js";
-import { addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey } from "../maths/points.js";
-import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.js";
-import { treeOf } from "../ui/dom.js";
+import { dot } from "../maths/camera.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey } from "../maths/points.ts";
+import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
+import { treeOf } from "../ui/dom.ts";
 
 const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
 
-/** @typedef {"target" | "source" | "both"} Moved */
+export type Moved = "target" | "source" | "both";
 
 export class SpacePointTools {
-  /** @param {SpaceEditorView} editor */
-  constructor(editor) { this.editor = editor; }
+  editor: SpaceEditorView;
+
+  constructor(editor: SpaceEditorView) { this.editor = editor; }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /**
    * An edit, and the same on the other side of the mirror if there is one.
-   * @param {Point[]} points
-   * @param {string} kind
-   * @param {string | null} join edits with the same are undone as one
+   * @param join edits with the same are undone as one
    */
-  change(points, kind, join = null) { return this.editor.edit(this.symmetric(this.editor.points, points), kind, join); }
+  change(points: Point[], kind: string, join: string | null = null) { return this.editor.edit(this.symmetric(this.editor.points, points), kind, join); }
 
   /**
    * A step of a drag: points moved from where they were by a way in space.
-   * @param {number[]} ids
-   * @param {number[]} way
-   * @param {Moved} what
-   * @param {number} id the point under the pointer
+   * @param id the point under the pointer
    */
-  drag(ids, way, what, id) {
+  drag(ids: number[], way: number[], what: Moved, id: number) {
     const { editor, editor: { drag0 } } = this;
     if (drag0) editor.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
   }
 
   /**
    * Move points by voxels of a picture, or the cross-hair if there are none.
-   * @param {SpacePane} pane
-   * @param {number | null} id the point in focus
-   * @param {number[]} steps
-   * @param {number} voxels
-   * @param {Moved} what
+   * @param id the point in focus
    */
-  nudge(pane, id, [dx, dy], voxels, what) {
+  nudge(pane: SpacePane, id: number | null, [dx, dy]: number[], voxels: number, what: Moved) {
     const { spacing: [du, dv] } = pane.info;
     this.#nudgeBy(id, wayInPane(pane.info, dx * voxels * du, dy * voxels * dv), what);
   }
 
-  /**
-   * Move points across the slices.
-   * @param {SpacePane} pane
-   * @param {number | null} id
-   * @param {number} voxels
-   */
-  nudgeDepth(pane, id, voxels) {
+  /** Move points across the slices. */
+  nudgeDepth(pane: SpacePane, id: number | null, voxels: number) {
     const by = voxels * pane.info.spacing[2];
     if (this.editor.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x), "target");
   }
 
-  /**
-   * @param {number | null} id
-   * @param {number[]} way
-   * @param {Moved} what
-   */
-  #nudgeBy(id, way, what) {
+  #nudgeBy(id: number | null, way: number[], what: Moved) {
     const { editor } = this, ids = editor.chosenIds(id);
     if (ids.length === 0) { editor.setCursor(editor.cursor.map((x, k) => x + way[k]), true); return; }
     if (id !== null && !editor.selected.has(id)) editor.select([id]);
@@ -85,10 +67,9 @@ export class SpacePointTools {
   /**
    * Add a point that holds what is seen where it is put: Python looks up where that comes from, and nothing moves.
    * Where there is a point already, it is selected. Returns its id, or null.
-   * @param {SpacePane} pane
-   * @param {number[]} at in pixels
+   * @param at in pixels
    */
-  addAt(pane, at) {
+  addAt(pane: SpacePane, at: number[]) {
     const { editor } = this, { k, x, y } = pane.view;
     const near = editor.points.map((p) => flatPoint(p, pane.info, editor.isSlice ? pane.depth : null)).find(
       (p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
@@ -97,11 +78,7 @@ export class SpacePointTools {
     return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
   }
 
-  /**
-   * @param {number[]} place
-   * @param {SpacePane} pane
-   */
-  addPlace(place, pane) {
+  addPlace(place: number[], pane: SpacePane) {
     const { editor } = this, id = nextId(editor.points, editor.sender.nextId);
     if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
     editor.select([id]);
@@ -111,14 +88,12 @@ export class SpacePointTools {
     return id;
   }
 
-  /** @param {number} id */
-  announceLocked(id) {
+  announceLocked(id: number) {
     const p = this.editor.points.find((q) => q.id === id);
     if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
-  /** @param {number[]} ids */
-  toggleLock(ids) {
+  toggleLock(ids: number[]) {
     const { editor } = this;
     if (!ids.length) editor.hint("Select points to lock them");
     else if (editor.edit(lockedPoints(editor.points, ids), "lock")) {
@@ -126,8 +101,7 @@ export class SpacePointTools {
     }
   }
 
-  /** @param {number[]} wanted */
-  remove(wanted) {
+  remove(wanted: number[]) {
     const { editor } = this, ids = freeIds(editor.points, wanted);
     if (wanted.length && !ids.length) this.announceLocked(wanted[0]);
     const at = editor.points.findIndex((p) => p.id === ids[0]), pane = editor.paneOf(document.activeElement);
@@ -143,14 +117,16 @@ export class SpacePointTools {
 
   /**
    * The picture whose depth runs most nearly along an axis of space.
-   * @param {string} axis "x", "y" or "z"
+   * @param axis "x", "y" or "z"
    */
-  #facing(axis) {
+  #facing(axis: string) {
     const k = "xyz".indexOf(axis);
     return this.editor.panes.reduce((p, q) => (Math.abs(q.n[k]) > Math.abs(p.n[k]) ? q : p));
   }
 
-  /** The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate. */
+  /**
+   * The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate.
+   */
   get mirror() {
     const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {}, pane = this.#facing(axis);
     const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1, normal = pane.n.map((x) => sign * x);
@@ -163,12 +139,8 @@ export class SpacePointTools {
     return { axis: 0.5 * Math.min(...spacing), partner: Math.max(...spacing) };
   }
 
-  /**
-   * @param {boolean} on
-   * @param {string} axis
-   * @param {number | null} at null for the middle
-   */
-  #setMirror(on, axis, at) {
+  /** @param at null for the middle */
+  #setMirror(on: boolean, axis: string, at: number | null) {
     const { editor } = this;
     editor.set("mirror", { on, axis, at });
     if (at === null) editor.set("mirror", { on, axis, at: this.mirror.at });
@@ -183,12 +155,8 @@ export class SpacePointTools {
   /** Lay the plane across the next axis. */
   turnMirror() { this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3], null); }
 
-  /**
-   * Move the plane to a place in space; Python gets it at the end.
-   * @param {number[]} place
-   * @param {boolean} isEnd
-   */
-  moveMirror(place, isEnd) {
+  /** Move the plane to a place in space; Python gets it at the end. */
+  moveMirror(place: number[], isEnd: boolean) {
     const { model } = this.editor, { on, axis, normal } = this.mirror, pane = this.#facing(axis);
     const ends = [pane.box[4], pane.box[5]].map((depth) => dot(normal, fromPane(pane, [0, 0, depth])));
     const at = Math.max(Math.min(...ends), Math.min(Math.max(...ends), dot(normal, place)));
@@ -200,29 +168,24 @@ export class SpacePointTools {
   /**
    * The plane as a picture shows it that looks along it: "a" and "b" as of a flat mirror, null where it faces the
    * viewer.
-   * @param {PaneInfo} pane
-   * @returns {Mirror | null}
    */
-  mirrorIn(pane) {
+  mirrorIn(pane: PaneInfo): Mirror | null {
     const { on, at, normal } = this.mirror, a = dot(normal, pane.u), b = dot(normal, pane.v);
     if (!on || Math.max(Math.abs(a), Math.abs(b)) < 0.9) return null;
     const place = inPane(pane, normal.map((x) => at * x)), k = Math.abs(a) > Math.abs(b) ? 0 : 1;
     return { on, axis: "ab"[k], at: place[k] };
   }
 
-  /** @param {number} id */
-  #sideOfPoint(id) {
+  #sideOfPoint(id: number) {
     const p = this.editor.points.find((q) => q.id === id), { mirror } = this;
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
   /**
    * An edit, and the same on the other side.
-   * @param {Point[]} before
-   * @param {Point[]} after
-   * @param {number} lead the side that decides where both have changed
+   * @param lead the side that decides where both have changed
    */
-  symmetric(before, after, lead = 0) {
+  symmetric(before: Point[], after: Point[], lead: number = 0) {
     const { mirror } = this;
     if (!mirror.on) return after;
     const id = nextId(after, this.editor.sender.nextId);
@@ -231,8 +194,8 @@ export class SpacePointTools {
 
   // ---- the lattice to which targets snap ----------------------------------------------------------------------------
 
-  /** The step of the lattice; 0 for none. @returns {number} */
-  get snap() { return this.editor.model.get("snap") || 0; }
+  /** The step of the lattice; 0 for none. */
+  get snap(): number { return this.editor.model.get("snap") || 0; }
 
   toggleSnap() {
     const { editor } = this, { box: [a0, a1, b0, b1, c0, c1], spacing } = editor.panes[0], voxel = Math.min(...spacing);
@@ -241,27 +204,15 @@ export class SpacePointTools {
     if (this.snap > 0) editor.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
   }
 
-  /**
-   * The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays.
-   * @param {PaneInfo} pane
-   * @param {number[]} place
-   */
-  #snapped(pane, [a, b, c]) {
+  /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
+  #snapped(pane: PaneInfo, [a, b, c]: number[]) {
     const { snap: step } = this, { box: [a0,, b0], spacing: [du, dv] } = pane;
-    /** @type {(value: number, first: number) => number} */
-    const near = (value, first) => first + step * Math.round((value - first) / step);
+    const near: (value: number, first: number) => number = (value, first) => first + step * Math.round((value - first) / step);
     return step > 0 ? [near(a, a0 + du / 2), near(b, b0 + dv / 2), c] : [a, b, c];
   }
 
-  /**
-   * The way that brings the point under the pointer onto a node; the others go with it.
-   * @param {PaneInfo} pane
-   * @param {number} id
-   * @param {number[]} way
-   * @param {Moved} what
-   * @param {boolean} isLoose
-   */
-  snappedWay(pane, id, way, what, isLoose) {
+  /** The way that brings the point under the pointer onto a node; the others go with it. */
+  snappedWay(pane: PaneInfo, id: number, way: number[], what: Moved, isLoose: boolean) {
     const p = this.editor.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const to = fromPane(pane, this.#snapped(pane, inPane(pane, p.target.map((x, k) => x + way[k]))));
@@ -281,11 +232,9 @@ export class SpacePointTools {
 
   /**
    * Turn or scale by a key, in the plane of a picture. Quick presses are undone as one.
-   * @param {SpacePane} pane
-   * @param {number} way 1 or -1
-   * @param {{ isLarge: boolean, isScale: boolean }} how
+   * @param way 1 or -1
    */
-  turnKey(pane, way, how) {
+  turnKey(pane: SpacePane, way: number, how: { isLarge: boolean, isScale: boolean }) {
     const { editor } = this, ids = this.#turnables(), [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
@@ -301,14 +250,8 @@ export class SpacePointTools {
     return ids;
   }
 
-  /**
-   * A step of such a drag.
-   * @param {SpacePane} pane
-   * @param {number[]} ids
-   * @param {number} angle
-   * @param {number} factor
-   */
-  turnTo(pane, ids, angle, factor) {
+  /** A step of such a drag. */
+  turnTo(pane: SpacePane, ids: number[], angle: number, factor: number) {
     const { editor, editor: { drag0 } } = this;
     if (drag0) editor.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
     editor.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);

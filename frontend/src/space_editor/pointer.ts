@@ -1,61 +1,52 @@
 // Pointer, wheel and keys of the editor in space, turned into calls of the editor.
 
-/** @import { SpaceEditorView } from "./editor.js" */
-/** @import { Line, SpacePane } from "./pane.js" */
-/** @import { Moved } from "./point_tools.js" */
+import type { SpaceEditorView } from "./editor.ts";
+import type { Line, SpacePane } from "./pane.ts";
+import type { Moved } from "./point_tools.ts";
 
-import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "../editor/handles.js";
-import { shownLength } from "../maths/numbers.js";
-import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.js";
-import { inPane, wayInPane } from "../maths/space.js";
-import { SLACK, targetOf, treeOf } from "../ui/dom.js";
-import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.js";
-import { LINES } from "./pane.js";
+import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "../editor/handles.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.ts";
+import { inPane, wayInPane } from "../maths/space.ts";
+import { SLACK, targetOf, treeOf } from "../ui/dom.ts";
+import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import { LINES } from "./pane.ts";
+
+/** A press or a drag; places are in CSS pixels of the picture. */
+export interface Press {
+  pointer: number;
+  from: number[];
+  at: number[];
+  /** whether it has not moved yet */
+  isPress: boolean;
+  slack: number;
+}
+export type PlainGesture = Press & { kind: "pan" | "tap" };
+export type MirrorGesture = Press & { kind: "mirror", start: number };
+export type TurnGesture = Press & { kind: "turn", ids: number[], about: number[], start: number[], scales: boolean };
+export type BandGesture = Press & { kind: "band", before: number[] };
+export type CrossGesture = Press & { kind: "cross", line: Line | null };
+export type PointsGesture = Press & { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean };
+export type Gesture = PlainGesture | MirrorGesture | TurnGesture | BandGesture | CrossGesture | PointsGesture;
 
 /**
- * A press or a drag; places are in CSS pixels of the picture.
- * @typedef {object} Press
- * @property {number} pointer
- * @property {number[]} from
- * @property {number[]} at
- * @property {boolean} isPress whether it has not moved yet
- * @property {number} slack
- *
- * @typedef {Press & { kind: "pan" | "tap" }} PlainGesture
- * @typedef {Press & { kind: "mirror", start: number }} MirrorGesture
- * @typedef {Press & { kind: "turn", ids: number[], about: number[], start: number[], scales: boolean }} TurnGesture
- * @typedef {Press & { kind: "band", before: number[] }} BandGesture
- * @typedef {Press & { kind: "cross", line: Line | null }} CrossGesture
- * @typedef {Press & { kind: "points", id: number, ids: number[], what: Moved, adds: boolean,
- *   was: boolean }} PointsGesture
- * @typedef {PlainGesture | MirrorGesture | TurnGesture | BandGesture | CrossGesture | PointsGesture} Gesture
+ * Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held.
  */
-
-/** Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held. */
 export class PaneGestures {
-  /** @type {Gesture | null} */
-  gesture = null;
-  /** @type {DOMRect | null} the place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
-  box = null;
+  editor: SpaceEditorView;
+  pane: SpacePane;
+
+  gesture: Gesture | null = null;
+  /** the place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
+  box: DOMRect | null = null;
   isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
   wheelSteps = new WheelSteps();
 
-  /**
-   * @param {SpaceEditorView} editor
-   * @param {SpacePane} pane
-   */
-  constructor(editor, pane) {
+  constructor(editor: SpaceEditorView, pane: SpacePane) {
     this.editor = editor;
     this.pane = pane;
-    /**
-     * @template {keyof HTMLElementEventMap} K
-     * @param {Element} target
-     * @param {K} name
-     * @param {(event: HTMLElementEventMap[K]) => void} handler
-     * @param {AddEventListenerOptions} [options]
-     */
-    const on = (target, name, handler, options = {}) => target.addEventListener(
-      name, (event) => editor.guard(() => handler(/** @type {HTMLElementEventMap[K]} */ (event))),
+    const on = <K extends keyof HTMLElementEventMap>(target: Element, name: K, handler: (event: HTMLElementEventMap[K]) => void, options: AddEventListenerOptions = {}) => target.addEventListener(
+      name, (event) => editor.guard(() => handler((event as HTMLElementEventMap[K]))),
       { signal: editor.closed.signal, ...options });
     on(pane.svg, "pointerdown", (e) => this.down(e));
     on(pane.svg, "pointermove", (e) => this.move(e));
@@ -71,45 +62,33 @@ export class PaneGestures {
     }
   }
 
-  /**
-   * @param {MouseEvent} event
-   * @returns {number[]}
-   */
-  place(event) {
+  place(event: MouseEvent): number[] {
     if (!this.gesture) this.box = null;
     this.box ??= this.pane.stage.getBoundingClientRect();
     return [event.clientX - this.box.left, event.clientY - this.box.top];
   }
 
-  /**
-   * What lies under the pointer. Clicks of a captured pointer go to the element that has captured it.
-   * @param {MouseEvent} event
-   */
-  #elementAt(event) {
+  /** What lies under the pointer. Clicks of a captured pointer go to the element that has captured it. */
+  #elementAt(event: MouseEvent) {
     const isClick = event.type === "dblclick" || event.type === "contextmenu";
     return isClick ? treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
   }
 
-  /**
-   * The point under the pointer, or null.
-   * @param {MouseEvent} event
-   * @returns {{ id: number, what: Moved } | null}
-   */
-  pointAt(event) {
+  /** The point under the pointer, or null. */
+  pointAt(event: MouseEvent): { id: number, what: Moved } | null {
     const found = this.#elementAt(event)?.closest("[data-id], [data-source], [data-line]");
     const id = found?.getAttribute("data-id"), source = found?.getAttribute("data-source");
     if (id) return { id: Number(id), what: "target" };
     return source ? { id: Number(source), what: "source" } : null;
   }
 
-  /** The line of the cross-hair under the pointer, or null. @param {MouseEvent} event */
-  #lineAt(event) {
+  /** The line of the cross-hair under the pointer, or null. */
+  #lineAt(event: MouseEvent) {
     const name = targetOf(event).closest("[data-line]")?.getAttribute("data-line");
     return LINES.find((line) => line === name) ?? null;
   }
 
-  /** @param {PointerEvent} event */
-  down(event) {
+  down(event: PointerEvent) {
     const { editor, pane } = this, at = this.place(event), hit = this.pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
     if (editor.isWaiting || this.gesture) return;
@@ -136,8 +115,7 @@ export class PaneGestures {
     }
   }
 
-  /** @param {Press} begun */
-  #grabTurn(begun) {
+  #grabTurn(begun: Press) {
     const { editor, pane } = this, ids = editor.pointTools.beginTurn(), { k, x, y } = pane.view;
     if (!ids) return;
     const turned = editor.points.filter((p) => ids.includes(p.id));
@@ -146,12 +124,7 @@ export class PaneGestures {
     this.gesture = { ...begun, kind: "turn", ids, about, start, scales: false };
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @param {{ id: number, what: Moved }} hit
-   * @param {Press} begun
-   */
-  #grab(event, { id, what }, begun) {
+  #grab(event: PointerEvent, { id, what }: { id: number, what: Moved }, begun: Press) {
     const { editor, pane } = this, was = editor.selected.has(id);
     const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
@@ -160,8 +133,7 @@ export class PaneGestures {
       ids: freeIds(editor.points, editor.selected.has(id) ? [...editor.selected] : [id]) };
   }
 
-  /** @param {PointerEvent} event */
-  move(event) {
+  move(event: PointerEvent) {
     const g = this.gesture, at = this.place(event);
     if (!g || g.pointer !== event.pointerId) return;
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
@@ -185,23 +157,15 @@ export class PaneGestures {
     g.at = at;
   }
 
-  /**
-   * Select what is drawn clearly in a rectangle, besides what was selected.
-   * @param {BandGesture} g
-   * @param {number[]} at
-   */
-  #band(g, at) {
+  /** Select what is drawn clearly in a rectangle, besides what was selected. */
+  #band(g: BandGesture, at: number[]) {
     const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]), width: Math.abs(at[0] - g.from[0]),
       height: Math.abs(at[1] - g.from[1]) };
     this.pane.handles.showBand(box);
     this.editor.select([...g.before, ...this.pane.pointsInside(box)]);
   }
 
-  /**
-   * @param {PointerEvent} event
-   * @param {boolean} isCancelled
-   */
-  up(event, isCancelled = false) {
+  up(event: PointerEvent, isCancelled: boolean = false) {
     const g = this.gesture, { editor } = this;
     if (!g || g.pointer !== event.pointerId) return;
     this.gesture = null;
@@ -223,11 +187,7 @@ export class PaneGestures {
     }
   }
 
-  /**
-   * @param {MirrorGesture} g
-   * @param {boolean} isCancelled
-   */
-  #releaseMirror(g, isCancelled) {
+  #releaseMirror(g: MirrorGesture, isCancelled: boolean) {
     const { pointTools: tools } = this.editor, { at, normal } = tools.mirror, held = isCancelled ? g.start : at;
     tools.moveMirror(normal.map((x) => held * x), true);
   }
@@ -242,8 +202,7 @@ export class PaneGestures {
     return g !== null;
   }
 
-  /** @param {MouseEvent} event */
-  doubleClick(event) {
+  doubleClick(event: MouseEvent) {
     if (this.editor.isWaiting || this.editor.isSelecting) return;
     const hit = this.pointAt(event);
     if (hit) this.editor.goTo(hit.id);
@@ -251,18 +210,14 @@ export class PaneGestures {
     event.preventDefault();
   }
 
-  /** @param {MouseEvent} event */
-  contextMenu(event) {
+  contextMenu(event: MouseEvent) {
     event.preventDefault();
     const hit = this.pointAt(event);
     if (hit && isRightClick(event)) this.editor.pointTools.remove([hit.id]);
   }
 
-  /**
-   * Go through the slices, with Ctrl zoom. The wheel scrolls the page until the user works in here.
-   * @param {WheelEvent} event
-   */
-  wheel(event) {
+  /** Go through the slices, with Ctrl zoom. The wheel scrolls the page until the user works in here. */
+  wheel(event: WheelEvent) {
     const { editor, pane } = this, isZoom = event.ctrlKey || event.metaKey;
     if (!isZoom && !editor.isWorkedIn) {
       editor.hint("Click a picture to go through its slices with the wheel");
@@ -277,15 +232,10 @@ export class PaneGestures {
   }
 }
 
-/** @type {Record<string, number[]>} */
-const SPACE_ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const SPACE_ARROWS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
-/**
- * Do what a key anywhere in the editor means; returns whether it means something.
- * @param {SpaceEditorView} editor
- * @param {KeyboardEvent} event
- */
-export function spaceKey(editor, event) {
+/** Do what a key anywhere in the editor means; returns whether it means something. */
+export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, isCommand = event.ctrlKey || event.metaKey;
   const target = targetOf(event), tools = editor.pointTools, fast = event.shiftKey ? 10 : 1;
   if (target.closest("input[type=text], select")) return false; // have keys of their own
@@ -324,14 +274,8 @@ export function spaceKey(editor, event) {
   return true;
 }
 
-/**
- * Move the plane of the mirror by voxels of a picture that looks along it.
- * @param {SpaceEditorView} editor
- * @param {SpacePane} pane
- * @param {number[]} steps
- * @param {number} voxels
- */
-function mirrorKey(editor, pane, [dx, dy], voxels) {
+/** Move the plane of the mirror by voxels of a picture that looks along it. */
+function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: number[], voxels: number) {
   const { info, info: { spacing: [du, dv] } } = pane, { pointTools: tools } = editor, { at, normal } = tools.mirror;
   const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
   tools.moveMirror(normal.map((x, k) => at * x + way[k]), true);
@@ -339,12 +283,7 @@ function mirrorKey(editor, pane, [dx, dy], voxels) {
   return true;
 }
 
-/**
- * @param {SpaceEditorView} editor
- * @param {string} key
- * @param {boolean} isShift
- */
-function spaceCommand(editor, key, isShift) {
+function spaceCommand(editor: SpaceEditorView, key: string, isShift: boolean) {
   if (key === "z") editor.stepHistory(isShift ? "redo" : "undo");
   else if (key === "y") editor.stepHistory("redo");
   else if (key === "a") editor.select(editor.points.map((p) => p.id));

@@ -2,15 +2,14 @@
 // which no label names, at the number beside them, and at fields with an empty label, whose tooltip says what they are.
 // Their keys are their own, too: a letter that chooses an option of a menu is no command for a cell of the notebook.
 
-import { OWN_KEYS, setAttributes } from "../ui/dom.js";
+import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
 
 const HANDLES = ".widget-slider .noUi-handle:not([aria-label])";
 const READOUTS = ".widget-readout[contenteditable]:not([aria-label])";
 const WITH_KEYS = ".jupyter-widgets :is(select, input, button, [tabindex]):not([data-lm-suppress-shortcuts])";
 const FIELDS = ".jupyter-widgets :is(input, select, textarea)[title]:not([aria-label])";
 
-/** @param {Element} root */
-function nameAll(root) {
+function nameAll(root: Element) {
   for (const handle of root.querySelectorAll(HANDLES)) {
     const slider = handle.closest(".widget-slider"), label = slider?.querySelector(".widget-label")?.textContent?.trim();
     if (!slider || !label) continue; // the label comes with a later change
@@ -24,17 +23,16 @@ function nameAll(root) {
   }
   for (const control of root.querySelectorAll(WITH_KEYS)) setAttributes(control, OWN_KEYS);
   for (const field of root.querySelectorAll(FIELDS)) {
-    const { labels } = /** @type {HTMLInputElement} */ (field), title = field.getAttribute("title") ?? "";
+    const { labels } = (field as HTMLInputElement), title = field.getAttribute("title") ?? "";
     if (labels?.length && ![...labels].some((label) => label.textContent?.trim())) field.setAttribute("aria-label", title);
   }
 }
 
 /**
  * Name the controls of a studio, and those that come later.
- * @param {Element} root
- * @param {AbortSignal} signal ends it
+ * @param signal ends it
  */
-export function nameControls(root, signal) {
+export function nameControls(root: Element, signal: AbortSignal) {
   const changes = new MutationObserver(() => nameAll(root));
   changes.observe(root, { childList: true, subtree: true, attributeFilter: ["title"] });
   signal.addEventListener("abort", () => changes.disconnect());

@@ -2,13 +2,13 @@
 // the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
-import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.js";
-import { showInLanguage } from "../ui/words.js";
-import { nameControls } from "./accessible_names.js";
-import { SidePanel } from "./side_panel.js";
+import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
+import { showInLanguage } from "../ui/words.ts";
+import { nameControls } from "./accessible_names.ts";
+import { SidePanel } from "./side_panel.ts";
 
-/** @import { Model } from "../types.d.ts" */
-/** @import { EditorView } from "../editor/editor.js" */
+import type { Model } from "../types.ts";
+import type { EditorView } from "../editor/editor.ts";
 
 const ICONS = {
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
@@ -19,16 +19,30 @@ const ICONS = {
 };
 const MENUS = [["history", "History"], ["examples", "Examples"], ["export", "Export"]];
 const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
-const PANES = /** @type {const} */ (["picture", "volume"]);
+const PANES = (["picture", "volume"] as const);
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
 
 /** The head of one view of a studio. */
 class StudioHead {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  model: Model;
+  host: HTMLElement;
+  root: HTMLDivElement;
+  name: HTMLElement;
+  facts: HTMLSpanElement;
+  undo: HTMLButtonElement;
+  redo: HTMLButtonElement;
+  menus: Map<string, HTMLButtonElement>;
+  opener: HTMLButtonElement;
+  saver: HTMLButtonElement;
+  full: HTMLButtonElement;
+  help: HTMLButtonElement;
+  closing: AbortController;
+  draw: () => void;
+  side: SidePanel | null;
+  arrivals: MutationObserver;
+  sizes: ResizeObserver;
+
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.host = el;
     el.classList.add("dnb-head-host");
@@ -62,7 +76,6 @@ class StudioHead {
       this.#closeExamples(event);
     }, { signal });
     window.addEventListener("change", (event) => this.#chosen(event), { signal });
-    /** @type {SidePanel | null} */
     this.side = null;
     this.arrivals = new MutationObserver(() => this.#arrived());
     this.sizes = new ResizeObserver(() => this.arrange());
@@ -76,19 +89,19 @@ class StudioHead {
     });
   }
 
-  /** Show the whole studio in the language of the head. @param {HTMLElement} studio @param {AbortSignal} signal */
-  #showWords(studio, signal) {
+  /** Show the whole studio in the language of the head. */
+  #showWords(studio: HTMLElement, signal: AbortSignal) {
     signal.addEventListener("abort", showInLanguage(studio, this.model.get("words"), this.model.get("language")));
   }
 
-  /** The studio around it, once it is in the document. @returns {HTMLElement | null} */
-  get studio() { return this.host.closest(".dnb-studio"); }
+  /** The studio around it, once it is in the document. */
+  get studio(): HTMLElement | null { return this.host.closest(".dnb-studio"); }
 
-  /** The editor that is shown, or would be if its pane were. @returns {EditorView | undefined} */
-  get #editor() {
+  /** The editor that is shown, or would be if its pane were. */
+  get #editor(): EditorView | undefined {
     const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor:not(.dnb-sp-viewer)") ?? [])];
     const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0) ?? all[0];
-    return /** @type {any} */ (shown)?.deformnb;
+    return (shown as any)?.deformnb;
   }
 
   /** Choose files; what becomes of them is decided in Python. */
@@ -99,8 +112,8 @@ class StudioHead {
 
   save() { this.model.send({ type: "save" }); }
 
-  /** Open a menu and close the others; an open one is closed. @param {string} [key] */
-  toggleMenu(key = "") {
+  /** Open a menu and close the others; an open one is closed. */
+  toggleMenu(key: string = "") {
     for (const [name, button] of this.menus) {
       const menu = this.studio?.querySelector(`.dnb-menu-${name}`), isOpen = name === key &&
         !menu?.classList.contains("dnb-menu-open");
@@ -136,17 +149,13 @@ class StudioHead {
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
   }
 
-  /**
-   * A button in the title of a pane that gives it the place of both; a double click on the title does so too.
-   * @param {HTMLElement} panes
-   * @param {typeof PANES[number]} name
-   */
-  #addAlone(panes, name) {
+  /** A button in the title of a pane that gives it the place of both; a double click on the title does so too. */
+  #addAlone(panes: HTMLElement, name: typeof PANES[number]) {
     const title = panes.querySelector(`.dnb-pane-${name} > .dnb-pane-head`);
     if (!(title instanceof HTMLElement) || title.querySelector(".dnb-pane-alone")) return;
     const button = pageElement("button", "dnb-pane-alone", title, { type: "button" });
     svgElement("path", { d: ICONS.alone }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
-    const show = (/** @type {boolean} */ isAlone) => {
+    const show = (isAlone: boolean) => {
       for (const other of PANES) panes.classList.toggle(`dnb-panes-${other}`, isAlone && other === name);
       for (const other of panes.querySelectorAll(".dnb-pane-alone")) other.setAttribute("aria-pressed", "false");
       button.setAttribute("aria-pressed", String(isAlone));
@@ -170,16 +179,14 @@ class StudioHead {
     this.root.remove();
   }
 
-  /** @param {string} label @param {() => void} act */
-  #button(label, act) {
+  #button(label: string, act: () => void) {
     const button = pageElement("button", "dnb-head-button", this.root, { type: "button" });
     button.textContent = label;
     button.addEventListener("click", act);
     return button;
   }
 
-  /** @param {keyof typeof ICONS} icon @param {() => void} act @param {string} [tip] */
-  #icon(icon, act, tip = "") {
+  #icon(icon: keyof typeof ICONS, act: () => void, tip: string = "") {
     const button = pageElement("button", `dnb-head-button dnb-head-icon dnb-head-${icon}`, this.root, { type: "button", title: tip,
       "aria-label": tip });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button);
@@ -188,16 +195,14 @@ class StudioHead {
     return button;
   }
 
-  /** @param {"undo" | "redo"} way */
-  #travel(way) { this.#editor?.run(way, null); }
+  #travel(way: "undo" | "redo") { this.#editor?.run(way, null); }
 
   #fill() {
     if (document.fullscreenElement) document.exitFullscreen();
     else this.studio?.requestFullscreen();
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(event: KeyboardEvent) {
     const { target } = event, studio = target instanceof Element ? target.closest(".dnb-studio") : null;
     if (!studio?.contains(this.host)) return;
     if (event.key === "Escape") this.toggleMenu();
@@ -207,26 +212,26 @@ class StudioHead {
     if (!event.repeat) this.save();
   }
 
-  /** A press beside an open menu closes it. @param {PointerEvent} event */
-  #press({ target }) {
+  /** A press beside an open menu closes it. */
+  #press({ target }: PointerEvent) {
     const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
     if (!isInside) this.toggleMenu();
   }
 
-  /** An example that was chosen is to be seen, and the next choice is another one: its menu closes. @param {MouseEvent} event */
-  #closeExamples({ target }) {
+  /** An example that was chosen is to be seen, and the next choice is another one: its menu closes. */
+  #closeExamples({ target }: MouseEvent) {
     const button = target instanceof Element ? target.closest(".dnb-menu-examples .jupyter-button") : null;
     if (button && this.studio?.contains(button)) this.toggleMenu();
   }
 
-  /** After a choice with the pointer in a menu over the panes the keys are the picture's again. @param {Event} event */
-  #chosen({ target }) {
+  /** After a choice with the pointer in a menu over the panes the keys are the picture's again. */
+  #chosen({ target }: Event) {
     const isOurs = target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
     if (isOurs && !target.matches(":focus-visible")) this.#editor?.focusStage();
   }
 
-  /** A message that its user has read goes, until Python has another one. @param {MouseEvent} event */
-  #dismiss({ target }) {
+  /** A message that its user has read goes, until Python has another one. */
+  #dismiss({ target }: MouseEvent) {
     const button = target instanceof Element ? target.closest(".dnb-message-close") : null;
     if (button && this.studio?.contains(button)) button.parentElement?.remove();
   }
@@ -236,7 +241,7 @@ class StudioHead {
     setText(this.name, model.get("name"));
     setText(this.facts, model.get("facts"));
     this.opener.title = "Open a volume, labels and their names, landmarks, or a session; or drop the file on the studio";
-    for (const [button, words, label] of /** @type {const} */ ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]])) {
+    for (const [button, words, label] of ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]] as const)) {
       button.disabled = !words;
       button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;
       button.setAttribute("aria-label", button.title);
@@ -249,8 +254,7 @@ class StudioHead {
 }
 
 export default {
-  /** @param {{ model: Model, el: HTMLElement }} widget */
-  render({ model, el }) {
+  render({ model, el }: { model: Model, el: HTMLElement }) {
     const head = new StudioHead(model, el);
     return () => head.close();
   },

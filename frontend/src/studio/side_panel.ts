@@ -5,7 +5,7 @@
 // what is still as the studio was made (class dnb-section-open): a second page changes nothing for the first.
 // It is kept in a cookie, for an application has another port at each start, and local storage belongs to a port.
 
-import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.js";
+import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
 
 const COOKIE = "deformnb-side-panel";
 const KEPT = "path=/; max-age=31536000; SameSite=Strict"; // a year
@@ -13,45 +13,49 @@ const FIRST = 304, LEAST = 240; // CSS pixels
 const MOST = 0.6; // of the studio
 const STEPS = [16, 64]; // CSS pixels of an arrow key with and without Shift
 
-/** @typedef {{ width?: number, tab?: string, open?: Record<string, boolean> }} Remembered */
+export type Remembered = { width?: number, tab?: string, open?: Record<string, boolean> };
 
-/** @returns {Remembered} */
-function remembered() {
+function remembered(): Remembered {
   const found = document.cookie.split("; ").find((part) => part.startsWith(`${COOKIE}=`))?.slice(COOKIE.length + 1);
   try { return JSON.parse(decodeURIComponent(found ?? "%7B%7D")) ?? {}; } catch { return {}; }
 }
 
-/** @param {Remembered} changes */
-function remember(changes) {
+function remember(changes: Remembered) {
   const before = remembered(), value = JSON.stringify({ ...before, ...changes });
   // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API
   if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
 }
 
-/** @param {Element} section */
-const isOpen = (section) => section.querySelector(".jupyter-widget-Collapse-open") !== null;
+const isOpen = (section: Element) => section.querySelector(".jupyter-widget-Collapse-open") !== null;
 
 export class SidePanel {
-  /** Whether each section was open when it was looked at last. @type {Map<Element, boolean>} */
-  sections = new Map();
+  body: HTMLElement;
+  panel: HTMLElement;
+  splitter: HTMLDivElement;
+  closing: AbortController;
+  changes: MutationObserver;
+  sizes: ResizeObserver;
 
-  /** Height of each section. @type {Map<Element, number>} */
-  heights = new Map();
+  /** Whether each section was open when it was looked at last. */
+  sections: Map<Element, boolean> = new Map();
+
+  /** Height of each section. */
+  heights: Map<Element, number> = new Map();
 
   isTabSet = false;
 
-  /** The section that was opened last: its contents come from the kernel. @type {Element | null} */
-  opened = null;
+  /** The section that was opened last: its contents come from the kernel. */
+  opened: Element | null = null;
 
   isUsed = false; // by the user of this page, and not only by Python or another page
 
   frame = 0;
 
   /**
-   * @param {HTMLElement} body of the studio
-   * @param {HTMLElement} panel in it
+   * @param body of the studio
+   * @param panel in it
    */
-  constructor(body, panel) {
+  constructor(body: HTMLElement, panel: HTMLElement) {
     this.body = body;
     this.panel = panel;
     this.splitter = pageElement("div", "dnb-splitter", body, { role: "separator", tabindex: 0, "aria-orientation": "vertical",
@@ -92,19 +96,17 @@ export class SidePanel {
 
   get #most() { return Math.max(LEAST, Math.round(MOST * this.body.clientWidth)); }
 
-  /** @param {number} width CSS pixels */
-  setWidth(width) { remember({ width: this.#show(width) }); }
+  /** @param width CSS pixels */
+  setWidth(width: number) { remember({ width: this.#show(width) }); }
 
-  /** @param {number} width */
-  #show(width) {
+  #show(width: number) {
     const shown = Math.round(Math.max(LEAST, Math.min(this.#most, width)));
     this.body.style.setProperty("--dnb-side", `${shown}px`);
     setAttributes(this.splitter, { "aria-valuenow": shown, "aria-valuemin": LEAST, "aria-valuemax": this.#most });
     return shown;
   }
 
-  /** @param {PointerEvent} event */
-  #grab(event) {
+  #grab(event: PointerEvent) {
     if (event.button !== 0) return;
     event.preventDefault();
     const { splitter } = this, from = event.clientX, width = this.panel.offsetWidth, ended = new AbortController();
@@ -114,7 +116,7 @@ export class SidePanel {
     splitter.focus();
     splitter.addEventListener("pointermove", ({ clientX }) => { now = this.#show(width + from - clientX); },
       { signal: ended.signal });
-    for (const name of /** @type {const} */ (["pointerup", "pointercancel"])) {
+    for (const name of (["pointerup", "pointercancel"] as const)) {
       splitter.addEventListener(name, () => {
         ended.abort();
         splitter.classList.remove("dnb-splitter-held");
@@ -123,11 +125,9 @@ export class SidePanel {
     }
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(event: KeyboardEvent) {
     const step = STEPS[event.shiftKey ? 1 : 0], { offsetWidth } = this.panel;
-    /** @type {Record<string, number>} */
-    const widths = { ArrowLeft: offsetWidth + step, ArrowRight: offsetWidth - step, Home: LEAST, End: this.#most };
+    const widths: Record<string, number> = { ArrowLeft: offsetWidth + step, ArrowRight: offsetWidth - step, Home: LEAST, End: this.#most };
     if (!(event.key in widths)) return;
     event.preventDefault();
     event.stopPropagation();
@@ -156,8 +156,7 @@ export class SidePanel {
     if (this.isUsed) remember({ open: now });
   }
 
-  /** @param {string | undefined} wanted */
-  #followTab(wanted) {
+  #followTab(wanted: string | undefined) {
     const tabs = [...this.panel.querySelectorAll(".lm-TabBar-tab")], current = tabs.find((tab) => tab.classList.contains("lm-mod-current"));
     if (!current) return;
     const there = tabs.find((tab) => tab.textContent?.trim() === wanted);
@@ -166,8 +165,8 @@ export class SidePanel {
     if (this.isUsed) remember({ tab: this.panel.querySelector(".lm-mod-current")?.textContent?.trim() });
   }
 
-  /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. @param {Element} section */
-  #sized(section) {
+  /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. */
+  #sized(section: Element) {
     const { height } = section.getBoundingClientRect(), before = this.heights.get(section) ?? height;
     this.heights.set(section, height);
     const { activeElement } = document;
@@ -175,8 +174,8 @@ export class SidePanel {
     if (height > before && (section === this.opened || isChosen)) this.#scrollTo(section);
   }
 
-  /** By the panel's own scroll bar: scrollIntoView would move the page. @param {Element} section */
-  #scrollTo(section) {
+  /** By the panel's own scroll bar: scrollIntoView would move the page. */
+  #scrollTo(section: Element) {
     const group = section.closest(".dnb-group");
     if (!group) return;
     const outer = group.getBoundingClientRect(), { top, bottom } = section.getBoundingClientRect();
@@ -184,8 +183,8 @@ export class SidePanel {
   }
 }
 
-/** Enter and space on the heading of a section fold it, as a click does. @param {KeyboardEvent} event */
-function fold(event) {
+/** Enter and space on the heading of a section fold it, as a click does. */
+function fold(event: KeyboardEvent) {
   const { key, target } = event;
   if ((key !== "Enter" && key !== " ") || !(target instanceof HTMLElement)) return;
   if (!target.matches(".jupyter-widget-Collapse-header")) return;
@@ -194,8 +193,8 @@ function fold(event) {
   target.click();
 }
 
-/** Lumino's tabs look where a pointer is pressed. @param {Element} tab */
-function pressTab(tab) {
+/** Lumino's tabs look where a pointer is pressed. */
+function pressTab(tab: Element) {
   const { left, top, width, height } = tab.getBoundingClientRect();
   const place = { bubbles: true, cancelable: true, button: 0, clientX: left + width / 2, clientY: top + height / 2 };
   tab.dispatchEvent(new PointerEvent("pointerdown", place));

@@ -9,19 +9,14 @@
 //
 // A listener need not fit again: the detail holds the result of layeredFit.
 
-/** @import { Bus, FitSettings, Model, Point, PointsDetail } from "../types.d.ts" */
+import type { Bus, FitSettings, Model, Point, PointsDetail } from "../types.ts";
 
 const KEY = Symbol.for("deformnb.widgets");
 
-/** @type {Record<symbol, Map<string, Bus> | undefined>} */
-const shared = Object(globalThis);
+const shared: Record<symbol, Map<string, Bus> | undefined> = Object(globalThis);
 
-/**
- * The bus of an editor or a player.
- * @param {Model} model
- * @returns {Bus}
- */
-export function busOf(model) {
+/** The bus of an editor or a player. */
+export function busOf(model: Model): Bus {
   const buses = shared[KEY] ?? new Map(), uid = model.get("uid");
   shared[KEY] = buses;
   const bus = buses.get(uid) ?? Object.assign(new EventTarget(), { latest: null, owners: 0 });
@@ -30,22 +25,13 @@ export function busOf(model) {
   return bus;
 }
 
-/**
- * The points that a window holds for an editor: an edit is there before Python has received it.
- * @param {Bus} bus
- * @param {Model} model
- * @returns {Point[]}
- */
-export function pointsOf(bus, model) {
+/** The points that a window holds for an editor: an edit is there before Python has received it. */
+export function pointsOf(bus: Bus, model: Model): Point[] {
   bus.sender?.receive();
   return bus.sender?.points ?? model.get("points");
 }
 
-/**
- * @param {Bus} bus
- * @param {PointsDetail} detail
- */
-export function publishPoints(bus, detail) {
+export function publishPoints(bus: Bus, detail: PointsDetail) {
   bus.latest = detail;
   bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));
 }
@@ -53,53 +39,42 @@ export function publishPoints(bus, detail) {
 /** Traits of an editor that its fit depends on, besides the points. */
 export const FIT_TRAITS = ["settings", "lone_support", "cuts", "cut_rule", "parts"];
 
-/**
- * The settings of a fit with the shapes, as the traits of an editor hold them.
- * @param {Model} model
- * @returns {FitSettings}
- */
-export function settingsOf(model) {
+/** The settings of a fit with the shapes, as the traits of an editor hold them. */
+export function settingsOf(model: Model): FitSettings {
   const { settings, ...others } = Object.fromEntries(FIT_TRAITS.map((name) => [name, model.get(name)]));
   return { ...settings, ...others };
 }
 
 /**
  * Hold a bus. It lives as long as someone holds it: the editor's model and its followers. Views come and go in between.
- * @param {Bus} bus
  */
-export function holdBus(bus) {
+export function holdBus(bus: Bus) {
   bus.owners += 1;
 }
 
-/**
- * @param {Bus} bus
- * @param {string} uid
- */
-export function releaseBus(bus, uid) {
+export function releaseBus(bus: Bus, uid: string) {
   bus.owners -= 1;
   if (bus.owners <= 0) shared[KEY]?.delete(uid);
 }
 
-/** A widget of the window that another one follows, chosen by a reference; its bus is held until another is chosen. */
+/**
+ * A widget of the window that another one follows, chosen by a reference; its bus is held until another is chosen.
+ */
 export class FollowedModel {
-  /** @type {string | Model | null} */
-  reference = null;
+  owner: Model;
 
-  /** @type {(() => void)[]} what ends with it */
-  ends = [];
+  reference: string | Model | null = null;
 
-  /** @type {object | null} */
-  #ticket = null; // of the reference that is followed
+  /** what ends with it */
+  ends: (() => void)[] = [];
 
-  /** @param {Model} owner  a model whose manager finds the others */
-  constructor(owner) { this.owner = owner; }
+  #ticket: object | null = null; // of the reference that is followed
 
-  /**
-   * Null for none, or if another one is chosen meanwhile.
-   * @param {string | Model | null} reference
-   * @returns {Promise<{ model: Model, bus: Bus } | null>}
-   */
-  async choose(reference) {
+  /** @param owner a model whose manager finds the others */
+  constructor(owner: Model) { this.owner = owner; }
+
+  /** Null for none, or if another one is chosen meanwhile. */
+  async choose(reference: string | Model | null): Promise<{ model: Model, bus: Bus } | null> {
     this.end();
     this.reference = reference;
     if (!reference) return null;
@@ -114,13 +89,8 @@ export class FollowedModel {
     return { model, bus };
   }
 
-  /**
-   * Calls a function at each event of a bus until another widget is chosen.
-   * @param {Bus} bus
-   * @param {string} name
-   * @param {(event: any) => void} heard
-   */
-  hear(bus, name, heard) {
+  /** Calls a function at each event of a bus until another widget is chosen. */
+  hear(bus: Bus, name: string, heard: (event: any) => void) {
     bus.addEventListener(name, heard);
     this.ends.push(() => bus.removeEventListener(name, heard));
   }

@@ -11,18 +11,16 @@
 // There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
 // it.
 
-import { LONGEST_EDIT } from "../maths/constants.js";
-import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.js";
-import { History } from "./undo_list.js";
+import { LONGEST_EDIT } from "../maths/constants.ts";
+import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
+import { History } from "./undo_list.ts";
 
-/** @import { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.d.ts" */
+import type { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
 
-/**
- * @typedef {{ points: Point[], shapes: Shapes }} State
- * @typedef {"points" | "status" | "history"} Change
- * @typedef {{ index: number, motion: Motion }} MovedPart
- * @typedef {{ now: () => number, later: (f: () => void, ms: number) => number, cancel: (id: number) => void }} Clock
- */
+export type State = { points: Point[], shapes: Shapes };
+export type Change = "points" | "status" | "history";
+export type MovedPart = { index: number, motion: Motion };
+export type Clock = { now: () => number, later: (f: () => void, ms: number) => number, cancel: (id: number) => void };
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
@@ -30,16 +28,33 @@ const PRECEDENCE_MS = 10000; // milliseconds for which an edit of ours takes pre
 /** Characters of an edit at most; Python counts the bytes of its own JSON, which has blanks and escapes. */
 export const MOST_CHARACTERS = LONGEST_EDIT / 2;
 
-/** @type {ShapeKind[]} */
-const SHAPE_KINDS = ["cuts", "parts"];
+const SHAPE_KINDS: ShapeKind[] = ["cuts", "parts"];
 
 const newId = () => Math.random().toString(36).slice(2, 12);
 
-/** @type {Clock} */
-export const CLOCK = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms),
+export const CLOCK: Clock = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms),
   cancel: (id) => clearTimeout(id) };
 
 export class Sender {
+  clock: Clock;
+  id: string;
+  seq: number;
+  last: number;
+  lastAt: number;
+  points: Point[];
+  shapes: Shapes;
+  nextId: number;
+  models: { model: Model, handlers: Record<string, (...args: any[]) => void> }[];
+  listeners: Set<(what: Change) => void>;
+  history: History<State>;
+  waiting: Record<"move" | "end", Set<number>>;
+  pending: { move: { points: Point[], part?: MovedPart } | null, end: { kind: string, joins: boolean, points: Point[] } | null };
+  status: string;
+  isAnswered: boolean;
+  isCut: boolean;
+  drawn: any;
+  steps: { seq: number, what: string }[];
+
   #isFilled = false; // whether points have been received
   #isGreeted = false;
   #timer = 0;
@@ -51,38 +66,29 @@ export class Sender {
     this.seq = 0; // number of the last message
     this.last = 0; // number of the last message that Python has to have seen before its values are taken
     this.lastAt = -Infinity;
-    /** @type {Point[]} */
     this.points = [];
-    /** @type {Shapes} */
     this.shapes = { cuts: [], parts: [] };
     this.nextId = 0;
-    /** @type {{ model: Model, handlers: Record<string, (...args: any[]) => void> }[]} */
     this.models = [];
-    /** @type {Set<(what: Change) => void>} */
     this.listeners = new Set();
-    /** @type {History<State>} */
     this.history = new History();
-    /** @type {Record<"move" | "end", Set<number>>} numbers of the messages in flight */
+    /** numbers of the messages in flight */
     this.waiting = { move: new Set(), end: new Set() };
-    /** @type {{ move: { points: Point[], part?: MovedPart } | null, end: { kind: string, joins: boolean, points: Point[] } | null }} */
     this.pending = { move: null, end: null };
     this.status = ""; // "", "busy", "unanswered", "detached" or "lost"
     this.isAnswered = false;
     this.isCut = false;
-    /** @type {any} measurements of a view during a drag, sent with its end */
+    /** measurements of a view during a drag, sent with its end */
     this.drawn = null;
-    /** @type {{ seq: number, what: string }[]} */
     this.steps = [];
   }
 
   // ---- models and listeners -----------------------------------------------------------------------------------------
 
-  /** @param {Model} model */
-  attach(model) {
+  attach(model: Model) {
     if (this.models.some((held) => held.model === model)) return;
     const news = () => this.receive(true, model);
-    /** @type {Record<string, (...args: any[]) => void>} */
-    const handlers = { "change:points": news, "change:cuts": news, "change:parts": news,
+    const handlers: Record<string, (...args: any[]) => void> = { "change:points": news, "change:cuts": news, "change:parts": news,
       "change:seen": () => { this.receive(false, model); this.#notify("history"); },
       "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
       comm_live_update: () => { this.isCut = true; } };
@@ -91,8 +97,7 @@ export class Sender {
     this.receive();
   }
 
-  /** @param {Model} model */
-  detach(model) {
+  detach(model: Model) {
     const at = this.models.findIndex((held) => held.model === model);
     if (at < 0) return;
     this.flush();
@@ -104,9 +109,8 @@ export class Sender {
   /**
    * Call a listener after changes of the points or of `status`, or ("history") when other steps may be undone although
    * all of that is the same: a step was requested, or Python has seen it. Returns the function that ends it.
-   * @param {(what: Change) => void} listener
    */
-  listen(listener) {
+  listen(listener: (what: Change) => void) {
     this.listeners.add(listener);
     return () => this.listeners.delete(listener);
   }
@@ -136,23 +140,14 @@ export class Sender {
   /** The state that an undo restores: points, cuts and parts together. */
   get state() { return { points: this.points, shapes: this.shapes }; }
 
-  /**
-   * The shapes of a model; the same list where nothing has changed.
-   * @template {ShapeKind} K
-   * @param {Model} model
-   * @param {K} what
-   */
-  #shapesOf(model, what) {
+  /** The shapes of a model; the same list where nothing has changed. */
+  #shapesOf<K extends ShapeKind>(model: Model, what: K) {
     const held = this.shapes[what], clean = cleanShapes(model.get(what), what, held);
     return sameShapes(clean, held) ? held : clean;
   }
 
-  /**
-   * Take the answer to a message.
-   * @param {number} seq
-   * @param {string} [sender]
-   */
-  done(seq, sender = this.id) {
+  /** Take the answer to a message. */
+  done(seq: number, sender: string = this.id) {
     if (sender !== this.id) return; // another window's
     this.waiting.move.delete(seq);
     this.waiting.end.delete(seq);
@@ -166,52 +161,38 @@ export class Sender {
 
   /**
    * Send the points after an edit; edits that share `join` in quick succession are undone as one.
-   * @param {Point[]} points
-   * @param {string} kind  of the edit, for the history
-   * @param {string | null} [join]
+   * @param kind of the edit, for the history
    */
-  edit(points, kind, join = null) {
+  edit(points: Point[], kind: string, join: string | null = null) {
     const joins = this.history.record(this.state, join);
     this.#leave(points, kind, joins);
   }
 
   /**
    * Send all cuts or all parts after an edit of one, and the points if it changes them too; `join` as of an edit.
-   * @param {ShapeKind} what
-   * @param {ShapeData[]} shapes
-   * @param {string} kind
-   * @param {Point[]} [points]
-   * @param {string | null} [join]
    */
-  editShapes(what, shapes, kind, points = this.points, join = null) {
+  editShapes(what: ShapeKind, shapes: ShapeData[], kind: string, points: Point[] = this.points, join: string | null = null) {
     this.history.record(this.state, join);
     this.#leaveShapes(what, shapes, kind, points, join !== null);
   }
 
-  /**
-   * Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile.
-   * @param {{ what: ShapeKind, index: number, shape: any } | null} chosen
-   */
-  choose(chosen) {
+  /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */
+  choose(chosen: { what: ShapeKind, index: number, shape: any } | null) {
     this.flush();
     this.last = this.seq + 1;
     this.#send("end", { type: "choose", what: null, ...chosen });
   }
 
-  /**
-   * Send points during a drag, or a rigid part on its way and the points with it.
-   * @param {Point[]} points
-   * @param {MovedPart | null} [part]
-   */
-  move(points, part = null) {
+  /** Send points during a drag, or a rigid part on its way and the points with it. */
+  move(points: Point[], part: MovedPart | null = null) {
     this.pending.move = { points, ...(part && { part }) };
     this.#next();
   }
 
   get isPythons() { return typeof this.model?.get("history")?.undo === "string"; }
 
-  /** Whether there is a step to undo or redo. @param {"undo" | "redo"} way */
-  canStep(way) {
+  /** Whether there is a step to undo or redo. */
+  canStep(way: "undo" | "redo") {
     if (!this.isPythons) return (way === "undo" ? this.history.past : this.history.future).length > 0;
     const { undo, redo } = this.model?.get("history") ?? {}, can = { undo: undo !== "", redo: redo !== "" };
     for (const step of this.#unseen()) { // an edit can be undone, and leaves nothing to redo
@@ -229,20 +210,14 @@ export class Sender {
     return [...this.steps.map(({ what }) => what), ...(this.pending.end ? ["edit"] : [])];
   }
 
-  /**
-   * Note that the next message changes what can be undone: until Python has seen it, we are ahead of it.
-   * @param {string} what
-   */
-  #counted(what) {
+  /** Note that the next message changes what can be undone: until Python has seen it, we are ahead of it. */
+  #counted(what: string) {
     this.last = this.seq + 1;
     this.steps.push({ seq: this.last, what });
   }
 
-  /**
-   * Do one step of the history, this window's or Python's; false where there is none.
-   * @param {"undo" | "redo"} way
-   */
-  step(way) {
+  /** Do one step of the history, this window's or Python's; false where there is none. */
+  step(way: "undo" | "redo") {
     if (!this.canStep(way)) return false;
     if (!this.isPythons) {
       const { points, shapes } = this.history[way](this.state) ?? this.state;
@@ -271,8 +246,7 @@ export class Sender {
     this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
-  /** @param {Point[]} points @param {string} kind @param {boolean} joins */
-  #leave(points, kind, joins) {
+  #leave(points: Point[], kind: string, joins: boolean) {
     const waits = this.pending.end;
     this.pending.move = null;
     this.pending.end = waits ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points }
@@ -282,15 +256,8 @@ export class Sender {
     this.#next();
   }
 
-  /**
-   * Send shapes at once, behind what waits: they are drawn only now and then.
-   * @param {ShapeKind} what
-   * @param {ShapeData[]} shapes
-   * @param {string} kind
-   * @param {Point[]} [points]
-   * @param {boolean} [joins]
-   */
-  #leaveShapes(what, shapes, kind, points = this.points, joins = false) {
+  /** Send shapes at once, behind what waits: they are drawn only now and then. */
+  #leaveShapes(what: ShapeKind, shapes: ShapeData[], kind: string, points: Point[] = this.points, joins: boolean = false) {
     this.pending.move = null;
     this.flush();
     this.lastAt = this.clock.now();
@@ -300,8 +267,7 @@ export class Sender {
     this.#send("end", { type: "shapes", what, kind, shapes: this.shapes[what], ...others, ...(joins && { joins }) });
   }
 
-  /** @param {Point[]} points @param {Shapes} [shapes] */
-  #take(points, shapes = this.shapes) {
+  #take(points: Point[], shapes: Shapes = this.shapes) {
     this.points = points;
     this.shapes = shapes;
     this.nextId = nextId(points, this.nextId);
@@ -318,8 +284,7 @@ export class Sender {
     }
   }
 
-  /** @param {"move" | "end"} group @param {any} content */
-  #send(group, content) {
+  #send(group: "move" | "end", content: any) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
     this.clock.cancel(this.#timer);
@@ -346,13 +311,9 @@ export class Sender {
     this.#next();
   }
 
-  /**
-   * The kernel of a Jupyter front end, null where it is gone; undefined of other hosts.
-   * @returns {{ status: string } | null | undefined}
-   */
-  get #kernel() {
-    /** @type {any} */
-    const manager = this.model?.widget_manager;
+  /** The kernel of a Jupyter front end, null where it is gone; undefined of other hosts. */
+  get #kernel(): { status: string } | null | undefined {
+    const manager: any = this.model?.widget_manager;
     return manager?.kernel;
   }
 
@@ -379,15 +340,13 @@ export class Sender {
     this.#greeting = this.clock.later(() => { this.#reportDetached(); this.#expectAnswer(); }, LOST_AFTER);
   }
 
-  /** @param {string} status */
-  #setStatus(status) {
+  #setStatus(status: string) {
     if (status === this.status && status !== "lost") return; // a loss is reported for each edit
     this.status = status;
     this.#notify("status");
   }
 
-  /** @param {Change} what */
-  #notify(what) { for (const listener of this.listeners) listener(what); }
+  #notify(what: Change) { for (const listener of this.listeners) listener(what); }
 }
 
 const REST = 150; // milliseconds
@@ -397,21 +356,22 @@ const REST = 150; // milliseconds
  * before the user turns to another widget, which may change it too; until then Python's value is old.
  */
 export class RestingTrait {
+  model: Model;
+  name: string;
+
   #timer = 0;
 
-  /** @type {any} what waits */
-  #value = null;
+  /** what waits */
+  #value: any = null;
 
-  /** @param {Model} model @param {string} name */
-  constructor(model, name) {
+  constructor(model: Model, name: string) {
     this.model = model;
     this.name = name;
   }
 
   get isAhead() { return this.#timer !== 0; }
 
-  /** @param {any} value */
-  sendSoon(value) {
+  sendSoon(value: any) {
     clearTimeout(this.#timer);
     this.#value = value;
     this.#timer = setTimeout(() => this.flush(), REST);
@@ -432,12 +392,8 @@ export class RestingTrait {
   }
 }
 
-/**
- * The sender of an editor's bus, made by the first call, which is that of anywidget's `initialize`.
- * @param {Bus} bus
- * @param {Model} model
- */
-export function senderOf(bus, model) {
+/** The sender of an editor's bus, made by the first call, which is that of anywidget's `initialize`. */
+export function senderOf(bus: Bus, model: Model) {
   if (!bus.sender) {
     bus.sender = new Sender();
     bus.sender.attach(model);
@@ -447,42 +403,45 @@ export function senderOf(bus, model) {
 
 /** A value of one view on its way to Python, such as a curve. */
 export class EditLink {
+  post: (message: any) => void;
+  now: () => number;
+  id: string;
+  seq: number;
+  last: number;
+  waiting: Set<number>;
+
   #sentAt = 0;
   #endedAt = 0;
-  /** @type {any} a movement that waits, null for none */
-  #pending = null;
+  /** a movement that waits, null for none */
+  #pending: any = null;
 
-  /**
-   * @param {(message: any) => void} send
-   * @param {() => number} [now]  milliseconds
-   */
-  constructor(send, now = () => performance.now()) {
+  /** @param now milliseconds */
+  constructor(send: (message: any) => void, now: () => number = () => performance.now()) {
     this.post = send;
     this.now = now;
     this.id = newId();
     this.seq = 0;
     this.last = 0; // number of the last end
-    /** @type {Set<number>} */
     this.waiting = new Set();
   }
 
-  /** Send a value during a drag. @param {any} value */
-  move(value) {
+  /** Send a value during a drag. */
+  move(value: any) {
     if (this.waiting.size && this.now() - this.#sentAt > LOST_AFTER) this.waiting.clear();
     if (this.waiting.size >= MOST_IN_FLIGHT) { this.#pending = value; return; }
     this.#send("move", value);
   }
 
-  /** Send a value at the end of an edit. @param {any} value */
-  end(value) {
+  /** Send a value at the end of an edit. */
+  end(value: any) {
     this.#pending = null;
     this.#send("end", value);
     this.last = this.seq;
     this.#endedAt = this.now();
   }
 
-  /** Take the answer to a message. @param {number} seq */
-  done(seq) {
+  /** Take the answer to a message. */
+  done(seq: number) {
     this.waiting.delete(seq);
     if (this.#pending === null || this.waiting.size >= MOST_IN_FLIGHT) return;
     const value = this.#pending;
@@ -490,14 +449,10 @@ export class EditLink {
     this.#send("move", value);
   }
 
-  /**
-   * Whether Python's value is older than ours. `seen`: the last end that it has received of each view.
-   * @param {Record<string, number> | null | undefined} seen
-   */
-  isBehind(seen) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS; }
+  /** Whether Python's value is older than ours. `seen`: the last end that it has received of each view. */
+  isBehind(seen: Record<string, number> | null | undefined) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS; }
 
-  /** @param {"move" | "end"} phase @param {any} value */
-  #send(phase, value) {
+  #send(phase: "move" | "end", value: any) {
     this.seq += 1;
     if (phase === "move") { this.waiting.add(this.seq); this.#sentAt = this.now(); }
     this.post({ type: "edit", seq: this.seq, view: this.id, phase, value });

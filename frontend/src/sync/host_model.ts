@@ -9,45 +9,40 @@
 // `deliver` gets the messages of model.send; `save` gets the traits that the front end has changed. Until our last
 // save of a trait is answered, values of that trait from the other side are old.
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-/** @typedef {Record<string, any>} State  values of traits by their names */
+/** values of traits by their names */
+export type State = Record<string, any>;
 
-/** @implements {Model} */
-export class PlainModel {
-  /**
-   * @param {State} state
-   * @param {{ deliver?: (content: any, buffers: any[]) => void, save?: (changed: State) => void,
-   *   models?: Record<string, any>, isAnswered?: boolean }} [options]
-   */
-  constructor(state, { deliver = () => {}, save = () => {}, models = {}, isAnswered = false } = {}) {
-    /** @type {State} */
+export class PlainModel implements Model {
+  state: State;
+  deliver: (content: any, buffers: any[]) => void;
+  save: (changed: State) => void;
+  isAnswered: boolean;
+  handlers: Map<string, ((...args: any[]) => void)[]>;
+  changed: State;
+  unanswered: Map<string, number>;
+  widget_manager: { get_model: (id: string) => Promise<any>; };
+
+  constructor(state: State, { deliver = () => {}, save = () => {}, models = {}, isAnswered = false }: { deliver?: (content: any, buffers: any[]) => void, save?: (changed: State) => void, models?: Record<string, any>, isAnswered?: boolean } = {}) {
     this.state = { ...state };
     this.deliver = deliver;
     this.save = save;
     this.isAnswered = isAnswered;
-    /** @type {Map<string, ((...args: any[]) => void)[]>} */
     this.handlers = new Map();
-    /** @type {State} */
     this.changed = {};
-    /** @type {Map<string, number>} */
     this.unanswered = new Map();
-    this.widget_manager = { get_model: async (/** @type {string} */ id) => {
+    this.widget_manager = { get_model: async (id: string) => {
       if (!models[id]) throw new Error(`there is no model ${id}`);
       return models[id];
     } };
   }
 
-  /** @param {any} name */
-  get(name) { return this.state[name]; }
+  get(name: any) { return this.state[name]; }
 
-  /**
-   * @param {any} name  or values of several traits
-   * @param {any} [value]
-   */
-  set(name, value) {
-    /** @type {State} */
-    const given = typeof name === "object" ? name : { [name]: value };
+  /** @param name or values of several traits */
+  set(name: any, value?: any) {
+    const given: State = typeof name === "object" ? name : { [name]: value };
     this.#take(given);
     Object.assign(this.changed, given);
   }
@@ -60,16 +55,13 @@ export class PlainModel {
     this.save(changed);
   }
 
-  /** @param {any} content @param {any} [_callbacks] @param {any[]} [buffers] */
-  send(content, _callbacks, buffers = []) { this.deliver(content, buffers); }
+  send(content: any, _callbacks?: any, buffers: any[] = []) { this.deliver(content, buffers); }
 
-  /** @param {string} names @param {(...args: any[]) => void} handler */
-  on(names, handler) {
+  on(names: string, handler: (...args: any[]) => void) {
     for (const name of names.split(" ")) this.handlers.set(name, [...(this.handlers.get(name) ?? []), handler]);
   }
 
-  /** @param {string | null} [names] @param {((...args: any[]) => void) | null} [handler] */
-  off(names, handler) {
+  off(names?: string | null, handler?: ((...args: any[]) => void) | null) {
     if (!names) { this.handlers.clear(); return; }
     for (const name of names.split(" ")) {
       const kept = (this.handlers.get(name) ?? []).filter((other) => handler && other !== handler);
@@ -77,16 +69,13 @@ export class PlainModel {
     }
   }
 
-  /** @param {any} content @param {any[]} [buffers] */
-  receive(content, buffers = []) { this.#emit("msg:custom", content, buffers); }
+  receive(content: any, buffers: any[] = []) { this.#emit("msg:custom", content, buffers); }
 
-  /** @param {State} state */
-  update(state) {
+  update(state: State) {
     this.#take(Object.fromEntries(Object.entries(state).filter(([name]) => !this.unanswered.get(name))));
   }
 
-  /** @param {State} state */
-  answered(state) {
+  answered(state: State) {
     for (const name of Object.keys(state)) {
       this.unanswered.set(name, Math.max(0, (this.unanswered.get(name) ?? 0) - 1));
     }
@@ -95,16 +84,14 @@ export class PlainModel {
     this.update(Object.fromEntries(others)); // refused values; the same value again is no change
   }
 
-  /** @param {State} given */
-  #take(given) {
+  #take(given: State) {
     const news = Object.entries(given).filter(([name, value]) => this.state[name] !== value);
     for (const [name, value] of news) this.state[name] = value;
     for (const [name] of news) this.#emit(`change:${name}`);
     if (news.length) this.#emit("change");
   }
 
-  /** @param {string} name @param {any[]} given */
-  #emit(name, ...given) {
+  #emit(name: string, ...given: any[]) {
     for (const handler of this.handlers.get(name) ?? []) handler(...given);
   }
 }

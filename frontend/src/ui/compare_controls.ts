@@ -1,7 +1,7 @@
 // The controls of the display modes that compare original and deformed at one place: the line of "wipe", dragged or moved
 // by keys, and the slider of "fade".
 
-import { OWN_KEYS, pageElement, setAttributes } from "./dom.js";
+import { OWN_KEYS, pageElement, setAttributes } from "./dom.ts";
 
 const STEP = 0.02, LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
 
@@ -9,11 +9,16 @@ const STEP = 0.02, LARGE_STEP = 0.1; // shares of the width of an arrow key, and
 export const COMPARISONS = ["wipe", "fade"];
 
 export class CompareControls {
-  /**
-   * @param {HTMLElement} root of the view
-   * @param {() => void} moved
-   */
-  constructor(root, moved) {
+  moved: () => void;
+  share: number;
+  shows: string;
+  root: HTMLElement;
+  line: HTMLDivElement;
+  fade: HTMLLabelElement;
+  slider: HTMLInputElement;
+
+  /** @param root of the view */
+  constructor(root: HTMLElement, moved: () => void) {
     this.moved = moved;
     this.share = 0.5; // of the width that shows the original; of the original in the mixture
     this.shows = "";
@@ -36,16 +41,14 @@ export class CompareControls {
     this.#place();
   }
 
-  /** @param {string} shows */
-  set(shows) {
+  set(shows: string) {
     if (shows === this.shows) return;
     this.shows = shows;
     this.line.hidden = shows !== "wipe";
     this.fade.hidden = shows !== "fade";
   }
 
-  /** @param {number} share */
-  move(share) {
+  move(share: number) {
     this.share = Math.min(1, Math.max(0, share));
     this.#place();
     this.moved();
@@ -57,24 +60,21 @@ export class CompareControls {
     this.slider.value = String(this.share);
   }
 
-  /** @param {PointerEvent} event */
-  #hold(event) {
+  #hold(event: PointerEvent) {
     if (event.button !== 0) return;
     event.stopPropagation(); // it does not turn the volume
     this.line.setPointerCapture(event.pointerId);
   }
 
-  /** @param {PointerEvent} event */
-  #drag(event) {
+  #drag(event: PointerEvent) {
     if (!this.line.hasPointerCapture(event.pointerId)) return;
     const { left, width } = this.root.getBoundingClientRect();
     this.move((event.clientX - left) / width);
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(event: KeyboardEvent) {
     const step = event.shiftKey ? LARGE_STEP : STEP, ways = { ArrowLeft: -step, ArrowRight: step, Home: -1, End: 1 };
-    const way = ways[/** @type {keyof typeof ways} */ (event.key)];
+    const way = ways[(event.key as keyof typeof ways)];
     if (way === undefined) return;
     event.preventDefault();
     event.stopPropagation();

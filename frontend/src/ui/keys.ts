@@ -1,15 +1,14 @@
 // The keys and gestures of the editors: one table for the handlers, the list on "?", and the tips of the buttons.
 
-import { OWN_KEYS, pageElement, treeOf } from "./dom.js";
+import { OWN_KEYS, pageElement, treeOf } from "./dom.ts";
 
 /**
  * `keys` are those that the handlers look for, letters small, "Shift+" and "Alt+" before the keys that need them.
- * @typedef {[shown: string, what: string, about?: { command?: string, keys: string[] }]} KeyRow
- * @typedef {[title: string, rows: KeyRow[]][]} KeyTable
  */
+export type KeyRow = [shown: string, what: string, about?: { command?: string, keys: string[] }];
+export type KeyTable = [title: string, rows: KeyRow[]][];
 
-/** @type {KeyRow[]} */
-const MANY_KEYS = [
+const MANY_KEYS: KeyRow[] = [
   ["Drag a disc", "move a feature"], ["Drag a ring", "where it was taken"], ["Alt + drag", "move both"],
   ["Del, right click", "delete", { command: "remove", keys: ["Delete", "Backspace"] }],
   ["Home", "put back", { command: "reset", keys: ["Home"] }],
@@ -17,8 +16,7 @@ const MANY_KEYS = [
   ["L", "lock, unlock", { command: "lock", keys: ["l"] }],
 ];
 
-/** @type {KeyRow[]} */
-const CHOICE_KEYS = [
+const CHOICE_KEYS: KeyRow[] = [
   ["Shift + click", "add to the selected"], ["Ctrl + A", "select all", { keys: ["Control+a"] }],
   ["Esc", "select none, give up", { keys: ["Escape"] }],
   ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
@@ -28,17 +26,14 @@ const CHOICE_KEYS = [
   ["Enter on a point", "select it", { keys: ["Enter"] }],
 ];
 
-/** @type {KeyRow[]} */
-const HISTORY_KEYS = [
+const HISTORY_KEYS: KeyRow[] = [
   ["Ctrl + Z", "undo", { command: "undo", keys: ["Control+z"] }],
   ["Ctrl + Y", "redo", { command: "redo", keys: ["Control+y", "Control+Shift+z"] }],
 ];
 
-/** @type {KeyRow} */
-const HELP_KEY = ["?", "this list", { command: "help", keys: ["?"] }];
+const HELP_KEY: KeyRow = ["?", "this list", { command: "help", keys: ["?"] }];
 
-/** @type {KeyTable} */
-export const EDITOR_KEYS = [
+export const EDITOR_KEYS: KeyTable = [
   ["Points", [
     ["Double-click, A", "add a point; after A press and drag", { command: "add", keys: ["a"] }],
     ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
@@ -88,8 +83,7 @@ export const EDITOR_KEYS = [
   ]],
 ];
 
-/** @type {KeyTable} */
-export const SPACE_EDITOR_KEYS = [
+export const SPACE_EDITOR_KEYS: KeyTable = [
   ["Points", [
     ["Double-click, A", "add a point on the slice, or on what is seen", { command: "add", keys: ["a"] }],
     ["Enter on a picture", "add a point at the cross-hair", { keys: ["Enter"] }],
@@ -128,63 +122,40 @@ export const SPACE_EDITOR_KEYS = [
 
 /**
  * Keys of the live view (view/pointer.js). It shows no list; they are kept here so that one module holds all keys.
- * @type {KeyTable}
  */
-export const VIEW_KEYS = [["View", [
+export const VIEW_KEYS: KeyTable = [["View", [
   ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
   ["+, -", "zoom", { keys: ["+", "=", "-"] }], ["0", "as at first", { keys: ["0"] }],
   ["Hold space", "before", { keys: [" "] }],
 ]]];
 
-/** @param {KeyTable} table */
-export function keyRows(table) { return table.flatMap(([, rows]) => rows); }
+export function keyRows(table: KeyTable) { return table.flatMap(([, rows]) => rows); }
 
-/**
- * Buttons that share a row of the table with others: the row's command, and the key of the button.
- * @type {Record<string, [row: string, key: string]>}
- */
-const SAME_ROW = { "zoom-in": ["zoom", "+"], "zoom-out": ["zoom", "-"], "turn-left": ["rotate", "Shift + ,"],
+/** Buttons that share a row of the table with others: the row's command, and the key of the button. */
+const SAME_ROW: Record<string, [row: string, key: string]> = { "zoom-in": ["zoom", "+"], "zoom-out": ["zoom", "-"], "turn-left": ["rotate", "Shift + ,"],
   "turn-right": ["rotate", "Shift + ."] };
 
-/** @param {KeyTable} table @param {string} given */
-function keyRow(table, given) {
+function keyRow(table: KeyTable, given: string) {
   const command = SAME_ROW[given]?.[0] ?? given;
   return keyRows(table).find(([, , about]) => about?.command === command);
 }
 
-/**
- * The command of a key, for keys of which one command is all they do; else null.
- * @param {KeyTable} table
- * @param {string} key
- */
-export function commandOf(table, key) {
+/** The command of a key, for keys of which one command is all they do; else null. */
+export function commandOf(table: KeyTable, key: string) {
   return keyRows(table).find(([, , about]) => about?.keys.includes(key))?.[2]?.command ?? null;
 }
 
-/**
- * The keys of a command as they are shown, "" for none.
- * @param {KeyTable} table
- * @param {string} command
- */
-export function keyWords(table, command) { return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? ""; }
+/** The keys of a command as they are shown, "" for none. */
+export function keyWords(table: KeyTable, command: string) { return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? ""; }
 
-/**
- * The tip of a button: what it does, and by which keys.
- * @param {KeyTable} table
- * @param {string} command
- * @param {string} text
- */
-export function tipOf(table, command, text) {
+/** The tip of a button: what it does, and by which keys. */
+export function tipOf(table: KeyTable, command: string, text: string) {
   const words = keyWords(table, command);
   return words ? `${text} (${words.replaceAll(" + ", "+")})` : text;
 }
 
-/**
- * The same for the browser: aria-keyshortcuts.
- * @param {KeyTable} table
- * @param {string} command
- */
-export function shortcutsOf(table, command) {
+/** The same for the browser: aria-keyshortcuts. */
+export function shortcutsOf(table: KeyTable, command: string) {
   const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2]?.keys ?? [];
   return keys.map((key) => (key.length === 1 ? key.toUpperCase()
     : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`))).join(" ");
@@ -192,16 +163,18 @@ export function shortcutsOf(table, command) {
 
 /** The list over the picture, hidden at first. */
 export class HelpPanel {
+  root: Element;
+  focusStage: () => void;
+  before: HTMLElement | SVGElement | null;
+  panel: HTMLDivElement;
+
   /**
-   * @param {Element} parent
-   * @param {Element} root  of the editor: what has the focus within gets it back
-   * @param {() => void} focusStage  called where that is gone meanwhile
-   * @param {KeyTable} [table]
+   * @param root of the editor: what has the focus within gets it back
+   * @param focusStage called where that is gone meanwhile
    */
-  constructor(parent, root, focusStage, table = EDITOR_KEYS) {
+  constructor(parent: Element, root: Element, focusStage: () => void, table: KeyTable = EDITOR_KEYS) {
     this.root = root;
     this.focusStage = focusStage;
-    /** @type {HTMLElement | SVGElement | null} */
     this.before = null; // what had the focus
     this.panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
       hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
@@ -224,7 +197,7 @@ export class HelpPanel {
     const { activeElement } = treeOf(this.root);
     this.panel.hidden = this.isOpen;
     if (this.isOpen) {
-      this.before = this.root.contains(activeElement) ? /** @type {HTMLElement} */ (activeElement) : null;
+      this.before = this.root.contains(activeElement) ? (activeElement as HTMLElement) : null;
       this.panel.focus();
     } else if (this.before?.isConnected) this.before.focus({ preventScroll: true });
     else this.focusStage();

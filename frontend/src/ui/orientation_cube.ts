@@ -1,23 +1,25 @@
 // A small cube in a corner that turns with the camera: its faces bear the letters of a patient's sides, and a click on
 // one looks from there. Where one face hides all others, arrows beside it lead to its neighbours.
 
-import { cross, dot, scaled } from "../maths/camera.js";
-import { OWN_KEYS, pageElement, svgElement } from "./dom.js";
-import { VIEW_NAMES, VIEW_TITLES } from "./view_parts.js";
+import { cross, dot, scaled } from "../maths/camera.ts";
+import { OWN_KEYS, pageElement, svgElement } from "./dom.ts";
+import { VIEW_NAMES, VIEW_TITLES } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
 const FLAT = 0.985; // cosine: a face that is seen as straight as this hides the others
 
-/** @type {(a: number[]) => number[]} */
-const unit = (a) => scaled(a, 1 / Math.hypot(...a));
+const unit: (a: number[]) => number[] = (a) => scaled(a, 1 / Math.hypot(...a));
 
 export class OrientationCube {
-  /**
-   * @param {Element} parent
-   * @param {(view: string) => void} choose  called with the name of a view
-   * @param {() => void} home
-   */
-  constructor(parent, choose, home) {
+  root: HTMLDivElement;
+  svg: SVGSVGElement;
+  faces: { view: string; group: SVGGElement; sheet: SVGRectElement; }[];
+  arrows: { path: SVGPathElement; x: number; y: number; view: string; }[];
+  bar: HTMLDivElement | undefined;
+  home: HTMLDivElement | undefined;
+
+  /** @param choose called with the name of a view */
+  constructor(parent: Element, choose: (view: string) => void, home: () => void) {
     this.root = pageElement("div", "dnb-compass", parent);
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
     this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
@@ -31,8 +33,7 @@ export class OrientationCube {
     this.#buttons(choose, home);
   }
 
-  /** @param {string} view @param {string} letter @param {(view: string) => void} choose */
-  #face(view, letter, choose) {
+  #face(view: string, letter: string, choose: (view: string) => void) {
     const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
     svgElement("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
     const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
@@ -42,15 +43,10 @@ export class OrientationCube {
     return { view, group, sheet };
   }
 
-  /**
-   * The same for the keyboard and for screen readers: out of sight until one of them has the focus.
-   * @param {(view: string) => void} choose
-   * @param {() => void} home
-   */
-  #buttons(choose, home) {
+  /** The same for the keyboard and for screen readers: out of sight until one of them has the focus. */
+  #buttons(choose: (view: string) => void, home: () => void) {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
-    /** @type {(text: string, title: string, label: string, action: () => void, parent: Element) => void} */
-    const add = (text, title, label, action, parent) => {
+    const add: (text: string, title: string, label: string, action: () => void, parent: Element) => void = (text, title, label, action, parent) => {
       const button = pageElement("button", "dnb-button", parent,
         { type: "button", title, "aria-label": label, ...OWN_KEYS });
       button.textContent = text;
@@ -65,28 +61,21 @@ export class OrientationCube {
 
   /**
    * Add a button below the one that resets the view.
-   * @param {string} name  of its class
-   * @param {string} path  of its icon, 16 x 16
-   * @param {string} tip
-   * @param {() => void} action
+   * @param name of its class
+   * @param path of its icon, 16 x 16
    */
-  addButton(name, path, tip, action) {
+  addButton(name: string, path: string, tip: string, action: () => void) {
     const button = pageElement("button", `dnb-button ${name}`, this.home,
       { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
     svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
     button.addEventListener("click", action);
   }
 
-  /**
-   * Draw the cube as the camera sees it. All vectors are in space.
-   * @param {Record<string, { direction: number[], up: number[] }>} views
-   * @param {{ direction: number[], up: number[], right: number[] }} camera
-   */
-  draw(views, { direction, up, right }) {
+  /** Draw the cube as the camera sees it. All vectors are in space. */
+  draw(views: Record<string, { direction: number[], up: number[] }>, { direction, up, right }: { direction: number[], up: number[], right: number[] }) {
     const sides = this.faces.map(({ view, group, sheet }) => {
       const n = scaled(unit(views[view].direction), -1), top = unit(views[view].up), across = cross(top, n);
-      /** @type {(v: number[], k: number) => number[]} */
-      const flat = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
+      const flat: (v: number[], k: number) => number[] = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
       const near = -dot(n, direction);
       const [a, b] = flat(across, 0.1), [c, d] = flat(top, -0.1), [e, f] = flat(n, 1); // a face is 20 units wide
       group.setAttribute("transform", `matrix(${[a, b, c, d, 50 + e, 50 + f].map((x) => x.toFixed(3)).join(" ")})`);

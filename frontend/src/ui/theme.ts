@@ -1,13 +1,19 @@
 // The theme of the page around a widget: of Jupyter, of VS Code, or the browser's preference.
 
-import { pageElement } from "./dom.js";
+import { pageElement } from "./dom.ts";
 
 const DARK_BELOW = 110; // luminance of the background, of 255
 
-/** Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme. */
+/**
+ * Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme.
+ */
 export class ThemeObserver {
-  /** @param {Element} element @param {() => void} changed */
-  constructor(element, changed) {
+  element: Element;
+  changed: () => void;
+  preference: MediaQueryList;
+  observer: MutationObserver;
+
+  constructor(element: Element, changed: () => void) {
     this.element = element;
     this.changed = changed;
     this.preference = window.matchMedia("(prefers-color-scheme: dark)");
@@ -31,8 +37,9 @@ export class ThemeObserver {
 
 /** The theme of the page by name, for a view, whose own background is that of its volume. */
 export class Theme {
-  /** @param {Element} root @param {() => void} changed */
-  constructor(root, changed) {
+  observer: ThemeObserver;
+
+  constructor(root: Element, changed: () => void) {
     this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed);
   }
 

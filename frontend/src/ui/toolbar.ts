@@ -1,25 +1,18 @@
 // The buttons over the picture, and the menu of those that are rarely used.
 
-/** @import { KeyTable } from "./keys.js" */
-import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.js";
-import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.js";
+import type { KeyTable } from "./keys.ts";
+import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.ts";
+import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.ts";
 
-/**
- * A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ...
- * @typedef {[command: string, label: string, tip: string, stays?: boolean, needs?: Need]} ToolEntry
- * @typedef {"points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future"} Need
- */
+/** A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ... */
+export type ToolEntry = [command: string, label: string, tip: string, stays?: boolean, needs?: Need];
+export type Need = "points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future";
 
-/**
- * The editor around a toolbar: `guard` reports an error of f, `run` does a command.
- * @typedef {{ guard: (f: () => void) => void, run: (command: string, focused: null) => void }} ToolbarHost
- */
+/** The editor around a toolbar: `guard` reports an error of f, `run` does a command. */
+export type ToolbarHost = { guard: (f: () => void) => void, run: (command: string, focused: null) => void };
 
-/**
- * Icons of 16 x 16, drawn with lines of the text's colour.
- * @type {Record<string, string>}
- */
-const ICONS = {
+/** Icons of 16 x 16, drawn with lines of the text's colour. */
+const ICONS: Record<string, string> = {
   add: "M8 3v10M3 8h10",
   select: "M2.5 5V2.5H5M8 2.5h3M13.5 4.5V6M2.5 8v3M2.5 13.5H6M8 7l6 2.4-2.6 1L10.3 13z",
   remove: "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4",
@@ -55,8 +48,7 @@ const ICONS = {
   help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
 };
 
-/** @type {ToolEntry[][]} */
-const GROUPS = [
+const GROUPS: ToolEntry[][] = [
   [["add", "Add", "Add points: press on a feature and drag it, or click", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points, or the chosen shape", false, "selection"],
@@ -76,11 +68,8 @@ const GROUPS = [
   [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
 ];
 
-/**
- * The menu: groups of the same, each with the words of its line.
- * @type {ToolEntry[][]}
- */
-const MORE = [
+/** The menu: groups of the same, each with the words of its line. */
+const MORE: ToolEntry[][] = [
   [["mirror", "Mirror", "Do the same on both sides of a line", true],
     ["mirror-axis", "Mirror the other way", "Lay the line of the mirror level or upright", false],
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
@@ -99,18 +88,16 @@ export const EDITS = ["add", "cut", "part", "wand", "fixed", "turn", "remove", "
   "move", "grow", "lock", "turn-left", "turn-right"];
 
 export class Toolbar {
-  /**
-   * @param {ToolbarHost} host
-   * @param {HTMLElement} parent
-   * @param {ToolEntry[][]} [groups]
-   * @param {KeyTable} [table]
-   * @param {ToolEntry[][]} [more]
-   */
-  constructor(host, parent, groups = GROUPS, table = EDITOR_KEYS, more = MORE) {
+  parent: HTMLElement;
+  root: HTMLDivElement;
+  host: ToolbarHost;
+  buttons: Map<string, { button: HTMLButtonElement, tip: string, needs?: Need, isItem?: boolean }>;
+  menu: MoreMenu | null;
+
+  constructor(host: ToolbarHost, parent: HTMLElement, groups: ToolEntry[][] = GROUPS, table: KeyTable = EDITOR_KEYS, more: ToolEntry[][] = MORE) {
     this.parent = parent;
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
     this.host = host;
-    /** @type {Map<string, { button: HTMLButtonElement, tip: string, needs?: Need, isItem?: boolean }>} */
     this.buttons = new Map();
     for (const group of groups) {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
@@ -129,14 +116,7 @@ export class Toolbar {
     this.menu = opener ? new MoreMenu(this, opener, more, table) : null;
   }
 
-  /**
-   * @param {string} name
-   * @param {Element} parent
-   * @param {string} command
-   * @param {string} tip
-   * @param {KeyTable} table
-   */
-  #button(name, parent, command, tip, table) {
+  #button(name: string, parent: Element, command: string, tip: string, table: KeyTable) {
     const keys = shortcutsOf(table, command);
     const button = pageElement("button", name, parent, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS,
       "data-command": command, ...(keys ? { "aria-keyshortcuts": keys } : {}) });
@@ -145,13 +125,8 @@ export class Toolbar {
     return button;
   }
 
-  /**
-   * A line of the menu.
-   * @param {Element} parent
-   * @param {ToolEntry} entry
-   * @param {KeyTable} table
-   */
-  item(parent, [command, label, text, stays, needs], table) {
+  /** A line of the menu. */
+  item(parent: Element, [command, label, text, stays, needs]: ToolEntry, table: KeyTable) {
     const tip = tipOf(table, command, text), item = this.#button("dnb-ed-item", parent, command, tip, table);
     setAttributes(item, { role: stays ? "menuitemcheckbox" : "menuitem", tabindex: "-1",
       "aria-label": label, ...(stays ? { "aria-checked": "false" } : {}) });
@@ -161,12 +136,8 @@ export class Toolbar {
     return item;
   }
 
-  /**
-   * Enable and press the buttons by the state of the editor. `steps` are the words for the next undo and redo.
-   * @param {{ count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean,
-   *   future: boolean, steps: Record<string, string>, pressed: string[], readOnly: boolean }} state
-   */
-  update({ count, selected, pointsSelected = selected, turns = false, past, future, steps, pressed, readOnly }) {
+  /** Enable and press the buttons by the state of the editor. `steps` are the words for the next undo and redo. */
+  update({ count, selected, pointsSelected = selected, turns = false, past, future, steps, pressed, readOnly }: { count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean, future: boolean, steps: Record<string, string>, pressed: string[], readOnly: boolean }) {
     const met = { points: count > 0, selection: selected > 0, points_selected: pointsSelected > 0, one: selected === 1,
       turns, past, future };
     for (const [command, { button, tip, needs }] of this.buttons) {
@@ -179,37 +150,26 @@ export class Toolbar {
     }
   }
 
-  /**
-   * Set the tip of a button. Where Python owns the history, it names the step that would be undone.
-   * @param {HTMLElement} button
-   * @param {string} tip
-   * @param {string | undefined} step
-   */
-  #labelStep(button, tip, step) {
+  /** Set the tip of a button. Where Python owns the history, it names the step that would be undone. */
+  #labelStep(button: HTMLElement, tip: string, step: string | undefined) {
     const text = step ? tip.replace(" (", ` ${step} (`) : tip;
     if (button.title === text) return;
     button.title = text;
     button.setAttribute("aria-label", text);
   }
 
-  /** Hide a button where there is no such tool. @param {string} command @param {boolean} isHidden */
-  hide(command, isHidden) {
+  /** Hide a button where there is no such tool. */
+  hide(command: string, isHidden: boolean) {
     const button = this.buttons.get(command)?.button;
     if (button) button.hidden = isHidden;
   }
 
-  /** @param {string} command */
-  isOff(command) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
+  isOff(command: string) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
 
-  /**
-   * Move the focus from a button to its neighbour; false for keys that do not.
-   * @param {Element & HTMLOrSVGElement} button
-   * @param {string} key
-   */
-  focusNext(button, key) {
+  /** Move the focus from a button to its neighbour; false for keys that do not. */
+  focusNext(button: Element & HTMLOrSVGElement, key: string) {
     if (key === "ArrowUp" || key === "ArrowDown") return false;
-    /** @type {(Element & HTMLOrSVGElement)[]} */
-    const all = [...this.buttons.values()].filter((b) => !b.isItem && !b.button.hidden).map((b) => b.button), at = all.indexOf(button);
+    const all: (Element & HTMLOrSVGElement)[] = [...this.buttons.values()].filter((b) => !b.isItem && !b.button.hidden).map((b) => b.button), at = all.indexOf(button);
     const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length];
     for (const other of all) other.tabIndex = other === next ? 0 : -1;
     next.focus();
@@ -219,16 +179,16 @@ export class Toolbar {
 
 /** A menu of tools under its button; it closes when an item is chosen, by Escape, and when the focus leaves it. */
 class MoreMenu {
-  /**
-   * @param {Toolbar} toolbar
-   * @param {HTMLElement} opener
-   * @param {ToolEntry[][]} groups
-   * @param {KeyTable} table
-   */
-  constructor(toolbar, opener, groups, table) {
+  toolbar: Toolbar;
+  opener: HTMLElement;
+  items: HTMLElement[];
+  root: HTMLDivElement;
+  isOverAll: boolean;
+  leave: (event: Event) => void;
+
+  constructor(toolbar: Toolbar, opener: HTMLElement, groups: ToolEntry[][], table: KeyTable) {
     this.toolbar = toolbar;
     this.opener = opener;
-    /** @type {HTMLElement[]} */
     this.items = [];
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
     this.root = pageElement("div", "dnb-ed-more", toolbar.parent,
@@ -245,7 +205,6 @@ class MoreMenu {
     this.root.addEventListener("focusout", ({ relatedTarget: next }) => host.guard(() => {
       if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);
     }));
-    /** @type {(event: Event) => void} */
     this.leave = ({ target }) => { if (target !== this.root) this.close(); }; // it would not move with what scrolls
   }
 
@@ -274,7 +233,7 @@ class MoreMenu {
   close(givesBack = true) {
     if (!this.isOpen) return;
     for (const name of ["scroll", "resize"]) window.removeEventListener(name, this.leave, { capture: true });
-    const place = /** @type {Document | ShadowRoot} */ (this.root.getRootNode());
+    const place = (this.root.getRootNode() as Document | ShadowRoot);
     const hadFocus = this.root.contains(place.activeElement);
     this.root.hidden = true; // a second close, by the focus that leaves, finds it closed
     if (this.isOverAll && this.root.isConnected) this.root.hidePopover();
@@ -282,8 +241,7 @@ class MoreMenu {
     if (givesBack && hadFocus) this.opener.focus({ preventScroll: true });
   }
 
-  /** @param {EventTarget | null} target */
-  #choose(target) {
+  #choose(target: EventTarget | null) {
     const item = target instanceof Element ? target.closest(".dnb-ed-item") : null;
     const command = item?.getAttribute("data-command");
     if (!item || !command || item.getAttribute("aria-disabled") === "true") return;
@@ -291,14 +249,11 @@ class MoreMenu {
     this.toolbar.host.run(command, null);
   }
 
-  /** @param {KeyboardEvent} event */
-  #key(event) {
+  #key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { items } = this, at = event.target instanceof HTMLElement ? items.indexOf(event.target) : -1;
-    /** @type {Record<string, number>} */
-    const places = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 };
-    /** @type {number | undefined} */
-    const next = places[event.key];
+    const places: Record<string, number> = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 };
+    const next: number | undefined = places[event.key];
     if (next !== undefined) items[next % items.length].focus();
     else if (event.key === "Escape") this.close();
     else if (event.key !== "Enter" && event.key !== " ") { if (event.key !== "Tab") event.stopPropagation(); return; }

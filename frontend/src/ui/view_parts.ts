@@ -1,17 +1,17 @@
 // Small parts of a view: its scale bar, size, captions and letters of directions, and the alternation of the
 // layers of a picture that flickers.
 
-/** @import { Model, Sides } from "../types.d.ts" */
+import type { Model, Sides } from "../types.ts";
 
-import { scaled, sideOf } from "../maths/camera.js";
-import { pageElement, setText } from "./dom.js";
+import { scaled, sideOf } from "../maths/camera.ts";
+import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
 const NO_SCALE = "In perspective no length holds for the whole picture: what is near is larger. " +
   "Parallel views have a scale.";
 
-/** The largest of 1, 2, 5 times a power of ten that is at most so long. @param {number} most */
-function roundLength(most) {
+/** The largest of 1, 2, 5 times a power of ten that is at most so long. */
+function roundLength(most: number) {
   const ten = 10 ** Math.floor(Math.log10(most) + 1e-9);
   return ten * ([5, 2, 1].find((n) => n * ten <= most * (1 + 1e-9)) ?? 1);
 }
@@ -20,34 +20,37 @@ const METRIC = ["pm", "nm", "\u00b5m", "mm", "m", "km"]; // a thousand of each a
 
 /**
  * A round length with its unit: 50 mm, 20 m where mm would have five digits, 20 \u00b5m below a tenth of a mm.
- * @param {number} length
- * @param {string} unit  "" where it is not known
+ * @param unit "" where it is not known
  */
-export function lengthText(length, unit) {
+export function lengthText(length: number, unit: string) {
   let at = METRIC.indexOf(unit), shown = length;
   while (at >= 0 && shown >= 1e4 && at < METRIC.length - 1) { shown /= 1000; at += 1; }
   while (at > 0 && shown < 0.1) { shown *= 1000; at -= 1; }
   return `${Number(shown.toPrecision(1))} ${METRIC[at] ?? unit}`.trim();
 }
 
-/** @typedef {{ width: number, height: number }} Size  in CSS pixels */
+/** in CSS pixels */
+export type Size = { width: number, height: number };
 
 /** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */
 class ScaleBar {
-  /** @param {Element} root */
-  constructor(root) {
+  element: HTMLDivElement;
+  text: HTMLSpanElement;
+  bar: HTMLDivElement;
+
+  constructor(root: Element) {
     this.element = pageElement("div", "dnb-scale", root, { hidden: "" });
     this.text = pageElement("span", "dnb-scale-text", this.element);
     this.bar = pageElement("div", "dnb-scale-bar", this.element, { "aria-hidden": "true" });
   }
 
   /**
-   * @param {{ height: number, bend: number }} camera  height: of the view, a length in space; bend: of a perspective
-   * @param {string | null | undefined} unit  none shows no bar
-   * @param {Size} box  of the view
-   * @param {number} [parts]  pictures side by side
+   * @param camera height: of the view, a length in space; bend: of a perspective
+   * @param unit none shows no bar
+   * @param box of the view
+   * @param parts pictures side by side
    */
-  write({ height, bend }, unit, box, parts = 1) {
+  write({ height, bend }: { height: number, bend: number }, unit: string | null | undefined, box: Size, parts: number = 1) {
     this.element.hidden = typeof unit !== "string" || !(height > 0 && box.height > 0);
     if (typeof unit !== "string" || this.element.hidden) return;
     this.element.classList.toggle("dnb-scale-none", bend > 0);
@@ -60,10 +63,8 @@ class ScaleBar {
   }
 }
 
-/** @type {Record<string, string>} */
-export const VIEW_NAMES = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
-/** @type {Record<string, string>} */
-export const VIEW_TITLES = { A: "from the front", P: "from behind", L: "from the left", R: "from the right",
+export const VIEW_NAMES: Record<string, string> = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
+export const VIEW_TITLES: Record<string, string> = { A: "from the front", P: "from behind", L: "from the left", R: "from the right",
   S: "from above", I: "from below" };
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
@@ -71,11 +72,8 @@ const FLICKER_MS = 700; // long enough to look at one place, short enough to see
 /**
  * Give a view's root the size of its model's traits, as far as there is room; returns its size in CSS pixels and the
  * pixels of the screen for one of them.
- * @param {HTMLElement} root
- * @param {HTMLElement} host
- * @param {Model} model
  */
-export function sized(root, host, model) {
+export function sized(root: HTMLElement, host: HTMLElement, model: Model) {
   const width = model.get("width"), height = model.get("height");
   root.style.width = `${width}px`;
   root.style.setProperty("--dnb-shape", `${width} / ${height}`);
@@ -86,53 +84,39 @@ export function sized(root, host, model) {
   return { width: box.width || width, height: box.height || height, ratio };
 }
 
-/** @type {Record<string, string[]>} */
-const CAPTIONS = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
+const CAPTIONS: Record<string, string[]> = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
-/**
- * Remarks on the picture for the user.
- * @param {{ info?: { note?: string } | null, field?: { coarse?: boolean } | null, caster?: { folds?: any } | null,
- *   isScarce?: boolean }} view
- */
-export function remarksOn({ info, field, caster, isScarce }) {
+/** Remarks on the picture for the user. */
+export function remarksOn({ info, field, caster, isScarce }: { info?: { note?: string } | null, field?: { coarse?: boolean } | null, caster?: { folds?: any } | null, isScarce?: boolean }) {
   return [info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note,
     field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
 }
 
-/**
- * The caption of each picture; layer: the one that is seen of a picture that flickers.
- * @param {string} shows
- * @param {number} layer
- */
-export function captionsOf(shows, layer) {
+/** The caption of each picture; layer: the one that is seen of a picture that flickers. */
+export function captionsOf(shows: string, layer: number) {
   if (shows === "wipe") return ["original | deformed"];
   if (shows === "fade") return ["original over deformed"];
   return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows];
 }
 
-/** The same in words, to follow a name. @param {string} shows */
-export function aboutShown(shows) {
+/** The same in words, to follow a name. */
+export function aboutShown(shows: string) {
   if (shows === "deformed") return "";
   if (shows === "wipe") return ", original left of a line and deformed right of it";
   if (shows === "fade") return ", original laid over deformed";
   return shows === "flicker" ? ", original and deformed in turn" : `, ${CAPTIONS[shows].join(" and ")}`;
 }
 
-/** `whole`: the columns of a larger picture that this one is a part of.
- * @typedef {{ layer: number, original: boolean, x: number, width: number, whole?: { x: number, width: number } }} Picture
- */
+/** `whole`: the columns of a larger picture that this one is a part of. */
+export type Picture = { layer: number, original: boolean, x: number, width: number, whole?: { x: number, width: number } };
 
 /**
  * The pictures in a canvas of this width: see FrameLoop.
- * @param {string} shows
- * @param {number} width
- * @param {number} [wipe] share of the width that shows the original in the mode "wipe"
- * @returns {Picture[]}
+ * @param wipe share of the width that shows the original in the mode "wipe"
  */
-export function picturesOf(shows, width, wipe = 0.5) {
-  /** @type {(layer: number, original: boolean, x: number, w: number) => Picture} */
-  const one = (layer, original, x, w) => ({ layer, original, x, width: w });
+export function picturesOf(shows: string, width: number, wipe: number = 0.5): Picture[] {
+  const one: (layer: number, original: boolean, x: number, w: number) => Picture = (layer, original, x, w) => ({ layer, original, x, width: w });
   const half = Math.floor(width / 2);
   if (shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
   if (shows === "wipe") {
@@ -144,30 +128,20 @@ export function picturesOf(shows, width, wipe = 0.5) {
   return [one(0, shows === "original", 0, width)];
 }
 
-/**
- * The corners of a box along the axes of a volume, from its middle, in space.
- * @param {Sides} box
- * @param {number[][]} axes
- */
-export function boxCorners({ low, high }, axes) {
+/** The corners of a box along the axes of a volume, from its middle, in space. */
+export function boxCorners({ low, high }: Sides, axes: number[][]) {
   const half = low.map((l, i) => (high[i] - l) / 2);
   return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
     sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
 }
 
-/** @typedef {[name: string, handler: (...args: any[]) => void][]} Handlers */
+export type Handlers = [name: string, handler: (...args: any[]) => void][];
 
 /**
  * Handle an event of a model; errors go to `fail`, and `handlers` collects the handlers to be removed at the end.
- * @param {Model} model
- * @param {string} name
- * @param {(...args: any[]) => any} handler
- * @param {Handlers} handlers
- * @param {(error: unknown) => void} fail
  */
-export function listen(model, name, handler, handlers, fail) {
-  /** @type {(...args: any[]) => void} */
-  const guarded = (...args) => {
+export function listen(model: Model, name: string, handler: (...args: any[]) => any, handlers: Handlers, fail: (error: unknown) => void) {
+  const guarded: (...args: any[]) => void = (...args) => {
     try {
       const result = handler(...args);
       result?.catch?.(fail);
@@ -177,29 +151,26 @@ export function listen(model, name, handler, handlers, fail) {
   handlers.push([name, guarded]);
 }
 
-/**
- * The function that closes a view that has just been drawn.
- * @param {{ root: HTMLElement, close: () => void }} view
- */
-export function opened(view) {
+/** The function that closes a view that has just been drawn. */
+export function opened(view: { root: HTMLElement, close: () => void }) {
   Object.assign(view.root, { deformnb: view }); // for tests and for debugging
   return () => view.close();
 }
 
-/**
- * The measurements of a FrameLoop, as they are sent to Python.
- * @param {{ times: { drag: number[], full: number, passes: number, frames: number }, scale: number,
- *   caster: { size: number[] } }} loop
- */
-export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { size: [width, height] } }) {
+/** The measurements of a FrameLoop, as they are sent to Python. */
+export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { size: [width, height] } }: { times: { drag: number[], full: number, passes: number, frames: number }, scale: number, caster: { size: number[] } }) {
   const sorted = [...drag].sort((a, b) => a - b);
   return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width, height };
 }
 
-/** A caption and four letters of directions over each picture that is seen, one or two side by side, and a scale. */
+/**
+ * A caption and four letters of directions over each picture that is seen, one or two side by side, and a scale.
+ */
 export class Frames {
-  /** @param {Element} root */
-  constructor(root) {
+  scale: ScaleBar;
+  frames: { frame: HTMLDivElement; caption: HTMLDivElement; letters: HTMLSpanElement[]; }[];
+
+  constructor(root: Element) {
     this.scale = new ScaleBar(root);
     this.frames = [0, 1].map(() => {
       const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
@@ -209,8 +180,8 @@ export class Frames {
     });
   }
 
-  /** @param {string[]} captions  one for each picture; an empty one is hidden */
-  show(captions) {
+  /** @param captions one for each picture; an empty one is hidden */
+  show(captions: string[]) {
     this.frames.forEach(({ frame, caption }, i) => {
       frame.hidden = i >= captions.length;
       frame.style.left = `${(100 * i) / captions.length}%`;
@@ -222,11 +193,10 @@ export class Frames {
 
   /**
    * Write the letters of the directions and the scale.
-   * @param {{ right: number[], up: number[], height: number, bend: number }} camera
-   * @param {string | null | undefined} [unit]  of lengths; without one there is no scale
-   * @param {Size} [box]  of the view
+   * @param unit of lengths; without one there is no scale
+   * @param box of the view
    */
-  write(camera, unit, box = { width: 0, height: 0 }) {
+  write(camera: { right: number[], up: number[], height: number, bend: number }, unit?: string | null | undefined, box: Size = { width: 0, height: 0 }) {
     const { right, up } = camera;
     this.scale.write(camera, unit, box, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
@@ -236,8 +206,17 @@ export class Frames {
 
 /** Alternates two layers while they are visible and the user does not prefer reduced motion; else a press does. */
 export class Flicker {
-  /** @param {Element} root @param {(layer: number) => void} flip */
-  constructor(root, flip) {
+  flip: (layer: number) => void;
+  layer: number;
+  isOn: boolean;
+  isPaused: boolean;
+  isSeen: boolean;
+  timer: number;
+  still: MediaQueryList;
+  look: () => void;
+  observer: IntersectionObserver;
+
+  constructor(root: Element, flip: (layer: number) => void) {
     this.flip = flip;
     this.layer = 0;
     this.isOn = false;
@@ -255,8 +234,8 @@ export class Flicker {
     this.observer.observe(root);
   }
 
-  /** Start or end; either way the first layer is shown. @param {boolean} isOn */
-  set(isOn) {
+  /** Start or end; either way the first layer is shown. */
+  set(isOn: boolean) {
     this.isOn = isOn;
     this.isPaused = false;
     this.layer = 0;
@@ -268,11 +247,8 @@ export class Flicker {
     this.flip(this.layer);
   }
 
-  /**
-   * A press: with reduced motion it shows the other layer; else the space key stops and continues.
-   * @param {boolean} isKey
-   */
-  press(isKey) {
+  /** A press: with reduced motion it shows the other layer; else the space key stops and continues. */
+  press(isKey: boolean) {
     if (!this.isOn) return false;
     if (this.still.matches) this.turn();
     else if (isKey) { this.isPaused = !this.isPaused; this.#run(); }

@@ -8,7 +8,7 @@
 // that screen readers say. So widgets of ipywidgets are in the language too, and no module has to ask for it. What
 // users name is in an element with translate="no", the attribute of HTML by which translators leave it alone.
 
-/** @typedef {Record<string, string>} Table */
+export type Table = Record<string, string>;
 
 const ATTRIBUTES = ["title", "aria-label", "placeholder", "alt", "label", "aria-valuetext", "aria-description",
   "aria-roledescription"];
@@ -23,24 +23,25 @@ const MOST_KNOWN = 4000; // texts whose translation is remembered
 
 /** Translates texts by a table. */
 export class Translator {
-  /** @param {Table} table */
-  constructor(table) {
+  table: Map<string, string>;
+  patterns: { regex: RegExp; names: string[]; value: string; length: number; free: number; part: string; }[];
+  known: Map<string, string | null>;
+
+  constructor(table: Table) {
     this.table = new Map(Object.entries(table));
     this.patterns = [...this.table].filter(([key]) => key.includes("{")).map(([key, value]) => patternOf(key, value))
       .sort((a, b) => b.length - a.length || a.free - b.free); // what says most comes first
-    /** @type {Map<string, string | null>} */
     this.known = new Map();
   }
 
-  /** A text in the language; itself where the table has nothing for it. @param {string} text */
-  translate(text) {
+  /** A text in the language; itself where the table has nothing for it. */
+  translate(text: string) {
     const core = text.trim();
     const found = this.#find(core.replaceAll("\u00a0", " ")); // ipywidgets' menus have such spaces
     return found === null ? text : text.replace(core, () => found);
   }
 
-  /** @param {string} core @returns {string | null} */
-  #find(core) {
+  #find(core: string): string | null {
     if (!WORD.test(core)) return null;
     let found = this.known.get(core);
     if (found === undefined) {
@@ -51,8 +52,7 @@ export class Translator {
     return found;
   }
 
-  /** @param {string} core */
-  #byPattern(core) {
+  #byPattern(core: string) {
     for (const { part, regex, names, value } of this.patterns) {
       const match = core.includes(part) && regex.exec(core);
       if (!match) continue;
@@ -63,25 +63,20 @@ export class Translator {
     return null;
   }
 
-  /**
-   * What stands in the place of a value; null if it is of words that the table does not have.
-   * @param {string} name
-   * @param {string} given
-   */
-  #value(name, given) {
+  /** What stands in the place of a value; null if it is of words that the table does not have. */
+  #value(name: string, given: string) {
     if (name.length === 1 || AS_GIVEN.test(name)) return given;
     return this.#piece(given) ?? (ANY.test(name) ? given : null);
   }
 
-  /** A part of a text, translated; null if it is of words that the table does not have. @param {string} given */
-  #piece(given) {
+  /** A part of a text, translated; null if it is of words that the table does not have. */
+  #piece(given: string) {
     if (!WORD.test(given) || FILE.test(given)) return given;
     const core = given.trim(), found = this.#find(core);
     return found === null ? null : given.replace(core, () => found);
   }
 
-  /** @param {RegExp} at @param {string} core */
-  #inTwo(at, core) {
+  #inTwo(at: RegExp, core: string) {
     const found = at.exec(core);
     if (!found) return null;
     const [first, rest] = [core.slice(0, found.index), core.slice(found.index + found[0].length)]
@@ -89,14 +84,13 @@ export class Translator {
     return first === null || rest === null ? null : first + found[0] + rest;
   }
 
-  /** @param {string} core */
-  #withoutPeriod(core) {
+  #withoutPeriod(core: string) {
     const found = core.endsWith(".") ? this.#find(core.slice(0, -1)) : null;
     return found && `${found}.`;
   }
 
-  /** Translates the pieces of a text; null unless the table has all that are words. @param {string} core */
-  #inPieces(core) {
+  /** Translates the pieces of a text; null unless the table has all that are words. */
+  #inPieces(core: string) {
     for (const at of BREAKS) {
       const made = this.#inTwo(at, core);
       if (made !== null) return made;
@@ -106,8 +100,7 @@ export class Translator {
   }
 }
 
-/** @param {string} key @param {string} value */
-function patternOf(key, value) {
+function patternOf(key: string, value: string) {
   const pieces = key.split(/\{(\w+)\}/), names = pieces.filter((_, k) => k % 2), plain = pieces.filter((_, k) => k % 2 === 0);
   const source = pieces.map((piece, k) => {
     if (k % 2) return piece.length === 1 ? `(${NUMBER})` : "(.*?)";
@@ -118,56 +111,50 @@ function patternOf(key, value) {
     part: plain.reduce((longest, piece) => (piece.length > longest.length ? piece : longest)) };
 }
 
-/** The translator of a page that has one, for what is written elsewhere than in its document. @type {Translator | null} */
-let ofPage = null;
+/** The translator of a page that has one, for what is written elsewhere than in its document. */
+let ofPage: Translator | null = null;
 
-/** A text in the language of the page, for a question of the browser. @param {string} text */
-export function inLanguage(text) { return ofPage?.translate(text) ?? text; }
+/** A text in the language of the page, for a question of the browser. */
+export function inLanguage(text: string) { return ofPage?.translate(text) ?? text; }
 
-/** @param {Node} node */
-function isLeftAlone(node) {
+function isLeftAlone(node: Node) {
   const element = node instanceof Element ? node : node.parentElement;
   return Boolean(element?.closest(LEFT_ALONE));
 }
 
 /**
  * Show all words below a root in a language, now and whenever they change; returns the function that ends it.
- * @param {HTMLElement} root
- * @param {Table} table
- * @param {string} language  its code, as of the attribute lang
+ * @param language its code, as of the attribute lang
  */
-export function showInLanguage(root, table, language) {
+export function showInLanguage(root: HTMLElement, table: Table, language: string) {
   if (!Object.keys(table).length) return () => {};
   const translator = new Translator(table);
   if (root === document.body) ofPage = translator;
   root.lang = language;
-  /** @param {Node} node */
-  const text = (node) => {
+  const text = (node: Node) => {
     if (!node.nodeValue || isLeftAlone(node)) return;
     const made = translator.translate(node.nodeValue);
     if (made !== node.nodeValue) node.nodeValue = made;
   };
-  /** @param {Element} element @param {string} name */
-  const attribute = (element, name) => {
+  const attribute = (element: Element, name: string) => {
     const given = element.getAttribute(name);
     if (!given || element.closest("[translate=no]")) return;
     const made = translator.translate(given);
     if (made !== given) element.setAttribute(name, made);
   };
-  /** @param {Node} node */
-  const all = (node) => {
+  const all = (node: Node) => {
     if (node.nodeType === Node.TEXT_NODE) text(node);
     if (!(node instanceof Element)) return;
     const walker = document.createTreeWalker(node, NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT);
-    for (let at = /** @type {Node | null} */ (node); at; at = walker.nextNode()) {
+    for (let at = (node as Node | null); at; at = walker.nextNode()) {
       if (at.nodeType === Node.TEXT_NODE) text(at);
-      else for (const name of ATTRIBUTES) attribute(/** @type {Element} */ (at), name);
+      else for (const name of ATTRIBUTES) attribute((at as Element), name);
     }
   };
   const changes = new MutationObserver((records) => {
     for (const { type, target, attributeName, addedNodes } of records) {
       if (type === "characterData") text(target);
-      else if (type === "attributes") attribute(/** @type {Element} */ (target), attributeName ?? "");
+      else if (type === "attributes") attribute((target as Element), attributeName ?? "");
       else addedNodes.forEach(all);
     }
   });
@@ -176,14 +163,10 @@ export function showInLanguage(root, table, language) {
   return () => changes.disconnect();
 }
 
-/** @typedef {{ render: (given: any) => any, initialize?: (given: any) => any }} AnyWidget */
+export type AnyWidget = { render: (given: any) => any, initialize?: (given: any) => any };
 
-/**
- * A widget whose words are in the language of its model: its traits `language` and `words`, the table.
- * @param {AnyWidget} widget
- * @returns {AnyWidget}
- */
-export function worded(widget) {
+/** A widget whose words are in the language of its model: its traits `language` and `words`, the table. */
+export function worded(widget: AnyWidget): AnyWidget {
   return { ...widget, render: (given) => {
     const { model, el } = given, words = model.get("words"), close = widget.render(given);
     if (!words || !Object.keys(words).length) return close; // a page without Python has them once, for all of it

@@ -1,39 +1,31 @@
 // The maps of a field as the ray caster takes them, with those that an editor makes put in. No DOM. Equal to
 // deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
-import { layeredFit, layersOnRaster } from "../maths/cuts.js";
-import { RbfError, rbfKernelOf } from "../maths/rbf.js";
-import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.js";
-import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.js";
-import { bytesOf, floatsOf } from "./volume_loader.js";
+import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
+import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
+import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
+import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.ts";
+import { bytesOf, floatsOf } from "./volume_loader.ts";
 
-/**
- * @import { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.d.ts"
- */
-/** @import { PlanarField, PlaneCut } from "../webgl/types.d.ts" */
-/** @import { Bytes, Field } from "./types.d.ts" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.ts";
+import type { PlanarField, PlaneCut } from "../webgl/types.ts";
+import type { Bytes, Field } from "./types.ts";
+import type { Message } from "./volume_loader.ts";
 
-/** @typedef {{id?: string, distances?: Float32Array}} KnownCuts distances to the cuts that came last */
-/** @typedef {Record<string, unknown>} Shapes values of the traits SHAPES */
-/** @typedef {Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>} Detail */
+/** distances to the cuts that came last */
+export type KnownCuts = {id?: string, distances?: Float32Array};
+/** values of the traits SHAPES */
+export type Shapes = Record<string, unknown>;
+export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>;
 
 const CUT_STEPS = 512, CUT_MARGIN = 0.125; // nodes along the longer side, and how far beyond the maps they go
 const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are looked at
 
-/**
- * The message "field" with its buffers in place; null if it builds on distances that `known` does not hold.
- * @param {Message} content
- * @param {Bytes[]} buffers
- * @param {KnownCuts} known
- * @returns {Field | null}
- */
-export function fieldOf(content, buffers, known) {
-  const isHalf = (/** @type {string} */ name) => content.space?.cut && (name === "space" || name === "depths");
-  /** @type {string[]} */
-  const names = content.buffers;
-  /** @type {Record<string, any>} */
-  const parts = Object.fromEntries(names.map((name, k) => [name,
+/** The message "field" with its buffers in place; null if it builds on distances that `known` does not hold. */
+export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): Field | null {
+  const isHalf = (name: string) => content.space?.cut && (name === "space" || name === "depths");
+  const names: string[] = content.buffers;
+  const parts: Record<string, any> = Object.fromEntries(names.map((name, k) => [name,
     isHalf(name) ? new Uint16Array(bytesOf(buffers[k]).slice().buffer) : floatsOf(buffers[k])]));
   const planar = content.planar && { ...content.planar, maps: parts.maps, weights: parts.weights };
   if (planar?.cut) {
@@ -47,20 +39,16 @@ export function fieldOf(content, buffers, known) {
 
 /**
  * A planar field with one of its maps made anew in each region, or null if there is no such map or it cannot be made.
- * @param {PlanarField} base
- * @param {LayeredFit} layered
- * @param {FitSettings} settings those that the fit was made with
- * @param {number} index which map it is
- * @returns {PlanarField | null}
+ * @param settings those that the fit was made with
+ * @param index which map it is
  */
-export function withLayers(base, layered, { cuts = [] }, index) {
+export function withLayers(base: PlanarField, layered: LayeredFit, { cuts = [] }: FitSettings, index: number): PlanarField | null {
   const [layers, rows, columns] = base.shape, size = rows * columns * 2, before = base.cut ? base.cut.sides.length : 1;
   const count = layers / before, cut = layered.regions.length ? cutOf(base, layered, cuts) : null;
   const isSame = cut ? cut.sides === base.cut?.sides : !base.cut;
   if (index >= count || (!isSame && count > 1)) return null; // Python must divide the other maps too
   const keys = cut ? cut.sides.map(bitsOf) : [0];
-  /** @type {Raster} */
-  const raster = { shape: [rows, columns], origin: base.origin, spacing: base.spacing };
+  const raster: Raster = { shape: [rows, columns], origin: base.origin, spacing: base.spacing };
   const maps = isSame ? base.maps.slice() : new Float32Array(keys.length * size);
   const values = layersOnRaster(layered, raster);
   keys.forEach((key, r) => {
@@ -73,12 +61,8 @@ export function withLayers(base, layered, { cuts = [] }, index) {
 
 /**
  * The cuts of a fit: the base's own while the same lines are drawn, for then nothing of them changes but the maps.
- * @param {PlanarField} base
- * @param {LayeredFit} layered
- * @param {CutData[]} cuts
- * @returns {PlaneCut | null}
  */
-function cutOf(base, layered, cuts) {
+function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCut | null {
   const name = JSON.stringify(cuts.filter((cut) => cut.enabled !== false).map((cut) => cut.region));
   const old = base.cut, isSame = old && (old.name ?? JSON.stringify(old.regions)) === name;
   if (isSame && layered.fits.every(({ key }) => old.sides.some((s) => bitsOf(s) === key))) return old;
@@ -95,18 +79,10 @@ function cutOf(base, layered, cuts) {
   return { shape: [count, rows, columns], origin, spacing, distances, sides, name };
 }
 
-/**
- * @param {PlaneCut} cut
- * @returns {Raster}
- */
-function rasterOf({ shape: [, rows, columns], origin, spacing }) { return { shape: [rows, columns], origin, spacing }; }
+function rasterOf({ shape: [, rows, columns], origin, spacing }: PlaneCut): Raster { return { shape: [rows, columns], origin, spacing }; }
 
-/**
- * Nodes around those of the maps.
- * @param {PlanarField} base
- * @returns {Raster}
- */
-function cutRaster({ shape: [, rows, columns], origin, spacing }) {
+/** Nodes around those of the maps. */
+function cutRaster({ shape: [, rows, columns], origin, spacing }: PlanarField): Raster {
   const size = [(columns - 1) * spacing[0], (rows - 1) * spacing[1]], margin = CUT_MARGIN * Math.max(...size);
   const lengths = size.map((l) => l + 2 * margin), longest = Math.max(...lengths);
   const counts = lengths.map((l) => Math.max(8, Math.ceil((CUT_STEPS * l) / longest)));
@@ -114,12 +90,8 @@ function cutRaster({ shape: [, rows, columns], origin, spacing }) {
     spacing: [lengths[0] / (counts[0] - 1), lengths[1] / (counts[1] - 1)] };
 }
 
-/**
- * Signed distances to each region at the nodes of a raster, one layer after the other.
- * @param {Region[]} regions
- * @param {Raster} raster
- */
-function cutDistances(regions, { shape: [rows, columns], origin, spacing }) {
+/** Signed distances to each region at the nodes of a raster, one layer after the other. */
+function cutDistances(regions: Region[], { shape: [rows, columns], origin, spacing }: Raster) {
   const out = new Float32Array(regions.length * rows * columns);
   const radius = 0.5 * CUT_TILE * Math.hypot(...spacing);
   for (let y = 0; y < rows; y += CUT_TILE) {
@@ -148,37 +120,44 @@ export const SHAPES = ["cuts", "cut_rule", "parts"];
 const FOLLOWED = ["points", ...FIT_TRAITS];
 
 export class FieldLink {
+  model: Model;
+  apply: (planar: PlanarField, isDrawing: boolean) => void;
+  move: (isMoving: boolean) => void;
+  awaited: Detail | null;
+  base: PlanarField | null;
+  followed: FollowedModel;
+  editor: Model | null;
+  bus: Bus | null;
+  count: number;
+  ms: number;
+  isMoving: boolean;
+  index: number | null;
+  expected: string | null;
+  settled: string;
+
   /**
-   * @param {Model} model the view's
-   * @param {(planar: PlanarField, isDrawing: boolean) => void} apply takes new maps
-   * @param {(isMoving: boolean) => void} move is called at a movement, and at its end: the view calls catchUp for the
-   *   maps when it draws, for points move more often than a volume is drawn
+   * @param model the view's
+   * @param apply takes new maps
+   * @param move is called at a movement, and at its end: the view calls catchUp for the maps when it draws, for points move more often than a volume is drawn
    */
-  constructor(model, apply, move) {
+  constructor(model: Model, apply: (planar: PlanarField, isDrawing: boolean) => void, move: (isMoving: boolean) => void) {
     this.model = model;
     this.apply = apply;
     this.move = move;
-    /** @type {Detail | null} */
     this.awaited = null; // the newest movement, if its maps have not been made
-    /** @type {PlanarField | null} */
     this.base = null; // the maps that are shown
     this.followed = new FollowedModel(model);
-    /** @type {Model | null} */
     this.editor = null;
-    /** @type {Bus | null} */
     this.bus = null;
     this.count = 0; // fits that were sampled here
     this.ms = 0; // of the last of them
     this.isMoving = false;
-    /** @type {number | null} */
     this.index = null; // of the map that the editor's points make
-    /** @type {string | null} */
     this.expected = null; // of what Python's maps are made
     this.settled = "";
   }
 
-  /** @param {string | Model | null} reference */
-  async follow(reference) {
+  async follow(reference: string | Model | null) {
     if (reference === this.followed.reference) return; // following again tears nothing down
     this.close();
     const found = await this.followed.choose(reference);
@@ -198,11 +177,9 @@ export class FieldLink {
 
   /**
    * Python's maps, with what the editor has shown since in place of one of them.
-   * @param {PlanarField | null} planar
-   * @param {{index: number, points: Point[], shapes?: Shapes} | null} follow if Python follows the editor: the map of
-   *   the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
+   * @param follow if Python follows the editor: the map of the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
    */
-  merged(planar, follow) {
+  merged(planar: PlanarField | null, follow: {index: number, points: Point[], shapes?: Shapes} | null) {
     const { bus, editor } = this, isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
     this.base = planar;
     this.expected = follow && madeKey(follow.points, follow.shapes ?? shapesOf(editor));
@@ -217,15 +194,10 @@ export class FieldLink {
     return planar;
   }
 
-  /**
-   * True if the editor has other points than Python's maps.
-   * @param {Bus} bus
-   * @param {Model} editor
-   */
-  #isNewer(bus, editor) { return this.expected !== madeKey(pointsOf(bus, editor) || [], shapesOf(editor)); }
+  /** True if the editor has other points than Python's maps. */
+  #isNewer(bus: Bus, editor: Model) { return this.expected !== madeKey(pointsOf(bus, editor) || [], shapesOf(editor)); }
 
-  /** @param {Detail} detail */
-  moved(detail) {
+  moved(detail: Detail) {
     const isMoving = detail.phase === "move";
     this.awaited = isMoving ? detail : null;
     this.move(isMoving); // also of an end at which nothing is new: the view waits for one
@@ -239,17 +211,13 @@ export class FieldLink {
     if (awaited) this.refit(awaited, true);
   }
 
-  /**
-   * Samples a fit on the raster of the maps that Python has sent, and shows it.
-   * @param {Detail} detail
-   */
-  refit(detail, isDrawing = false) {
+  /** Samples a fit on the raster of the maps that Python has sent, and shows it. */
+  refit(detail: Detail, isDrawing = false) {
     const planar = this.#sampled(detail);
     if (planar) this.apply(planar, isDrawing);
   }
 
-  /** @param {Detail} detail */
-  #sampled({ points, settings, layered, sampled, phase }) {
+  #sampled({ points, settings, layered, sampled, phase }: Detail) {
     if (!this.base) return null;
     const start = performance.now();
     let found = null;
@@ -278,42 +246,23 @@ export class FieldLink {
   }
 }
 
-/** @param {Model | null} editor */
-function shapesOf(editor) { return Object.fromEntries(SHAPES.map((name) => [name, editor?.get(name) ?? null])); }
+function shapesOf(editor: Model | null) { return Object.fromEntries(SHAPES.map((name) => [name, editor?.get(name) ?? null])); }
 
-/**
- * @param {Bus} bus
- * @param {Model} editor
- * @returns {Detail}
- */
-function traitsOf(bus, editor) { return { points: pointsOf(bus, editor), settings: settingsOf(editor) }; }
+function traitsOf(bus: Bus, editor: Model): Detail { return { points: pointsOf(bus, editor), settings: settingsOf(editor) }; }
 
-/**
- * The points under the pointer that is moving them, else those that the editor's model holds.
- * @param {Bus} bus
- * @param {Model} editor
- * @returns {Detail}
- */
-function newestOf(bus, editor) {
+/** The points under the pointer that is moving them, else those that the editor's model holds. */
+function newestOf(bus: Bus, editor: Model): Detail {
   const { latest } = bus, traits = traitsOf(bus, editor);
   const isNewest = latest?.phase === "move" || (latest && pointsKey(latest.points) === pointsKey(traits.points || []));
   return latest && isNewest ? latest : traits;
 }
 
-/**
- * Equal for points that give the same fit.
- * @param {Point[]} points
- */
-export function pointsKey(points) {
+/** Equal for points that give the same fit. */
+export function pointsKey(points: Point[]) {
   return JSON.stringify(points.map(({ id, source, target, active, weight, radius }) => (
     [id, source, target, active !== false, weight ?? 1, radius ?? null])));
 }
 
-/**
- * @param {Point[]} points
- * @param {Shapes} shapes
- */
-function madeKey(points, shapes) { return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name])); }
+function madeKey(points: Point[], shapes: Shapes) { return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name])); }
 
-/** @param {Detail} detail */
-function detailKey({ points, settings }) { return pointsKey(points || []) + JSON.stringify(settings); }
+function detailKey({ points, settings }: Detail) { return pointsKey(points || []) + JSON.stringify(settings); }

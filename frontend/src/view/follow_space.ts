@@ -2,51 +2,51 @@
 // maths/rbf.js at as many nodes as Python would, and no displacement comes from Python. At rest Python's field is shown,
 // which has more nodes. Where Python's field is not the fit of these points alone it says so, and makes all of them.
 
-import { forwardFit, forwardOnLattice } from "../maths/forward_fit.js";
-import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.js";
-import { fitInFrame } from "../maths/space.js";
-import { FollowedModel, settingsOf } from "../sync/bus.js";
-import { senderOf } from "../sync/edits.js";
-import { pointsKey } from "./follow_editor.js";
+import { forwardFit, forwardOnLattice } from "../maths/forward_fit.ts";
+import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.ts";
+import { fitInFrame } from "../maths/space.ts";
+import { FollowedModel, settingsOf } from "../sync/bus.ts";
+import { senderOf } from "../sync/edits.ts";
+import { pointsKey } from "./follow_editor.ts";
 
-/** @import { Bus, Model, Point, PointsDetail, RbfFit, Vector3 } from "../types.d.ts" */
-/** @import { SpaceField } from "../webgl/types.d.ts" */
-/** @import { VolumeInfo } from "./types.d.ts" */
+import type { Bus, Model, Point, PointsDetail, RbfFit, Vector3 } from "../types.ts";
+import type { SpaceField } from "../webgl/types.ts";
+import type { VolumeInfo } from "./types.ts";
 
-/**
- * The points whose fit a field of Python is, and the numbers of nodes along the axes while they move.
- * @typedef {{ points: Point[], shape: Vector3 }} Moved
- */
+/** The points whose fit a field of Python is, and the numbers of nodes along the axes while they move. */
+export type Moved = { points: Point[], shape: Vector3 };
 
-/** @typedef {Pick<PointsDetail, "points" | "settings">} Detail */
+export type Detail = Pick<PointsDetail, "points" | "settings">;
 
 export class SpaceLink {
+  view: { info: () => VolumeInfo | null; apply: (space: SpaceField, isMoving: boolean) => void; move: (isMoving: boolean) => void; follows: (sender: string) => void; };
+  followed: FollowedModel;
+  editor: Model | null;
+  bus: Bus | null;
+  given: { space: SpaceField, key: string, shape: Vector3 } | null;
+  shown: SpaceField | null;
+  awaited: Detail | null;
+  count: number;
+
   /**
-   * @param {Model} model the view's
-   * @param {object} view
-   * @param {() => VolumeInfo | null} view.info of the volume that is shown
-   * @param {(space: SpaceField, isMoving: boolean) => void} view.apply takes a new field
-   * @param {(isMoving: boolean) => void} view.move as of FieldLink
-   * @param {(sender: string) => void} view.follows reports whose edits are followed
+   * @param model the view's
+   * @param view.info of the volume that is shown
+   * @param view.apply takes a new field
+   * @param view.move as of FieldLink
+   * @param view.follows reports whose edits are followed
    */
-  constructor(model, view) {
+  constructor(model: Model, view: { /** of the volume that is shown */ info: () => VolumeInfo | null; /** takes a new field */ apply: (space: SpaceField, isMoving: boolean) => void; /** as of FieldLink */ move: (isMoving: boolean) => void; /** reports whose edits are followed */ follows: (sender: string) => void }) {
     this.view = view;
     this.followed = new FollowedModel(model);
-    /** @type {Model | null} */
     this.editor = null;
-    /** @type {Bus | null} */
     this.bus = null;
-    /** @type {{ space: SpaceField, key: string, shape: Vector3 } | null} */
     this.given = null; // by Python, if it is the fit of the points alone
-    /** @type {SpaceField | null} */
     this.shown = null;
-    /** @type {Detail | null} */
     this.awaited = null; // the newest movement, if its field has not been made
     this.count = 0; // fits that were sampled here
   }
 
-  /** @param {string | Model | null} reference */
-  async follow(reference) {
+  async follow(reference: string | Model | null) {
     if (reference === this.followed.reference) return; // following again tears nothing down
     this.close();
     const found = await this.followed.choose(reference);
@@ -58,12 +58,8 @@ export class SpaceLink {
     this.view.follows(senderOf(bus, editor).id);
   }
 
-  /**
-   * The field to show when Python has sent one: that of points that have gone on since is sampled here.
-   * @param {SpaceField | null} space
-   * @param {Moved | null} moved
-   */
-  merged(space, moved) {
+  /** The field to show when Python has sent one: that of points that have gone on since is sampled here. */
+  merged(space: SpaceField | null, moved: Moved | null) {
     const { bus, editor } = this, isMoving = bus?.latest?.phase === "move";
     this.given = space && moved && { space, key: pointsKey(moved.points), shape: moved.shape };
     this.shown = space;
@@ -73,8 +69,7 @@ export class SpaceLink {
     return this.shown;
   }
 
-  /** @param {PointsDetail} detail */
-  moved(detail) {
+  moved(detail: PointsDetail) {
     if (!this.given) return;
     const isMoving = detail.phase === "move";
     this.awaited = isMoving ? detail : null;
@@ -89,11 +84,7 @@ export class SpaceLink {
     if (awaited) this.#show(awaited, true);
   }
 
-  /**
-   * @param {Detail} detail
-   * @param {boolean} isMoving
-   */
-  #show(detail, isMoving) {
+  #show(detail: Detail, isMoving: boolean) {
     const { given } = this;
     const space = given && (pointsKey(detail.points) === given.key ? given.space : this.#sampled(detail));
     if (!space || space === this.shown) return; // what cannot be fitted leaves the last good picture, as in Python
@@ -101,21 +92,16 @@ export class SpaceLink {
     this.view.apply(space, isMoving);
   }
 
-  /**
-   * @param {Detail} detail
-   * @returns {SpaceField | null}
-   */
-  #sampled({ points, settings }) {
+  #sampled({ points, settings }: Detail): SpaceField | null {
     const { given } = this, info = this.view.info();
     if (!given || !info) return null;
     const { space: { shape: nodes, spacing: steps, origin }, shape } = given;
-    const along = (/** @type {number} */ k) => steps[k] * (nodes[k] - 1) / (shape[k] - 1);
-    /** @type {Vector3} */
-    const spacing = [along(0), along(1), along(2)];
+    const along = (k: number) => steps[k] * (nodes[k] - 1) / (shape[k] - 1);
+    const spacing: Vector3 = [along(0), along(1), along(2)];
     try {
       const isForward = settings.direction === "forward", lattice = { shape, spacing, origin };
       const found = isForward ? forwardFit(points, settings, 3).forward : rbfFit(points, settings, 3);
-      const fit = fitInFrame(/** @type {RbfFit} */ (found), info.to_frame, info.origin);
+      const fit = fitInFrame((found as RbfFit), info.to_frame, info.origin);
       this.count += 1;
       return { ...lattice, values: isForward ? forwardOnLattice(fit, lattice) : rbfOnLattice(fit, lattice) };
     } catch (error) {

@@ -2,36 +2,63 @@
 // To Python: hello, chunk, still, drawn, follows, screenshot, seen, stats, bye. From Python: chunk, field, drawn, info, screenshot.
 // Frames of movies: see movie_frames.js.
 
-import { clipOf, isClipped } from "../maths/clipping.js";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.js";
-import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.js";
-import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.js";
-import { FieldLink, fieldOf } from "./follow_editor.js";
-import { SpaceLink } from "./follow_space.js";
-import { StillPicture } from "./server_view.js";
-import { TimeLink } from "./playback.js";
-import { PointerControls } from "./pointer.js";
-import { MovieFrames } from "./movie_frames.js";
-import { FrameLoop } from "./render_loop.js";
-import { SpacePoints } from "./space_points.js";
-import { ViewCamera } from "./view_camera.js";
-import { ViewElements, ViewMessages } from "./view_elements.js";
-import { floatsOf, VolumeLoader } from "./volume_loader.js";
+import { clipOf, isClipped } from "../maths/clipping.ts";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
+import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.ts";
+import { FieldLink, fieldOf } from "./follow_editor.ts";
+import { SpaceLink } from "./follow_space.ts";
+import { StillPicture } from "./server_view.ts";
+import { TimeLink } from "./playback.ts";
+import { PointerControls } from "./pointer.ts";
+import { MovieFrames } from "./movie_frames.ts";
+import { FrameLoop } from "./render_loop.ts";
+import { SpacePoints } from "./space_points.ts";
+import { ViewCamera } from "./view_camera.ts";
+import { ViewElements, ViewMessages } from "./view_elements.ts";
+import { floatsOf, VolumeLoader } from "./volume_loader.ts";
 
-/** @import { Model, Vector3 } from "../types.d.ts" */
-/** @import { Picture, PlanarField, SpaceField, VolumeData } from "../webgl/types.d.ts" */
-/** @import { KnownCuts } from "./follow_editor.js" */
-/** @import { Bytes, Field, VolumeInfo } from "./types.d.ts" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Model, Vector3 } from "../types.ts";
+import type { Picture, PlanarField, SpaceField, VolumeData } from "../webgl/types.ts";
+import type { KnownCuts } from "./follow_editor.ts";
+import type { Bytes, Field, VolumeInfo } from "./types.ts";
+import type { Flicker } from "../ui/view_parts.ts";
+import type { Message } from "./volume_loader.ts";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
 class LiveVolumeView {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  model: Model;
+  closed: boolean;
+  messages: ViewMessages;
+  elements: ViewElements;
+  root: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  pixels: [number, number];
+  flicker: Flicker;
+  shown: string;
+  info: VolumeInfo | null;
+  field: Field | null;
+  values: Uint8Array | null;
+  loader: VolumeLoader | null;
+  caster: RayCaster | null;
+  loop: FrameLoop | null;
+  still: StillPicture | null;
+  isScarce: boolean;
+  wasTooMuch: boolean;
+  sent: { received: number; };
+  movie: MovieFrames | null;
+  cuts: KnownCuts;
+  stats: Record<string, number> | null;
+  camera: ViewCamera;
+  progress: HTMLDivElement;
+  link: FieldLink;
+  times: TimeLink;
+  spaceLink: SpaceLink;
+  pointer: PointerControls;
+  spacePoints: SpacePoints;
+
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
@@ -40,32 +67,21 @@ class LiveVolumeView {
       resized: () => this.size(), picture: () => this.picture() });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
-    /** @type {[number, number]} */
     this.pixels = [this.canvas.width, this.canvas.height]; // of the full picture
     this.flicker = this.elements.flicker;
     this.shown = this.elements.shows;
-    /** @type {VolumeInfo | null} */
     this.info = null;
-    /** @type {Field | null} */
     this.field = null;
-    /** @type {Uint8Array | null} */
     this.values = null; // the voxels, once all are here
-    /** @type {VolumeLoader | null} */
     this.loader = null;
-    /** @type {RayCaster | null} */
     this.caster = null; // null where WebGL is missing
-    /** @type {FrameLoop | null} */
     this.loop = null;
-    /** @type {StillPicture | null} */
     this.still = null; // where WebGL is missing
     this.isScarce = false; // whether the GPU did not hold all voxels
     this.wasTooMuch = false;
     this.sent = { received: 0 };
-    /** @type {MovieFrames | null} */
     this.movie = null; // that is drawn for Python
-    /** @type {KnownCuts} */
     this.cuts = {};
-    /** @type {Record<string, number> | null} */
     this.stats = null; // measurements of the last full picture
     this.camera = new ViewCamera(this);
     this.progress = pageElement("div", "dnb-progress", this.root,
@@ -80,8 +96,8 @@ class LiveVolumeView {
     this.spaceLink = new SpaceLink(model, { info: () => this.info, move: (isMoving) => this.movedByLink(isMoving),
       apply: (space, isMoving) => this.spaceFromLink(space, isMoving),
       follows: (sender) => this.send({ type: "follows", sender }) });
-    for (const [link, name] of /** @type {const} */ ([[this.link, "editor"], [this.times, "player"],
-      [this.spaceLink, "points_editor"]])) {
+    for (const [link, name] of ([[this.link, "editor"], [this.times, "player"],
+      [this.spaceLink, "points_editor"]] as const)) {
       this.on(`change:${name}`, () => link.follow(model.get(name)));
       link.follow(model.get(name)).catch((error) => this.fail(error));
     }
@@ -141,35 +157,25 @@ class LiveVolumeView {
 
   caption() { this.elements.caption(this.still ? 0 : this.flicker.layer); }
 
-  /** @param {number} layer */
-  flip(layer) {
+  flip(layer: number) {
     this.caption();
     if (this.loop) this.loop.flip(layer);
   }
 
-  /**
-   * The pictures that fill a canvas of this size.
-   * @param {number} width
-   * @param {number} height
-   * @returns {Picture[]}
-   */
-  pictures(width, height) {
+  /** The pictures that fill a canvas of this size. */
+  pictures(width: number, height: number): Picture[] {
     const pictures = picturesOf(this.elements.shows, width, this.elements.compare.share);
     return pictures.map((picture) => ({ ...picture, camera: this.seen((picture.whole ?? picture).width / height) }));
   }
 
-  /** @param {string} text */
-  showMessage(text) { this.elements.showMessage(text); }
+  showMessage(text: string) { this.elements.showMessage(text); }
 
   mark() { setText(this.elements.badge, remarksOn(this)); }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
-  /**
-   * The camera in the volume's own frame, for a picture of this width by height.
-   * @param {number} aspect
-   */
-  seen(aspect) { return this.camera.seen(aspect); }
+  /** The camera in the volume's own frame, for a picture of this width by height. */
+  seen(aspect: number) { return this.camera.seen(aspect); }
 
   readCamera(isForced = false) { if (this.camera.read(isForced)) this.touch(); }
 
@@ -178,8 +184,7 @@ class LiveVolumeView {
     this.still?.request();
   }
 
-  /** @param {string} view */
-  showView(view) {
+  showView(view: string) {
     if (!this.info) return;
     this.camera.seeAll(this.info.views[view]);
     this.touch();
@@ -207,13 +212,13 @@ class LiveVolumeView {
       caster.resize(...this.pixels);
       return caster;
     } catch (error) {
-      this.fall(`Drawn in Python: ${/** @type {Error} */ (error).message}.`);
+      this.fall(`Drawn in Python: ${(error as Error).message}.`);
       return null;
     }
   }
 
-  /** @param {number | null} voxels the most that the GPU holds, where it has been found not to hold all */
-  hello(voxels = null) {
+  /** @param voxels the most that the GPU holds, where it has been found not to hold all */
+  hello(voxels: number | null = null) {
     const { caster } = this;
     this.send({ type: "hello", largest: caster?.largest ?? 0, renderer: caster?.name ?? "",
       software: caster?.isSoftware ?? true, background: this.elements.theme.name, ...(voxels && { voxels }) });
@@ -221,10 +226,8 @@ class LiveVolumeView {
 
   /**
    * Requests half of the voxels from Python, since the GPU does not hold the volume, until they are too few to look at.
-   * @param {MemoryError} why
-   * @param {Vector3} shape
    */
-  #requestFewerVoxels(why, shape) {
+  #requestFewerVoxels(why: MemoryError, shape: Vector3) {
     const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
     if (fewer < FEWEST) throw why;
     this.isScarce = true;
@@ -233,8 +236,7 @@ class LiveVolumeView {
     this.hello(fewer);
   }
 
-  /** @param {RayCaster} caster */
-  #prepare(caster) {
+  #prepare(caster: RayCaster) {
     this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
       () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
       (loop) => this.sendStats(loop),
@@ -253,11 +255,8 @@ class LiveVolumeView {
     this.touch();
   }
 
-  /**
-   * Lets Python draw, as there is no WebGL.
-   * @param {string} text
-   */
-  fall(text) {
+  /** Lets Python draw, as there is no WebGL. */
+  fall(text: string) {
     this.showMessage(text);
     this.still ??= new StillPicture(this, text);
     this.flicker.set(false); // a still of it is the deformed volume
@@ -266,8 +265,7 @@ class LiveVolumeView {
     this.still.request();
   }
 
-  /** @param {Event} event */
-  lost(event) {
+  lost(event: Event) {
     event.preventDefault(); // else it never comes back
     if (this.closed) return;
     if (this.loop) this.loop.close();
@@ -294,20 +292,11 @@ class LiveVolumeView {
 
   // -- messages and traits -------------------------------------------------------------------------------------------
 
-  /**
-   * @param {Message} content
-   * @param {ArrayBuffer[]} [buffers]
-   */
-  send(content, buffers) { this.messages.send(content, buffers); }
+  send(content: Message, buffers?: ArrayBuffer[]) { this.messages.send(content, buffers); }
 
-  /**
-   * @param {string} name
-   * @param {(...given: any[]) => unknown} handler
-   */
-  on(name, handler) { this.messages.on(name, handler); }
+  on(name: string, handler: (...given: any[]) => unknown) { this.messages.on(name, handler); }
 
-  /** @param {unknown} error */
-  fail(error) {
+  fail(error: unknown) {
     console.error(error);
     this.showMessage(`The live view has failed: ${(error instanceof Error && error.message) || error}`);
   }
@@ -330,11 +319,7 @@ class LiveVolumeView {
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
   }
 
-  /**
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  receive(content, buffers) {
+  receive(content: Message, buffers: Bytes[]) {
     if (content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
     if (content.type === "field") return this.receiveField(content, buffers);
@@ -348,8 +333,7 @@ class LiveVolumeView {
   }
 
   setInfo() {
-    /** @type {VolumeInfo | null} */
-    const info = this.model.get("volume_info");
+    const info: VolumeInfo | null = this.model.get("volume_info");
     if (!info?.shape || this.info?.id === info.id) return;
     this.info = info;
     this.values = null;
@@ -361,8 +345,7 @@ class LiveVolumeView {
       (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
   }
 
-  /** @param {boolean} isStuck */
-  setStuck(isStuck) {
+  setStuck(isStuck: boolean) {
     this.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
     const button = pageElement("button", "dnb-again", this.elements.notice, { type: "button", ...OWN_KEYS });
@@ -373,24 +356,18 @@ class LiveVolumeView {
     });
   }
 
-  /** @param {number} share */
-  setProgress(share) {
+  setProgress(share: number) {
     this.progress.style.setProperty("--share", String(share));
     this.progress.setAttribute("aria-valuenow", String(Math.round(100 * share)));
     this.progress.hidden = share >= 1;
   }
 
-  /** @param {Bytes} png */
-  receiveStill(png) {
+  receiveStill(png: Bytes) {
     if (!this.still) this.fall(NOT_HELD); // no Python that could make the volume smaller
     this.still?.receive(png);
   }
 
-  /**
-   * @param {Message} content
-   * @param {Bytes} packed
-   */
-  async receiveChunk(content, packed) {
+  async receiveChunk(content: Message, packed: Bytes) {
     const { loader } = this;
     if (!loader || loader.id !== content.id) return;
     this.sent.received += packed.byteLength;
@@ -400,24 +377,16 @@ class LiveVolumeView {
     await this.upload(this.info, values);
   }
 
-  /**
-   * What a ray caster is told of the volume beside its values.
-   * @param {VolumeInfo} info
-   * @returns {VolumeData}
-   */
-  about({ shape, spacing, outside, grey, share, is_labels: isLabels, box }) {
+  /** What a ray caster is told of the volume beside its values. */
+  about({ shape, spacing, outside, grey, share, is_labels: isLabels, box }: VolumeInfo): VolumeData {
     return { shape, spacing, outside, isLabels, grey, share, box: { low: box.low, high: box.high }, ownBox: box };
   }
 
-  /**
-   * @param {VolumeInfo} info
-   * @param {Uint8Array} values
-   */
-  async upload(info, values) {
+  async upload(info: VolumeInfo, values: Uint8Array) {
     const { caster } = this;
     if (!caster) return;
     const { shape } = info;
-    const tick = (/** @type {number} */ done) => new Promise((/** @type {(value: void) => void} */ resolve) => {
+    const tick = (done: number) => new Promise<void>((resolve) => {
       this.setProgress(0.8 + 0.19 * done);
       setTimeout(resolve, 0);
     });
@@ -440,19 +409,14 @@ class LiveVolumeView {
   }
 
   setTable() {
-    /** @type {Bytes | null} */
-    const bytes = this.model.get("table");
+    const bytes: Bytes | null = this.model.get("table");
     if (!this.caster || !bytes?.byteLength) return;
     if (this.loader && this.caster.volume) return; // of voxels that are on their way: see upload
     this.caster.setTable(floatsOf(bytes), this.model.get("unit"));
     this.touch();
   }
 
-  /**
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  receiveField(content, buffers) {
+  receiveField(content: Message, buffers: Bytes[]) {
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
     const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
@@ -467,11 +431,8 @@ class LiveVolumeView {
     this.confirm(content.seq);
   }
 
-  /**
-   * Lets Python send the next field when this one is being drawn: so it computes that while the GPU has this.
-   * @param {number | undefined} seq
-   */
-  confirm(seq) {
+  /** Lets Python send the next field when this one is being drawn: so it computes that while the GPU has this. */
+  confirm(seq: number | undefined) {
     if (!seq) return;
     const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
     if (this.still) this.still.whenShown(confirm);
@@ -492,24 +453,16 @@ class LiveVolumeView {
     });
   }
 
-  /**
-   * Shows new maps from the editor in this window: no byte goes to Python.
-   * @param {PlanarField} planar
-   * @param {boolean} isDrawing
-   */
-  planarFromLink(planar, isDrawing) {
+  /** Shows new maps from the editor in this window: no byte goes to Python. */
+  planarFromLink(planar: PlanarField, isDrawing: boolean) {
     if (this.field) this.field.planar = planar;
     else this.field = { box: null, planar, space: null };
     this.applyField();
     if (!isDrawing && this.caster?.volume) this.touch(this.link.isMoving);
   }
 
-  /**
-   * The same of a displacement in space.
-   * @param {SpaceField} space
-   * @param {boolean} isMoving
-   */
-  spaceFromLink(space, isMoving) {
+  /** The same of a displacement in space. */
+  spaceFromLink(space: SpaceField, isMoving: boolean) {
     if (!this.field) return;
     this.field.space = space;
     this.applyField();
@@ -522,36 +475,28 @@ class LiveVolumeView {
     this.spaceLink.catchUp();
   }
 
-  /**
-   * Shows that a point is on its way: its maps are made with the next picture, or now if none is drawn here.
-   * @param {boolean} isMoving
-   */
-  movedByLink(isMoving) {
+  /** Shows that a point is on its way: its maps are made with the next picture, or now if none is drawn here. */
+  movedByLink(isMoving: boolean) {
     if (!isMoving && this.loop?.held) this.loop.release();
     if (!isMoving) return;
     if (this.loop && this.caster?.volume) this.touch(true);
     else this.catchUp();
   }
 
-  /** What is seen, as a PNG, drawn in full. @returns {Promise<Blob | null>} */
-  async picture() {
+  /** What is seen, as a PNG, drawn in full. */
+  async picture(): Promise<Blob | null> {
     if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
     if (!this.loop || !this.caster?.isReady) return null;
     this.loop.drawNow();
     return new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
   }
 
-  /** @param {Message} content */
-  async screenshot({ id }) {
+  async screenshot({ id }: Message) {
     const blob = this.still ? null : await this.picture();
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 
-  /**
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  movieFrame(content, buffers) {
+  movieFrame(content: Message, buffers: Bytes[]) {
     if (this.movie?.id !== content.id) {
       this.endMovie();
       try {
@@ -569,8 +514,7 @@ class LiveVolumeView {
     this.movie = null;
   }
 
-  /** @param {FrameLoop} loop */
-  sendStats(loop) {
+  sendStats(loop: FrameLoop) {
     this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count + this.spaceLink.count, edit_ms: this.link.ms };
     const looked = this.model.get("tissue_check"); // of a page without Python, which looks itself
     this.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
@@ -600,7 +544,6 @@ class LiveVolumeView {
   }
 }
 
-/** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new LiveVolumeView(model, el)); }
+function render({ model, el }: {model: Model, el: HTMLElement}) { return opened(new LiveVolumeView(model, el)); }
 
 export default { render };

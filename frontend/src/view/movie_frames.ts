@@ -2,36 +2,43 @@
 // their own, so that whoever turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
-import { isClipped } from "../maths/clipping.js";
-import { picturesOf } from "../ui/view_parts.js";
-import { RayCaster } from "../webgl/raycaster.js";
-import { fieldOf } from "./follow_editor.js";
-import { FrameLoop } from "./render_loop.js";
-import { ViewCamera } from "./view_camera.js";
-import { floatsOf } from "./volume_loader.js";
+import { isClipped } from "../maths/clipping.ts";
+import { picturesOf } from "../ui/view_parts.ts";
+import { RayCaster } from "../webgl/raycaster.ts";
+import { fieldOf } from "./follow_editor.ts";
+import { FrameLoop } from "./render_loop.ts";
+import { ViewCamera } from "./view_camera.ts";
+import { floatsOf } from "./volume_loader.ts";
 
-/** @import { Model } from "../types.d.ts" */
-/** @import { VolumeData } from "../webgl/types.d.ts" */
-/** @import { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.d.ts" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Model } from "../types.ts";
+import type { VolumeData } from "../webgl/types.ts";
+import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
+import type { Message } from "./volume_loader.ts";
 
 const PIECE = 2 ** 18; // bytes in a message: proxies refuse large ones
 
-/**
- * @typedef {object} MovieSource the live view whose volume and colours are drawn
- * @property {Model} model
- * @property {VolumeInfo | null} info
- * @property {Uint8Array | null} values
- * @property {(content: Message, buffers?: ArrayBuffer[]) => void} send
- * @property {(info: VolumeInfo) => VolumeData} about
- */
+/** the live view whose volume and colours are drawn */
+export interface MovieSource {
+  model: Model;
+  info: VolumeInfo | null;
+  values: Uint8Array | null;
+  send: (content: Message, buffers?: ArrayBuffer[]) => void;
+  about: (info: VolumeInfo) => VolumeData;
+}
 
 export class MovieFrames {
-  /**
-   * @param {MovieSource} view
-   * @param {Message} first the first request for a frame: its size and looks are those of all
-   */
-  constructor(view, { id, size: [width, height], looks }) {
+  view: MovieSource;
+  id: any;
+  looks: any;
+  canvas: HTMLCanvasElement & { width: any; height: any; };
+  caster: RayCaster;
+  seen: { info: VolumeInfo | null; shown: any; pixels: any[]; pointer: { isBusy: boolean; }; field: Field | null; model: { get: (name: string) => any; }; };
+  camera: ViewCamera;
+  loop: FrameLoop;
+  isReady: Promise<void>;
+
+  /** @param first the first request for a frame: its size and looks are those of all */
+  constructor(view: MovieSource, { id, size: [width, height], looks }: Message) {
     this.view = view;
     this.id = id;
     this.looks = looks;
@@ -40,9 +47,9 @@ export class MovieFrames {
     const { model, info } = view;
     // What a camera needs of a view, as it is in the movie.
     const like = { info, shown: looks.shows, pixels: [width, height], pointer: { isBusy: false },
-      field: /** @type {Field | null} */ (null), model: { get: (/** @type {string} */ name) => looks[name] } };
+      field: (null as Field | null), model: { get: (name: string) => looks[name] } };
     this.seen = like;
-    this.camera = new ViewCamera(/** @type {VolumeViewLike} */ (/** @type {unknown} */ (like)));
+    this.camera = new ViewCamera(((like as unknown) as VolumeViewLike));
     this.loop = new FrameLoop(this.caster, (w, h) => this.#pictures(w, h), () => ({ target: 0, settle: 0 }), () => {},
       () => {});
     if (looks.shows === "fade") this.loop.mixture = 0.5;
@@ -55,29 +62,21 @@ export class MovieFrames {
   async #load() {
     const { values, info, about } = this.view;
     if (!values || !info) throw new Error("the volume has not come yet");
-    const pause = () => new Promise((/** @type {(value: void) => void} */ resolve) => { setTimeout(resolve, 0); });
+    const pause = () => new Promise<void>((resolve) => { setTimeout(resolve, 0); });
     await this.caster.setVolume(values, about(info), pause);
   }
 
-  /**
-   * @param {number} width
-   * @param {number} height
-   */
-  #pictures(width, height) {
+  #pictures(width: number, height: number) {
     return picturesOf(this.looks.shows, width).map((picture) => (
       { ...picture, camera: this.camera.seen((picture.whole ?? picture).width / height) }));
   }
 
-  /**
-   * Draws a frame and sends its PNG in pieces.
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  async draw(content, buffers) {
+  /** Draws a frame and sends its PNG in pieces. */
+  async draw(content: Message, buffers: Bytes[]) {
     const { view, id, caster, camera } = this, { index } = content;
     try {
       await this.isReady;
-      const field = /** @type {Field} */ (fieldOf(content, buffers, {}));
+      const field = (fieldOf(content, buffers, {}) as Field);
       this.seen.field = field;
       camera.read(true);
       caster.setPlanar(field.planar);
@@ -85,7 +84,7 @@ export class MovieFrames {
       if (caster.volume) caster.volume.box = camera.box;
       this.loop.drawNow();
       if (caster.gl.isContextLost()) throw new Error("the graphics card has given up");
-      const png = await new Promise((/** @type {(blob: Blob | null) => void} */ resolve) => {
+      const png = await new Promise((resolve: (blob: Blob | null) => void) => {
         this.canvas.toBlob(resolve, "image/png");
       });
       if (!png) throw new Error("the browser made no picture");

@@ -3,40 +3,42 @@
 // The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
 
-import { FollowedModel } from "../sync/bus.js";
-import { floatsOf } from "./volume_loader.js";
+import { FollowedModel } from "../sync/bus.ts";
+import { floatsOf } from "./volume_loader.ts";
 
-/** @import { Bus, Model, TimeDetail } from "../types.d.ts" */
-/** @import { PlanarField } from "../webgl/types.d.ts" */
-/** @import { Bytes, Field } from "./types.d.ts" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Bus, Model, TimeDetail } from "../types.ts";
+import type { PlanarField } from "../webgl/types.ts";
+import type { Bytes, Field } from "./types.ts";
+import type { Message } from "./volume_loader.ts";
 
-/** @typedef {{count: number, duration: number, maps: Float32Array, planar: PlanarField}} Moments maps of all moments */
+/** maps of all moments */
+export type Moments = {count: number, duration: number, maps: Float32Array, planar: PlanarField};
 
-/**
- * @typedef {object} PlayedView the live view whose field this changes
- * @property {Model} model
- * @property {Field | null} field
- * @property {{request(): void} | null} still
- * @property {() => void} applyField
- * @property {(held: boolean) => void} touch
- */
+/** the live view whose field this changes */
+export interface PlayedView {
+  model: Model;
+  field: Field | null;
+  still: {request(): void} | null;
+  applyField: () => void;
+  touch: (held: boolean) => void;
+}
 
 export class TimeLink {
-  /** @param {PlayedView} view */
-  constructor(view) {
+  view: PlayedView;
+  frames: Moments | null;
+  bus: Bus | null;
+  player: Model | null;
+  followed: FollowedModel;
+
+  constructor(view: PlayedView) {
     this.view = view;
-    /** @type {Moments | null} */
     this.frames = null;
-    /** @type {Bus | null} */
     this.bus = null;
-    /** @type {Model | null} */
     this.player = null;
     this.followed = new FollowedModel(view.model);
   }
 
-  /** @param {string | Model | null} reference */
-  async follow(reference) {
+  async follow(reference: string | Model | null) {
     if (reference === this.followed.reference) return; // following again tears nothing down
     this.close();
     const found = await this.followed.choose(reference);
@@ -52,19 +54,13 @@ export class TimeLink {
     if (this.frames) this.#show({ time: this.time, isPlaying: false });
   }
 
-  /**
-   * The moment that is shown now.
-   * @returns {number}
-   */
-  get time() { return this.bus?.moment?.time ?? this.player?.get("time") ?? 0; }
+  /** The moment that is shown now. */
+  get time(): number { return this.bus?.moment?.time ?? this.player?.get("time") ?? 0; }
 
   /**
    * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   * @returns {Field}
    */
-  take({ box, planar, frames: { count, duration } }, [maps, weights]) {
+  take({ box, planar, frames: { count, duration } }: Message, [maps, weights]: Bytes[]): Field {
     this.frames = { count, duration, maps: floatsOf(maps), planar: { ...planar, weights: floatsOf(weights) } };
     return { box, planar: planarAt(this.frames, this.time), space: null };
   }
@@ -72,8 +68,7 @@ export class TimeLink {
   /** Forgets the moments: something else is shown. */
   drop() { this.frames = null; }
 
-  /** @param {TimeDetail} moment */
-  #show({ time, isPlaying }) {
+  #show({ time, isPlaying }: TimeDetail) {
     const { view, frames } = this;
     if (!frames || !view.field) return;
     view.field = { ...view.field, planar: planarAt(frames, time) };
@@ -88,21 +83,12 @@ export class TimeLink {
   }
 }
 
-/**
- * @param {Moments} moments
- * @param {number} time
- */
-function planarAt({ planar, maps, count, duration }, time) {
+function planarAt({ planar, maps, count, duration }: Moments, time: number) {
   return { ...planar, maps: mapAt(maps, count, duration > 0 ? (time / duration) * (count - 1) : 0) };
 }
 
-/**
- * The map between two of `count`, blended linearly and clamped to the first and the last.
- * @param {Float32Array} maps
- * @param {number} count
- * @param {number} position
- */
-function mapAt(maps, count, position) {
+/** The map between two of `count`, blended linearly and clamped to the first and the last. */
+function mapAt(maps: Float32Array, count: number, position: number) {
   const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position));
   const k = Math.min(Math.floor(p), count - 2);
   if (count === 1 || p === k) return maps.subarray((count === 1 ? 0 : k) * size, (count === 1 ? 1 : k + 1) * size);

@@ -1,30 +1,30 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
-import { isWorkedIn } from "../ui/dom.js";
+import { isWorkedIn } from "../ui/dom.ts";
 
-/** @import { Vector2 } from "../types.d.ts" */
-/** @import { VolumeViewLike } from "./types.d.ts" */
-/** @typedef {{left: number, top: number, width: number, height: number}} ScreenBox in CSS pixels */
+import type { Vector2 } from "../types.ts";
+import type { VolumeViewLike } from "./types.ts";
+/** in CSS pixels */
+export type ScreenBox = {left: number, top: number, width: number, height: number};
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
 
 export class PointerControls {
-  /** @param {VolumeViewLike} view */
-  constructor(view) {
+  view: VolumeViewLike;
+  points: Map<number, Vector2>;
+  moving: boolean;
+  rest: number;
+  closed: AbortController;
+
+  constructor(view: VolumeViewLike) {
     this.view = view;
-    /** @type {Map<number, Vector2>} */
     this.points = new Map(); // the places of the pointers that are down, by their ids
     this.moving = false;
     this.rest = 0;
     this.closed = new AbortController();
     const { canvas } = view, { signal } = this.closed;
-    /**
-     * @template {keyof HTMLElementEventMap} K
-     * @param {K} name
-     * @param {(event: HTMLElementEventMap[K]) => void} handler
-     */
-    const add = (name, handler) => canvas.addEventListener(name, (event) => { if (view.info) handler(event); },
+    const add = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) => canvas.addEventListener(name, (event) => { if (view.info) handler(event); },
       { passive: false, signal });
     add("pointerdown", (e) => this.down(e));
     add("pointermove", (e) => this.move(e));
@@ -39,11 +39,8 @@ export class PointerControls {
 
   get isBusy() { return this.points.size > 0; }
 
-  /**
-   * The box of the picture, of two side by side the one at x.
-   * @returns {ScreenBox}
-   */
-  box(x = 0) {
+  /** The box of the picture, of two side by side the one at x. */
+  box(x = 0): ScreenBox {
     const whole = this.view.canvas.getBoundingClientRect(), { parts } = this.view.camera, width = whole.width / parts;
     const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
     return { left: whole.left + part * width, top: whole.top, width, height: whole.height };
@@ -51,8 +48,7 @@ export class PointerControls {
 
   close() { this.closed.abort(); }
 
-  /** @param {PointerEvent} event */
-  down(event) {
+  down(event: PointerEvent) {
     if (event.button > 1) return; // the right button belongs to the browser
     this.view.canvas.setPointerCapture(event.pointerId);
     this.view.canvas.focus({ preventScroll: true });
@@ -60,12 +56,10 @@ export class PointerControls {
     this.moving = false;
   }
 
-  /** @param {PointerEvent} event */
-  move(event) {
+  move(event: PointerEvent) {
     const before = this.points.get(event.pointerId);
     if (!before) return;
-    /** @type {Vector2} */
-    const now = [event.clientX, event.clientY];
+    const now: Vector2 = [event.clientX, event.clientY];
     const dx = now[0] - before[0], dy = now[1] - before[1];
     const { camera } = this.view, box = this.box(), small = Math.min(box.width, box.height);
     if (this.points.size === 2) this.pinch(event.pointerId, before, now, box);
@@ -77,44 +71,28 @@ export class PointerControls {
     this.view.touch(true);
   }
 
-  /**
-   * @param {number} dx
-   * @param {number} dy
-   * @param {ScreenBox} box
-   */
-  pan(dx, dy, box) {
+  pan(dx: number, dy: number, box: ScreenBox) {
     const { camera } = this.view, length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
     camera.keepSeen();
   }
 
-  /**
-   * @param {number} id
-   * @param {Vector2} before
-   * @param {Vector2} now
-   * @param {ScreenBox} box
-   */
-  pinch(id, before, now, box) {
+  pinch(id: number, before: Vector2, now: Vector2, box: ScreenBox) {
     const [other] = [...this.points].filter(([key]) => key !== id).map(([, point]) => point);
-    const distance = (/** @type {Vector2} */ p) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
+    const distance = (p: Vector2) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
     this.pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2, box);
     this.zoom(distance(now) / distance(before));
   }
 
-  /** @param {PointerEvent} event */
-  up(event) {
+  up(event: PointerEvent) {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
     if (this.view.loop) this.view.loop.release();
     if (this.moving) this.view.writeCamera();
     else if (event.type === "pointerup") this.view.flicker.press(false);
   }
 
-  /**
-   * Zooms by a factor, keeping the place under a pointer where it is.
-   * @param {number} factor
-   * @param {{clientX: number, clientY: number} | null} at
-   */
-  zoom(factor, at = null) {
+  /** Zooms by a factor, keeping the place under a pointer where it is. */
+  zoom(factor: number, at: {clientX: number, clientY: number} | null = null) {
     const { camera } = this.view, { full } = camera;
     const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)), change = camera.height - height;
     if (at) {
@@ -126,8 +104,7 @@ export class PointerControls {
     camera.keepSeen();
   }
 
-  /** @param {WheelEvent} event */
-  wheel(event) {
+  wheel(event: WheelEvent) {
     if (!event.ctrlKey && !event.metaKey && !isWorkedIn(this.view.canvas)) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
@@ -142,12 +119,10 @@ export class PointerControls {
     this.rest = setTimeout(() => { if (!this.view.closed) this.view.writeCamera(); }, 300);
   }
 
-  /** @param {KeyboardEvent} event */
-  key(event) {
+  key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
     const { camera } = this.view, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
-    /** @type {Record<string, Vector2>} */
-    const turns = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    const turns: Record<string, Vector2> = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
     if (event.key === " " && !this.view.flicker.press(true)) return;
     if (turns[event.key]) camera.turn(...turns[event.key]);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);

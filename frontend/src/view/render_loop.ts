@@ -6,40 +6,46 @@
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
 // canvas changes when the GPU has nothing left to do, and gets no more until that frame is on its way.
 
-/** @import { Quarter, RayCaster } from "../webgl/raycaster.js" */
-/** @import { Picture } from "../webgl/types.d.ts" */
+import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
+import type { Picture } from "../webgl/types.ts";
 
-/** @typedef {[number, number, number, number]} Tile x, y, width and height in pixels, from the lower left */
+/** x, y, width and height in pixels, from the lower left */
+export type Tile = [number, number, number, number];
 
-/**
- * @typedef {object} Rush a quick picture under way
- * @property {{picture: Picture, tile: Tile}[]} pieces
- * @property {[number, number]} size
- * @property {number} coarseness
- * @property {number[]} layers
- * @property {number} start
- * @property {number} spent
- */
+/** a quick picture under way */
+export interface Rush {
+  pieces: {picture: Picture, tile: Tile}[];
+  size: [number, number];
+  coarseness: number;
+  layers: number[];
+  start: number;
+  spent: number;
+}
 
-/** @typedef {{picture: Picture, at: Tile, quarter: Quarter | null}} Piece of a full picture */
+/** of a full picture */
+export type Piece = {picture: Picture, at: Tile, quarter: Quarter | null};
 
-/**
- * @typedef {object} Stage a whole picture of one layer, out of the full one under way
- * @property {number} layer
- * @property {Piece[]} pieces the next one last
- * @property {string} shows the picture that is whole then
- * @property {{from: string, stride: number} | null} merged the quarters that it is put together of
- */
+/** a whole picture of one layer, out of the full one under way */
+export interface Stage {
+  layer: number;
+  /** the next one last */
+  pieces: Piece[];
+  /** the picture that is whole then */
+  shows: string;
+  /** the quarters that it is put together of */
+  merged: {from: string, stride: number} | null;
+}
 
-/**
- * @typedef {object} Work a full picture under way
- * @property {number} pass
- * @property {Stage[]} stages the next one first
- * @property {Picture[]} pictures
- * @property {[number, number]} size
- * @property {number} spent
- * @property {number} passes
- */
+/** a full picture under way */
+export interface Work {
+  pass: number;
+  /** the next one first */
+  stages: Stage[];
+  pictures: Picture[];
+  size: [number, number];
+  spent: number;
+  passes: number;
+}
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
 const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside it waits for one piece only
@@ -61,14 +67,43 @@ const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones ta
 const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [3000, 2]];
 
 export class FrameLoop {
+  caster: RayCaster;
+  pictures: (width: number, height: number) => Picture[];
+  options: () => { target: number; settle: number; };
+  report: (loop: FrameLoop) => void;
+  catchUp: () => void;
+  halvings: number;
+  pixelCost: number;
+  moved: number;
+  dropped: number;
+  isRequested: boolean;
+  work: Work | null;
+  held: boolean;
+  layer: number;
+  mixture: number | null;
+  drawn: Record<number, string>;
+  showing: string | null;
+  over: string | null;
+  parts: number;
+  begun: (() => void)[];
+  quickCost: number;
+  quickCosts: number[];
+  rush: Rush | null;
+  change: (() => void) | null;
+  times: { drag: number[]; full: number; passes: number; frames: number; };
+  sync: WebGLSync | null;
+  isShowing: boolean;
+  waiting: number;
+  frame: number;
+  closed: boolean;
+
   /**
-   * @param {RayCaster} caster
-   * @param {(width: number, height: number) => Picture[]} pictures gives what is seen in a canvas of that size
-   * @param {() => {target: number, settle: number}} options in milliseconds
-   * @param {(loop: FrameLoop) => void} report is called when all is drawn
-   * @param {() => void} catchUp is called before anything is drawn, for what is made only then
+   * @param pictures gives what is seen in a canvas of that size
+   * @param options in milliseconds
+   * @param report is called when all is drawn
+   * @param catchUp is called before anything is drawn, for what is made only then
    */
-  constructor(caster, pictures, options, report, catchUp) {
+  constructor(caster: RayCaster, pictures: (width: number, height: number) => Picture[], options: () => {target: number, settle: number}, report: (loop: FrameLoop) => void, catchUp: () => void) {
     this.caster = caster;
     this.pictures = pictures;
     this.options = options;
@@ -79,30 +114,21 @@ export class FrameLoop {
     this.moved = 0;
     this.dropped = -Infinity; // when a finger or a button was lifted last
     this.isRequested = false;
-    /** @type {Work | null} */
     this.work = null;
     this.held = false;
     this.layer = 0; // the one on the screen
-    /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. @type {number | null} */
+    /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. */
     this.mixture = null;
-    /** @type {Record<number, string>} */
     this.drawn = {}; // by layer: the best picture that is up to date, "full" or a name for fewer pixels
-    /** @type {string | null} */
     this.showing = null; // the picture on the canvas
-    /** @type {string | null} */
     this.over = null; // the one that a mixture lays over it
     this.parts = 1; // pictures side by side
-    /** @type {(() => void)[]} */
     this.begun = []; // called when the next quick picture has begun
     this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
-    /** @type {number[]} */
     this.quickCosts = []; // the same of the last of them
-    /** @type {Rush | null} */
     this.rush = null;
-    /** @type {(() => void) | null} */
     this.change = null; // what comes with the next quick picture
-    this.times = { drag: /** @type {number[]} */ ([]), full: 0, passes: 0, frames: 0 };
-    /** @type {WebGLSync | null} */
+    this.times = { drag: ([] as number[]), full: 0, passes: 0, frames: 0 };
     this.sync = null; // of the work that the GPU has not finished
     this.isShowing = false; // whether a frame with a changed canvas is put together
     this.waiting = 0;
@@ -120,11 +146,8 @@ export class FrameLoop {
     this.#plan(0);
   }
 
-  /**
-   * Changes what is drawn, but never within a picture; of several changes before the next one the last counts.
-   * @param {() => void} change
-   */
-  apply(change) {
+  /** Changes what is drawn, but never within a picture; of several changes before the next one the last counts. */
+  apply(change: () => void) {
     if (this.rush || this.isRequested) this.change = change;
     else change();
   }
@@ -132,17 +155,13 @@ export class FrameLoop {
   /** Lets the full picture begin: nothing has changed, but the finger is lifted. */
   release() { this.#hold(false); this.#plan(0); }
 
-  /** @param {boolean} held */
-  #hold(held) {
+  #hold(held: boolean) {
     if (this.held && !held) this.dropped = performance.now();
     this.held = held;
   }
 
-  /**
-   * Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on.
-   * @param {number} layer
-   */
-  flip(layer) {
+  /** Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on. */
+  flip(layer: number) {
     this.layer = layer;
     if (this.drawn[layer]) this.#present();
     else { this.isRequested = true; this.#plan(0); }
@@ -153,8 +172,7 @@ export class FrameLoop {
   /** The share of the full picture's width and height that a quick one has. */
   get scale() { return 2 ** (-this.halvings / 2); }
 
-  /** @param {number} delay */
-  #plan(delay) {
+  #plan(delay: number) {
     if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
     if (this.frame) return; // put off by a change in every frame, as an animation makes, it would never come
     clearTimeout(this.waiting);
@@ -174,8 +192,7 @@ export class FrameLoop {
     else this.#refine();
   }
 
-  /** @returns {[number, number]} */
-  get size() { return [this.caster.size[0], this.caster.size[1]]; }
+  get size(): [number, number] { return [this.caster.size[0], this.caster.size[1]]; }
 
   #present() {
     const name = this.drawn[this.layer];
@@ -185,14 +202,10 @@ export class FrameLoop {
     this.again();
   }
 
-  /** Whether a picture is on the screen. @param {Picture} picture */
-  #isSeen({ layer }) { return this.mixture !== null || layer === this.layer; }
+  /** Whether a picture is on the screen. */
+  #isSeen({ layer }: Picture) { return this.mixture !== null || layer === this.layer; }
 
-  /**
-   * @param {number} width
-   * @param {number} height
-   */
-  #seen(width, height) {
+  #seen(width: number, height: number) {
     const pictures = this.pictures(width, height);
     if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
     this.parts = pictures.filter((p) => p.layer === this.layer && !p.whole).length || 1;
@@ -206,8 +219,7 @@ export class FrameLoop {
     const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
     const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count));
-    /** @type {Rush["pieces"]} */
-    const pieces = [];
+    const pieces: Rush["pieces"] = [];
     for (const picture of this.#seen(width, height)) {
       if (!this.#isSeen(picture)) continue;
       for (let y = 0; y < height; y += rows) {
@@ -222,8 +234,7 @@ export class FrameLoop {
     for (const callback of this.begun.splice(0)) callback();
   }
 
-  /** @param {Rush} rush */
-  #piece(rush) {
+  #piece(rush: Rush) {
     const piece = rush.pieces.shift();
     if (!piece) return;
     const { picture, tile } = piece;
@@ -238,8 +249,7 @@ export class FrameLoop {
     });
   }
 
-  /** @param {Rush} rush */
-  #rushed(rush) {
+  #rushed(rush: Rush) {
     this.rush = null;
     const ms = performance.now() - rush.start;
     this.times.drag = [...this.times.drag.slice(-49), ms];
@@ -250,11 +260,8 @@ export class FrameLoop {
     this.#fitScale(width * height);
   }
 
-  /**
-   * Chooses the pixels of the next quick pictures by what those of this scale take.
-   * @param {number} pixels
-   */
-  #fitScale(pixels) {
+  /** Chooses the pixels of the next quick pictures by what those of this scale take. */
+  #fitScale(pixels: number) {
     let ms = this.quickCost * pixels;
     const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
     const coarsest = Math.min(COARSEST, Math.floor(this.halvings + Math.log2(pixels / FEWEST_PIXELS)));
@@ -270,12 +277,8 @@ export class FrameLoop {
     if (change) change();
   }
 
-  /**
-   * Begins a pass of the full picture, the first or the one after `last`.
-   * @param {Work | null} last
-   * @returns {Work}
-   */
-  #begin(last) {
+  /** Begins a pass of the full picture, the first or the one after `last`. */
+  #begin(last: Work | null): Work {
     const [w, h] = this.size, pass = last ? last.pass + 1 : 0, pictures = last ? last.pictures : this.#seen(w, h);
     const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === this.layer ? -1 : 1)); // first the seen
     const stages = layers.flatMap((layer) => {
@@ -286,11 +289,8 @@ export class FrameLoop {
     return this.work;
   }
 
-  /**
-   * The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS.
-   * @param {Picture[]} pictures
-   */
-  #firstStride(pictures) {
+  /** The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS. */
+  #firstStride(pictures: Picture[]) {
     const whole = pictures.reduce((sum, p) => sum + p.width, 0) * this.size[1]
       * Math.max(this.pixelCost, this.quickCost);
     let stride = 1;
@@ -301,18 +301,12 @@ export class FrameLoop {
 
   /**
    * The whole pictures of a layer, one after the other: every stride-th pixel, every half as far, and so on to all.
-   * @param {number} layer
-   * @param {Picture[]} pictures
-   * @param {number} stride
-   * @returns {Stage[]}
    */
-  #stages(layer, pictures, stride) {
-    const name = (/** @type {number} */ s) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
+  #stages(layer: number, pictures: Picture[], stride: number): Stage[] {
+    const name = (s: number) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
     if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, [null]), shows: name(1), merged: null }];
-    /** @type {(numbers: [number, number][], s: number) => Quarter[]} */
-    const quarters = (numbers, s) => numbers.map(([x, y]) => ({ stride: s, x, y }));
-    /** @type {Stage[]} */
-    const stages = [{ layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride),
+    const quarters: (numbers: [number, number][], s: number) => Quarter[] = (numbers, s) => numbers.map(([x, y]) => ({ stride: s, x, y }));
+    const stages: Stage[] = [{ layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride),
       merged: null }];
     for (let s = stride; s > 1; s /= 2) {
       stages.push({ layer, pieces: this.#pieces(pictures, quarters([[1, 1], [1, 0], [0, 1]], s)), shows: name(s / 2),
@@ -324,22 +318,18 @@ export class FrameLoop {
   /**
    * Pieces of about TILE_MS of pictures or of quarters of them; those of one place follow each other, since their rays
    * meet the same voxels.
-   * @param {Picture[]} pictures
-   * @param {(Quarter | null)[]} quarters
    */
-  #pieces(pictures, quarters) {
+  #pieces(pictures: Picture[], quarters: (Quarter | null)[]) {
     const [w, h] = this.size, side = Math.round(Math.sqrt(TILE_MS / this.pixelCost));
     const most = Math.max(16, Math.min(Math.max(w, h), side));
-    /** @type {Piece[]} */
-    const pieces = [];
+    const pieces: Piece[] = [];
     for (const picture of pictures) {
       const [{ stride }] = quarters.map((q) => q ?? { stride: 1 });
       for (let y = 0; y < h; y += most * stride) {
         for (let x = picture.x; x < picture.x + picture.width; x += most * stride) {
           const right = Math.min(x + most * stride, picture.x + picture.width), top = Math.min(y + most * stride, h);
           for (const quarter of quarters) {
-            /** @type {(from: number, to: number, part?: number) => [number, number]} */
-            const within = (from, to, part = 0) => {
+            const within: (from: number, to: number, part?: number) => [number, number] = (from, to, part = 0) => {
               const [a, b] = [from, to].map((n) => Math.ceil((n - (part * stride) / 2) / stride));
               return [a, b - a];
             };
@@ -382,8 +372,7 @@ export class FrameLoop {
     });
   }
 
-  /** @param {Work} work */
-  #finished(work) {
+  #finished(work: Work) {
     if (work.pass === 0) {
       this.times.full = work.spent;
       const passes = this.caster.isSoftware ? SOFTWARE_PASSES : PASSES;
@@ -397,9 +386,8 @@ export class FrameLoop {
   /**
    * Calls done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
    * whether it has changed the canvas. Where the page looks late, half of the time since it looked last is counted.
-   * @param {(ms: number) => boolean} done
    */
-  #when(done) {
+  #when(done: (ms: number) => boolean) {
     const gl = this.caster.gl;
     this.sync = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
@@ -435,7 +423,9 @@ export class FrameLoop {
     this.#present();
   }
 
-  /** Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed. */
+  /**
+   * Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed.
+   */
   again() {
     const { caster, showing, parts, mixture } = this, isQuick = caster.isSoftware && showing?.startsWith("coarse");
     caster.present(showing, { parts, over: mixture === null ? null : this.over, share: mixture ?? 0, isQuick });

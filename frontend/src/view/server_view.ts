@@ -2,29 +2,54 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import { COMPARISONS } from "../ui/compare_controls.js";
-import { pageElement } from "../ui/dom.js";
-import { opened } from "../ui/view_parts.js";
-import { PointerControls } from "./pointer.js";
-import { SpacePoints } from "./space_points.js";
-import { ViewCamera } from "./view_camera.js";
-import { ViewElements, ViewMessages } from "./view_elements.js";
-import { bytesOf } from "./volume_loader.js";
+import { COMPARISONS } from "../ui/compare_controls.ts";
+import { pageElement } from "../ui/dom.ts";
+import { opened } from "../ui/view_parts.ts";
+import { PointerControls } from "./pointer.ts";
+import { SpacePoints } from "./space_points.ts";
+import { ViewCamera } from "./view_camera.ts";
+import { ViewElements, ViewMessages } from "./view_elements.ts";
+import { bytesOf } from "./volume_loader.ts";
 
-/** @import { Model } from "../types.d.ts" */
-/** @import { Bytes, VolumeInfo } from "./types.d.ts" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Model } from "../types.ts";
+import type { Bytes, VolumeInfo } from "./types.ts";
+import type { Flicker } from "../ui/view_parts.ts";
+import type { Message } from "./volume_loader.ts";
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
 export class ServerVolumeView {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} el
-   */
-  constructor(model, el) {
+  model: Model;
+  closed: boolean;
+  messages: ViewMessages;
+  elements: ViewElements;
+  root: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  flicker: Flicker;
+  shown: string;
+  info: VolumeInfo | null;
+  layers: ImageBitmap[];
+  drawn: number;
+  count: number;
+  isFull: boolean;
+  number: number;
+  answered: number;
+  sentAt: number;
+  isLate: boolean;
+  retry: number;
+  sized: string;
+  resizing: number;
+  loop: { release(): void; };
+  inner: HTMLIFrameElement | null;
+  camera: ViewCamera;
+  waiting: HTMLDivElement;
+  pointer: PointerControls;
+  spacePoints: SpacePoints;
+  greeting: number;
+
+  constructor(model: Model, el: HTMLElement) {
     this.model = model;
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
@@ -36,9 +61,7 @@ export class ServerVolumeView {
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
     this.shown = this.elements.shows;
-    /** @type {VolumeInfo | null} */
     this.info = null;
-    /** @type {ImageBitmap[]} */
     this.layers = []; // the pictures that came last
     this.drawn = 0; // their number in Python
     this.count = 0; // of pictures that have been drawn
@@ -51,7 +74,6 @@ export class ServerVolumeView {
     this.sized = ""; // the size that was sent last
     this.resizing = 0;
     this.loop = { release() {} }; // Python decides when to draw
-    /** @type {HTMLIFrameElement | null} */
     this.inner = null;
     this.camera = new ViewCamera(this);
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
@@ -77,23 +99,15 @@ export class ServerVolumeView {
     for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
   }
 
-  /**
-   * @param {string} name
-   * @param {(...given: any[]) => unknown} handler
-   */
-  on(name, handler) { this.messages.on(name, handler); }
+  on(name: string, handler: (...given: any[]) => unknown) { this.messages.on(name, handler); }
 
-  /** @param {Message} content */
-  send(content) { this.messages.send(content); }
+  send(content: Message) { this.messages.send(content); }
 
-  /** @param {string} text */
-  showMessage(text) { this.elements.showMessage(text); }
+  showMessage(text: string) { this.elements.showMessage(text); }
 
-  /** @param {string} text */
-  wait(text) { this.waiting.textContent = text; this.waiting.hidden = !text; }
+  wait(text: string) { this.waiting.textContent = text; this.waiting.hidden = !text; }
 
-  /** @param {unknown} error */
-  fail(error) {
+  fail(error: unknown) {
     console.error(error);
     this.showMessage(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
   }
@@ -121,8 +135,7 @@ export class ServerVolumeView {
   /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
   get isFramed() { return this.model.get("transport") === "trame"; }
 
-  /** @param {Message} content */
-  frame({ view, url }) {
+  frame({ view, url }: Message) {
     if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
     this.inner = pageElement("iframe", "dnb-inner", this.root,
@@ -144,22 +157,14 @@ export class ServerVolumeView {
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
-  /**
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  receive(content, buffers) {
+  receive(content: Message, buffers: Bytes[]) {
     if (content.type === "notice") { this.showMessage(String(content.text)); if (!this.drawn) this.wait(""); }
     if (content.type === "trame") this.frame(content);
     if (content.type === "badge") this.elements.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
-  /**
-   * @param {Message} content
-   * @param {Bytes[]} buffers
-   */
-  async receiveFrame({ seq, full, camera, by }, buffers) {
+  async receiveFrame({ seq, full, camera, by }: Message, buffers: Bytes[]) {
     if (by === this.messages.id) this.#answer(camera);
     try {
       const made = await Promise.all(buffers.map((b) => (
@@ -196,8 +201,7 @@ export class ServerVolumeView {
   // -- the camera ----------------------------------------------------------------------------------------------------
 
   readInfo() {
-    /** @type {VolumeInfo | null} */
-    const info = this.model.get("volume_info");
+    const info: VolumeInfo | null = this.model.get("volume_info");
     if (!info?.box) { this.wait(""); return; }
     this.info = info;
     this.readCamera(true);
@@ -233,14 +237,12 @@ export class ServerVolumeView {
     this.send({ type: "camera", camera: this.camera.trait, number: this.number });
   }
 
-  /** @param {number} number */
-  #answer(number) {
+  #answer(number: number) {
     this.answered = Math.max(this.answered, number);
     if (this.isLate) this.#sendCamera();
   }
 
-  /** @param {string} view */
-  showView(view) {
+  showView(view: string) {
     if (!this.info) return;
     this.camera.seeAll(this.info.views[view]);
     this.touchParts();
@@ -263,29 +265,31 @@ export class ServerVolumeView {
   }
 }
 
-/**
- * @typedef {object} UndrawnView a front end that cannot draw
- * @property {Model} model
- * @property {ViewMessages} messages
- * @property {ViewElements} elements
- * @property {HTMLElement} root
- * @property {(content: Message) => void} send
- */
+/** a front end that cannot draw */
+export interface UndrawnView {
+  model: Model;
+  messages: ViewMessages;
+  elements: ViewElements;
+  root: HTMLElement;
+  send: (content: Message) => void;
+}
 
-/** A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there. */
+/**
+ * A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there.
+ */
 export class StillPicture {
-  /**
-   * @param {UndrawnView} view
-   * @param {string} why
-   */
-  constructor(view, why) {
+  view: UndrawnView;
+  why: string;
+  pictures: ServerVolumeView | null;
+  after: (() => void) | null;
+  info: VolumeInfo | null;
+  image: HTMLImageElement;
+
+  constructor(view: UndrawnView, why: string) {
     this.view = view;
     this.why = why;
-    /** @type {ServerVolumeView | null} */
     this.pictures = null; // as soon as Python draws
-    /** @type {(() => void) | null} */
     this.after = null; // called when a picture is shown
-    /** @type {VolumeInfo | null} */
     this.info = null;
     this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
   }
@@ -295,35 +299,27 @@ export class StillPicture {
     if (!this.pictures) this.view.send({ type: "still", background: this.view.elements.theme.name });
   }
 
-  /**
-   * Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once.
-   * @param {() => void} callback
-   */
-  whenShown(callback) {
+  /** Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once. */
+  whenShown(callback: () => void) {
     if (this.pictures) { callback(); return; }
     this.after = callback;
     this.request();
   }
 
-  /** @param {Bytes} png */
-  receive(png) {
+  receive(png: Bytes) {
     URL.revokeObjectURL(this.image.src);
     this.image.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
     this.#shown();
   }
 
-  /**
-   * Puts Python's pictures in the place of the front end that cannot draw.
-   * @param {VolumeInfo | null} info
-   */
-  drawn(info) {
+  /** Puts Python's pictures in the place of the front end that cannot draw. */
+  drawn(info: VolumeInfo | null) {
     if (info) this.inform(info);
     if (this.pictures) return;
     const { view } = this, { model } = view;
-    /** @type {Model} */
-    const part = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
+    const part: Model = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
       set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
-      on: (/** @type {string} */ name, /** @type {(...given: any[]) => void} */ call) => model.on(name, call),
+      on: (name: string, call: (...given: any[]) => void) => model.on(name, call),
       off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }) };
     view.root.hidden = true;
@@ -333,11 +329,8 @@ export class StillPicture {
     this.#shown();
   }
 
-  /**
-   * Takes the box that Python's pictures show, which is the result's and not always the volume's own.
-   * @param {VolumeInfo} info
-   */
-  inform(info) {
+  /** Takes the box that Python's pictures show, which is the result's and not always the volume's own. */
+  inform(info: VolumeInfo) {
     this.info = info;
     this.pictures?.readInfo();
   }

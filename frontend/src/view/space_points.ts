@@ -2,36 +2,38 @@
 // voxels as well (values, field, caster) determines which points lie behind the body and where a ray meets it. Points
 // go to Python by the sender of their own editor (sync/edits.js).
 
-import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.js";
-import { added, dot, scaled, unitVector } from "../maths/camera.js";
-import { clipSides, leftOf } from "../maths/clipping.js";
-import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.js";
-import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.js";
-import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.js";
-import { senderOf } from "../sync/edits.js";
-import { pageElement, setAttributes, svgElement } from "../ui/dom.js";
-import { opacityOfByte } from "../webgl/volume_blocks.js";
+import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.ts";
+import { added, dot, scaled, unitVector } from "../maths/camera.ts";
+import { clipSides, leftOf } from "../maths/clipping.ts";
+import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.ts";
+import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.ts";
+import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
+import { senderOf } from "../sync/edits.ts";
+import { pageElement, setAttributes, svgElement } from "../ui/dom.ts";
+import { opacityOfByte } from "../webgl/volume_blocks.ts";
 
-/** @import { Camera } from "../maths/camera.js" */
-/** @import { Sender } from "../sync/edits.js" */
-/** @import { Bus, FlatPoint, Model, Point, PointsDetail, Sides, Vector2 } from "../types.d.ts" */
-/** @import { PlanarField, SpaceField } from "../webgl/types.d.ts" */
-/** @import { ScreenBox } from "./pointer.js" */
-/** @import { Field, VolumeViewLike, VolumeInfo } from "./types.d.ts" */
+import type { Camera } from "../maths/camera.ts";
+import type { Sender } from "../sync/edits.ts";
+import type { Bus, FlatPoint, Model, Point, PointsDetail, Sides, Vector2, Vector3 } from "../types.ts";
+import type { PlanarField, SpaceField } from "../webgl/types.ts";
+import type { ScreenBox } from "./pointer.ts";
+import type { Field, VolumeViewLike, VolumeInfo } from "./types.ts";
 
-/** @typedef {"target" | "source"} PointEnd */
-/** @typedef {{id: number, what: PointEnd}} Hit */
+export type PointEnd = "target" | "source";
+export type Hit = {id: number, what: PointEnd};
 
-/**
- * @typedef {object} Held what a pointer holds
- * @property {number} id
- * @property {PointEnd | "both"} what
- * @property {number} pointer
- * @property {Vector2} from
- * @property {Vector2} [at]
- * @property {boolean} isPress whether it has not been moved yet
- * @property {number[]} ids the points that move with it
- */
+/** what a pointer holds */
+export interface Held {
+  id: number;
+  what: PointEnd | "both";
+  pointer: number;
+  from: Vector2;
+  at?: Vector2;
+  /** whether it has not been moved yet */
+  isPress: boolean;
+  /** the points that move with it */
+  ids: number[];
+}
 
 const LATER = 120; // milliseconds between two computations of what is hidden
 const PIXELS = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }; // a view of handles whose places are CSS pixels
@@ -41,13 +43,20 @@ const HALF_SEEN = 0.5; // a surface is where half of the light is stopped
 
 /** The projection of space on one picture: from places to pixels and back. */
 export class SpaceCamera {
+  right: Vector3;
+  up: Vector3;
+  ahead: Vector3;
+  box: ScreenBox;
+  half: number[];
+  bend: number;
+  eye: Vector3;
+
   /**
-   * @param {Camera} camera
-   * @param {number} bend of a perspective
-   * @param {number[]} middle of what is seen
-   * @param {ScreenBox} box of the picture
+   * @param bend of a perspective
+   * @param middle of what is seen
+   * @param box of the picture
    */
-  constructor(camera, bend, middle, box) {
+  constructor(camera: Camera, bend: number, middle: number[], box: ScreenBox) {
     const { right, up, direction, pan, height } = camera, aspect = box.width / box.height;
     this.right = right;
     this.up = up;
@@ -58,12 +67,8 @@ export class SpaceCamera {
     this.eye = added(middle, added(scaled(right, pan[0]), scaled(up, pan[1])));
   }
 
-  /**
-   * The pixel where a place is seen, its distance, and the length in space of one pixel there.
-   * @param {number[]} place
-   * @returns {{at: Vector2, depth: number, scale: number}}
-   */
-  see(place) {
+  /** The pixel where a place is seen, its distance, and the length in space of one pixel there. */
+  see(place: number[]): {at: Vector2, depth: number, scale: number} {
     const { box, bend, half } = this, from = place.map((x, k) => x - this.eye[k]), depth = dot(from, this.ahead);
     const near = bend > 0 ? Math.max(1e-6, 1 + depth * bend) : 1; // how much smaller things look there
     const a = dot(from, this.right) / near / half[0], b = dot(from, this.up) / near / half[1];
@@ -71,25 +76,14 @@ export class SpaceCamera {
       scale: (2 * half[1] * near) / box.height };
   }
 
-  /**
-   * The way in space, parallel to the screen, of a way on it at a place.
-   * @param {number[]} place
-   * @param {Vector2} move
-   * @returns {number[]}
-   */
-  way(place, [dx, dy]) {
+  /** The way in space, parallel to the screen, of a way on it at a place. */
+  way(place: number[], [dx, dy]: Vector2): number[] {
     const { scale } = this.see(place);
     return added(scaled(this.right, dx * scale), scaled(this.up, -dy * scale));
   }
 
-  /**
-   * The same along one axis of space: as far as brings its picture nearest to the pointer.
-   * @param {number} axis
-   * @param {number[]} place
-   * @param {Vector2} move
-   * @returns {number[]}
-   */
-  wayAlong(axis, place, [dx, dy]) {
+  /** The same along one axis of space: as far as brings its picture nearest to the pointer. */
+  wayAlong(axis: number, place: number[], [dx, dy]: Vector2): number[] {
     const { at, scale } = this.see(place), unit = [0, 1, 2].map((k) => (k === axis ? 1 : 0));
     const there = this.see(added(place, scaled(unit, scale))).at, [u, v] = [there[0] - at[0], there[1] - at[1]];
     const steep = u * u + v * v;
@@ -97,12 +91,8 @@ export class SpaceCamera {
     return scaled(unit, (scale * (dx * u + dy * v)) / steep);
   }
 
-  /**
-   * The ray of a pixel.
-   * @param {Vector2} pixel
-   * @returns {{start: number[], ray: number[]}}
-   */
-  ray([x, y]) {
+  /** The ray of a pixel. */
+  ray([x, y]: Vector2): {start: number[], ray: number[]} {
     const { box, half, bend } = this;
     const a = ((x - box.left) / box.width) * 2 - 1, b = 1 - ((y - box.top) / box.height) * 2;
     const aside = added(scaled(this.right, a * half[0]), scaled(this.up, b * half[1]));
@@ -111,36 +101,32 @@ export class SpaceCamera {
     return { start: added(this.eye, scaled(this.ahead, -1 / bend)), ray };
   }
 
-  /**
-   * The direction from a place to the viewer.
-   * @param {number[]} place
-   */
-  toViewer(place) {
+  /** The direction from a place to the viewer. */
+  toViewer(place: number[]) {
     if (!(this.bend > 0)) return scaled(this.ahead, -1);
     const eye = added(this.eye, scaled(this.ahead, -1 / this.bend));
     return normalized(eye.map((x, k) => x - place[k]));
   }
 }
 
-/**
- * A vector that is not zero, with length 1.
- * @param {number[]} vector
- * @returns {number[]}
- */
-function normalized(vector) { return unitVector(vector) ?? vector; }
+/** A vector that is not zero, with length 1. */
+function normalized(vector: number[]): number[] { return unitVector(vector) ?? vector; }
 
-/** The deformed body as the ray caster sees it, for a few rays; lengths along the index axes, from the first voxel. */
+/**
+ * The deformed body as the ray caster sees it, for a few rays; lengths along the index axes, from the first voxel.
+ */
 export class Body {
-  /**
-   * @param {object} seen
-   * @param {Uint8Array} seen.values
-   * @param {VolumeInfo} seen.info
-   * @param {Field | null} [seen.field]
-   * @param {Float32Array} seen.table
-   * @param {number} seen.unit the thickness that the table's opacities hold for
-   * @param {number[][] | null} [seen.clip]
-   */
-  constructor({ values, info, field, table, unit, clip }) {
+  values: Uint8Array<ArrayBufferLike>;
+  info: VolumeInfo;
+  space: SpaceField | null;
+  planar: PlanarField | null;
+  table: Float32Array<ArrayBufferLike>;
+  unit: number;
+  box: Sides;
+  step: number;
+
+  /** @param seen.unit the thickness that the table's opacities hold for */
+  constructor({ values, info, field, table, unit, clip }: { values: Uint8Array; info: VolumeInfo; field?: Field | null; table: Float32Array; /** the thickness that the table's opacities hold for */ unit: number; clip?: number[][] | null }) {
     const box = field?.box ?? info.box;
     this.values = values;
     this.info = info;
@@ -149,45 +135,30 @@ export class Body {
     this.planar = field?.planar && !field.planar.cut ? field.planar : null;
     this.table = table;
     this.unit = unit;
-    /** @type {Sides} */
     this.box = clip ? leftOf(box, clipSides(box, clip)) : box; // what is cut away is no body
     this.step = Math.min(...info.spacing);
   }
 
-  /**
-   * A place of space in the volume's own frame.
-   * @param {number[]} place
-   */
-  toFrame(place) { return this.turned(place.map((x, k) => x - this.info.origin[k])); }
+  /** A place of space in the volume's own frame. */
+  toFrame(place: number[]) { return this.turned(place.map((x, k) => x - this.info.origin[k])); }
 
-  /**
-   * A vector of space in the volume's own frame.
-   * @param {number[]} vector
-   */
-  turned(vector) { return this.info.to_frame.map((row) => dot(row, vector)); }
+  /** A vector of space in the volume's own frame. */
+  turned(vector: number[]) { return this.info.to_frame.map((row) => dot(row, vector)); }
 
-  /**
-   * The place that the value at x comes from.
-   * @param {number[]} x
-   */
-  origin(x) {
+  /** The place that the value at x comes from. */
+  origin(x: number[]) {
     const { planar, space } = this, moved = planar ? added(x, planarAt(planar, x)) : x;
     return space ? added(moved, sampleAt(space, moved)) : moved;
   }
 
-  /** @param {number[]} x */
-  opacity(x) {
+  opacity(x: number[]) {
     const { shape, spacing } = this.info, from = this.origin(x), at = from.map((l, k) => Math.round(l / spacing[k]));
     if (at.some((i, k) => i < 0 || i >= shape[k])) return 0;
     return opacityOfByte(this.table, this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]]);
   }
 
-  /**
-   * The place in the box where half of the light along a ray is stopped, as a length along it, or null.
-   * @param {number[]} start
-   * @param {number[]} ray
-   */
-  meet(start, ray, from = 0) {
+  /** The place in the box where half of the light along a ray is stopped, as a length along it, or null. */
+  meet(start: number[], ray: number[], from = 0) {
     const { low, high } = this.box;
     let first = from, last = Infinity;
     for (let k = 0; k < 3; k++) {
@@ -206,29 +177,20 @@ export class Body {
 
   /**
    * True if something lies between a place in space and the viewer; what is nearer than two voxels does not count.
-   * @param {number[]} place
-   * @param {number[]} toViewer
    */
-  hides(place, toViewer) {
+  hides(place: number[], toViewer: number[]) {
     return this.meet(this.toFrame(place), normalized(this.turned(toViewer)), 2 * this.step) !== null;
   }
 
-  /**
-   * The place in space where a ray in space meets the body, or null.
-   * @param {{start: number[], ray: number[]}} line
-   */
-  surface({ start, ray }) {
+  /** The place in space where a ray in space meets the body, or null. */
+  surface({ start, ray }: {start: number[], ray: number[]}) {
     const t = this.meet(this.toFrame(start), normalized(this.turned(ray)), -Infinity);
     return t === null ? null : added(start, scaled(ray, t));
   }
 }
 
-/**
- * A displacement sampled in space, between its samples; x in the frame of the volume.
- * @param {SpaceField} field
- * @param {number[]} x
- */
-function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }, x) {
+/** A displacement sampled in space, between its samples; x in the frame of the volume. */
+function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }: SpaceField, x: number[]) {
   const n = [nx, ny, nz], q = x.map((l, k) => Math.max(0, Math.min(n[k] - 1, (l - origin[k]) / spacing[k])));
   const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))), f = q.map((v, k) => v - i[k]);
   const sum = [0, 0, 0];
@@ -241,15 +203,10 @@ function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }, x) {
   return sum;
 }
 
-/**
- * The displacement of maps over a plane, weighted along its normal.
- * @param {PlanarField} field
- * @param {number[]} x
- */
-function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }, x) {
+/** The displacement of maps over a plane, weighted along its normal. */
+function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }: PlanarField, x: number[]) {
   const { origin: o, u, v, n } = plane, from = x.map((l, k) => l - o[k]), knots = weights.length / count;
-  /** @type {(value: number, most: number) => number} */
-  const clamp = (value, most) => Math.max(0, Math.min(most, value));
+  const clamp: (value: number, most: number) => number = (value, most) => Math.max(0, Math.min(most, value));
   const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1);
   const q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
   const z = depth[1] > depth[0] ? clamp((dot(from, n) - depth[0]) / (depth[1] - depth[0]), 1) * (knots - 1) : 0;
@@ -260,7 +217,7 @@ function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane
     if (!weight) continue;
     const row = (m * rows + j) * columns + i, down = rows > 1 ? columns : 0, east = columns > 1 ? 1 : 0;
     for (let c = 0; c < 2; c++) {
-      const value = (/** @type {number} */ at) => maps[2 * at + c];
+      const value = (at: number) => maps[2 * at + c];
       sum[c] += weight * ((1 - t) * ((1 - s) * value(row) + s * value(row + east)) +
         t * ((1 - s) * value(row + down) + s * value(row + down + east)));
     }
@@ -271,30 +228,42 @@ function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane
 // ---- points over the view -------------------------------------------------------------------------------------------
 
 export class SpacePoints {
-  /** @param {VolumeViewLike} view */
-  constructor(view) {
+  view: VolumeViewLike;
+  id: string;
+  editor: Model | null;
+  bus: Bus | null;
+  sender: Sender | null;
+  followed: FollowedModel;
+  points: Point[];
+  selected: Set<number>;
+  held: Held | null;
+  drag0: Point[] | null;
+  axis: number | null;
+  order: number[];
+  flat: WeakMap<Point, FlatPoint & {depth: number}>;
+  seen: string;
+  frame: number;
+  lookedAt: number;
+  timer: number;
+  svg: SVGSVGElement;
+  axisLine: SVGPathElement;
+  handles: Handles<FlatPoint>;
+  liveRegion: HTMLDivElement;
+  closed: AbortController;
+
+  constructor(view: VolumeViewLike) {
     this.view = view;
     this.id = Math.random().toString(36).slice(2, 12);
-    /** @type {Model | null} */
     this.editor = null; // whose points are shown
-    /** @type {Bus | null} */
     this.bus = null; // the editor's
-    /** @type {Sender | null} */
     this.sender = null; // the editor's
     this.followed = new FollowedModel(view.model);
-    /** @type {Point[]} */
     this.points = [];
-    /** @type {Set<number>} */
     this.selected = new Set();
-    /** @type {Held | null} */
     this.held = null;
-    /** @type {Point[] | null} */
     this.drag0 = null; // the points as a drag began
-    /** @type {number | null} */
     this.axis = null; // that a drag is confined to
-    /** @type {number[]} */
     this.order = []; // ids, the farthest first
-    /** @type {WeakMap<Point, FlatPoint & {depth: number}>} */
     this.flat = new WeakMap(); // points on the picture from the camera `seen`
     this.seen = "";
     this.frame = 0; // the request of the next one, or 0
@@ -305,12 +274,7 @@ export class SpacePoints {
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
     this.liveRegion = pageElement("div", "dnb-ed-spoken", view.root, { "aria-live": "polite" });
     this.closed = new AbortController();
-    /**
-     * @template {keyof SVGElementEventMap} K
-     * @param {K} name
-     * @param {(event: SVGElementEventMap[K]) => void} handler
-     */
-    const on = (name, handler) => this.svg.addEventListener(name, (event) => { if (this.editor) handler(event); },
+    const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) => this.svg.addEventListener(name, (event) => { if (this.editor) handler(event); },
       { signal: this.closed.signal });
     on("pointerdown", (e) => this.down(e));
     on("pointermove", (e) => this.move(e));
@@ -324,8 +288,7 @@ export class SpacePoints {
     this.follow(view.model.get("points_editor")).catch((error) => view.fail(error));
   }
 
-  /** @param {string | Model | null} reference */
-  async follow(reference) {
+  async follow(reference: string | Model | null) {
     if (reference === this.followed.reference) return; // following again tears nothing down
     this.leave();
     const found = await this.followed.choose(reference);
@@ -342,7 +305,7 @@ export class SpacePoints {
     });
     const chosen = () => { this.selected = new Set(editor.get("selected") ?? []); this.draw(); };
     editor.on("change:selected", chosen);
-    const unlisten = sender.listen((/** @type {string} */ what) => { if (what === "points") this.receive(); });
+    const unlisten = sender.listen((what: string) => { if (what === "points") this.receive(); });
     this.followed.ends.push(unlisten, () => editor.off("change:selected", chosen));
     sender.receive();
     this.points = sender.points;
@@ -420,9 +383,8 @@ export class SpacePoints {
 
   /**
    * The points on the picture; those that have not moved since the last frame are the same objects, not drawn again.
-   * @param {SpaceCamera} camera
    */
-  #flatFrom(camera) {
+  #flatFrom(camera: SpaceCamera) {
     const seen = JSON.stringify(camera);
     if (seen !== this.seen) { this.seen = seen; this.flat = new WeakMap(); }
     return this.points.map((p) => {
@@ -436,8 +398,7 @@ export class SpacePoints {
     });
   }
 
-  /** @param {SpaceCamera} camera */
-  #drawAxis(camera) {
+  #drawAxis(camera: SpaceCamera) {
     const { axis } = this, p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
     setAttributes(this.axisLine, { visibility: p ? "visible" : "hidden" });
     if (!p || axis === null) return;
@@ -446,11 +407,8 @@ export class SpacePoints {
     setAttributes(this.axisLine, { d: `M ${from} L ${to}`, "data-axis": "xyz"[axis] });
   }
 
-  /**
-   * Marks the points that lie behind the body: a hundred steps for each, so not at every movement.
-   * @param {SpaceCamera} camera
-   */
-  #lookLater(camera) {
+  /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
+  #lookLater(camera: SpaceCamera) {
     const now = performance.now(), { view } = this;
     if (!view.values) return;
     clearTimeout(this.timer);
@@ -472,8 +430,7 @@ export class SpacePoints {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /** @param {number[]} ids */
-  select(ids) {
+  select(ids: number[]) {
     const { editor } = this.edited;
     this.selected = new Set(ids);
     editor.set("selected", [...ids]);
@@ -481,29 +438,20 @@ export class SpacePoints {
     this.draw();
   }
 
-  /**
-   * The point under the pointer.
-   * @param {Event} event
-   * @returns {Hit | null}
-   */
-  hit(event) {
+  /** The point under the pointer. */
+  hit(event: Event): Hit | null {
     const { target } = event, node = target instanceof Element ? target.closest("[data-id], [data-source]") : null;
     if (!(node instanceof SVGElement)) return null;
     return node.dataset.id !== undefined ? { id: Number(node.dataset.id), what: "target" }
       : { id: Number(node.dataset.source), what: "source" };
   }
 
-  /**
-   * @param {MouseEvent} event
-   * @returns {Vector2}
-   */
-  place(event) {
+  place(event: MouseEvent): Vector2 {
     const box = this.view.canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  /** @param {PointerEvent} event */
-  down(event) {
+  down(event: PointerEvent) {
     const hit = this.hit(event);
     if (!hit || event.button !== 0 || this.held) return;
     this.svg.setPointerCapture(event.pointerId);
@@ -516,8 +464,7 @@ export class SpacePoints {
       isPress: true, ids: [...this.selected] };
   }
 
-  /** @param {PointerEvent} event */
-  move(event) {
+  move(event: PointerEvent) {
     const { held } = this, at = this.place(event);
     if (!held || held.pointer !== event.pointerId || this.isLocked) return;
     held.at = at;
@@ -526,11 +473,7 @@ export class SpacePoints {
     this.#dragTo(held, at);
   }
 
-  /**
-   * @param {Held} held
-   * @param {Vector2} at
-   */
-  #dragTo(held, at) {
+  #dragTo(held: Held, at: Vector2) {
     const { drag0 } = this, point = drag0?.find((p) => p.id === held.id);
     if (!drag0 || !point) return;
     const place = held.what === "source" ? point.source : point.target;
@@ -541,17 +484,12 @@ export class SpacePoints {
     this.draw();
   }
 
-  /**
-   * @param {number[]} place
-   * @param {Vector2} by
-   */
-  #way(place, by) {
+  #way(place: number[], by: Vector2) {
     const { axis, camera } = this;
     return axis === null ? camera.way(place, by) : camera.wayAlong(axis, place, by);
   }
 
-  /** @param {PointerEvent} event */
-  up(event, isCancelled = false) {
+  up(event: PointerEvent, isCancelled = false) {
     const { held, drag0, points } = this;
     if (held?.pointer !== event.pointerId) return;
     this.held = this.drag0 = null;
@@ -570,24 +508,19 @@ export class SpacePoints {
     sender.move(this.points);
   }
 
-  /** @param {"move" | "end"} phase */
-  #publish(phase) {
+  #publish(phase: "move" | "end") {
     const { bus, editor } = this.edited;
     publishPoints(bus, { origin: this.id, points: this.points, settings: settingsOf(editor), fit: null, phase });
   }
 
-  /** @param {Hit | null} hit */
-  remove(hit) {
+  remove(hit: Hit | null) {
     if (!hit || this.isLocked) return;
     this.edited.sender.edit(removedPoints(this.points, [hit.id]), "remove");
     this.liveRegion.textContent = `point ${hit.id} deleted`;
   }
 
-  /**
-   * Adds a point on the first surface under a double click. False where there is none, or nothing is edited.
-   * @param {MouseEvent} event
-   */
-  doubleClick(event) {
+  /** Adds a point on the first surface under a double click. False where there is none, or nothing is edited. */
+  doubleClick(event: MouseEvent) {
     if (!this.editor || this.isLocked || this.view.shown === "original") return false;
     const at = this.place(event), { body, camera } = this, { sender } = this.edited;
     if (!body || at[0] < camera.box.left) return false;
@@ -604,18 +537,14 @@ export class SpacePoints {
 
   // ---- keys of a point ----------------------------------------------------------------------------------------------
 
-  /**
-   * True if the key was taken.
-   * @param {KeyboardEvent} event
-   */
-  key(event) {
+  /** True if the key was taken. */
+  key(event: KeyboardEvent) {
     const hit = this.hit(event), key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const { editor, sender } = this.edited;
-    /** @type {Record<string, Vector2>} */
-    const arrows = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const arrows: Record<string, Vector2> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
     if (event.ctrlKey || event.metaKey) {
       if (hit && POINT_STEPS[key]) {
-        const ids = editor.get("points").map((/** @type {Point} */ p) => p.id);
+        const ids = editor.get("points").map((p: Point) => p.id);
         return this.handles.focusNext(ids, POINT_STEPS[key], hit.id);
       }
       if (key !== "z" && key !== "y") return false;
@@ -634,23 +563,15 @@ export class SpacePoints {
     return true;
   }
 
-  /**
-   * Drags along x, y or z only, until that key is pressed again.
-   * @param {number} axis
-   */
-  #lock(axis) {
+  /** Drags along x, y or z only, until that key is pressed again. */
+  #lock(axis: number) {
     this.axis = this.axis === axis ? null : axis;
     this.liveRegion.textContent = this.axis === null ? "free" : `along ${"xyz"[axis]} only`;
     if (this.drag0 && this.held?.at) this.#dragTo(this.held, this.held.at);
     else this.draw();
   }
 
-  /**
-   * @param {number} id
-   * @param {Vector2} by
-   * @param {number} voxels
-   */
-  #nudge(id, by, voxels) {
+  #nudge(id: number, by: Vector2, voxels: number) {
     const p = this.points.find((q) => q.id === id), length = voxels * Math.min(...this.view.camera.info.spacing);
     if (!p || this.isLocked) return;
     if (!this.selected.has(id)) this.select([id]);

@@ -1,13 +1,13 @@
 // Shapes of what the front ends of a view share.
 
-import type { Model, Sides, Vector2, Vector3 } from "../types.d.ts";
-import type { Flicker } from "../ui/view_parts.js";
-import type { RayCaster } from "../webgl/raycaster.js";
-import type { PlanarField, SpaceField } from "../webgl/types.d.ts";
-import type { PointerControls } from "./pointer.js";
-import type { SpacePoints } from "./space_points.js";
-import type { ViewCamera } from "./view_camera.js";
-import type { ViewElements } from "./view_elements.js";
+import type { Model, Sides, Vector2, Vector3 } from "../types.ts";
+import type { Flicker } from "../ui/view_parts.ts";
+import type { RayCaster } from "../webgl/raycaster.ts";
+import type { PlanarField, SpaceField } from "../webgl/types.ts";
+import type { PointerControls } from "./pointer.ts";
+import type { SpacePoints } from "./space_points.ts";
+import type { ViewCamera } from "./view_camera.ts";
+import type { ViewElements } from "./view_elements.ts";
 
 /** A buffer of a message. */
 export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;

@@ -1,15 +1,17 @@
 // The camera of a view: it follows the trait `camera` and sees the box of what is shown.
 
-import { Camera } from "../maths/camera.js";
-import { boxCorners } from "../ui/view_parts.js";
+import { Camera } from "../maths/camera.ts";
+import { boxCorners } from "../ui/view_parts.ts";
 
-/** @import { CameraTrait, ViewDirection, VolumeViewLike } from "./types.d.ts" */
+import type { CameraTrait, ViewDirection, VolumeViewLike } from "./types.ts";
 
 const PERSPECTIVE = 0.7; // bend of a camera with perspective
 
 export class ViewCamera extends Camera {
-  /** @param {VolumeViewLike} view */
-  constructor(view) {
+  view: VolumeViewLike;
+  isWriting: boolean;
+
+  constructor(view: VolumeViewLike) {
     super();
     this.view = view;
     this.isWriting = false;
@@ -53,8 +55,7 @@ export class ViewCamera extends Camera {
   read(isForced = false) {
     const { view } = this;
     if (!view.info || (!isForced && (this.isWriting || view.pointer.isBusy))) return false;
-    /** @type {CameraTrait} */
-    const camera = view.model.get("camera") || {};
+    const camera: CameraTrait = view.model.get("camera") || {};
     this.look(camera.direction || [0.4, 1, -0.3], camera.up);
     this.pan = [...(camera.pan || [0, 0])];
     this.bend = camera.perspective ? PERSPECTIVE : 0;
@@ -62,11 +63,8 @@ export class ViewCamera extends Camera {
     return true;
   }
 
-  /**
-   * The camera in the volume's own frame, for a picture of this width by height.
-   * @param {number} aspect
-   */
-  seen(aspect) { return this.inFrame(this.info.to_frame, this.middle, aspect); }
+  /** The camera in the volume's own frame, for a picture of this width by height. */
+  seen(aspect: number) { return this.inFrame(this.info.to_frame, this.middle, aspect); }
 
   write() {
     const { view } = this;
@@ -76,11 +74,8 @@ export class ViewCamera extends Camera {
     this.isWriting = false;
   }
 
-  /**
-   * Does what changes the shape of the picture or of the box: the zoom stays, not the scale.
-   * @param {() => void} change
-   */
-  reframed(change) {
+  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
+  reframed(change: () => void) {
     const zoom = this.view.info ? this.full / this.height : 0;
     change();
     if (zoom) this.height = this.full / zoom;
@@ -89,11 +84,8 @@ export class ViewCamera extends Camera {
   /** Keeps some of the box in the picture, wherever it is moved. */
   keepSeen() { this.keepInView(boxCorners(this.box, this.info.axes), this.aspect); }
 
-  /**
-   * Sees all of the box.
-   * @param {ViewDirection} look
-   */
-  seeAll({ direction, up }) {
+  /** Sees all of the box. */
+  seeAll({ direction, up }: ViewDirection) {
     this.look(direction, up);
     this.pan = [0, 0];
     this.height = this.full;

@@ -1,37 +1,53 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
-import { CompareControls } from "../ui/compare_controls.js";
-import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.js";
-import { OrientationCube } from "../ui/orientation_cube.js";
-import { Theme } from "../ui/theme.js";
-import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.js";
+import { CompareControls } from "../ui/compare_controls.ts";
+import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
+import { OrientationCube } from "../ui/orientation_cube.ts";
+import { Theme } from "../ui/theme.ts";
+import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.ts";
 
-/** @import { Model } from "../types.d.ts" */
-/** @import { ViewCamera } from "./view_camera.js" */
-/** @import { Message } from "./volume_loader.js" */
+import type { Model } from "../types.ts";
+import type { ViewCamera } from "./view_camera.ts";
+import type { Message } from "./volume_loader.ts";
 
 const SCREENSHOT = "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0";
 const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
 
-/**
- * @typedef {object} ElementActions what the elements call
- * @property {(view: string) => void} showView  a side of the cube was pressed
- * @property {() => void} rethemed  the page around has another theme
- * @property {(layer: number) => void} flip  the other picture of two in turn is seen
- * @property {() => void} compared  the line between original and deformed was moved, or the slider of their mixture
- * @property {() => void} resized
- * @property {() => Promise<Blob | null>} picture  a PNG of what is seen; null for nothing
- */
+/** what the elements call */
+export interface ElementActions {
+  /** a side of the cube was pressed */
+  showView: (view: string) => void;
+  /** the page around has another theme */
+  rethemed: () => void;
+  /** the other picture of two in turn is seen */
+  flip: (layer: number) => void;
+  /** the line between original and deformed was moved, or the slider of their mixture */
+  compared: () => void;
+  resized: () => void;
+  /** a PNG of what is seen; null for nothing */
+  picture: () => Promise<Blob | null>;
+}
 
 /** The canvas and what stands around it: captions, directions, scale, cube, a remark and a notice. */
 export class ViewElements {
-  /**
-   * @param {Model} model
-   * @param {HTMLElement} host
-   * @param {string} kind  a class of the root
-   * @param {ElementActions} actions
-   */
-  constructor(model, host, kind, actions) {
+  model: Model;
+  host: HTMLElement;
+  root: HTMLDivElement;
+  canvas: HTMLCanvasElement;
+  frames: Frames;
+  followed: string;
+  frame: number;
+  box: { width: number; height: number; };
+  cube: OrientationCube;
+  badge: HTMLDivElement;
+  notice: HTMLDivElement;
+  theme: Theme;
+  flicker: Flicker;
+  compare: CompareControls;
+  observer: ResizeObserver;
+
+  /** @param kind a class of the root */
+  constructor(model: Model, host: HTMLElement, kind: string, actions: ElementActions) {
     this.model = model;
     this.host = host;
     this.root = pageElement("div", `dnb-view ${kind}`, host);
@@ -57,19 +73,17 @@ export class ViewElements {
     this.observer.observe(this.root);
   }
 
-  /** @param {ElementActions["picture"]} picture */
-  async #save(picture) {
+  async #save(picture: ElementActions["picture"]) {
     const blob = await picture(), label = String(this.model.get("label") || "volume");
     const name = label.replace(/[^\p{L}\p{N}-]+/gu, "_").replace(/^_|_$/g, "");
     if (blob) saveFile(blob, `${name || "volume"}.png`);
     else this.showMessage("There is no picture yet.");
   }
 
-  /** What is shown: a value of the trait. @returns {string} */
-  get shows() { return this.model.get("shows") || "deformed"; }
+  /** What is shown: a value of the trait. */
+  get shows(): string { return this.model.get("shows") || "deformed"; }
 
-  /** @returns {string} */
-  get background() {
+  get background(): string {
     const background = this.model.get("background");
     return background === "auto" ? this.theme.name : background;
   }
@@ -81,32 +95,27 @@ export class ViewElements {
     return [box.width * ratio, box.height * ratio].map(Math.round);
   }
 
-  /** @param {string} text */
-  showMessage(text) {
+  showMessage(text: string) {
     this.notice.textContent = text || "";
     this.notice.hidden = !text;
   }
 
-  /** Names what is shown; layer: the one that is seen of two in turn. @param {number} layer */
-  caption(layer) {
+  /** Names what is shown; layer: the one that is seen of two in turn. */
+  caption(layer: number) {
     this.frames.show(captionsOf(this.shows, layer));
     this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
   }
 
-  /**
-   * Follows the camera in the next frame.
-   * @param {ViewCamera} camera
-   */
-  follow(camera) {
+  /** Follows the camera in the next frame. */
+  follow(camera: ViewCamera) {
     if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.#write(camera); });
   }
 
   /**
    * Where nothing has changed nothing is written: in every frame of an animation it would cost a software renderer more
    * than the volume.
-   * @param {ViewCamera} camera
    */
-  #write(camera) {
+  #write(camera: ViewCamera) {
     const { right, up, direction, height, bend, info } = camera, shown = this.frames.frames.map(({ frame }) => frame.hidden);
     const state = JSON.stringify([right, up, direction, height, bend, info, this.box, shown]);
     if (state === this.followed) return;
@@ -126,29 +135,22 @@ export class ViewElements {
 
 /** The traits and messages of a view; other views of its model have other numbers. */
 export class ViewMessages {
-  /**
-   * @param {Model} model
-   * @param {(error: unknown) => void} fail  called with the error of a handler
-   */
-  constructor(model, fail) {
+  model: Model;
+  fail: (error: unknown) => void;
+  id: string;
+  handlers: [string, (...given: any[]) => void][];
+
+  /** @param fail called with the error of a handler */
+  constructor(model: Model, fail: (error: unknown) => void) {
     this.model = model;
     this.fail = fail;
     this.id = Math.random().toString(36).slice(2, 12);
-    /** @type {[string, (...given: any[]) => void][]} */
     this.handlers = [];
   }
 
-  /**
-   * @param {Message} content
-   * @param {ArrayBuffer[]} [buffers]
-   */
-  send(content, buffers) { this.model.send({ view: this.id, ...content }, undefined, buffers); }
+  send(content: Message, buffers?: ArrayBuffer[]) { this.model.send({ view: this.id, ...content }, undefined, buffers); }
 
-  /**
-   * @param {string} name
-   * @param {(...given: any[]) => unknown} handler
-   */
-  on(name, handler) { listen(this.model, name, handler, this.handlers, this.fail); }
+  on(name: string, handler: (...given: any[]) => unknown) { listen(this.model, name, handler, this.handlers, this.fail); }
 
   close() { for (const [name, handler] of this.handlers) this.model.off(name, handler); }
 }

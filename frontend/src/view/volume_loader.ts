@@ -1,40 +1,47 @@
 // Loading of the voxels from Python: packed pieces are requested, unpacked and put together.
 
-/** @import { Vector3 } from "../types.d.ts" */
-/** @import { Bytes } from "./types.d.ts" */
+import type { Vector3 } from "../types.ts";
+import type { Bytes } from "./types.ts";
 
-/** @typedef {{type: string, view?: string, [key: string]: any}} Message a message of Python's, or one to Python */
+/** a message of Python's, or one to Python */
+export type Message = {type: string, view?: string, [key: string]: any};
 
 const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
 const LOADER_TRIES = 3; // each waits twice as long as the one before
 
-/** @param {Bytes} b */
-export function bytesOf(b) {
+export function bytesOf(b: Bytes) {
   return b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b);
 }
 
-/**
- * A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses.
- * @param {Bytes} b
- */
-export function floatsOf(b) { return new Float32Array(bytesOf(b).slice().buffer); }
+/** A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses. */
+export function floatsOf(b: Bytes) { return new Float32Array(bytesOf(b).slice().buffer); }
 
-/** @param {Uint8Array<ArrayBuffer>} bytes */
-async function unpacked(bytes) {
+async function unpacked(bytes: Uint8Array<ArrayBuffer>) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
 export class VolumeLoader {
+  id: string;
+  chunks: number;
+  request: (index: number) => void;
+  progress: (share: number) => void;
+  stuck: (isStuck: boolean) => void;
+  requested: number;
+  isOver: boolean;
+  isStuck: boolean;
+  tries: number;
+  timer: number;
+  values: Uint8Array<ArrayBuffer>;
+  missing: Set<number>;
+
   /**
-   * @param {{id: string, shape: Vector3, chunks: number}} info of the volume; chunks: the number of pieces
-   * @param {(index: number) => void} request requests a piece
-   * @param {(share: number) => void} progress
-   * @param {(isStuck: boolean) => void} stuck gets true where pieces have been lost again and again, false if one has
-   *   come after all
+   * @param info of the volume; chunks: the number of pieces
+   * @param request requests a piece
+   * @param stuck gets true where pieces have been lost again and again, false if one has come after all
    */
-  constructor({ id, shape, chunks }, request, progress, stuck = () => {}) {
+  constructor({ id, shape, chunks }: {id: string, shape: Vector3, chunks: number}, request: (index: number) => void, progress: (share: number) => void, stuck: (isStuck: boolean) => void = () => {}) {
     this.id = id;
     this.chunks = chunks;
     this.request = request;
@@ -55,10 +62,8 @@ export class VolumeLoader {
   /**
    * Takes a piece; returns the values once all are here, else null. With a `lag` it holds differences from the voxels so
    * far before.
-   * @param {Message} content
-   * @param {Bytes} packed
    */
-  async receive({ id, index, start, lag = 0 }, packed) {
+  async receive({ id, index, start, lag = 0 }: Message, packed: Bytes) {
     if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
     try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again after a while */ }
@@ -102,8 +107,7 @@ export class VolumeLoader {
     }, LOADER_PATIENCE * 2 ** this.tries);
   }
 
-  /** @param {boolean} isStuck */
-  #setStuck(isStuck) {
+  #setStuck(isStuck: boolean) {
     if (isStuck !== this.isStuck) this.stuck(isStuck);
     this.isStuck = isStuck;
   }

@@ -1,11 +1,10 @@
 // The volume view: pictures that Python draws.
 
-import { opened } from "../ui/view_parts.js";
-import { ServerVolumeView } from "./server_view.js";
+import { opened } from "../ui/view_parts.ts";
+import { ServerVolumeView } from "./server_view.ts";
 
-/** @import { Model } from "../types.d.ts" */
+import type { Model } from "../types.ts";
 
-/** @param {{model: Model, el: HTMLElement}} given */
-function render({ model, el }) { return opened(new ServerVolumeView(model, el)); }
+function render({ model, el }: {model: Model, el: HTMLElement}) { return opened(new ServerVolumeView(model, el)); }
 
 export default { render };

@@ -2,21 +2,22 @@
 // preset "specimen". What only shows at volumes with padding in the corners of another scale than Hounsfield's is left
 // to Python.
 
-import { lengthsOf } from "./grid.js";
+import { lengthsOf } from "./grid.ts";
 
-/** @import { Values, Volume } from "../formats/volume_files.js" */
+import type { Values, Volume } from "../formats/volume_files.ts";
 
 const BINS = 256, SLICES = 64;
 const OUTLIERS = 1e-4, STRETCH = 16, FEW_VOXELS = 512;
 const AIR_HU = -700, BONE_HU = 300, NOTHING_HU = -1100, RESAMPLED = 0.02;
 const FINEST = 8; // entries between neighbouring bytes
 
-/** @typedef {[number, number, number, number]} Levels air, the edges of tissue and of dense tissue, the densest value */
-/** @typedef {{range: [number, number], whole: [number, number], levels: Levels, hounsfield: boolean}} Measured */
-/** @typedef {{colors: number[][], opacities: number[][], unit: number}} Transfer */
+/** air, the edges of tissue and of dense tissue, the densest value */
+export type Levels = [number, number, number, number];
+export type Measured = {range: [number, number], whole: [number, number], levels: Levels, hounsfield: boolean};
+export type Transfer = {colors: number[][], opacities: number[][], unit: number};
 
-/** Replace what is not finite by the smallest finite value; returns how many there were. @param {Values} values */
-export function repairedValues(values) {
+/** Replace what is not finite by the smallest finite value; returns how many there were. */
+export function repairedValues(values: Values) {
   if (!(values instanceof Float32Array || values instanceof Float64Array)) return 0;
   let low = Infinity, bad = 0;
   for (const value of values) { if (!Number.isFinite(value)) bad += 1; else if (value < low) low = value; }
@@ -24,13 +25,8 @@ export function repairedValues(values) {
   return bad;
 }
 
-/**
- * The smallest and the largest value from a limit on.
- * @param {Values} values
- * @param {number} from
- * @param {number} to
- */
-function rangeOf(values, from = -Infinity, to = Infinity) {
+/** The smallest and the largest value from a limit on. */
+function rangeOf(values: Values, from: number = -Infinity, to: number = Infinity) {
   let low = Infinity, high = -Infinity, count = 0;
   for (const value of values) {
     if (value >= from && value <= to) { if (value < low) low = value; if (value > high) high = value; count += 1; }
@@ -38,13 +34,8 @@ function rangeOf(values, from = -Infinity, to = Infinity) {
   return { low, high, count };
 }
 
-/**
- * Counts of the values of slices spread through the volume.
- * @param {Volume} volume
- * @param {number} low
- * @param {number} high
- */
-function histogram({ values, grid: { shape: [nz, ny, nx] } }, low, high) {
+/** Counts of the values of slices spread through the volume. */
+function histogram({ values, grid: { shape: [nz, ny, nx] } }: Volume, low: number, high: number) {
   const counts = new Float64Array(BINS), every = Math.max(1, Math.floor(nz / SLICES)), size = ny * nx;
   for (let z = 0; z < nz; z += every) {
     for (let k = z * size; k < (z + 1) * size; k++) {
@@ -57,11 +48,8 @@ function histogram({ values, grid: { shape: [nz, ny, nx] } }, low, high) {
   return { counts, low, high };
 }
 
-/**
- * Otsu's threshold, IEEE Trans. SMC 9 (1979) 62-66: the last bin of the lower class.
- * @param {Float64Array} counts
- */
-function otsu(counts) {
+/** Otsu's threshold, IEEE Trans. SMC 9 (1979) 62-66: the last bin of the lower class. */
+function otsu(counts: Float64Array) {
   let total = 0, sum = 0;
   counts.forEach((count, k) => { total += count; sum += count * k; });
   let n = 0, s = 0, best = 0, most = -1;
@@ -76,13 +64,11 @@ function otsu(counts) {
 
 /**
  * The range without padding and outliers, and the levels.
- * @param {Volume} volume whose values are finite
- * @returns {Measured}
+ * @param volume whose values are finite
  */
-export function measured(volume) {
+export function measured(volume: Volume): Measured {
   const { values, isLabels, dtype } = volume, whole = rangeOf(values);
-  /** @type {[number, number]} */
-  const all = [whole.low, whole.high];
+  const all: [number, number] = [whole.low, whole.high];
   const low = isLabels ? whole.low : abovePadding(values, whole.low, whole.high), { high } = whole;
   if (high <= low) return { range: [low, low], whole: all, levels: [low, low, low, low], hounsfield: false };
   const mayHave = !isLabels && !dtype.endsWith("int8") && values.length >= FEW_VOXELS;
@@ -91,12 +77,7 @@ export function measured(volume) {
   return { range: [found.low, found.high], whole: all, levels, hounsfield };
 }
 
-/**
- * @param {Values} values
- * @param {number} low
- * @param {number} high
- */
-function abovePadding(values, low, high) {
+function abovePadding(values: Values, low: number, high: number) {
   if (!(low < NOTHING_HU && high >= BONE_HU)) return low;
   const near = low + (NOTHING_HU - low) / 8, air = rangeOf(values, NOTHING_HU).low;
   let between = 0;
@@ -104,15 +85,10 @@ function abovePadding(values, low, high) {
   return air <= AIR_HU && between <= RESAMPLED * values.length ? air : low;
 }
 
-/** @typedef {ReturnType<typeof histogram>} Histogram */
+export type Histogram = ReturnType<typeof histogram>;
 
-/**
- * The histogram over the range of all but a few outliers, where these stretch it sixteenfold or more.
- * @param {Volume} volume
- * @param {Histogram} whole
- * @param {number} background
- */
-function typical(volume, whole, background) {
+/** The histogram over the range of all but a few outliers, where these stretch it sixteenfold or more. */
+function typical(volume: Volume, whole: Histogram, background: number) {
   const { values } = volume, size = whole.low > background ? rangeOf(values, whole.low).count : values.length;
   const most = Math.max(1, Math.trunc(OUTLIERS * size));
   let found = whole;
@@ -125,15 +101,10 @@ function typical(volume, whole, background) {
   return found;
 }
 
-/**
- * Edges of the few bins that hold all that is counted but `most` voxels; null if they are not few.
- * @param {Histogram} given
- * @param {number} most
- * @returns {[number, number] | null}
- */
-function crowded({ counts, low, high }, most) {
+/** Edges of the few bins that hold all that is counted but `most` voxels; null if they are not few. */
+function crowded({ counts, low, high }: Histogram, most: number): [number, number] | null {
   const below = [0];
-  for (const count of counts) below.push(/** @type {number} */ (below.at(-1)) + count);
+  for (const count of counts) below.push((below.at(-1) as number) + count);
   const needed = below[BINS] - most;
   let first = 0, width = Infinity;
   for (let k = 0, end = 0; k <= BINS; k++) {
@@ -146,9 +117,8 @@ function crowded({ counts, low, high }, most) {
   return [low + first * bin, low + (first + width) * bin];
 }
 
-/** @param {Histogram} found @returns {Levels} */
-function levelsOf({ counts, low, high }) {
-  const middle = (/** @type {number} */ k) => low + (k + 0.5) * ((high - low) / BINS), first = otsu(counts);
+function levelsOf({ counts, low, high }: Histogram): Levels {
+  const middle = (k: number) => low + (k + 0.5) * ((high - low) / BINS), first = otsu(counts);
   const upper = counts.subarray(first + 1), above = upper.reduce((sum, count) => sum + count, 0);
   const second = above ? first + 1 + otsu(upper) : first;
   let top = BINS - 1;
@@ -156,13 +126,8 @@ function levelsOf({ counts, low, high }) {
   return [low, middle(first), middle(second), middle(top)];
 }
 
-/**
- * The preset "specimen": faint flesh and bright bones.
- * @param {Volume} volume
- * @param {Measured} about
- * @returns {Transfer}
- */
-export function specimen({ grid }, { levels: [low, air, dense, high], hounsfield }) {
+/** The preset "specimen": faint flesh and bright bones. */
+export function specimen({ grid }: Volume, { levels: [low, air, dense, high], hounsfield }: Measured): Transfer {
   const body = air + 0.35 * (dense - air), unit = Math.min(...lengthsOf(grid)) / 100;
   const [values, colors, alphas] = hounsfield
     ? [[low, -200, -80, 60, 160, 300, 700, Math.max(high, 1000)],
@@ -176,13 +141,8 @@ export function specimen({ grid }, { levels: [low, air, dense, high], hounsfield
   return { colors: rising.map((v, k) => [v, ...colors[k]]), opacities: rising.map((v, k) => [v, alphas[k]]), unit };
 }
 
-/**
- * The column of nodes at a value, linear between them and constant beyond, as np.interp has it.
- * @param {number[][]} nodes
- * @param {number} part
- * @param {number} value
- */
-function between(nodes, part, value) {
+/** The column of nodes at a value, linear between them and constant beyond, as np.interp has it. */
+function between(nodes: number[][], part: number, value: number) {
   const last = nodes.length - 1;
   if (value >= nodes[last][0]) return nodes[last][part];
   if (value < nodes[0][0]) return nodes[0][part];
@@ -192,25 +152,19 @@ function between(nodes, part, value) {
   return a[part] + (b[part] - a[part]) / (b[0] - a[0]) * (value - a[0]);
 }
 
-/** @param {Transfer} transfer @param {number} value */
-const colourAt = ({ colors, opacities }, value) =>
+const colourAt = ({ colors, opacities }: Transfer, value: number) =>
   [...[1, 2, 3].map((part) => between(colors, part, value)), between(opacities, 1, value)];
 
-/** Neighbouring nodes between which the function changes. @param {Transfer} transfer */
-function changesOf(transfer) {
+/** Neighbouring nodes between which the function changes. */
+function changesOf(transfer: Transfer) {
   const values = [...new Set([...transfer.colors, ...transfer.opacities].map(([value]) => value))].sort((a, b) => a - b);
   const rgba = values.map((value) => colourAt(transfer, value));
   return values.slice(1).flatMap((high, k) =>
     (rgba[k].some((part, j) => part !== rgba[k + 1][j]) ? [[values[k], high]] : []));
 }
 
-/**
- * Red, green, blue and alpha of evenly spaced values from low to high.
- * @param {Transfer} transfer
- * @param {number} low
- * @param {number} high
- */
-export function tableOf(transfer, low, high) {
+/** Red, green, blue and alpha of evenly spaced values from low to high. */
+export function tableOf(transfer: Transfer, low: number, high: number) {
   const widths = changesOf(transfer).flatMap(([a, b]) => (b >= low && a <= high ? [b - a] : []));
   const narrowest = Math.min(...widths);
   const fine = [1, 2, 4, FINEST].find((k) => narrowest >= 16 * (high - low) / (255 * k)) ?? FINEST;
@@ -222,22 +176,17 @@ export function tableOf(transfer, low, high) {
 /**
  * The values that bytes tell apart: all of bytes and labels, else up to the densest tissue, and only those among which
  * colours change where these are less than a quarter.
- * @param {Volume} volume
- * @param {Measured} about
- * @param {Transfer} transfer
- * @returns {{window: [number, number], share: number}}
  */
-export function windowOf({ dtype, isLabels }, { whole, levels }, transfer) {
+export function windowOf({ dtype, isLabels }: Volume, { whole, levels }: Measured, transfer: Transfer): {window: [number, number], share: number} {
   const isPlain = isLabels || dtype === "uint8", [low, most] = isPlain ? whole : [levels[0], levels[3]];
   const high = most > low ? most : low + Math.max(1, Math.abs(low)) * 1e-6, all = high - low;
   const step = dtype.startsWith("float") ? 0 : 1, changes = changesOf(transfer);
   if (!isLabels && all > 255 * step && changes.length) {
-    const clipped = (/** @type {number} */ value) => Math.min(high, Math.max(low, value));
+    const clipped = (value: number) => Math.min(high, Math.max(low, value));
     const first = clipped(changes[0][0]), last = clipped(changes[changes.length - 1][1]);
     if (last > first && last - first < 0.25 * all) {
       const width = Math.max(1.1 * (last - first), all / 64, 255 * step), middle = (first + last) / 2;
-      /** @type {[number, number]} */
-      const window = [Math.max(low, middle - width / 2), Math.min(high, middle + width / 2)];
+      const window: [number, number] = [Math.max(low, middle - width / 2), Math.min(high, middle + width / 2)];
       return { window, share: (window[1] - window[0]) / all };
     }
   }

@@ -2,12 +2,12 @@
 // a maximum projection, and the textures of a displacement that is zero still. See deformnb/widgets/packed_volume.py,
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
-import { boundsOf, coarserGrid, cornersOf, frameOf, inFrame, lengthsOf, planeAlong, toPlane, unitOf, voxelOrder } from "./grid.js";
+import { boundsOf, coarserGrid, cornersOf, frameOf, inFrame, lengthsOf, planeAlong, toPlane, unitOf, voxelOrder } from "./grid.ts";
 
-/** @import { Values, Volume } from "../formats/volume_files.js" */
-/** @import { Vector3 } from "../types.d.ts" */
-/** @import { Grid, Plane } from "./grid.js" */
-/** @import { Measured } from "./levels.js" */
+import type { Values, Volume } from "../formats/volume_files.ts";
+import type { Vector3 } from "../types.ts";
+import type { Grid, Plane } from "./grid.ts";
+import type { Measured } from "./levels.ts";
 
 const MOST_VOXELS = 256 ** 3, LONGEST = 1024;
 const CHUNK_BYTES = 2 ** 21;
@@ -20,11 +20,8 @@ const LEAVES = 0.01; // of the edge, and a voxel, beyond which foreground leaves
 /** Lets the page draw between two pieces of work. */
 const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
 
-/**
- * Numbers of voxels to average along x, y, z: always where they lie closest.
- * @param {Grid} grid
- */
-export function factorsOf({ shape, spacing }) {
+/** Numbers of voxels to average along x, y, z: always where they lie closest. */
+export function factorsOf({ shape, spacing }: Grid) {
   const factors = [1, 1, 1];
   for (;;) {
     const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)), isLong = left.map((n) => n > LONGEST);
@@ -35,15 +32,8 @@ export function factorsOf({ shape, spacing }) {
   }
 }
 
-/**
- * The voxels as bytes of a window of values, averaged over blocks; of labels the first of each.
- * @param {Volume} volume
- * @param {number[]} factors
- * @param {[number, number]} window
- * @param {(share: number) => void} progress
- * @param {AbortSignal} [signal]
- */
-export async function bytesOfVolume({ values, grid, isLabels }, [fx, fy, fz], [low, high], progress, signal) {
+/** The voxels as bytes of a window of values, averaged over blocks; of labels the first of each. */
+export async function bytesOfVolume({ values, grid, isLabels }: Volume, [fx, fy, fz]: number[], [low, high]: [number, number], progress: (share: number) => void, signal?: AbortSignal) {
   const [nz, ny, nx] = grid.shape, [mz, my, mx] = coarserGrid(grid, [fx, fy, fz]).shape, scale = 255 / (high - low);
   const bytes = new Uint8Array(mz * my * mx), isWhole = fx * fy * fz === 1 || isLabels;
   const every = Math.max(1, Math.floor(2 ** 22 / (fz * ny * nx)));
@@ -72,13 +62,8 @@ export async function bytesOfVolume({ values, grid, isLabels }, [fx, fy, fz], [l
   return bytes;
 }
 
-/**
- * Pieces of whole slices, packed as those of a file.
- * @param {Uint8Array<ArrayBuffer>} bytes
- * @param {Vector3} shape
- * @param {AbortSignal} [signal]
- */
-export async function piecesOf(bytes, [, ny, nx], signal) {
+/** Pieces of whole slices, packed as those of a file. */
+export async function piecesOf(bytes: Uint8Array<ArrayBuffer>, [, ny, nx]: Vector3, signal?: AbortSignal) {
   const size = Math.max(1, Math.floor(CHUNK_BYTES / (ny * nx))) * ny * nx, pieces = [];
   for (let start = 0; start < bytes.length; start += size) {
     signal?.throwIfAborted();
@@ -88,18 +73,14 @@ export async function piecesOf(bytes, [, ny, nx], signal) {
   return pieces;
 }
 
-/**
- * The maximum of each column of voxels along a plane's normal, [v, u].
- * @param {Volume} volume
- * @param {Plane} plane
- */
-export function maximumProjection({ values, grid }, plane) {
+/** The maximum of each column of voxels along a plane's normal, [v, u]. */
+export function maximumProjection({ values, grid }: Volume, plane: Plane) {
   const [, ny, nx] = grid.shape, strides = [1, nx, nx * ny];
   const [n, v, u] = voxelOrder(grid, plane).map(({ axis, sign }) => {
     const count = grid.shape[2 - axis];
     return { count, step: sign * strides[axis], first: sign > 0 ? 0 : (count - 1) * strides[axis] };
   });
-  const Kind = /** @type {{new (size: number): Values}} */ (values.constructor), out = new Kind(v.count * u.count);
+  const Kind = (values.constructor as {new (size: number): Values}), out = new Kind(v.count * u.count);
   let at = 0;
   for (let b = 0; b < v.count; b++) {
     for (let a = 0; a < u.count; a++, at++) {
@@ -111,20 +92,13 @@ export function maximumProjection({ values, grid }, plane) {
   return out;
 }
 
-/** @param {Float64Array} sorted @param {number} share */
-function quantile(sorted, share) {
+function quantile(sorted: Float64Array, share: number) {
   const at = share * (sorted.length - 1), low = Math.floor(at), high = Math.min(low + 1, sorted.length - 1);
   return sorted[low] + (at - low) * (sorted[high] - sorted[low]);
 }
 
-/**
- * Values of a grey picture shown as black and white.
- * @param {Values} pixels
- * @param {Volume} volume
- * @param {Measured} about
- * @returns {[number, number]}
- */
-export function pictureWindow(pixels, { isLabels }, { range: [lowest, highest], whole, hounsfield }) {
+/** Values of a grey picture shown as black and white. */
+export function pictureWindow(pixels: Values, { isLabels }: Volume, { range: [lowest, highest], whole, hounsfield }: Measured): [number, number] {
   const most = hounsfield ? Math.min(highest, METAL) : highest;
   const shown = Float64Array.from(pixels).filter((value) => value >= lowest && value <= most).sort();
   const isEven = isLabels || !shown.length || shown[0] === shown[shown.length - 1];
@@ -134,12 +108,8 @@ export function pictureWindow(pixels, { isLabels }, { range: [lowest, highest], 
   return [low, high > low ? high : low + Math.max(1, Math.abs(low)) * (isReal ? 1e-6 : 1)];
 }
 
-/**
- * The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean.
- * @param {Values} pixels
- * @param {[number, number]} window
- */
-export function packedPicture(pixels, window) {
+/** The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean. */
+export function packedPicture(pixels: Values, window: [number, number]) {
   const [black, white] = window, margin = AROUND * (white - black);
   let least = Infinity, most = -Infinity;
   for (const value of pixels) { if (value < least) least = value; if (value > most) most = value; }
@@ -148,23 +118,18 @@ export function packedPicture(pixels, window) {
   const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array, isByte = !isReal && high - low <= 255;
   if (isByte) high = low + 255;
   const rgba = new Uint8ClampedArray(4 * pixels.length), top = isByte ? 255 : 65535;
-  pixels.forEach((/** @type {number} */ value, /** @type {number} */ k) => {
+  pixels.forEach((value: number, k: number) => {
     const number = Math.floor(Math.min(1, Math.max(0, (value - low) / (high - low))) * top + 0.5);
     rgba.set(isByte ? [number, number, number, 255] : [number >> 8, number & 255, 0, 255], 4 * k);
   });
   return { rgba, facts: { channels: isByte ? 1 : 2, range: [low, high], window, unit: "" } };
 }
 
-/**
- * Facts of a packed volume for a live view.
- * @param {Volume} volume
- * @param {Measured} about
- * @param {{id: string, grid: Grid, chunks: number, window: [number, number], share: number, views: string[]}} packed
- */
-export function volumeInfo({ grid: own, isLabels }, { whole, levels }, packed) {
+/** Facts of a packed volume for a live view. */
+export function volumeInfo({ grid: own, isLabels }: Volume, { whole, levels }: Measured, packed: {id: string, grid: Grid, chunks: number, window: [number, number], share: number, views: string[]}) {
   const { id, grid, chunks, window: [low, high], share, views } = packed;
-  const shareOf = (/** @type {number} */ value) => (value - low) / (high - low);
-  const clipped = (/** @type {number} */ value, /** @type {number} */ least) => Math.min(1, Math.max(least, value));
+  const shareOf = (value: number) => (value - low) / (high - low);
+  const clipped = (value: number, least: number) => Math.min(1, Math.max(least, value));
   const looks = Object.fromEntries(views.map((view) => {
     const { n, v } = planeAlong(own, view);
     return [view, { direction: n, up: v.map((x) => -x) }];
@@ -177,19 +142,14 @@ export function volumeInfo({ grid: own, isLabels }, { whole, levels }, packed) {
     views: { ...looks, home: { direction: [0.4, 1, -0.3], up: [0, 0, 1] } } };
 }
 
-/** The box of a grid along the axes of another. @param {Grid} own @param {Grid} grid */
-function boxOf(own, grid) {
+/** The box of a grid along the axes of another. */
+function boxOf(own: Grid, grid: Grid) {
   const middle = inFrame(grid, own.origin), lengths = lengthsOf(own), low = middle.map((x, k) => x - own.spacing[k] / 2);
   return { low, high: low.map((x, k) => x + lengths[k]) };
 }
 
-/**
- * Values above which bytes are foreground, and how far beyond the box it has left it, in shares.
- * @param {Volume} volume
- * @param {Measured} about
- * @param {[number, number]} window
- */
-export function tissueCheck({ grid, isLabels }, { whole, levels }, [low, high]) {
+/** Values above which bytes are foreground, and how far beyond the box it has left it, in shares. */
+export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measured, [low, high]: [number, number]) {
   const level = ((isLabels ? whole[0] : levels[1]) - low) / (high - low);
   return { tissue: Math.min(254 / 255, Math.max(0, level)),
     beyond: grid.shape.toReversed().map((n) => (1 + LEAVES * n) / n) };
@@ -197,15 +157,13 @@ export function tissueCheck({ grid, isLabels }, { whole, levels }, [low, high]) 
 
 /**
  * The message "field" of a displacement over a plane that is zero; the page fits it to the points.
- * @param {Grid} own
- * @param {Grid} grid of the packed voxels
- * @param {Plane} plane
+ * @param grid of the packed voxels
  */
-export function stillField(own, grid, plane) {
+export function stillField(own: Grid, grid: Grid, plane: Plane) {
   const { low, high } = boundsOf(toPlane(plane, cornersOf(own))), size = [high[0] - low[0], high[1] - low[1]];
   const longest = Math.max(...size), [columns, rows] = size.map((s) => Math.max(8, Math.ceil(MAP_SIZE * s / longest)));
   const depths = boundsOf(toPlane(plane, cornersOf(own, true))), frame = frameOf(grid);
-  const turned = (/** @type {number[]} */ w) => frame.map((row) => row.reduce((sum, x, k) => sum + x * w[k], 0));
+  const turned = (w: number[]) => frame.map((row) => row.reduce((sum, x, k) => sum + x * w[k], 0));
   const along = [plane.u, plane.v].map((w) => [0, 1, 2].reduce((sum, k) => {
     const cosine = own.direction.reduce((total, row, i) => total + row[k] * w[i], 0);
     return sum + cosine * cosine * own.spacing[k];
@@ -219,12 +177,8 @@ export function stillField(own, grid, plane) {
     buffers: [new DataView(new Float32Array(2 * rows * columns).buffer), new DataView(new Float32Array([1, 1]).buffer)] };
 }
 
-/**
- * The corners of a picture on the outermost voxels' centres, as points that hold it still.
- * @param {Grid} grid
- * @param {Plane} plane
- */
-export function cornerPoints(grid, plane) {
+/** The corners of a picture on the outermost voxels' centres, as points that hold it still. */
+export function cornerPoints(grid: Grid, plane: Plane) {
   const { low: [a0, b0], high: [a1, b1] } = boundsOf(toPlane(plane, cornersOf(grid, true)));
   return [[a0, b0], [a1, b0], [a1, b1], [a0, b1]].map((place, id) => ({ id, name: "corner", source: place,
     target: [...place], active: true, weight: 1, locked: false, radius: null }));

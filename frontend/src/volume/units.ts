@@ -1,18 +1,13 @@
 // Units of length, by the table and the rules of deformnb/volume/units.py.
 
-import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.js";
-import { shownText } from "../formats/reading.js";
+import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.ts";
+import { shownText } from "../formats/reading.ts";
 
-/** @type {Record<string, string>} */
-const WORDS = UNIT_WORDS, /** @type {Record<string, string>} */ LOWER = UNIT_LOWER_WORDS;
-/** @type {Record<string, number>} */
-const METRES = UNIT_METRES;
+const WORDS: Record<string, string> = UNIT_WORDS, LOWER: Record<string, string> = UNIT_LOWER_WORDS;
+const METRES: Record<string, number> = UNIT_METRES;
 
-/**
- * The symbol of a unit as a file names it; "" for words that mean none, null for what is no unit of length.
- * @param {string} text
- */
-export function findUnit(text) {
+/** The symbol of a unit as a file names it; "" for words that mean none, null for what is no unit of length. */
+export function findUnit(text: string) {
   let word = text.replace(/\\u([0-9a-fA-F]{4})/g, (_, code) => String.fromCharCode(parseInt(code, 16))).trim();
   if (word.length > 1) word = word.replace(/^["']+|["']+$/g, "").trim();
   const lower = word.toLowerCase();
@@ -21,12 +16,8 @@ export function findUnit(text) {
   return Object.hasOwn(LOWER, lower) ? LOWER[lower] : null;
 }
 
-/**
- * The unit that a file states; what is none that is known is said in a note.
- * @param {string} text
- * @param {string[]} notes
- */
-export function statedUnit(text, notes) {
+/** The unit that a file states; what is none that is known is said in a note. */
+export function statedUnit(text: string, notes: string[]) {
   const found = findUnit(text);
   if (found !== null) return found;
   const note = `the file gives lengths in '${shownText(text)}', which is no known unit; its numbers stay as they are`;
@@ -34,15 +25,13 @@ export function statedUnit(text, notes) {
   return "";
 }
 
-/** How many of one unit one of another is; 1 where either is not known. @param {string} unit @param {string} to */
-export function unitRatio(unit, to) { return unit && to ? METRES[unit] / METRES[to] : 1; }
+/** How many of one unit one of another is; 1 where either is not known. */
+export function unitRatio(unit: string, to: string) { return unit && to ? METRES[unit] / METRES[to] : 1; }
 
 /**
  * The unit for axes x, y, z that have one each, and by how much the numbers of each are multiplied; with a note.
- * @param {string[]} units
- * @param {string[]} notes
  */
-export function commonUnit(units, notes) {
+export function commonUnit(units: string[], notes: string[]) {
   const unit = units.find((one) => one) ?? "", factors = units.map((one) => unitRatio(one, unit));
   if (new Set(units).size > 1) {
     const each = units.map((one, k) => ("xyz"[k] + (one ? ` in ${one}` : " without a unit"))).join(", ");

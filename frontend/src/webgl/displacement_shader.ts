@@ -1,8 +1,8 @@
 // The part of the ray caster's shader that finds the origin of a place of the result: maps over a plane, samples in
 // space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
 
-import CUT_CHOICE from "../../glsl/cut_choice.glsl";
-import { MOST_REGIONS } from "./region_bits.js";
+import CUT_CHOICE from "../../../deformnb/widgets/glsl/cut_choice.glsl";
+import { MOST_REGIONS } from "./region_bits.ts";
 
 export const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map

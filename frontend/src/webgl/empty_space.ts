@@ -2,10 +2,10 @@
 // each cell a box is found that holds the origins of all of its places, and the blocks of the volume in it are looked
 // at. Pure arithmetic; no DOM, no WebGL. Lengths are physical, along the index axes of the volume (its own frame).
 
-import { BLOCK } from "./volume_blocks.js";
+import { BLOCK } from "./volume_blocks.ts";
 
-/** @import { Sides, Vector3 } from "../types.d.ts" */
-/** @import { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.d.ts" */
+import type { Sides, Vector3 } from "../types.ts";
+import type { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.ts";
 
 export const CELL = 8, QUICK_CELL = 16; // voxels along the edge of a cell; an eighth of them while something moves
 const MOST_CELLS = 64; // along an axis: of a box much larger than the volume they are larger
@@ -13,15 +13,19 @@ const MOST_RINGS = 250; // a byte holds them
 const PLANAR_TILE = 4, SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
 const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
 
-/**
- * The ranges of a planar field's maps over boxes of one size.
- */
+/** The ranges of a planar field's maps over boxes of one size. */
 class PlanarRanges {
-  /**
-   * @param {CastPlanar} planar
-   * @param {Vector3} half extents of a box
-   */
-  constructor(planar, half) {
+  planar: CastPlanar;
+  knots: number;
+  size: number[];
+  matrix: number[];
+  offset: number[];
+  half: number[];
+  tiles: number[];
+  values: Float32Array<ArrayBuffer>;
+
+  /** @param half extents of a box */
+  constructor(planar: CastPlanar, half: Vector3) {
     const { maps, shape: [layers, rows, columns], weights, count, toMap: { matrix, offset } } = planar;
     this.planar = planar;
     this.knots = weights.length / count;
@@ -39,11 +43,9 @@ class PlanarRanges {
 
   /**
    * Widens a box around `middle` by what a region's displacement is in it.
-   * @param {Float64Array} middle
-   * @param {number} region
-   * @param {Float64Array} box low and high along x, y, z
+   * @param box low and high along x, y, z
    */
-  widen(middle, region, box) {
+  widen(middle: Float64Array, region: number, box: Float64Array) {
     const { planar: { count, isReplicated, weights, plane }, matrix: m, offset, half, values } = this;
     const [wide, high] = this.tiles;
     const x = middle[0], y = middle[1], z = middle[2];
@@ -77,22 +79,15 @@ class PlanarRanges {
   }
 }
 
-/**
- * The tile of a node, with those beyond the edge in the outermost ones.
- * @param {number} node
- * @param {number} edge
- * @param {number} count
- */
-function tileOf(node, edge, count) { return Math.max(0, Math.min(count - 1, Math.floor(node / edge))); }
+/** The tile of a node, with those beyond the edge in the outermost ones. */
+function tileOf(node: number, edge: number, count: number) { return Math.max(0, Math.min(count - 1, Math.floor(node / edge))); }
 
 /**
  * Smallest (even places) and largest values (odd ones) of every tile and as many as `most` behind it along an axis.
- * @param {Float32Array} values four of each tile
- * @param {number} stride
- * @param {number} tiles along the axis
- * @param {number} most
+ * @param values four of each tile
+ * @param tiles along the axis
  */
-function gathered(values, stride, tiles, most) {
+function gathered(values: Float32Array, stride: number, tiles: number, most: number) {
   const out = values.slice();
   for (let i = 0; i < values.length; i++) {
     const left = Math.min(most, tiles - 1 - (Math.floor(i / stride) % tiles));
@@ -106,11 +101,9 @@ function gathered(values, stride, tiles, most) {
 
 /**
  * Smallest and largest value of both components in every tile, whose outermost nodes it shares with its neighbours.
- * @param {Float32Array} maps
- * @param {Vector3} shape
- * @param {number[]} tiles columns and rows of them
+ * @param tiles columns and rows of them
  */
-function planarTiles(maps, [layers, rows, columns], [wide, high]) {
+function planarTiles(maps: Float32Array, [layers, rows, columns]: Vector3, [wide, high]: number[]) {
   const out = new Float32Array(4 * layers * high * wide);
   for (let layer = 0, o = 0; layer < layers; layer++) {
     for (let b = 0; b < high; b++) {
@@ -137,14 +130,19 @@ function planarTiles(maps, [layers, rows, columns], [wide, high]) {
 
 /** The ranges of a displacement sampled in space, over boxes. */
 export class SpaceRanges {
-  /** @param {SpaceField} space */
-  constructor(space) {
+  spacing: Vector3;
+  origin: Vector3;
+  regions: number;
+  tiles: number[];
+  ranges: Float32Array<ArrayBuffer>[];
+
+  constructor(space: SpaceField) {
     const { shape, spacing, origin, values, cut } = space;
     this.spacing = spacing;
     this.origin = origin;
     this.regions = cut ? cut.regions : 1;
     this.tiles = shape.map(tilesOf);
-    const parts = cut ? 4 : 3, floats = cut ? halfFloats(/** @type {Uint16Array} */ (values)) : values;
+    const parts = cut ? 4 : 3, floats = cut ? halfFloats((values as Uint16Array)) : values;
     const each = shape[0] * shape[1] * shape[2] * parts;
     /** Smallest and largest values along x, y, z in every tile of each region. */
     this.ranges = Array.from({ length: this.regions }, (_, r) => spaceTiles(
@@ -153,10 +151,9 @@ export class SpaceRanges {
 
   /**
    * Widens a box by what a region's displacement is in it.
-   * @param {number} region
-   * @param {Float64Array} box low and high along x, y, z
+   * @param box low and high along x, y, z
    */
-  widen(region, box) {
+  widen(region: number, box: Float64Array) {
     const { tiles: [wide, high, deep], origin, spacing, ranges } = this;
     const x0 = tileOf((box[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
     const x1 = tileOf((box[3] - origin[0]) / spacing[0], SPACE_TILE, wide);
@@ -183,11 +180,9 @@ const MOVES = new Float64Array(6); // one for all: an array for each box would t
 
 /**
  * The smallest values of the three components, then the largest, in every tile.
- * @param {Float32Array | Uint16Array} values [z][y][x][parts]
- * @param {Vector3} shape
- * @param {number} parts
+ * @param values [z][y][x][parts]
  */
-function spaceTiles(values, [nx, ny, nz], parts) {
+function spaceTiles(values: Float32Array | Uint16Array, [nx, ny, nz]: Vector3, parts: number) {
   const [wide, high, deep] = [nx, ny, nz].map(tilesOf), out = new Float32Array(6 * wide * high * deep);
   let o = 0;
   for (let z = 0; z < deep; z++) {
@@ -214,17 +209,11 @@ function spaceTiles(values, [nx, ny, nz], parts) {
   return out;
 }
 
-/**
- * Tiles along an axis of a lattice.
- * @param {number} nodes
- */
-function tilesOf(nodes) { return Math.max(1, Math.ceil((nodes - 1) / SPACE_TILE)); }
+/** Tiles along an axis of a lattice. */
+function tilesOf(nodes: number) { return Math.max(1, Math.ceil((nodes - 1) / SPACE_TILE)); }
 
-/**
- * Numbers of half precision.
- * @param {Uint16Array} bits
- */
-function halfFloats(bits) {
+/** Numbers of half precision. */
+function halfFloats(bits: Uint16Array) {
   const known = Float32Array.from({ length: 2 ** 16 }, (_, h) => {
     const exponent = (h >> 10) & 31, share = h & 1023, sign = h & 0x8000 ? -1 : 1;
     if (exponent === 31) return share ? 0 : sign * Infinity;
@@ -236,24 +225,21 @@ function halfFloats(bits) {
 /**
  * Of each cell of a box two bytes: how many rings of cells around it, itself being one, have nothing that is seen, and
  * the largest opacity in it. For a projection of largest values the second is the largest value within one cell of it.
- * @param {object} seen
- * @param {Sides} seen.box of the result
- * @param {Vector3} seen.shape of the volume
- * @param {Vector3} seen.spacing
- * @param {Extremes} seen.extremes of its blocks
- * @param {Uint8Array} seen.pairs of the largest values of the blocks, or of their largest opacities
- * @param {number} seen.beyond the same of what lies outside the volume
- * @param {boolean} seen.isLargest whether largest values are projected
- * @param {number} seen.voxels along the edge of a cell, at least
- * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
- * @returns {{size: Vector3, cells: Uint8Array, edge: Vector3}} `edge`: lengths of a cell's edges
+ * @param seen.box of the result
+ * @param seen.shape of the volume
+ * @param seen.extremes of its blocks
+ * @param seen.pairs of the largest values of the blocks, or of their largest opacities
+ * @param seen.beyond the same of what lies outside the volume
+ * @param seen.isLargest whether largest values are projected
+ * @param seen.voxels along the edge of a cell, at least
+ * @returns `edge`: lengths of a cell's edges
  */
-export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels }, { planar, space }) {
+export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels }: { /** of the result */ box: Sides; /** of the volume */ shape: Vector3; spacing: Vector3; /** of its blocks */ extremes: Extremes; /** of the largest values of the blocks, or of their largest opacities */ pairs: Uint8Array; /** the same of what lies outside the volume */ beyond: number; /** whether largest values are projected */ isLargest: boolean; /** along the edge of a cell, at least */ voxels: number }, { planar, space }: {planar: CastPlanar | null, space: CastSpace | null}): {size: Vector3, cells: Uint8Array, edge: Vector3} {
   const lengths = box.low.map((low, i) => box.high[i] - low);
-  const size = /** @type {Vector3} */ (lengths.map((l, i) => (
-    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))))));
-  const edge = /** @type {Vector3} */ (lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])));
-  const half = /** @type {Vector3} */ (edge.map((e) => e / 2));
+  const size = (lengths.map((l, i) => (
+    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))))) as Vector3);
+  const edge = (lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])) as Vector3);
+  const half = (edge.map((e) => e / 2) as Vector3);
   const plane = planar && new PlanarRanges(planar, half), rest = space?.ranges;
   const regions = planar?.cut ? planar.cut.bits.length : 1, later = rest ? rest.regions : 1;
   const margin = planar || space ? MARGIN : 0, values = new Uint8Array(size[0] * size[1] * size[2]);
@@ -285,17 +271,8 @@ export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLar
   return { size, edge, cells };
 }
 
-/**
- * The largest value of the blocks that a box meets.
- * @param {Float64Array} box
- * @param {Vector3} shape
- * @param {Vector3} spacing
- * @param {number} margin
- * @param {Vector3} size
- * @param {Uint8Array} pairs
- * @param {number} beyond
- */
-function largestIn(box, shape, spacing, margin, [nx, ny, nz], pairs, beyond) {
+/** The largest value of the blocks that a box meets. */
+function largestIn(box: Float64Array, shape: Vector3, spacing: Vector3, margin: number, [nx, ny, nz]: Vector3, pairs: Uint8Array, beyond: number) {
   const x0 = box[0] / spacing[0] + 0.5 - margin, x1 = box[3] / spacing[0] + 0.5 + margin;
   const y0 = box[1] / spacing[1] + 0.5 - margin, y1 = box[4] / spacing[1] + 0.5 + margin;
   const z0 = box[2] / spacing[2] + 0.5 - margin, z1 = box[5] / spacing[2] + 0.5 + margin;
@@ -321,10 +298,8 @@ function largestIn(box, shape, spacing, margin, [nx, ny, nz], pairs, beyond) {
 /**
  * The largest value of each block and its next neighbours along the three axes and between them: eight blocks. A box
  * that meets fewer than two blocks along an axis gets the neighbour's as well.
- * @param {Uint8Array} blocks
- * @param {Vector3} size
  */
-export function blockPairs(blocks, size) {
+export function blockPairs(blocks: Uint8Array, size: Vector3) {
   let from = blocks;
   for (let axis = 0; axis < 3; axis++) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();
@@ -339,10 +314,8 @@ export function blockPairs(blocks, size) {
 /**
  * The number of rings of cells that are 0, itself being one; a sweep forth and one back find the distance in the
  * largest of the three coordinates (Rosenfeld and Pfaltz 1966).
- * @param {Uint8Array} values
- * @param {Vector3} size
  */
-export function emptyRings(values, [nx, ny, nz]) {
+export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
   const [row, slice] = [nx + 2, (nx + 2) * (ny + 2)], wide = new Uint8Array(slice * (nz + 2)).fill(MOST_RINGS);
   const before = new Int32Array(13);
   before.set([-row - slice, -slice, row - slice, -row].flatMap((line) => [line - 1, line, line + 1]));
@@ -370,12 +343,8 @@ export function emptyRings(values, [nx, ny, nz]) {
   return out;
 }
 
-/**
- * The largest of every value and its 26 neighbours.
- * @param {Uint8Array} values
- * @param {Vector3} size
- */
-function grown(values, size) {
+/** The largest of every value and its 26 neighbours. */
+function grown(values: Uint8Array, size: Vector3) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();

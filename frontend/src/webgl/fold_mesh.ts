@@ -1,7 +1,7 @@
 // Folds of a volume's displacement: looked for in its maps once, and shown by the shader where there are some.
 
-/** @import { Vector3 } from "../types.d.ts" */
-/** @import { PlanarField } from "./types.d.ts" */
+import type { Vector3 } from "../types.ts";
+import type { PlanarField } from "./types.ts";
 
 export const FOLDS_GLSL = `
 #ifdef FOLDS
@@ -25,19 +25,15 @@ const MOST_BENDS = 64; // of weights along the depth, beyond which a bound is ta
  * True if a planar field folds: a cell of its maps is turned over, seen at its upper left or at its lower right
  * corner. One map is tested at every weight that it has, det(1 + w M) being a parabola in w; several at all weights
  * between two knots, as widgets/vtk/folds.py does.
- * @param {Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">} field
- * @param {number} count
- * @param {Float64Array} steep
  */
-export function planarFolds({ maps, shape, spacing, weights }, count, steep) {
+export function planarFolds({ maps, shape, spacing, weights }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">, count: number, steep: Float64Array) {
   const [layers, rows, columns] = shape, [da, db] = spacing;
   if (count > 1) return severalFold({ maps, shape, spacing, weights }, count, steep);
   const low = weights.reduce((a, b) => Math.min(a, b), Infinity);
   const high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
-  /** @type {(a: number, b: number, c: number, d: number) => boolean} */
-  const turned = (a, b, c, d) => { // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
+  const turned: (a: number, b: number, c: number, d: number) => boolean = (a, b, c, d) => { // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
     const trace = a + d, det = a * d - b * c, top = -trace / (2 * det);
-    const at = (/** @type {number} */ w) => 1 + w * (trace + w * det);
+    const at = (w: number) => 1 + w * (trace + w * det);
     return at(low) <= 0 || at(high) <= 0 || (det > 0 && top > low && top < high && at(top) <= 0);
   };
   for (let k = 0; k < layers; k++) {
@@ -54,13 +50,8 @@ export function planarFolds({ maps, shape, spacing, weights }, count, steep) {
   return false;
 }
 
-/**
- * The same of several maps in each region, from knot to knot of their weights.
- * @param {Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">} field
- * @param {number} count
- * @param {Float64Array} steep
- */
-function severalFold({ maps, shape: [layers, rows, columns], spacing, weights }, count, steep) {
+/** The same of several maps in each region, from knot to knot of their weights. */
+function severalFold({ maps, shape: [layers, rows, columns], spacing, weights }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">, count: number, steep: Float64Array) {
   const knots = weights.length / count, ends = bendsOf(weights, count), plane = 2 * rows * columns;
   for (let r = 0; r < layers / count; r++) {
     for (let n = 0; n + 1 < ends.length; n++) {
@@ -77,12 +68,8 @@ function severalFold({ maps, shape: [layers, rows, columns], spacing, weights },
   return false;
 }
 
-/**
- * The knots between which all weights change evenly.
- * @param {Float32Array} weights
- * @param {number} count
- */
-function bendsOf(weights, count) {
+/** The knots between which all weights change evenly. */
+function bendsOf(weights: Float32Array, count: number) {
   const knots = weights.length / count, ends = [0];
   for (let i = 1; i + 1 < knots; i++) {
     for (let k = 0; k < count; k++) {
@@ -95,12 +82,9 @@ function bendsOf(weights, count) {
 
 /**
  * Whether a cell of a sum of maps is turned over while their weights go their way.
- * @param {Float32Array} maps
- * @param {{ at: number, from: number, way: number }[]} parts of each map its first value, its weight and the change of it
- * @param {number[]} shape
- * @param {number[]} spacing
+ * @param parts of each map its first value, its weight and the change of it
  */
-function turnedBetween(maps, parts, [rows, columns], [da, db]) {
+function turnedBetween(maps: Float32Array, parts: { at: number, from: number, way: number }[], [rows, columns]: number[], [da, db]: number[]) {
   const steps = [2, 2 * columns], lengths = [da, db], m = new Float64Array(8); // 1 + sum w M, and the change of it
   for (let row = 0; row + 1 < rows; row++) {
     for (let column = 0; column + 1 < columns; column++) {
@@ -128,13 +112,8 @@ function turnedBetween(maps, parts, [rows, columns], [da, db]) {
   return false;
 }
 
-/**
- * True if a displacement sampled in space, [z][y][x][3], turns over a cell, seen at its corner nearest to 0.
- * @param {Float32Array} values
- * @param {Vector3} shape
- * @param {Vector3} spacing
- */
-export function spaceFolds(values, [nx, ny, nz], spacing) {
+/** True if a displacement sampled in space, [z][y][x][3], turns over a cell, seen at its corner nearest to 0. */
+export function spaceFolds(values: Float32Array, [nx, ny, nz]: Vector3, spacing: Vector3) {
   const strides = [3, 3 * nx, 3 * nx * ny], m = new Float64Array(9);
   for (let z = 0; z + 1 < nz; z++) {
     for (let y = 0; y + 1 < ny; y++) {

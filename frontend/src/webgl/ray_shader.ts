@@ -1,9 +1,9 @@
 // The shaders of the ray caster. Lengths are physical, along the index axes of the volume (its own frame); every ray
 // sample x of the result takes its value from the place x + D(x) of the input, as the paper does on its GPU.
 
-import { DISPLACEMENT } from "./displacement_shader.js";
-import { FOLDS_GLSL } from "./fold_mesh.js";
-import { OPACITY_SHARE } from "./volume_blocks.js";
+import { DISPLACEMENT } from "./displacement_shader.ts";
+import { FOLDS_GLSL } from "./fold_mesh.ts";
+import { OPACITY_SHARE } from "./volume_blocks.ts";
 
 const LITTLE = "0.05"; // share of the light that one sample stops at most, if several steps are taken at once
 const MOST_STEPS = "8.";

@@ -1,51 +1,43 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It has no widget and no pointer; all that comes in is arrays and numbers.
 
-/** @import { Sides, Vector3 } from "../types.d.ts" */
-/**
- * @import { CastPlanar, CastSpace, CastVolume, ColorTable, FramePlane, Picture, PlanarField, PlaneCut, RayCamera,
- *   SpaceField, ToTexture, VolumeData } from "./types.d.ts"
- */
+import type { Sides, Vector3 } from "../types.ts";
+import type { CastPlanar, CastSpace, CastVolume, ColorTable, FramePlane, Picture, PlanarField, PlaneCut, RayCamera, SpaceField, ToTexture, VolumeData } from "./types.ts";
 
-import { dot } from "../maths/camera.js";
-import { clipSides, leftOf } from "../maths/clipping.js";
-import { AMBIENT_CELL } from "../maths/constants.js";
-import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.js";
-import { bitsOf } from "./region_bits.js";
-import { planarFolds, spaceFolds } from "./fold_mesh.js";
-import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.js";
+import { dot } from "../maths/camera.ts";
+import { clipSides, leftOf } from "../maths/clipping.ts";
+import { AMBIENT_CELL } from "../maths/constants.ts";
+import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.ts";
+import { bitsOf } from "./region_bits.ts";
+import { planarFolds, spaceFolds } from "./fold_mesh.ts";
+import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.ts";
 import {
   ambientLight, blockExtremes, blockOpacities, GradientSlabs, OPACITY_SHARE, opacityOfByte, planarSlopes, spaceSlope,
   STEEPEST,
-} from "./volume_blocks.js";
+} from "./volume_blocks.ts";
 
-/** @typedef {Record<string, WebGLUniformLocation | null>} Uniforms locations of a program's uniforms, by name */
-/** @typedef {{program: WebGLProgram, at: Uniforms}} Program */
+/** locations of a program's uniforms, by name */
+export type Uniforms = Record<string, WebGLUniformLocation | null>;
+export type Program = {program: WebGLProgram, at: Uniforms};
 /**
  * A picture to draw into. `extent`: its pixels that are shown, which may be a fraction; `start`: where they begin.
- * @typedef {{width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer,
- *   extent: [number, number], start: number}} Target
  */
+export type Target = {width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer, extent: [number, number], start: number};
 /**
  * One of the four pictures that, pixel by pixel in turn, make a picture of half the stride: it has every stride-th pixel
  * along both axes, from x, y (0 or 1) times half the stride.
- * @typedef {{stride: number, x: number, y: number}} Quarter
  */
-/** @typedef {keyof typeof UNITS} Unit */
+export type Quarter = {stride: number, x: number, y: number};
+export type Unit = keyof typeof UNITS;
 /**
  * Cells that rays may skip: what they were found of, how many there are, the edges of one, and where they begin.
- * @typedef {{of: unknown[], size: Vector3, edge: Vector3, low: number[]}} Cells
  */
+export type Cells = {of: unknown[], size: Vector3, edge: Vector3, low: number[]};
 
 // ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
 
-/**
- * @param {WebGL2RenderingContext} gl
- * @param {GLenum} type
- * @param {string} source
- */
-function compiled(gl, type, source) {
-  const shader = /** @type {WebGLShader} */ (gl.createShader(type)); // null only where the context is lost
+function compiled(gl: WebGL2RenderingContext, type: GLenum, source: string) {
+  const shader = (gl.createShader(type) as WebGLShader); // null only where the context is lost
   gl.shaderSource(shader, source);
   gl.compileShader(shader);
   if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
@@ -54,12 +46,7 @@ function compiled(gl, type, source) {
   return shader;
 }
 
-/**
- * @param {WebGL2RenderingContext} gl
- * @param {string} fragment
- * @returns {Program}
- */
-export function linked(gl, fragment) {
+export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
   const program = gl.createProgram();
   gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTEX));
   gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, fragment));
@@ -68,40 +55,27 @@ export function linked(gl, fragment) {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
     throw new Error(`program: ${gl.getProgramInfoLog(program)}`);
   }
-  /** @type {Uniforms} */
-  const at = {};
+  const at: Uniforms = {};
   const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
   for (let i = 0; i < count; i++) {
-    const { name } = /** @type {WebGLActiveInfo} */ (gl.getActiveUniform(program, i));
+    const { name } = (gl.getActiveUniform(program, i) as WebGLActiveInfo);
     at[name] = gl.getUniformLocation(program, name);
   }
   return { program, at };
 }
 
-/**
- * From places in the volume's frame to texture coordinates over a plane.
- * @param {FramePlane} plane
- * @param {number[]} starts
- * @param {number[]} lengths
- * @returns {ToTexture}
- */
-function toTextures({ origin, u, v, n }, starts, lengths) {
+/** From places in the volume's frame to texture coordinates over a plane. */
+function toTextures({ origin, u, v, n }: FramePlane, starts: number[], lengths: number[]): ToTexture {
   const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
   return { matrix: [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
     offset: [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5)) };
 }
 
-/**
- * The abilities that the shader needs, and no more: what is not needed costs nothing.
- * @param {string} projection
- * @param {CastPlanar | null} planar
- * @param {CastSpace | null} space
- */
-function definesOf(projection, planar, space, { folds = false, clipped = false, occluded = false } = {}) {
+/** The abilities that the shader needs, and no more: what is not needed costs nothing. */
+function definesOf(projection: string, planar: CastPlanar | null, space: CastSpace | null, { folds = false, clipped = false, occluded = false } = {}) {
   const cut = planar?.cut, early = space?.cut;
-  const isPaper = (/** @type {{rule?: string} | null | undefined} */ c) => c?.rule === "paper";
-  /** @type {Record<string, unknown>} */
-  const needed = {
+  const isPaper = (c: {rule?: string} | null | undefined) => c?.rule === "paper";
+  const needed: Record<string, unknown> = {
     PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
     MIP: projection === "mip", SHADED: projection === "shaded",
     CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
@@ -121,8 +95,7 @@ const LONG = 1.25; // a step of more voxels than this may lead so far below a su
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
-/** @type {Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}>} */
-export const BACKGROUNDS = {
+export const BACKGROUNDS: Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}> = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
@@ -131,11 +104,37 @@ export class MemoryError extends Error {}
 export const NOT_HELD = "The graphics memory does not hold this volume.";
 
 export class RayCaster {
+  gl: WebGL2RenderingContext;
+  canvas: HTMLCanvasElement;
+  size: number[];
+  floats: boolean;
+  smoothFloats: boolean;
+  name: string;
+  isSoftware: boolean;
+  largest: any;
+  programs: Record<string, Program>;
+  textures: {[unit in Unit]?: WebGLTexture};
+  targets: Record<string, Target>;
+  volume: CastVolume | null;
+  table: ColorTable | null;
+  planar: CastPlanar | null;
+  space: CastSpace | null;
+  givenSpace: SpaceField | null;
+  pairs: Record<"opacity" | "value", Uint8Array>;
+  empty: Record<"cells" | "ownCells", Cells | null>;
+  skips: boolean;
+  distances: Float32Array | null;
+  projection: string;
+  background: string;
+  showFolds: boolean;
+  occlusion: boolean;
+  clip: number[][] | null;
+
   /**
    * Throws an Error with a readable reason if there is no WebGL2.
-   * @param {HTMLCanvasElement} canvas a canvas without a context
+   * @param canvas a canvas without a context
    */
-  constructor(canvas) {
+  constructor(canvas: HTMLCanvasElement) {
     const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false, stencil: false,
       powerPreference: "high-performance" });
     if (!gl) throw new Error("this browser offers no WebGL2 here");
@@ -148,34 +147,22 @@ export class RayCaster {
     this.name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) || "");
     this.isSoftware = /swiftshader|llvmpipe|software|basic render/i.test(this.name);
     this.largest = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
-    /** @type {Record<string, Program>} */
     this.programs = {};
-    /** @type {{[unit in Unit]?: WebGLTexture}} */
     this.textures = {};
-    /** @type {Record<string, Target>} */
     this.targets = {};
-    /** @type {CastVolume | null} */
     this.volume = null;
-    /** @type {ColorTable | null} */
     this.table = null;
-    /** @type {CastPlanar | null} */
     this.planar = null;
-    /** @type {CastSpace | null} */
     this.space = null;
-    /** @type {SpaceField | null} */
     this.givenSpace = null; // the field that `space` was made of
-    /** @type {Record<"opacity" | "value", Uint8Array>} */
     this.pairs = { opacity: new Uint8Array(), value: new Uint8Array() }; // of the volume's blocks: see empty_space.js
-    /** @type {Record<"cells" | "ownCells", Cells | null>} */
     this.empty = { cells: null, ownCells: null }; // of the result and of the volume as it was
     this.skips = true; // false: rays take every sample
-    /** @type {Float32Array | null} */
     this.distances = null; // of the cuts that the texture was made of
     this.projection = "shaded";
     this.background = "dark";
     this.showFolds = true;
     this.occlusion = true; // whether hollows, and what lies deep inside, get less light
-    /** @type {number[][] | null} */
     this.clip = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
@@ -186,21 +173,13 @@ export class RayCaster {
     this.#plain();
   }
 
-  /**
-   * Sets the size of the full picture in pixels, which empties the canvas.
-   * @param {number} width
-   * @param {number} height
-   */
-  resize(width, height) {
+  /** Sets the size of the full picture in pixels, which empties the canvas. */
+  resize(width: number, height: number) {
     this.size = [width, height];
     this.#fit(width, height);
   }
 
-  /**
-   * @param {number} width
-   * @param {number} height
-   */
-  #fit(width, height) {
+  #fit(width: number, height: number) {
     const { canvas } = this;
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   }
@@ -213,27 +192,22 @@ export class RayCaster {
   // A program reads every sampler it declares, so each unit holds something of its kind from the start.
   #plain() {
     const gl = this.gl;
-    for (const name of /** @type {const} */ (["volume", "cells", "ownCells", "ambience", "space", "depths"])) {
+    for (const name of (["volume", "cells", "ownCells", "ambience", "space", "depths"] as const)) {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of /** @type {const} */ (["maps", "distances"])) {
+    for (const name of (["maps", "distances"] as const)) {
       this.#texture(name, gl.TEXTURE_2D_ARRAY, true);
       gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of /** @type {const} */ (["table", "weights", "picture"])) {
+    for (const name of (["table", "weights", "picture"] as const)) {
       this.#texture(name, gl.TEXTURE_2D, true);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
   }
 
-  /**
-   * Makes a texture anew, bound to its unit.
-   * @param {Unit} name
-   * @param {GLenum} target
-   * @param {boolean} linear
-   */
-  #texture(name, target, linear) {
+  /** Makes a texture anew, bound to its unit. */
+  #texture(name: Unit, target: GLenum, linear: boolean) {
     const gl = this.gl;
     gl.deleteTexture(this.textures[name] || null);
     const texture = gl.createTexture();
@@ -251,14 +225,10 @@ export class RayCaster {
   /**
    * Takes a volume of bytes [z][y][x]. `tick` is awaited between slabs so that the page stays alive. Returns false if
    * another volume came in meanwhile.
-   * @param {Uint8Array} values
-   * @param {VolumeData} info
-   * @param {(share: number) => Promise<void>} [tick]
    */
-  async setVolume(values, info, tick) {
+  async setVolume(values: Uint8Array, info: VolumeData, tick?: (share: number) => Promise<void>) {
     const gl = this.gl, [nx, ny, nz] = info.shape;
-    /** @type {CastVolume} */
-    const volume = { ...info, values, extremes: null, loaded: false };
+    const volume: CastVolume = { ...info, values, extremes: null, loaded: false };
     this.volume = volume;
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.RGBA8, nx, ny, nz);
@@ -292,10 +262,8 @@ export class RayCaster {
 
   /**
    * Takes colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of a thickness of `unit`.
-   * @param {Float32Array} rgba
-   * @param {number} unit
    */
-  setTable(rgba, unit) {
+  setTable(rgba: Float32Array, unit: number) {
     this.table = { rgba, unit, step: 0 };
     if (!this.volume?.extremes) return;
     const gl = this.gl, { extremes, values, shape, spacing } = this.volume;
@@ -310,10 +278,8 @@ export class RayCaster {
   /**
    * Fits the table to a step. Opacities hold for one thickness: they are made anew for the step of this picture rather
    * than with a power at every sample.
-   * @param {ColorTable} table
-   * @param {number} step
    */
-  #fitTable(table, step) {
+  #fitTable(table: ColorTable, step: number) {
     const { rgba, unit } = table, gl = this.gl;
     if (table.step === step) return;
     table.step = step;
@@ -328,11 +294,8 @@ export class RayCaster {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, fitted.length / 4, 1, 0, gl.RGBA, gl.FLOAT, fitted);
   }
 
-  /**
-   * Takes displacement maps over a plane, or null.
-   * @param {PlanarField | null} planar
-   */
-  setPlanar(planar) {
+  /** Takes displacement maps over a plane, or null. */
+  setPlanar(planar: PlanarField | null) {
     if (!planar) { this.planar = null; return; }
     const gl = this.gl, { maps, shape, origin, spacing, weights, plane } = planar, [layers, rows, columns] = shape;
     const regions = planar.cut ? planar.cut.sides.length : 1, count = layers / regions, knots = weights.length / count;
@@ -349,12 +312,7 @@ export class RayCaster {
       toMap: toTextures(plane, starts, lengths), cut: planar.cut && this.#castCut(planar.cut, plane) };
   }
 
-  /**
-   * @param {PlaneCut} cut
-   * @param {FramePlane} plane
-   * @returns {NonNullable<CastPlanar["cut"]>}
-   */
-  #castCut(cut, plane) {
+  #castCut(cut: PlaneCut, plane: FramePlane): NonNullable<CastPlanar["cut"]> {
     const gl = this.gl, { origin, distances } = cut, [count, rows, columns] = cut.shape, [da, db] = cut.spacing;
     const lengths = [columns * da, rows * db, 0];
     if (this.distances !== distances) { // they change when a cut is drawn, not when points move
@@ -371,9 +329,8 @@ export class RayCaster {
    * Takes a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a
    * cut they are numbers of half precision: values [region][z][y][x][4] with the depth of the place that the sample
    * leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
-   * @param {SpaceField | null} given
    */
-  setSpace(given) {
+  setSpace(given: SpaceField | null) {
     if (given === this.givenSpace) return;
     this.givenSpace = given;
     this.space = given && { ...given, ...this.#castSpace(given), ranges: new SpaceRanges(given),
@@ -381,8 +338,7 @@ export class RayCaster {
       toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])) };
   }
 
-  /** @param {SpaceField} given */
-  #castSpace({ shape, spacing, values, depths, cut }) {
+  #castSpace({ shape, spacing, values, depths, cut }: SpaceField) {
     const gl = this.gl;
     this.#texture("space", gl.TEXTURE_3D, true);
     if (cut) {
@@ -392,7 +348,7 @@ export class RayCaster {
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, nx, ny, deep, 0, gl.RG, gl.HALF_FLOAT, depths ?? null);
       return { folds: cut.slope >= 1 }; // at least it may
     }
-    const floats = /** @type {Float32Array} */ (values), padded = new Float32Array((floats.length / 3) * 4);
+    const floats = (values as Float32Array), padded = new Float32Array((floats.length / 3) * 4);
     for (let i = 0, j = 0; i < floats.length; i += 3, j += 4) {
       padded[j] = floats[i]; padded[j + 1] = floats[i + 1]; padded[j + 2] = floats[i + 2];
     }
@@ -403,17 +359,12 @@ export class RayCaster {
 
   /**
    * What rays may skip of a box of the result; found anew only where something of it has changed.
-   * @param {CastVolume} volume
-   * @param {ColorTable} table
-   * @param {{planar: CastPlanar | null, space: CastSpace | null}} field
-   * @param {boolean} isOriginal
-   * @param {number} voxels along the edge of a cell
+   * @param voxels along the edge of a cell
    */
-  #cells(volume, table, { planar, space }, isOriginal, voxels) {
+  #cells(volume: CastVolume, table: ColorTable, { planar, space }: {planar: CastPlanar | null, space: CastSpace | null}, isOriginal: boolean, voxels: number) {
     const { extremes, outside, shape, spacing } = volume, { gl, skips } = this;
     if (!extremes) throw new Error("nothing to draw");
-    /** @type {"cells" | "ownCells"} */
-    const name = isOriginal ? "ownCells" : "cells";
+    const name: "cells" | "ownCells" = isOriginal ? "ownCells" : "cells";
     const isLargest = this.projection === "mip", box = isOriginal ? volume.ownBox : volume.box;
     const known = isLargest ? this.pairs.value : this.pairs.opacity;
     const of = [planar, space, box, known, skips, voxels], old = this.empty[name];
@@ -430,8 +381,7 @@ export class RayCaster {
     return { name, cells };
   }
 
-  /** @param {{planar: CastPlanar | null, space: CastSpace | null}} field */
-  #program({ planar, space }) {
+  #program({ planar, space }: {planar: CastPlanar | null, space: CastSpace | null}) {
     const defines = definesOf(this.projection, planar, space,
       { folds: this.folds, clipped: Boolean(this.clip), occluded: this.occlusion });
     const key = defines.join(" ");
@@ -442,17 +392,11 @@ export class RayCaster {
     return this.programs[key];
   }
 
-  /**
-   * A picture to draw into, made anew when its size changes. With a stride it holds quarters, side by side.
-   * @param {string} name
-   * @param {number} width
-   * @param {number} height
-   */
-  #target(name, width, height, stride = 1) {
+  /** A picture to draw into, made anew when its size changes. With a stride it holds quarters, side by side. */
+  #target(name: string, width: number, height: number, stride = 1) {
     const gl = this.gl, old = this.targets[name];
     const [w, h] = stride > 1 ? [width, height].map((n) => 2 * Math.ceil(n / stride)) : [width, height];
-    /** @type {Pick<Target, "extent" | "start">} */
-    const shown = { extent: [width / stride, height / stride], start: 0.5 - 0.5 / stride };
+    const shown: Pick<Target, "extent" | "start"> = { extent: [width / stride, height / stride], start: 0.5 - 0.5 / stride };
     if (old && old.width === w && old.height === h) return Object.assign(old, shown);
     if (old) { gl.deleteTexture(old.texture); gl.deleteFramebuffer(old.buffer); }
     const target = { width: w, height: h, texture: gl.createTexture(), buffer: gl.createFramebuffer(), ...shown };
@@ -471,14 +415,9 @@ export class RayCaster {
    * Casts rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
    * left, of the quarter where one is drawn. pass: 0 replaces, n > 0 averages with the n passes before it. A quarter has
    * the rays of the whole picture, each as it is there.
-   * @param {string} name
-   * @param {number} width of the whole picture
-   * @param {number} height
-   * @param {Picture} picture
-   * @param {{tile?: [number, number, number, number] | null, pass?: number, coarseness?: number,
-   *   quarter?: Quarter | null}} options
+   * @param width of the whole picture
    */
-  cast(name, width, height, picture, { tile = null, pass = 0, coarseness = 1, quarter = null } = {}) {
+  cast(name: string, width: number, height: number, picture: Picture, { tile = null, pass = 0, coarseness = 1, quarter = null }: {tile?: [number, number, number, number] | null, pass?: number, coarseness?: number, quarter?: Quarter | null} = {}) {
     const { gl, volume, table } = this, { camera, original } = picture;
     if (!volume || !table) throw new Error("nothing to draw");
     const { planar, space } = original ? { planar: null, space: null } : this, whole = picture.whole ?? picture;
@@ -494,7 +433,7 @@ export class RayCaster {
     this.#setCamera(at, camera, whole.width, height, pass);
     const [left, low] = [x * (target.width / 2), y * (target.height / 2)];
     // A pixel at (n + 1/2, m + 1/2) of the quarter is the one at (stride n + x stride / 2 + 1/2, ...) of the whole.
-    const before = (/** @type {number} */ from, /** @type {number} */ part) => (
+    const before = (from: number, part: number) => (
       (from + 0.5) * stride - (part * stride) / 2 - 0.5);
     gl.uniform1f(at.stride, stride);
     gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
@@ -520,26 +459,18 @@ export class RayCaster {
     gl.disable(gl.SCISSOR_TEST);
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {RayCamera} camera
-   * @param {number} width
-   * @param {number} height
-   * @param {number} pass
-   */
-  #setCamera(at, camera, width, height, pass) {
+  #setCamera(at: Uniforms, camera: RayCamera, width: number, height: number, pass: number) {
     const gl = this.gl;
-    for (const name of /** @type {const} */ (["eye", "right", "up", "ahead"])) gl.uniform3fv(at[name], camera[name]);
+    for (const name of (["eye", "right", "up", "ahead"] as const)) gl.uniform3fv(at[name], camera[name]);
     gl.uniform1f(at.bend, camera.bend || 0);
     gl.uniform2f(at.resolution, width, height);
     // Later passes look through other places of each pixel, spread by the fractional parts of two irrational numbers.
-    const spread = (/** @type {number} */ x) => x - Math.floor(x) - 0.5;
+    const spread = (x: number) => x - Math.floor(x) - 0.5;
     gl.uniform2f(at.shift, pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
     gl.uniform1f(at.phase, (pass * 0.6180340) % 1);
-    const unit = (/** @type {number[]} */ v) => v.map((x) => x / Math.hypot(...v));
+    const unit = (v: number[]) => v.map((x) => x / Math.hypot(...v));
     const [r, u, n] = [unit(camera.right), unit(camera.up), camera.ahead];
-    /** @type {(a: number, b: number, c: number) => number[]} */
-    const mixed = (a, b, c) => unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
+    const mixed: (a: number, b: number, c: number) => number[] = (a, b, c) => unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
     // A lamp above the viewer's left shoulder: light from the eye alone looks flat. A weak one from the other side.
     const lamp = mixed(-0.42, 0.55, -0.72);
     gl.uniform3fv(at.lamp, lamp);
@@ -547,14 +478,7 @@ export class RayCaster {
     gl.uniform3fv(at.fillLamp, mixed(0.7, -0.25, -0.5));
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {CastVolume} volume
-   * @param {ColorTable} table
-   * @param {number} step
-   * @param {Sides} box
-   */
-  #setVolumeNumbers(at, volume, table, step, box) {
+  #setVolumeNumbers(at: Uniforms, volume: CastVolume, table: ColorTable, step: number, box: Sides) {
     const gl = this.gl, { shape, spacing } = volume;
     gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
     gl.uniform3fv(at.middle, box.low.map((low, i) => (low + box.high[i]) / 2));
@@ -571,13 +495,7 @@ export class RayCaster {
     gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {CastVolume} volume
-   * @param {number} step
-   * @param {Sides} box
-   */
-  #setBox(at, volume, step, box) {
+  #setBox(at: Uniforms, volume: CastVolume, step: number, box: Sides) {
     const gl = this.gl, left = this.clip && leftOf(box, clipSides(volume.box, this.clip));
     gl.uniform3fv(at.boxLow, (left ?? box).low);
     gl.uniform3fv(at.boxHigh, (left ?? box).high);
@@ -587,13 +505,8 @@ export class RayCaster {
     gl.uniform1f(at.bareDepth, 2 * Math.max(step, Math.min(...volume.spacing)));
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {CastPlanar | null} planar
-   * @param {CastSpace | null} space
-   * @param {Vector3} spacing of the voxels
-   */
-  #setFieldNumbers(at, planar, space, spacing) {
+  /** @param spacing of the voxels */
+  #setFieldNumbers(at: Uniforms, planar: CastPlanar | null, space: CastSpace | null, spacing: Vector3) {
     const gl = this.gl, finest = Math.min(...spacing);
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
     gl.uniform3fv(at.axisU, axes.u);
@@ -620,11 +533,7 @@ export class RayCaster {
       planar ? Math.min(...planar.spacing) : 0));
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {NonNullable<CastPlanar["cut"]>} cut
-   */
-  #setCutNumbers(at, cut) {
+  #setCutNumbers(at: Uniforms, cut: NonNullable<CastPlanar["cut"]>) {
     const gl = this.gl;
     gl.uniformMatrix3fv(at.toCut, false, cut.toCut.matrix);
     gl.uniform3fv(at.toCut0, cut.toCut.offset);
@@ -635,10 +544,9 @@ export class RayCaster {
 
   /**
    * The sides of the box (low x, high x, low y ...) beyond which there is deformed tissue, which is not seen.
-   * @param {{tissue: number, beyond: number[]}} looked values above `tissue`, from 0 to 1, this far beyond in shares of
-   *   the box
+   * @param looked values above `tissue`, from 0 to 1, this far beyond in shares of the box
    */
-  exceededSides({ tissue, beyond }) {
+  exceededSides({ tissue, beyond }: {tissue: number, beyond: number[]}) {
     const { gl, volume, table, planar, space } = this, width = 6 * SIDE_SAMPLES, height = SIDE_SAMPLES;
     if (!volume || !table) return [];
     const defines = definesOf("", planar, space), key = `sides ${defines.join(" ")}`;
@@ -665,13 +573,10 @@ export class RayCaster {
 
   /**
    * Puts four quarters together: the first of the quarters of half the stride, or the whole picture.
-   * @param {string} from
-   * @param {string} to
-   * @param {number} width of the whole picture
-   * @param {number} height
-   * @param {number} stride of the quarters
+   * @param width of the whole picture
+   * @param stride of the quarters
    */
-  merge(from, to, width, height, stride) {
+  merge(from: string, to: string, width: number, height: number, stride: number) {
     const gl = this.gl, { texture, ...quarters } = this.targets[from], next = stride / 2;
     this.programs.merge ??= linked(gl, MERGE);
     const target = this.#target(to, width, height, next), { program, at } = this.programs.merge;
@@ -683,11 +588,7 @@ export class RayCaster {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  /**
-   * @param {Uniforms} at
-   * @param {WebGLTexture | null} texture
-   */
-  #show(at, texture) {
+  #show(at: Uniforms, texture: WebGLTexture | null) {
     const gl = this.gl;
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, texture);
@@ -698,18 +599,16 @@ export class RayCaster {
    * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
    * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown. `isQuick`: the canvas gets
    * the size of the picture, and the browser enlarges it: without a GPU that takes a tenth of the time.
-   * @param {string | null} name null: the background alone
-   * @param {{ parts?: number, over?: string | null, share?: number, isQuick?: boolean }} [options] `over` is another
-   *   picture, `share` how much of it is laid over the first
+   * @param name null: the background alone
+   * @param options `over` is another picture, `share` how much of it is laid over the first
    */
-  present(name, { parts = 1, over = null, share = 0, isQuick = false } = {}) {
+  present(name: string | null, { parts = 1, over = null, share = 0, isQuick = false }: { parts?: number, over?: string | null, share?: number, isQuick?: boolean } = {}) {
     const gl = this.gl, ground = BACKGROUNDS[this.background];
     const [width, height] = name && isQuick ? this.targets[name].extent.map(Math.ceil) : this.size;
     this.#fit(width, height);
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
-    /** @type {Pick<Target, "extent" | "start"> & {texture: WebGLTexture | null}} */
-    const nothing = { texture: this.textures.picture ?? null, extent: [width, height], start: 0 };
+    const nothing: Pick<Target, "extent" | "start"> & {texture: WebGLTexture | null} = { texture: this.textures.picture ?? null, extent: [width, height], start: 0 };
     const first = name ? this.targets[name] : nothing, second = over ? this.targets[over] : first;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);

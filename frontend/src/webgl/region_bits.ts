@@ -3,8 +3,5 @@
 // A uniform of the shader has this many places; below 1024 numbers every GPU takes it.
 export const MOST_REGIONS = 32;
 
-/**
- * The sides of a region as one number: bit c is set inside cut c.
- * @param {boolean[]} sides
- */
-export function bitsOf(sides) { return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0); }
+/** The sides of a region as one number: bit c is set inside cut c. */
+export function bitsOf(sides: boolean[]) { return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0); }

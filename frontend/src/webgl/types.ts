@@ -1,8 +1,8 @@
 // Shapes of what the ray caster is given and what it makes of that. Lengths are physical, along the index axes of the
 // volume, from its first voxel (its own frame).
 
-import type { Sides, Vector2, Vector3 } from "../types.d.ts";
-import type { SpaceRanges } from "./empty_space.js";
+import type { Sides, Vector2, Vector3 } from "../types.ts";
+import type { SpaceRanges } from "./empty_space.ts";
 
 /** Smallest and largest value of every block of voxels. */
 export interface Extremes {

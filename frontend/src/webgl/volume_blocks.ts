@@ -1,15 +1,13 @@
 // Gradients, empty blocks, ambient light and steepness of a volume and its displacement, computed before it is drawn.
 // Pure arithmetic on arrays [z][y][x] of bytes; no DOM, no WebGL.
 
-import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../maths/constants.js";
+import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../maths/constants.ts";
 
-/** @import { Vector2, Vector3 } from "../types.d.ts" */
-/** @import { Extremes } from "./types.d.ts" */
+import type { Vector2, Vector3 } from "../types.ts";
+import type { Extremes } from "./types.ts";
 
-/**
- * @template Sums
- * @typedef {{sums: Sums, empty: Uint8Array}} Smoothed a slice, and which of its rows are smoothed background
- */
+/** a slice, and which of its rows are smoothed background */
+export type Smoothed<Sums> = {sums: Sums, empty: Uint8Array};
 
 export const BLOCK = 4; // voxels along the edge of a block
 
@@ -18,18 +16,11 @@ export const BLOCK = 4; // voxels along the edge of a block
 // ones.
 export const STEEPEST = 64;
 
-/**
- * Entries of a table of colours for each byte (see TransferFunction.table).
- * @param {number} entries
- */
-function entriesOfByte(entries) { return (entries - 1) / 255; }
+/** Entries of a table of colours for each byte (see TransferFunction.table). */
+function entriesOfByte(entries: number) { return (entries - 1) / 255; }
 
-/**
- * The opacity that such a table, red, green, blue and alpha of each entry, has for a byte.
- * @param {Float32Array} rgba
- * @param {number} byte
- */
-export function opacityOfByte(rgba, byte) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
+/** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
+export function opacityOfByte(rgba: Float32Array, byte: number) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
 
 const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 
@@ -41,33 +32,33 @@ const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
  * background amid background need no arithmetic.
  */
 export class GradientSlabs {
-  /**
-   * @param {Uint8Array} values
-   * @param {Vector3} shape
-   * @param {Vector3} spacing
-   * @param {number} fill the value of the background
-   */
-  constructor(values, shape, spacing, fill) {
+  values: Uint8Array<ArrayBufferLike>;
+  shape: Vector3;
+  fill: number;
+  scales: number[];
+  flat: Map<number, Smoothed<Uint16Array>>;
+  smooth: Map<number, Smoothed<Uint32Array>>;
+  beyond: { sums: Uint32Array<ArrayBuffer>; empty: Uint8Array<ArrayBuffer>; };
+  along: Uint16Array<ArrayBuffer>;
+
+  /** @param fill the value of the background */
+  constructor(values: Uint8Array, shape: Vector3, spacing: Vector3, fill: number) {
     this.values = values;
     this.shape = shape;
     this.fill = fill;
     const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2 / SMOOTHED;
     this.scales = spacing.map((s) => (unit * finest) / s);
     const [nx, ny] = shape;
-    /** @type {Map<number, Smoothed<Uint16Array>>} along x and y, those that the next slab needs too */
+    /** along x and y, those that the next slab needs too */
     this.flat = new Map();
-    /** @type {Map<number, Smoothed<Uint32Array>>} along all axes, with one voxel of background on each side */
+    /** along all axes, with one voxel of background on each side */
     this.smooth = new Map();
     this.beyond = { sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill), empty: new Uint8Array(ny + 2).fill(1) };
     this.along = new Uint16Array(nx * ny);
   }
 
-  /**
-   * The bytes of the slices z0 <= z < z1.
-   * @param {number} z0
-   * @param {number} z1
-   */
-  slab(z0, z1) {
+  /** The bytes of the slices z0 <= z < z1. */
+  slab(z0: number, z1: number) {
     const { values, fill } = this, [nx, ny] = this.shape, row = nx + 2, [sx, sy, sz] = this.scales;
     const out = new Uint8Array(4 * nx * ny * (z1 - z0)), voxels = new Uint32Array(out.buffer);
     const [background] = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer);
@@ -93,8 +84,7 @@ export class GradientSlabs {
     return out;
   }
 
-  /** @param {number} z */
-  #smoothed(z) {
+  #smoothed(z: number) {
     const [nx, ny, nz] = this.shape;
     if (z < 0 || z >= nz) return this.beyond;
     const known = this.smooth.get(z);
@@ -113,8 +103,7 @@ export class GradientSlabs {
     return made;
   }
 
-  /** @param {number} z */
-  #flat(z) {
+  #flat(z: number) {
     const known = this.flat.get(z);
     if (known) return known;
     const { values, along, fill } = this, [nx, ny] = this.shape, isEmpty = new Uint8Array(ny);
@@ -145,15 +134,9 @@ export class GradientSlabs {
   }
 }
 
-/**
- * Smallest and largest value of every block and the voxels next to it, which interpolation may mix in.
- * @param {Uint8Array} values
- * @param {Vector3} shape
- * @returns {Extremes}
- */
-export function blockExtremes(values, shape) {
-  /** @type {Vector3} */
-  const size = [...shape];
+/** Smallest and largest value of every block and the voxels next to it, which interpolation may mix in. */
+export function blockExtremes(values: Uint8Array, shape: Vector3): Extremes {
+  const size: Vector3 = [...shape];
   let low = values, high = values;
   for (let axis = 0; axis < 3; axis++) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
@@ -185,10 +168,9 @@ export const OPACITY_SHARE = 0.25; // opacity of 255 and more, since rays take s
 
 /**
  * The largest opacity of every block, in units of OPACITY_SHARE / 255 and rounded up: 0 only where nothing stops light.
- * @param {Extremes} extremes
- * @param {Float32Array} alphas of the entries of a table of colours
+ * @param alphas of the entries of a table of colours
  */
-export function blockOpacities({ low, high }, alphas) {
+export function blockOpacities({ low, high }: Extremes, alphas: Float32Array) {
   const each = entriesOfByte(alphas.length), known = new Int16Array(65536).fill(-1);
   return Uint8Array.from(low, (least, i) => {
     const key = 256 * least + high[i];
@@ -201,17 +183,10 @@ export function blockOpacities({ low, high }, alphas) {
   });
 }
 
-/**
- * The light that reaches every cell, 255 all: see ambient_light in imaging/occlusion.py.
- * @param {Uint8Array} values
- * @param {Vector3} shape
- * @param {Float32Array} alphas
- * @param {number} thickness
- */
-export function ambientLight(values, shape, alphas, thickness) {
-  const [nx, ny, nz] = shape, cells = (/** @type {number} */ n) => Math.ceil(n / AMBIENT_CELL);
-  /** @type {Vector3} */
-  const size = [cells(nx), cells(ny), cells(nz)];
+/** The light that reaches every cell, 255 all: see ambient_light in imaging/occlusion.py. */
+export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32Array, thickness: number) {
+  const [nx, ny, nz] = shape, cells = (n: number) => Math.ceil(n / AMBIENT_CELL);
+  const size: Vector3 = [cells(nx), cells(ny), cells(nz)];
   const sum = new Float32Array(size[0] * size[1] * size[2]);
   const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
   for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
@@ -226,7 +201,7 @@ export function ambientLight(values, shape, alphas, thickness) {
       }
     }
   }
-  const along = (/** @type {number} */ n, /** @type {number} */ k) => Math.min(AMBIENT_CELL, n - AMBIENT_CELL * k);
+  const along = (n: number, k: number) => Math.min(AMBIENT_CELL, n - AMBIENT_CELL * k);
   for (let k = 0; k < sum.length; k++) {
     const x = k % size[0], y = Math.floor(k / size[0]) % size[1], z = Math.floor(k / size[0] / size[1]);
     sum[k] /= along(nx, x) * along(ny, y) * along(nz, z);
@@ -244,11 +219,8 @@ export function ambientLight(values, shape, alphas, thickness) {
 /**
  * Visits every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
  * far it lies beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
- * @param {Float32Array} values
- * @param {Vector3} size
- * @param {(k: number, at: Int32Array, share: Float64Array) => void} visit
  */
-function aheadOf(values, size, visit) {
+function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Int32Array, share: Float64Array) => void) {
   const [nx, ny] = size, strides = [1, nx, nx * ny];
   const cell = new Int32Array(3), at = new Int32Array(3), slope = new Float64Array(3), share = new Float64Array(3);
   for (let k = 0; k < values.length; k++) {
@@ -271,12 +243,10 @@ function aheadOf(values, size, visit) {
 
 /**
  * Linear interpolation between cells; 0 beyond them.
- * @param {Float32Array} values
- * @param {Vector3} size
- * @param {Int32Array} at (x, y, z) of the cell before the place
- * @param {Float64Array} share of the way to the next one along each axis
+ * @param at (x, y, z) of the cell before the place
+ * @param share of the way to the next one along each axis
  */
-function between(values, size, at, share) {
+function between(values: Float32Array, size: Vector3, at: Int32Array, share: Float64Array) {
   const nx = size[0], ny = size[1], nz = size[2];
   let sum = 0;
   for (let dz = 0; dz < 2; dz++) {
@@ -293,13 +263,8 @@ function between(values, size, at, share) {
   return sum;
 }
 
-/**
- * Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light.
- * @param {Float32Array} values
- * @param {Vector3} size
- * @param {number} r
- */
-function blurred(values, size, r) {
+/** Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light. */
+function blurred(values: Float32Array, size: Vector3, r: number) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
     const to = new Float32Array(from.length), stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
@@ -319,13 +284,8 @@ function blurred(values, size, r) {
   return from;
 }
 
-/**
- * The largest change per length of the displacement of each of maps [k][row][column][2].
- * @param {Float32Array} maps
- * @param {Vector3} shape
- * @param {Vector2} spacing
- */
-export function planarSlopes(maps, [count, rows, columns], [da, db]) {
+/** The largest change per length of the displacement of each of maps [k][row][column][2]. */
+export function planarSlopes(maps: Float32Array, [count, rows, columns]: Vector3, [da, db]: Vector2) {
   const steep = new Float64Array(count);
   for (let k = 0, i = 0; k < count; k++) {
     let steepest = 0; // squared: a root for each node would take ten times as long
@@ -343,13 +303,8 @@ export function planarSlopes(maps, [count, rows, columns], [da, db]) {
   return steep;
 }
 
-/**
- * The largest change per length of a displacement sampled in space, [z][y][x][3].
- * @param {Float32Array} values
- * @param {Vector3} shape
- * @param {Vector3} spacing
- */
-export function spaceSlope(values, [nx, ny, nz], spacing) {
+/** The largest change per length of a displacement sampled in space, [z][y][x][3]. */
+export function spaceSlope(values: Float32Array, [nx, ny, nz]: Vector3, spacing: Vector3) {
   const strides = [3, 3 * nx, 3 * nx * ny];
   let steepest = 0;
   for (let z = 0, i = 0; z < nz; z++) {

@@ -30,7 +30,7 @@ from deformnb.widgets import SpaceEditor
 from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding, shapes_on
 
-EDITS = ("ui/dom.js", "maths/camera.js", "maths/points.js", "editor/handles.js", "maths/space.js")
+EDITS = ("ui/dom.ts", "maths/camera.ts", "maths/points.ts", "editor/handles.ts", "maths/space.ts")
 SHAPE, SPACING, ORIGIN = (24, 30, 36), (1.0, 1.5, 2.0), (5.0, -8.0, 3.0)
 
 

@@ -353,6 +353,6 @@ def test_pages_that_are_long_closed_are_forgotten(sent: list[Any]) -> None:
 @pytest.mark.skipif(shutil.which("node") is None, reason="a browser for every example would take minutes")
 def test_the_page_draws_the_curve_that_python_computes(given_nodes: Nodes) -> None:
     main = "({ nodes, z }) => [false, true].map((s) => z.map(curveThrough(nodes, s)))"
-    straight, smooth = run_script(("maths/curves.js",), main, {"nodes": given_nodes, "z": Z.tolist()})
+    straight, smooth = run_script(("maths/curves.ts",), main, {"nodes": given_nodes, "z": Z.tolist()})
     oracle.assert_close(straight, values_of(given_nodes, Z), atol=1e-12)
     oracle.assert_close(smooth, values_of(given_nodes, Z, True), atol=1e-9)

@@ -751,7 +751,7 @@ def test_gradients_are_central_differences_of_the_smoothed_volume_in_physical_un
     values, spacing = rough()[:9, 15:24, :8], (1.0, 2.0, 0.5)
     values[:, 0, 0], values[8, 4, 4] = 50, 200  # at edges too
     got = run_script(
-        ("webgl/volume_blocks.js",),
+        ("webgl/volume_blocks.ts",),
         """({ values, shape, spacing, z0, z1 }) =>
         Array.from(new GradientSlabs(Uint8Array.from(values), shape, spacing, 3).slab(z0, z1))""",
         {"values": values.ravel().tolist(), "shape": list(values.shape[::-1]), "spacing": spacing, "z0": z0, "z1": z1},
@@ -785,7 +785,7 @@ def test_rings_of_cells_are_empty_and_no_fewer() -> None:
     rng = np.random.default_rng(6)
     filled = rng.random((7, 12, 9)) > 0.995
     rings = run_script(
-        ("webgl/volume_blocks.js", "webgl/empty_space.js"),
+        ("webgl/volume_blocks.ts", "webgl/empty_space.ts"),
         """({ values, size }) =>
         Array.from(emptyRings(Uint8Array.from(values), size))""",
         {"values": filled.ravel().astype(int).tolist(), "size": list(filled.shape[::-1])},
@@ -799,7 +799,7 @@ def test_rings_of_cells_are_empty_and_no_fewer() -> None:
 def test_extremes_of_blocks_hold_what_interpolation_mixes_in() -> None:
     values = rough()
     got = run_script(
-        ("webgl/volume_blocks.js",),
+        ("webgl/volume_blocks.ts",),
         """({ values, shape }) => {
         const { size, low, high } = blockExtremes(Uint8Array.from(values), shape);
         return { size, low: Array.from(low), high: Array.from(high) }; }""",
@@ -844,7 +844,7 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
         n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content["buffers"], message.buffers, strict=True)
     }
     got = run_script(
-        ("webgl/volume_blocks.js", "webgl/region_bits.js", "webgl/empty_space.js"),
+        ("webgl/volume_blocks.ts", "webgl/region_bits.ts", "webgl/empty_space.ts"),
         """(given) => {
         const { values, shape, spacing, box, alphas, planar, space, toMap, isLargest, voxels } = given;
         const extremes = blockExtremes(Uint8Array.from(values), shape);
@@ -904,7 +904,7 @@ def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
     alphas = np.zeros(255 * each + 1)
     alphas[12 * each - each // 2] = 0.5  # at 12, or half-way between 11 and 12 where the table has an entry there
     opacities = run_script(
-        ("webgl/volume_blocks.js",),
+        ("webgl/volume_blocks.ts",),
         """({ values, shape, alphas }) =>
         Array.from(blockOpacities(blockExtremes(Uint8Array.from(values), shape), alphas))""",
         {"values": values.ravel().tolist(), "shape": [24, 8, 8], "alphas": alphas.tolist()},
@@ -915,7 +915,7 @@ def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
     assert (counts[..., 5] == 0).all()
     rgba = np.repeat(alphas, 4).tolist()
     byte = run_script(
-        ("webgl/volume_blocks.js",),
+        ("webgl/volume_blocks.ts",),
         "({ rgba, byte }) => opacityOfByte(Float32Array.from(rgba), byte)",
         {"rgba": rgba, "byte": 12},
     )

@@ -28,7 +28,7 @@ from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.space_points import MOST_FITTED, QUICK_SIZE
 
-RAYS = ("webgl/volume_blocks.js", "maths/camera.js", "maths/space.js", "view/space_points.js")
+RAYS = ("webgl/volume_blocks.ts", "maths/camera.ts", "maths/space.ts", "view/space_points.ts")
 TURNED = ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0))
 GRID = Grid((30, 34, 38), (1.0, 1.25, 1.5), (4.0, -7.0, 11.0), TURNED)
 
@@ -257,7 +257,7 @@ def test_the_page_makes_the_field_of_moving_points_as_python_does(
     moved = [points, *(points.move(0, points.target[0] + np.array(by)) for by in ([1.0, 0, 0], [2.0, -1.5, 3.0]))]
     state = made.get_state(["settings"])["settings"]
     result = run_script(
-        ("view/follow_space.js", "sync/bus.js"),
+        ("view/follow_space.ts", "sync/bus.ts"),
         FOLLOWED,
         {
             "info": packed_volume(volume, 10**6, 2048).info(),

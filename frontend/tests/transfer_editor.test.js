@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import {
   addedStop, colorAt, hexOf, movedStop, movedWindow, pannedAxis, rgbOf, zoomedAxis,
-} from "../../deformnb/widgets/js/inputs/transfer_editor.js";
+} from "../src/inputs/transfer_editor.ts";
 
 test("the ends of a window keep apart and within limits", () => {
   for (const [part, by, wanted] of [["low", 30, [30, 100]], ["low", -500, [-200, 100]], ["low", 95, [90, 100]],

@@ -3,8 +3,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { kernelMatrix } from "../../deformnb/widgets/js/maths/kernel_matrix.js";
-import { RBF_KERNELS } from "../../deformnb/widgets/js/maths/rbf.js";
+import { kernelMatrix } from "../src/maths/kernel_matrix.ts";
+import { RBF_KERNELS } from "../src/maths/rbf.ts";
 
 const { profile } = RBF_KERNELS.wendland_c2;
 

@@ -2,12 +2,12 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { cleanShapes, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
+import { cleanShapes, sameShapes } from "../src/maths/points.ts";
 import {
   cornersOf, fixedSideThrough, insertedCorner, middleOfRegion, motionOf, motionWords, movedCorner, movedRegion, openingPlaces, partTurned,
   placeBefore, placeMoved, placesAlong, removedCorner, shapeLabel, simplified, stopsAt, turnAndShift, turnedRegion, wayBefore,
   withStop,
-} from "../../deformnb/widgets/js/maths/shapes.js";
+} from "../src/maths/shapes.ts";
 
 const line = { kind: "line", vertices: [[0, 0], [5, 5], [9, 0]] }, polygon = { ...line, kind: "polygon" };
 

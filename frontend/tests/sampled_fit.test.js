@@ -2,10 +2,10 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { layeredFit } from "../../deformnb/widgets/js/maths/cuts.js";
-import { fieldAt, fieldOnRaster } from "../../deformnb/widgets/js/maths/rigid_stages.js";
-import { sampledFits, sampledWithSlope } from "../../deformnb/widgets/js/maths/sampled_fit.js";
-import { deformedGrid, fieldWithSlope } from "../../deformnb/widgets/js/maths/warp_map.js";
+import { layeredFit } from "../src/maths/cuts.ts";
+import { fieldAt, fieldOnRaster } from "../src/maths/rigid_stages.ts";
+import { sampledFits, sampledWithSlope } from "../src/maths/sampled_fit.ts";
+import { deformedGrid, fieldWithSlope } from "../src/maths/warp_map.ts";
 
 const SCALE = 1.6, PIXELS = 8; // CSS pixels for a unit of the picture, and between the nodes
 const BOX = [0, 256, 0, 256], CELLS = 16;

@@ -5,7 +5,7 @@ import test from "node:test";
 import {
   addedPoint, cleanPoints, movedPoints, newPoint, nextId, removedPoints, renamedPoint, resetPoints,
   switchedPoints,
-} from "../../deformnb/widgets/js/maths/points.js";
+} from "../src/maths/points.ts";
 
 const points = [0, 1, 2, 3].map((k) => newPoint(k, [10 * k, 5 * k], [10 * k + 1, 7 * k]));
 const targets = points.map((p) => p.target), sources = points.map((p) => p.source);

@@ -3,8 +3,8 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { FieldLink } from "../../deformnb/widgets/js/view/follow_editor.js";
-import { FrameLoop } from "../../deformnb/widgets/js/view/render_loop.js";
+import { FieldLink } from "../src/view/follow_editor.ts";
+import { FrameLoop } from "../src/view/render_loop.ts";
 
 const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true, plays: 0, cost: () => 1,
   isHeld: true, answer: 0 };

@@ -2,8 +2,8 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { greyTable } from "../../deformnb/widgets/js/editor/painter.js";
-import { draggedWindow, shownValue, windowWords } from "../../deformnb/widgets/js/editor/window_tool.js";
+import { greyTable } from "../src/editor/painter.ts";
+import { draggedWindow, shownValue, windowWords } from "../src/editor/window_tool.ts";
 
 const CT = [-1000, 3000];
 

@@ -2,8 +2,8 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { sideOf } from "../../deformnb/widgets/js/maths/camera.js";
-import { lengthText } from "../../deformnb/widgets/js/ui/view_parts.js";
+import { sideOf } from "../src/maths/camera.ts";
+import { lengthText } from "../src/ui/view_parts.ts";
 
 test("the side of the patient is that of LPS", () => {
   for (const [vector, side] of [[[1, 0, 0], "L"], [[-1, 0, 0], "R"], [[0, 1, 0], "P"], [[0, -1, 0], "A"],

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { PlayClock } from "../../deformnb/widgets/js/inputs/player.js";
+import { PlayClock } from "../src/inputs/player.ts";
 
 const near = (found, wanted) => assert.ok(Math.abs(found - wanted) < 1e-6, `${found} is not ${wanted}`);
 

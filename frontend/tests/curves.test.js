@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import test from "node:test";
 import {
   addedNode, curveThrough, movedNode, removedNode, shownNumber, ticksOf,
-} from "../../deformnb/widgets/js/maths/curves.js";
+} from "../src/maths/curves.ts";
 
 const TENT = [[0, 0], [0.25, 1], [1, -0.5]];
 

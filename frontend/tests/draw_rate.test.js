@@ -2,8 +2,8 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { DrawRate } from "../../deformnb/widgets/js/editor/base.js";
-import { Sender } from "../../deformnb/widgets/js/sync/edits.js";
+import { DrawRate } from "../src/editor/base.ts";
+import { Sender } from "../src/sync/edits.ts";
 
 function measured(events) {
   const rate = new DrawRate();

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { PlainModel } from "../../deformnb/widgets/js/sync/host_model.js";
+import { PlainModel } from "../src/sync/host_model.ts";
 
 test("changes are reported and saved once", () => {
   const events = [], saved = [], sent = [];

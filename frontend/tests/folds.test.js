@@ -2,10 +2,10 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { NEARLY_FOLDED } from "../../deformnb/widgets/js/maths/constants.js";
-import { layeredFit } from "../../deformnb/widgets/js/maths/cuts.js";
-import { foldsOf, probesOf } from "../../deformnb/widgets/js/maths/folds.js";
-import { newPoint } from "../../deformnb/widgets/js/maths/points.js";
+import { NEARLY_FOLDED } from "../src/maths/constants.ts";
+import { layeredFit } from "../src/maths/cuts.ts";
+import { foldsOf, probesOf } from "../src/maths/folds.ts";
+import { newPoint } from "../src/maths/points.ts";
 
 const BOX = [0, 60, 0, 40];
 

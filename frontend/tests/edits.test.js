@@ -2,9 +2,9 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { addedPoint, nextId, samePoints, sameShapes } from "../../deformnb/widgets/js/maths/points.js";
-import { EditLink, RestingTrait, Sender } from "../../deformnb/widgets/js/sync/edits.js";
-import { PlainModel } from "../../deformnb/widgets/js/sync/host_model.js";
+import { addedPoint, nextId, samePoints, sameShapes } from "../src/maths/points.ts";
+import { EditLink, RestingTrait, Sender } from "../src/sync/edits.ts";
+import { PlainModel } from "../src/sync/host_model.ts";
 
 const cutAt = (name, a) => ({ name, enabled: true, region: { kind: "line", vertices: [[a, 0], [a, 9]] } });
 const firsts = (points) => points.map((p) => p.target[0]);

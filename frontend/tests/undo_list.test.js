@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { History } from "../../deformnb/widgets/js/sync/undo_list.js";
+import { History } from "../src/sync/undo_list.ts";
 
 test("undo goes back to the start and redo to the end", () => {
   const history = new History(3), seen = [];
