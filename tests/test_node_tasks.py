@@ -19,11 +19,17 @@ ROOT = Path(__file__).parent.parent
 @pytest.fixture
 def small(tmp_path: Path) -> ModuleType:
     """The module of the bundles, in a folder with one script and its bundle."""
-    shutil.copy(module.__file__, tmp_path / "bundle.py")
-    for name, text in (("js/a.js", "export default 1;"), ("static/a.js", "export default 1;")):
-        (tmp_path / name).parent.mkdir()
+    (tmp_path / "deformnb" / "widgets").mkdir(parents=True)
+    shutil.copy(module.__file__, tmp_path / "deformnb" / "widgets" / "bundle.py")
+    one = "export default 1;"
+    for name, text in (
+        ("frontend/src/a.ts", one),
+        ("frontend/build.mjs", ""),
+        ("deformnb/widgets/static/a.js", one),
+    ):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location("small_bundle", tmp_path / "bundle.py")
+    spec = importlib.util.spec_from_file_location("small_bundle", tmp_path / "deformnb" / "widgets" / "bundle.py")
     assert spec is not None
     assert spec.loader is not None
     made = importlib.util.module_from_spec(spec)
@@ -40,9 +46,9 @@ def test_a_bundle_of_these_sources_is_taken(small: ModuleType) -> None:
 def test_a_bundle_of_other_sources_is_refused_with_the_cure(small: ModuleType, change: str) -> None:
     small.STAMP.write_text(small.digest(), encoding="utf-8")
     if change == "renamed":
-        (small.SOURCES / "a.js").rename(small.SOURCES / "b.js")
+        (small.SOURCES / "a.ts").rename(small.SOURCES / "b.ts")
     else:
-        (small.SOURCES / {"edited": "a.js", "added": "b.css"}[change]).write_text("other", encoding="utf-8")
+        (small.SOURCES / {"edited": "a.ts", "added": "b.css"}[change]).write_text("other", encoding="utf-8")
     with pytest.raises(RuntimeError, match='has changed since it was bundled: run "sh run bundle"'):
         small.bundle("a.js")
 
@@ -51,7 +57,7 @@ def test_what_was_never_bundled_is_refused_and_a_wheel_has_no_sources(small: Mod
     with pytest.raises(RuntimeError, match="has not been bundled"):
         small.bundle("a.js")
     small.STAMP.write_text("of the day of the release", encoding="utf-8")
-    shutil.rmtree(small.SOURCES)
+    shutil.rmtree(small.FRONT_END)
     assert small.bundle("a.js") == "export default 1;"
 
 
@@ -72,7 +78,7 @@ def test_without_node_a_sentence_says_what_to_install(
 def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(node_tasks, "ROOT", tmp_path)
+    monkeypatch.setattr(node_tasks, "FRONT_END", tmp_path)
     (tmp_path / "package-lock.json").write_text("{}", encoding="utf-8")
     kept = tmp_path / "other" / "esbuild"
     kept.mkdir(parents=True)
@@ -83,7 +89,7 @@ def test_npm_is_not_run_where_it_would_empty_the_folder_of_another_checkout(
 
 
 def test_the_lock_file_names_no_registry_and_all_platforms() -> None:
-    packages = json.loads((ROOT / "package-lock.json").read_text(encoding="utf-8"))["packages"]
+    packages = json.loads((ROOT / "frontend" / "package-lock.json").read_text(encoding="utf-8"))["packages"]
     assert not [name for name, package in packages.items() if "resolved" in package]
     wanted = {f"node_modules/{name}" for one in packages.values() for name in one.get("optionalDependencies", {})}
     assert wanted <= packages.keys()

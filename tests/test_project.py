@@ -216,7 +216,7 @@ OF_A_WHOLE_PACKAGE = {
 def test_the_tests_mirror_the_package() -> None:
     for path in sorted((ROOT / "tests").glob("*/**/test_*.py")):
         name = path.relative_to(ROOT / "tests").as_posix()
-        if name.startswith(("browser/", "frontend/")) or name in OF_A_WHOLE_PACKAGE:
+        if name.startswith(("browser/", "js/")) or name in OF_A_WHOLE_PACKAGE:
             continue
         folder = PACKAGE / path.parent.relative_to(ROOT / "tests")
         modules = {module.stem for module in folder.iterdir() if module.suffix == ".py" or module.is_dir()}

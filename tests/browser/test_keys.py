@@ -22,7 +22,7 @@ def heard(name: str) -> set[str]:
     """Keys that a script compares with: every quoted text beside a `key`, and the names of its tables of keys."""
     text = re.sub(r"//.*", "", (SOURCES / name).read_text(encoding="utf-8"))
     found = set(re.findall(r"\bkey === \"([^\"]+)\"", text))
-    for table in re.findall(r"(?:arrows|SPACE_ARROWS|TURN_WAYS|turns) = \{([^}]*)\}", text):
+    for table in re.findall(r"(?:arrows|SPACE_ARROWS|TURN_WAYS|turns)(?:: [^=]*)? = \{([^}]*)\}", text):
         found |= {a or b for a, b in re.findall(r"(?:\"([^\"]+)\"|(\b[A-Z]\w+)): ", table)}
     return found
 
