@@ -9,24 +9,46 @@ import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { build } from "esbuild";
 
-const here = dirname(fileURLToPath(import.meta.url)), source = join(here, "src");
+const here = dirname(fileURLToPath(import.meta.url)),
+  source = join(here, "src");
 const outdir = join(here, "..", "deformnb", "widgets", "static");
 const isDebug = process.argv.includes("--debug");
 
-const VIEW = ["view/live_view.css", "ui/compare.css", "view/volume_view.css", "ui/theme.css", "editor/editor.css",
-  "view/space_points.css"];
+const VIEW = [
+  "view/live_view.css",
+  "ui/compare.css",
+  "view/volume_view.css",
+  "ui/theme.css",
+  "editor/editor.css",
+  "view/space_points.css",
+];
 
 // Of each bundle: its module, if it has one, and its style sheets in the order in which they apply.
 const WIDGETS = {
-  editor: ["editor/editor.ts", "ui/theme.css", "ui/compare.css", "editor/editor.css", "editor/tools.css",
-    "editor/grid_nodes.css"],
-  space_editor: ["space_editor/editor.ts", "ui/theme.css", "editor/editor.css", "editor/tools.css",
-    "space_editor/editor.css"],
+  editor: [
+    "editor/editor.ts",
+    "ui/theme.css",
+    "ui/compare.css",
+    "editor/editor.css",
+    "editor/tools.css",
+    "editor/grid_nodes.css",
+  ],
+  space_editor: [
+    "space_editor/editor.ts",
+    "ui/theme.css",
+    "editor/editor.css",
+    "editor/tools.css",
+    "space_editor/editor.css",
+  ],
   live_view: ["view/live_view.ts", ...VIEW],
   volume_view: ["view/volume_view.ts", ...VIEW],
   curve_editor: ["inputs/curve_editor.ts", "ui/theme.css", "inputs/curve_editor.css"],
-  transfer_editor: ["inputs/transfer_editor.ts", "ui/theme.css", "inputs/curve_editor.css",
-    "inputs/transfer_editor.css"],
+  transfer_editor: [
+    "inputs/transfer_editor.ts",
+    "ui/theme.css",
+    "inputs/curve_editor.css",
+    "inputs/transfer_editor.css",
+  ],
   preset_menu: ["inputs/preset_menu.ts", "inputs/preset_menu.css"],
   depth_keys: ["inputs/depth_keys.ts", "ui/theme.css", "inputs/curve_editor.css"],
   player: ["inputs/player.ts", "ui/theme.css", "inputs/curve_editor.css", "inputs/player.css"],
@@ -50,7 +72,14 @@ const PAGES = {
 };
 
 const options = {
-  absWorkingDir: source, bundle: true, metafile: true, charset: "utf8", target: "es2022", loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" }, logLevel: "warning", legalComments: "none",
+  absWorkingDir: source,
+  bundle: true,
+  metafile: true,
+  charset: "utf8",
+  target: "es2022",
+  loader: { ".glsl": "text", ".svg": "dataurl", ".png": "dataurl" },
+  logLevel: "warning",
+  legalComments: "none",
   ...(isDebug ? { sourcemap: "inline" } : { minifySyntax: true, minifyWhitespace: true }),
 };
 
@@ -60,14 +89,26 @@ const packages = new Set();
 /** Bundles the files of one name; of a module nothing but its default export is left, with its words in a language. */
 async function bundled(name, paths, format) {
   for (const loader of ["ts", "css"]) {
-    const own = paths.filter((path) => path.endsWith(`.${loader}`)), [first] = own;
+    const own = paths.filter((path) => path.endsWith(`.${loader}`)),
+      [first] = own;
     if (!first) continue;
-    const contents = loader === "css" ? own.map((path) => `@import "./${path}";`).join("\n")
-      : format === "esm" ? `import { worded } from "./ui/words.ts"; import widget from "./${first}"; export default worded(widget);` : `import "./${first}";`;
+    const contents =
+      loader === "css"
+        ? own.map((path) => `@import "./${path}";`).join("\n")
+        : format === "esm"
+          ? `import { worded } from "./ui/words.ts"; import widget from "./${first}"; export default worded(widget);`
+          : `import "./${first}";`;
     const stdin = { contents, resolveDir: source, loader };
-    const { metafile } = await build({ ...options, format, outfile: join(outdir, `${name}.${loader === "ts" ? "js" : "css"}`), stdin });
+    const { metafile } = await build({
+      ...options,
+      format,
+      outfile: join(outdir, `${name}.${loader === "ts" ? "js" : "css"}`),
+      stdin,
+    });
     for (const input of Object.keys(metafile.inputs)) {
-      const [folder] = resolve(source, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ?? [];
+      const [folder] =
+        resolve(source, input.replace(/^\(disabled\):/, "")).match(/.*[\\/]node_modules[\\/](@[^\\/]+[\\/])?[^\\/]+/) ??
+        [];
       if (folder) packages.add(folder);
     }
   }
@@ -75,12 +116,14 @@ async function bundled(name, paths, format) {
 
 /** Writes the licences of those packages beside the bundles. */
 async function writeLicences() {
-  const texts = await Promise.all([...packages].sort().map(async (folder) => {
-    const { name, version, license } = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
-    const files = (await readdir(folder)).filter((file) => /^licen[cs]e/i.test(file));
-    const own = await Promise.all(files.map((file) => readFile(join(folder, file), "utf8")));
-    return [`${name} ${version} (${license})`, ...own.map((text) => text.trim())].join("\n\n");
-  }));
+  const texts = await Promise.all(
+    [...packages].sort().map(async (folder) => {
+      const { name, version, license } = JSON.parse(await readFile(join(folder, "package.json"), "utf8"));
+      const files = (await readdir(folder)).filter((file) => /^licen[cs]e/i.test(file));
+      const own = await Promise.all(files.map((file) => readFile(join(folder, file), "utf8")));
+      return [`${name} ${version} (${license})`, ...own.map((text) => text.trim())].join("\n\n");
+    }),
+  );
   await writeFile(join(outdir, "licences.txt"), `${texts.join(`\n\n${"-".repeat(80)}\n\n`)}\n`);
 }
 

@@ -4,27 +4,43 @@
 // the file's is put.
 
 import { Painter } from "./editor/painter.ts";
+import type { Photograph } from "./formats/pictures.ts";
 import { PICTURE_SUFFIXES, readPicture } from "./formats/pictures.ts";
 import { FileError, shownText } from "./formats/reading.ts";
+import type { KnownSpacing, Volume } from "./formats/volume_files.ts";
 import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./formats/volume_files.ts";
 import { fieldAt } from "./maths/rigid_stages.ts";
-import { decodedData, guarded, messageOf, pagePart, showOnPage, StandalonePage, textElement }
-  from "./standalone_page.ts";
+import type { Open, PageData } from "./standalone_page.ts";
+import {
+  decodedData,
+  guarded,
+  messageOf,
+  pagePart,
+  StandalonePage,
+  showOnPage,
+  textElement,
+} from "./standalone_page.ts";
+import type { Point } from "./types.ts";
 import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 import { inLanguage, showInLanguage } from "./ui/words.ts";
-import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
-import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
-import { bytesOfVolume, cornerPoints, factorsOf, maximumProjection, packedPicture, pictureWindow, piecesOf, stillField,
-  tissueCheck, volumeInfo } from "./volume/packing.ts";
-
-import type { Photograph } from "./formats/pictures.ts";
-import type { KnownSpacing, Volume } from "./formats/volume_files.ts";
 import type { Plane } from "./volume/grid.ts";
+import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
 import type { Measured } from "./volume/levels.ts";
-import type { Open, PageData } from "./standalone_page.ts";
-import type { Point } from "./types.ts";
+import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
+import {
+  bytesOfVolume,
+  cornerPoints,
+  factorsOf,
+  maximumProjection,
+  packedPicture,
+  pictureWindow,
+  piecesOf,
+  stillField,
+  tissueCheck,
+  volumeInfo,
+} from "./volume/packing.ts";
 
-export type Template = PageData & {known_spacings: KnownSpacing[]};
+export type Template = PageData & { known_spacings: KnownSpacing[] };
 
 /** A file that is open. */
 export interface Opened {
@@ -33,14 +49,15 @@ export interface Opened {
   about: Measured;
   /** of the voxels, as Python makes it */
   sha256: string | null;
-  packed: Pick<PageData, "chunks"> & {packed: Open} | null;
+  packed: (Pick<PageData, "chunks"> & { packed: Open }) | null;
 }
 
 const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
 const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
 const LONGEST_PICTURE = 4096; // pixels along a side of a picture that is saved
 const SHORTEST_PICTURE = 1024; // the same of a picture of a volume
-const SIDE = "+y", PICTURE_SIDE = "+z";
+const SIDE = "+y",
+  PICTURE_SIDE = "+z";
 
 let editors = 0; // that were on the page: each has undo steps of its own
 
@@ -52,90 +69,171 @@ async function pngOf(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height
 }
 
 function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
-  return new Promise((resolve, reject) => canvas.toBlob((blob) => {
-    if (blob) resolve(blob);
-    else reject(new Error("the browser could not make the picture; there is not enough memory."));
-  }, "image/png"));
+  return new Promise((resolve, reject) =>
+    canvas.toBlob((blob) => {
+      if (blob) resolve(blob);
+      else reject(new Error("the browser could not make the picture; there is not enough memory."));
+    }, "image/png"),
+  );
 }
 
 /** Read a file and prepare all that does not depend on the side it is seen from. */
-async function openedFile(file: File, template: Template, report: (words: string, share: number) => void, signal: AbortSignal): Promise<Opened> {
-  const { name } = file, isPicture = PICTURE_SUFFIXES.some((suffix) => name.toLowerCase().endsWith(suffix));
+async function openedFile(
+  file: File,
+  template: Template,
+  report: (words: string, share: number) => void,
+  signal: AbortSignal,
+): Promise<Opened> {
+  const { name } = file,
+    isPicture = PICTURE_SUFFIXES.some((suffix) => name.toLowerCase().endsWith(suffix));
   if (!isPicture && !volumeSuffix(name)) {
-    throw new FileError(`${shownText(name)}: this page opens volumes (${VOLUME_SUFFIXES.join(", ")}) and pictures ` +
-      `(${PICTURE_SUFFIXES.join(", ")}). deformnb app opens more.`);
+    throw new FileError(
+      `${shownText(name)}: this page opens volumes (${VOLUME_SUFFIXES.join(", ")}) and pictures ` +
+        `(${PICTURE_SUFFIXES.join(", ")}). deformnb app opens more.`,
+    );
   }
   report(`Reading ${name}`, 0);
   const photograph = isPicture ? await readPicture(file, name) : null;
-  const volume = photograph?.volume ?? await readVolume(file, name, { signal, knownSpacings: template.known_spacings,
-    progress: (share) => report(`Reading ${name}`, 0.6 * share) });
+  const volume =
+    photograph?.volume ??
+    (await readVolume(file, name, {
+      signal,
+      knownSpacings: template.known_spacings,
+      progress: (share) => report(`Reading ${name}`, 0.6 * share),
+    }));
   signal.throwIfAborted();
   const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
   const bad = repairedValues(volume.values);
   if (bad) volume.notes.push(`${bad} voxels are not finite, shown as background`);
   const about = measured(volume);
   signal.throwIfAborted();
-  return { volume, photograph, about, sha256,
-    packed: photograph ? null : await packedVolume(volume, about, report, signal) };
+  return {
+    volume,
+    photograph,
+    about,
+    sha256,
+    packed: photograph ? null : await packedVolume(volume, about, report, signal),
+  };
 }
 
-async function packedVolume(volume: Volume, about: Measured, report: (words: string, share: number) => void, signal: AbortSignal) {
-  const transfer = specimen(volume, about), { window, share } = windowOf(volume, about, transfer);
-  const factors = factorsOf(volume.grid), grid = coarserGrid(volume.grid, factors), words = "Preparing the view";
+async function packedVolume(
+  volume: Volume,
+  about: Measured,
+  report: (words: string, share: number) => void,
+  signal: AbortSignal,
+) {
+  const transfer = specimen(volume, about),
+    { window, share } = windowOf(volume, about, transfer);
+  const factors = factorsOf(volume.grid),
+    grid = coarserGrid(volume.grid, factors),
+    words = "Preparing the view";
   const bytes = await bytesOfVolume(volume, factors, window, (done) => report(words, 0.6 + 0.2 * done), signal);
   report(words, 0.85);
-  const chunks = await piecesOf(bytes, grid.shape, signal), id = crypto.getRandomValues(new Uint32Array(2)).join("-");
+  const chunks = await piecesOf(bytes, grid.shape, signal),
+    id = crypto.getRandomValues(new Uint32Array(2)).join("-");
   const table = tableOf(transfer, window[0], window[1]);
   return { chunks, packed: { window, share, grid, id, unit: transfer.unit, table: new DataView(table.buffer) } };
 }
 
 /** The data of the page of an open file, seen from a side. */
 async function dataOf(template: Template, opened: Opened, side: string): Promise<PageData> {
-  const { volume, photograph, about, packed } = opened, { grid } = volume, plane = planeAlong(grid, side);
-  const { image, raster, still } = photograph ? await colourPicture(photograph, plane)
+  const { volume, photograph, about, packed } = opened,
+    { grid } = volume,
+    plane = planeAlong(grid, side);
+  const { image, raster, still } = photograph
+    ? await colourPicture(photograph, plane)
     : await greyPicture(volume, about, plane);
   editors += 1;
-  const points = cornerPoints(grid, plane), diagonal = Math.hypot(...lengthsOf(grid));
-  const editor = { ...template.editor, uid: `standalone ${editors}`, image, raster, points, next_id: points.length, label: `Picture of ${volume.name}`,
-    lone_support: 0.25 * diagonal, settings: { ...template.editor.settings, chosen_support: null },
-    air: photograph ? null : volume.isLabels ? 0 : about.levels[1] };
+  const points = cornerPoints(grid, plane),
+    diagonal = Math.hypot(...lengthsOf(grid));
+  const editor = {
+    ...template.editor,
+    uid: `standalone ${editors}`,
+    image,
+    raster,
+    points,
+    next_id: points.length,
+    label: `Picture of ${volume.name}`,
+    lone_support: 0.25 * diagonal,
+    settings: { ...template.editor.settings, chosen_support: null },
+    air: photograph ? null : volume.isLabels ? 0 : about.levels[1],
+  };
   const document = documentOf(template, opened, plane);
   const data = { ...template, editor, document, still };
   if (!packed) return { ...data, view: null, chunks: [] };
-  const { window, share, grid: shown, id, table, unit } = packed.packed, chunks = packed.chunks.length;
-  const { n, v } = plane, views = template.parameters.view.options.map(([name]: string[]) => name);
-  const view = { ...template.view, label: `Volume ${volume.name}`, table, unit,
+  const { window, share, grid: shown, id, table, unit } = packed.packed,
+    chunks = packed.chunks.length;
+  const { n, v } = plane,
+    views = template.parameters.view.options.map(([name]: string[]) => name);
+  const view = {
+    ...template.view,
+    label: `Volume ${volume.name}`,
+    table,
+    unit,
     volume_info: volumeInfo(volume, about, { ...packed.packed, chunks, views, id, window, share, grid: shown }),
     tissue_check: tissueCheck(volume, about, window),
-    camera: { direction: [...n], up: v.map((x) => -x), zoom: 1, pan: [0, 0] }, clip: [[0, 1], [0, 1], [0, 1]] };
-  return { ...data, view, chunks: packed.chunks, field: stillField(grid, shown, plane),
-    cut_off: template.cut_off && { ...template.cut_off, sides: sideNames(grid) } };
+    camera: { direction: [...n], up: v.map((x) => -x), zoom: 1, pan: [0, 0] },
+    clip: [
+      [0, 1],
+      [0, 1],
+      [0, 1],
+    ],
+  };
+  return {
+    ...data,
+    view,
+    chunks: packed.chunks,
+    field: stillField(grid, shown, plane),
+    cut_off: template.cut_off && { ...template.cut_off, sides: sideNames(grid) },
+  };
 }
 
 async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
-  const pixels = maximumProjection(volume, plane), raster = voxelRaster(volume.grid, plane), [high, wide] = raster.shape;
+  const pixels = maximumProjection(volume, plane),
+    raster = voxelRaster(volume.grid, plane),
+    [high, wide] = raster.shape;
   const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
-  const image = await pngOf(rgba, wide, high), [black, white] = facts.window, [low, most] = facts.range;
-  const numbers = facts.channels === 1 ? 255 : 65535, seen = new Uint8ClampedArray(rgba.length);
+  const image = await pngOf(rgba, wide, high),
+    [black, white] = facts.window,
+    [low, most] = facts.range;
+  const numbers = facts.channels === 1 ? 255 : 65535,
+    seen = new Uint8ClampedArray(rgba.length);
   for (let k = 0; k < rgba.length; k += 4) {
     const number = facts.channels === 1 ? rgba[k] : 256 * rgba[k] + rgba[k + 1];
-    const grey = 255 * (low + (most - low) * number / numbers - black) / (white - black);
+    const grey = (255 * (low + ((most - low) * number) / numbers - black)) / (white - black);
     seen.set([grey, grey, grey, 255], k);
   }
-  return { image, still: await pngOf(seen, wide, high),
-    raster: { ...raster, ...facts, unit: about.hounsfield ? "HU" : "", lengths: unitOf(volume.grid) } };
+  return {
+    image,
+    still: await pngOf(seen, wide, high),
+    raster: { ...raster, ...facts, unit: about.hounsfield ? "HU" : "", lengths: unitOf(volume.grid) },
+  };
 }
 
 async function colourPicture({ shown: { rgba, width, height, factor }, volume }: Photograph, plane: Plane) {
-  const { spacing: [du, dv], origin: [a, b] } = voxelRaster(volume.grid, plane), off = (factor - 1) / 2;
+  const {
+      spacing: [du, dv],
+      origin: [a, b],
+    } = voxelRaster(volume.grid, plane),
+    off = (factor - 1) / 2;
   const image = await pngOf(rgba, width, height);
-  return { image, still: image, raster: { shape: [height, width], spacing: [factor * du, factor * dv],
-    origin: [a + off * du, b + off * dv], channels: 3, lengths: "voxels" } };
+  return {
+    image,
+    still: image,
+    raster: {
+      shape: [height, width],
+      spacing: [factor * du, factor * dv],
+      origin: [a + off * du, b + off * dv],
+      channels: 3,
+      lengths: "voxels",
+    },
+  };
 }
 
 function documentOf({ document }: Template, { volume: { name, grid }, sha256 }: Opened, { origin, u, v }: Plane) {
   if (!document) throw new Error("the page holds no document");
-  const { chosen_support: _, ...step } = document.steps[0], { shape, spacing, direction, unit } = grid;
+  const { chosen_support: _, ...step } = document.steps[0],
+    { shape, spacing, direction, unit } = grid;
   const volume = sha256 && { name, shape, spacing, sha256, origin: grid.origin, direction };
   return { ...document, ...(unit ? { unit } : {}), name, volume, steps: [{ ...step, plane: { origin, u, v } }] };
 }
@@ -152,9 +250,13 @@ class FilePage extends StandalonePage {
     this.isSaved = true;
   }
 
-  get downloads() { return "Download session"; }
+  get downloads() {
+    return "Download session";
+  }
 
-  get fileName() { return this.name.replace(/[^\p{L}\p{N}._ -]/gu, "_") || "deformation"; }
+  get fileName() {
+    return this.name.replace(/[^\p{L}\p{N}._ -]/gu, "_") || "deformation";
+  }
 
   addButtons() {
     const bar = pagePart("buttons");
@@ -170,22 +272,37 @@ class FilePage extends StandalonePage {
   }
 
   /** The editor that is on the page. */
-  get #editorView(): any { return (pagePart("picture").querySelector(".dnb-editor") as any)?.deformnb; }
+  get #editorView(): any {
+    return (pagePart("picture").querySelector(".dnb-editor") as any)?.deformnb;
+  }
 
   /** Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken. */
-  displacements(places: [number, number][]) { return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b)); }
+  displacements(places: [number, number][]) {
+    return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b));
+  }
 
   async #savePicture() {
-    const editor = this.#editorView, { source } = editor.painter;
+    const editor = this.#editorView,
+      { source } = editor.painter;
     if (!source) return;
-    const { raster: { spacing: [du, dv] }, box: [a0, a1, b0, b1] } = source;
-    const longest = Math.max(a1 - a0, b1 - b0), least = this.view ? SHORTEST_PICTURE / longest : 0;
+    const {
+      raster: {
+        spacing: [du, dv],
+      },
+      box: [a0, a1, b0, b1],
+    } = source;
+    const longest = Math.max(a1 - a0, b1 - b0),
+      least = this.view ? SHORTEST_PICTURE / longest : 0;
     const k = Math.min(Math.max(1 / du, 1 / dv, least), LONGEST_PICTURE / longest);
-    const painter = new Painter(document.createElement("canvas")), width = (a1 - a0) * k, height = (b1 - b0) * k;
+    const painter = new Painter(document.createElement("canvas")),
+      width = (a1 - a0) * k,
+      height = (b1 - b0) * k;
     Object.assign(painter, { source, colours: editor.painter.colours });
     painter.resize(width, height, 1);
-    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.layered, { isMoving: false,
-      paper: "#000000" });
+    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.layered, {
+      isMoving: false,
+      paper: "#000000",
+    });
     saveFile(await blobOf(painter.canvas), `${this.fileName} deformed.png`);
   }
 
@@ -222,18 +339,31 @@ class FileOpener {
     this.work = null;
     const root = pagePart("open");
     this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
-    this.button = textElement("button", "dnb-page-button dnb-page-choose", root, { type: "button", ...OWN_KEYS },
-      "Open a file\u2026");
-    this.words = textElement("span", "dnb-page-words", root, { role: "status" },
+    this.button = textElement(
+      "button",
+      "dnb-page-button dnb-page-choose",
+      root,
+      { type: "button", ...OWN_KEYS },
+      "Open a file\u2026",
+    );
+    this.words = textElement(
+      "span",
+      "dnb-page-words",
+      root,
+      { role: "status" },
       `or drop one here: a volume (${VOLUME_SUFFIXES.join(", ")}) or a picture (${PICTURE_SUFFIXES.join(", ")}). ` +
-      "It stays on this device.");
+        "It stays on this device.",
+    );
     const { label, tooltip, options } = this.template.parameters.view;
     this.sideBox = pageElement("label", "dnb-page-field", root, { hidden: "", title: tooltip });
     textElement("span", "dnb-page-label", this.sideBox, {}, label);
     this.sides = pageElement("select", "dnb-page-select", this.sideBox, { name: "side", ...OWN_KEYS });
     for (const [value, text] of options) textElement("option", "", this.sides, { value }, text);
-    this.bar = pageElement("progress", "dnb-page-progress", root, { max: 1, hidden: "",
-      "aria-label": "share that is done" });
+    this.bar = pageElement("progress", "dnb-page-progress", root, {
+      max: 1,
+      hidden: "",
+      "aria-label": "share that is done",
+    });
     this.cancel = textElement("button", "dnb-page-button", root, { type: "button", hidden: "", ...OWN_KEYS }, "Cancel");
     this.button.addEventListener("click", () => this.chooser.click());
     this.cancel.addEventListener("click", () => this.work?.abort());
@@ -244,10 +374,14 @@ class FileOpener {
     });
     this.sides.addEventListener("change", () => this.turn(this.sides.value));
     this.#takeDrops();
-    window.addEventListener("beforeunload", (event) => { if (this.isUnsaved) event.preventDefault(); });
+    window.addEventListener("beforeunload", (event) => {
+      if (this.isUnsaved) event.preventDefault();
+    });
   }
 
-  get isUnsaved() { return Boolean(this.page && !this.page.isSaved); }
+  get isUnsaved() {
+    return Boolean(this.page && !this.page.isSaved);
+  }
 
   #takeDrops() {
     const veil = (isOver: boolean) => document.body.classList.toggle("dnb-page-over", isOver);
@@ -257,7 +391,9 @@ class FileOpener {
       event.preventDefault();
       veil(true);
     });
-    window.addEventListener("dragleave", (event) => { if (!event.relatedTarget) veil(false); });
+    window.addEventListener("dragleave", (event) => {
+      if (!event.relatedTarget) veil(false);
+    });
     window.addEventListener("drop", (event) => {
       if (!hasFiles(event)) return;
       event.preventDefault();
@@ -280,12 +416,14 @@ class FileOpener {
   async open(file: File) {
     if (this.work) return;
     if (this.isUnsaved && !window.confirm(inLanguage(`Open ${file.name}? What you did is not downloaded yet.`))) return;
-    const work = new AbortController(), before = this.words.textContent ?? "";
+    const work = new AbortController(),
+      before = this.words.textContent ?? "";
     this.work = work;
     showOnPage("");
     try {
       const opened = await openedFile(file, this.template, (words, share) => this.#report(words, share), work.signal);
-      const stored = storedWork(opened), side = stored?.side ?? (opened.photograph ? PICTURE_SIDE : SIDE);
+      const stored = storedWork(opened),
+        side = stored?.side ?? (opened.photograph ? PICTURE_SIDE : SIDE);
       const data = await dataOf(this.template, opened, side);
       work.signal.throwIfAborted();
       this.opened = opened;
@@ -296,16 +434,24 @@ class FileOpener {
       this.#report(before, 1);
       if (work.signal.aborted) return;
       if (!(error instanceof FileError)) console.error(error);
-      showOnPage(error instanceof RangeError ? `${shownText(file.name)}: there is not enough memory for it; save it coarser.`
-        : `${messageOf(error)}`);
-    } finally { this.work = null; }
+      showOnPage(
+        error instanceof RangeError
+          ? `${shownText(file.name)}: there is not enough memory for it; save it coarser.`
+          : `${messageOf(error)}`,
+      );
+    } finally {
+      this.work = null;
+    }
   }
 
   /** See the volume from another side, without points. */
   async turn(side: string) {
     const { opened, sides } = this;
     if (!opened || this.work || side === this.side) return;
-    if (this.isUnsaved && !window.confirm(inLanguage("See it from another side? The points of this side are not downloaded yet."))) {
+    if (
+      this.isUnsaved &&
+      !window.confirm(inLanguage("See it from another side? The points of this side are not downloaded yet."))
+    ) {
       sides.value = this.side;
       return;
     }
@@ -343,13 +489,22 @@ class FileOpener {
   }
 
   #facts(isRestored: boolean) {
-    const { volume, photograph } = (this.opened as Opened), { grid, notes } = volume;
-    const size = grid.shape.toReversed(), words = photograph ? [`${size[0]} x ${size[1]} pixels`]
-      : [`${size.join(" x ")} voxels of ${grid.spacing.map((s) => Number(s.toPrecision(4))).join(" x ")}${
-        grid.unit && ` ${grid.unit}`}`];
+    const { volume, photograph } = this.opened as Opened,
+      { grid, notes } = volume;
+    const size = grid.shape.toReversed(),
+      words = photograph
+        ? [`${size[0]} x ${size[1]} pixels`]
+        : [
+            `${size.join(" x ")} voxels of ${grid.spacing.map((s) => Number(s.toPrecision(4))).join(" x ")}${
+              grid.unit && ` ${grid.unit}`
+            }`,
+          ];
     if (volume.isLabels) words.push("labels");
-    return [`${volume.name}: ${words.join(", ")}`, ...notes,
-      ...(isRestored ? ["the points of last time are back; Reset puts them back"] : [])].join(". ");
+    return [
+      `${volume.name}: ${words.join(", ")}`,
+      ...notes,
+      ...(isRestored ? ["the points of last time are back; Reset puts them back"] : []),
+    ].join(". ");
   }
 
   /** Keeps what was done, for the case that the page is closed by mistake. */
@@ -359,21 +514,27 @@ class FileOpener {
     const kept = Object.fromEntries(KEPT.map((name) => [name, page.editor.get(name)]));
     try {
       localStorage.setItem(STORED, JSON.stringify({ of: nameOf(this.opened), side: this.side, ...kept }));
-    } catch { /* a browser that keeps nothing for a file, or has no room */ }
+    } catch {
+      /* a browser that keeps nothing for a file, or has no room */
+    }
   }
 }
 
 /** What tells one open file from another. */
-function nameOf({ volume: { name, grid }, sha256 }: Opened) { return sha256 ?? `${name} ${grid.shape.join(" ")}`; }
+function nameOf({ volume: { name, grid }, sha256 }: Opened) {
+  return sha256 ?? `${name} ${grid.shape.join(" ")}`;
+}
 
 /** What was done to a file last time, if the browser has kept it. */
 function storedWork(opened: Opened): Open | null {
   try {
     const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");
-    const isPoint = (p: Point) => [p.source, p.target].every((place) =>
-      place.length === 2 && place.every(Number.isFinite));
+    const isPoint = (p: Point) =>
+      [p.source, p.target].every((place) => place.length === 2 && place.every(Number.isFinite));
     return stored?.of === nameOf(opened) && stored.points.every(isPoint) ? stored : null;
-  } catch { return null; }
+  } catch {
+    return null;
+  }
 }
 
 async function openPage() {

@@ -1,7 +1,7 @@
 // The page that Python exports: it opens the data in it. The scripts of the widgets run before this one and leave their
 // exports under a symbol.
 
-import { decodedData, messageOf, showOnPage, StandalonePage } from "./standalone_page.ts";
+import { decodedData, messageOf, StandalonePage, showOnPage } from "./standalone_page.ts";
 import { showInLanguage } from "./ui/words.ts";
 
 async function openStandalone() {
@@ -15,6 +15,9 @@ async function openStandalone() {
 openStandalone().catch((error) => {
   console.error(error);
   const isOld = typeof DecompressionStream === "undefined";
-  showOnPage(isOld ? "This browser is too old to unpack the volume; a still picture is shown."
-    : `This page could not be opened: ${messageOf(error)}`);
+  showOnPage(
+    isOld
+      ? "This browser is too old to unpack the volume; a still picture is shown."
+      : `This page could not be opened: ${messageOf(error)}`,
+  );
 });

@@ -5,10 +5,9 @@
 import { ClipSliders } from "./inputs/clip_sliders.ts";
 import { clipOf, isClipped } from "./maths/clipping.ts";
 import { PlainModel } from "./sync/host_model.ts";
-import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
-
 import type { KernelTable, Point } from "./types.ts";
 import type { Attributes } from "./ui/dom.ts";
+import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 
 /** values by their names */
 export type Open = Record<string, any>;
@@ -20,8 +19,8 @@ export interface PageData {
   editor: Open;
   /** traits */
   view: Open | null;
-  chunks: {start: number, lag: number, packed: DataView<ArrayBuffer>}[];
-  field: {content: Open, buffers: DataView<ArrayBuffer>[]};
+  chunks: { start: number; lag: number; packed: DataView<ArrayBuffer> }[];
+  field: { content: Open; buffers: DataView<ArrayBuffer>[] };
   still_background: string;
   /** their orders by their names */
   kernels: Record<string, number>;
@@ -34,7 +33,7 @@ export interface PageData {
   /** names of those that the page has */
   controls: string[];
   /** names of the sides of the box; a warning, "%" stands for them */
-  cut_off: {sides: string[], text: string} | null;
+  cut_off: { sides: string[]; text: string } | null;
   /** of the controls, as deformnb/widgets/parameters.py has them */
   parameters: Record<string, Open>;
   document: Open | null;
@@ -69,7 +68,9 @@ async function decodedBytes(text: string, isPacked: boolean = false) {
 }
 
 /** @param text in base64 */
-function bytesOfText(text: string) { return Uint8Array.from(atob(text), (c) => c.charCodeAt(0)); }
+function bytesOfText(text: string) {
+  return Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+}
 
 // ---- answers in place of Python's -----------------------------------------------------------------------------------
 
@@ -78,17 +79,31 @@ function bytesOfText(text: string) { return Uint8Array.from(atob(text), (c) => c
  * editor gets its points first, then which of its messages they include, then that the message is done.
  */
 function editorAnswers(model: () => PlainModel): (message: Open) => void {
-  return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) => queueMicrotask(() => {
-    const m = model();
-    if (type === "shapes") m.update({ [what]: shapes });
-    if (type === "edit" && phase === "end") m.update({ points, next_id: Math.max(next, m.get("next_id")) });
-    if (phase !== "move") m.update({ seen: { ...m.get("seen"), [sender]: seq } });
-    m.receive({ type: "done", sender, seq });
-  });
+  return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) =>
+    queueMicrotask(() => {
+      const m = model();
+      if (type === "shapes") m.update({ [what]: shapes });
+      if (type === "edit" && phase === "end") m.update({ points, next_id: Math.max(next, m.get("next_id")) });
+      if (phase !== "move") m.update({ seen: { ...m.get("seen"), [sender]: seq } });
+      m.receive({ type: "done", sender, seq });
+    });
 }
 
 /** Answers to a live view. */
-function viewAnswers(model: () => PlainModel | null, { chunks, field, still, falls, isDrawn }: Pick<PageData, "chunks" | "field"> & {still: DataView<ArrayBuffer>, falls: () => void, isDrawn: (stats: Open) => void}): (message: Open) => void {
+function viewAnswers(
+  model: () => PlainModel | null,
+  {
+    chunks,
+    field,
+    still,
+    falls,
+    isDrawn,
+  }: Pick<PageData, "chunks" | "field"> & {
+    still: DataView<ArrayBuffer>;
+    falls: () => void;
+    isDrawn: (stats: Open) => void;
+  },
+): (message: Open) => void {
   const picture: () => Packet = () => [{ type: "still" }, [still]];
   const answers: Record<string, (message: Open) => Packet> = {
     hello: ({ largest, voxels }) => {
@@ -101,23 +116,32 @@ function viewAnswers(model: () => PlainModel | null, { chunks, field, still, fal
     },
     still: picture,
   };
-  return (message) => queueMicrotask(() => {
-    if (message.type === "stats") isDrawn(message);
-    if (!Object.hasOwn(answers, message.type)) return;
-    const [content, buffers] = answers[message.type](message);
-    model()?.receive({ ...content, view: message.view }, buffers);
-  });
+  return (message) =>
+    queueMicrotask(() => {
+      if (message.type === "stats") isDrawn(message);
+      if (!Object.hasOwn(answers, message.type)) return;
+      const [content, buffers] = answers[message.type](message);
+      model()?.receive({ ...content, view: message.view }, buffers);
+    });
 }
 
 // ---- the page -------------------------------------------------------------------------------------------------------
 
-export function textElement<K extends keyof HTMLElementTagNameMap>(tag: K, className: string, parent: Element | null, attributes: Attributes, text: string): HTMLElementTagNameMap[K] {
+export function textElement<K extends keyof HTMLElementTagNameMap>(
+  tag: K,
+  className: string,
+  parent: Element | null,
+  attributes: Attributes,
+  text: string,
+): HTMLElementTagNameMap[K] {
   const made = pageElement(tag, className, parent, attributes);
   made.textContent = text;
   return made;
 }
 
-export function pagePart(name: string) { return (document.querySelector(`.dnb-page-${name}`) as HTMLElement); }
+export function pagePart(name: string) {
+  return document.querySelector(`.dnb-page-${name}`) as HTMLElement;
+}
 
 export function showOnPage(text: string) {
   const alert = pagePart("alert");
@@ -142,15 +166,23 @@ export class StandalonePage {
     this.data = data;
     this.isStill = false;
     this.cut = null; // the sliders that cut the volume
-    this.image = (document.querySelector(".dnb-page-still") as HTMLImageElement | null);
+    this.image = document.querySelector(".dnb-page-still") as HTMLImageElement | null;
     const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
     this.closing = new AbortController();
     /** what ends the widgets */
     this.ends = [];
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
-    this.view = data.view && new PlainModel(data.view, { models: { editor: this.editor },
-      deliver: viewAnswers(() => this.view, { ...data, still, falls: () => this.fall(),
-        isDrawn: ({ sides }) => this.warn(sides) }) });
+    this.view =
+      data.view &&
+      new PlainModel(data.view, {
+        models: { editor: this.editor },
+        deliver: viewAnswers(() => this.view, {
+          ...data,
+          still,
+          falls: () => this.fall(),
+          isDrawn: ({ sides }) => this.warn(sides),
+        }),
+      });
     this.widgets = widgets;
   }
 
@@ -191,8 +223,9 @@ export class StandalonePage {
   fall() {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
-    showOnPage("This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " +
-      "dragged.");
+    showOnPage(
+      "This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " + "dragged.",
+    );
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
     if (this.cut) this.cut.hidden = true;
     this.view?.update({ background: this.data.still_background });
@@ -201,7 +234,9 @@ export class StandalonePage {
 
   /** Says beyond which sides of the box there is tissue, which is not seen. */
   warn(sides: number[] = []) {
-    const { cut_off: cutOff } = this.data, note = pagePart("note"), names = sides.map((side) => cutOff?.sides[side]);
+    const { cut_off: cutOff } = this.data,
+      note = pagePart("note"),
+      names = sides.map((side) => cutOff?.sides[side]);
     const listed = names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : `${names[0]}`;
     note.hidden = names.length === 0;
     note.textContent = names.length ? `${cutOff?.text.replace("%", listed)}` : "";
@@ -211,23 +246,35 @@ export class StandalonePage {
    * Makes all as large as the window allows: two columns where it is wide, and no more height than is seen at once.
    */
   fit() {
-    const main = pagePart("main"), width = main.clientWidth, isWide = width >= NARROW && this.view;
+    const main = pagePart("main"),
+      width = main.clientWidth,
+      isWide = width >= NARROW && this.view;
     main.classList.toggle("dnb-page-wide", Boolean(isWide));
-    const column = isWide ? (width - 16) / 2 : width, above = main.getBoundingClientRect().top + window.scrollY;
+    const column = isWide ? (width - 16) / 2 : width,
+      above = main.getBoundingClientRect().top + window.scrollY;
     const bars = 130; // of the editor: its buttons and its status line
     // On a phone both fit into the window once it is scrolled to them.
     const most = isWide || !this.view ? window.innerHeight - above - bars - 40 : 0.45 * window.innerHeight;
     const height = Math.round(Math.max(isWide ? 260 : 200, Math.min(1.1 * column, most)));
     this.editor.update({ height });
     const beside = isWide ? pagePart("picture").clientHeight : 0; // of a flat picture less than it may be
-    this.view?.update({ width: Math.round(column), height: Math.round(this.isStill ? 0.75 * column
-      : isWide ? Math.max(beside, 0.72 * column) : Math.min(0.8 * column, 0.45 * window.innerHeight)) });
+    this.view?.update({
+      width: Math.round(column),
+      height: Math.round(
+        this.isStill
+          ? 0.75 * column
+          : isWide
+            ? Math.max(beside, 0.72 * column)
+            : Math.min(0.8 * column, 0.45 * window.innerHeight),
+      ),
+    });
   }
 
   // ---- controls -----------------------------------------------------------------------------------------------------
 
   #controls() {
-    const bar = pagePart("controls"), has = (name: string) => this.data.controls.includes(name);
+    const bar = pagePart("controls"),
+      has = (name: string) => this.data.controls.includes(name);
     if (has("strength")) {
       this.#slider(bar, setting(this.editor, "strength"), (value) => value.toFixed(2));
     }
@@ -238,8 +285,12 @@ export class StandalonePage {
     }
     const buttons = has("reset") || has("download") ? pageElement("div", "dnb-page-buttons", bar) : bar;
     if (has("reset")) {
-      this.button(buttons, "Reset", "points, settings and side as they are in this file; Undo brings back the points",
-        () => this.reset());
+      this.button(
+        buttons,
+        "Reset",
+        "points, settings and side as they are in this file; Undo brings back the points",
+        () => this.reset(),
+      );
     }
     if (has("download")) {
       this.button(buttons, this.downloads, "a JSON file that deformnb opens", () => this.download());
@@ -261,10 +312,19 @@ export class StandalonePage {
   #slider(bar: Element, { name, now, set, listen }: Bound, shown: (value: number) => string) {
     const { label, tooltip, low, high, step } = this.data.parameters[name];
     const box = this.#field(bar, label, tooltip);
-    const input = pageElement("input", "dnb-page-range", box, { type: "range", min: Math.min(low, now()),
-      max: Math.max(high, now()), step, name, ...OWN_KEYS });
+    const input = pageElement("input", "dnb-page-range", box, {
+      type: "range",
+      min: Math.min(low, now()),
+      max: Math.max(high, now()),
+      step,
+      name,
+      ...OWN_KEYS,
+    });
     const output = pageElement("output", "dnb-page-value", box, {});
-    const show = () => { input.value = now(); output.textContent = shown(now()); };
+    const show = () => {
+      input.value = now();
+      output.textContent = shown(now());
+    };
     input.addEventListener("input", () => guarded(() => set(Number(input.value))));
     listen(show);
     show();
@@ -275,7 +335,9 @@ export class StandalonePage {
     const box = this.#field(bar, label, tooltip);
     const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
     for (const [value, text] of options) textElement("option", "", select, { value }, text);
-    const show = () => { select.value = now(); };
+    const show = () => {
+      select.value = now();
+    };
     select.addEventListener("change", () => guarded(() => set(select.value)));
     listen(show);
     show();
@@ -283,9 +345,11 @@ export class StandalonePage {
   }
 
   #kernels(bar: Element) {
-    const { kernels, kernel_tables: tables, trends } = this.data, bound = setting(this.editor, "kernel");
+    const { kernels, kernel_tables: tables, trends } = this.data,
+      bound = setting(this.editor, "kernel");
     const set = (kernel: string) => {
-      const { kernel_table: _, ...settings } = this.editor.get("settings"), table = tables[kernel];
+      const { kernel_table: _, ...settings } = this.editor.get("settings"),
+        table = tables[kernel];
       this.editor.update({ settings: { ...settings, kernel, ...(table && { kernel_table: table }) } });
     };
     const select = this.#menu(bar, { ...bound, set });
@@ -296,8 +360,7 @@ export class StandalonePage {
   /** Adds the sliders that cut the volume, in a box of their own under the others. */
   #clip(bar: Element, view: PlainModel) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
-    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS },
-      "Clipping");
+    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS }, "Clipping");
     this.cut = box;
     this.sliders = new ClipSliders(box, view);
     box.open = isClipped(clipOf(view));
@@ -306,9 +369,13 @@ export class StandalonePage {
 
   /** Adds the menu of the comparison, of picture and volume. */
   #shows(bar: Element) {
-    const { editor, view } = this, modes = this.data.picture_shows;
+    const { editor, view } = this,
+      modes = this.data.picture_shows;
     const select = this.#menu(bar, trait(view ?? editor, "shows"));
-    if (view) view.on("change:shows", () => editor.update({ shows: modes.includes(view.get("shows")) ? view.get("shows") : modes[0] }));
+    if (view)
+      view.on("change:shows", () =>
+        editor.update({ shows: modes.includes(view.get("shows")) ? view.get("shows") : modes[0] }),
+      );
     else for (const option of [...select.options]) if (!modes.includes(option.value)) option.remove();
   }
 
@@ -340,17 +407,23 @@ export class StandalonePage {
     const { chosen_support: radius, kernel_table: _table, ...settings } = this.editor.get("settings");
     if (radius) settings.chosen_support = { radius, kernel: settings.kernel };
     if (!this.data.document) return { points, ...settings };
-    const [{ locked: _, radii: __, ...step }] = this.data.document.steps, own = this.#own(points);
+    const [{ locked: _, radii: __, ...step }] = this.data.document.steps,
+      own = this.#own(points);
     const plain = points.map(({ locked, radius, ...point }) => point);
-    const maps = [{ dim: 2, next_id: next, points: plain }], { cuts: _c, parts: _p, ...rest } = step;
+    const maps = [{ dim: 2, next_id: next, points: plain }],
+      { cuts: _c, parts: _p, ...rest } = step;
     return { ...this.data.document, steps: [{ ...rest, ...settings, ...own, ...this.#shapes(), maps }] };
   }
 
   /** The words of the button that saves the document. */
-  get downloads() { return "Download points"; }
+  get downloads() {
+    return "Download points";
+  }
 
   /** The names of files that are saved, without suffix. */
-  get fileName() { return "deformation"; }
+  get fileName() {
+    return "deformation";
+  }
 
   download() {
     const text = `${JSON.stringify(this.document(), null, 1)}\n`;
@@ -359,27 +432,38 @@ export class StandalonePage {
 }
 
 /** A value that a control shows and changes. */
-export type Bound = {name: string, now: () => any, set: (value: any) => void, listen: (show: () => void) => void};
+export type Bound = { name: string; now: () => any; set: (value: any) => void; listen: (show: () => void) => void };
 
 /** A trait of a model. */
 function trait(model: PlainModel, name: string): Bound {
-  return { name, now: () => model.get(name), set: (value) => model.update({ [name]: value }),
-    listen: (show) => model.on(`change:${name}`, show) };
+  return {
+    name,
+    now: () => model.get(name),
+    set: (value) => model.update({ [name]: value }),
+    listen: (show) => model.on(`change:${name}`, show),
+  };
 }
 
 /** A setting of an editor's fit. */
 function setting(model: PlainModel, name: string): Bound {
-  return { name, now: () => model.get("settings")[name],
+  return {
+    name,
+    now: () => model.get("settings")[name],
     set: (value) => model.update({ settings: { ...model.get("settings"), [name]: value } }),
-    listen: (show) => model.on("change:settings", show) };
+    listen: (show) => model.on("change:settings", show),
+  };
 }
 
 /** Shows on the page that an action has failed; the page goes on. */
 export function guarded(action: () => void) {
-  try { action(); } catch (error) {
+  try {
+    action();
+  } catch (error) {
     console.error(error);
     showOnPage(`This page met an error: ${messageOf(error)}`);
   }
 }
 
-export function messageOf(error: unknown) { return (error instanceof Error && error.message) || error; }
+export function messageOf(error: unknown) {
+  return (error instanceof Error && error.message) || error;
+}

@@ -307,12 +307,18 @@ export interface Bus extends EventTarget {
   moment?: TimeDetail;
   addEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   addEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  addEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
-    options?: boolean | AddEventListenerOptions): void;
+  addEventListener(
+    type: string,
+    listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | AddEventListenerOptions,
+  ): void;
   removeEventListener(type: "deformnb:points", listener: (event: CustomEvent<PointsDetail>) => void): void;
   removeEventListener(type: "deformnb:time", listener: (event: CustomEvent<TimeDetail>) => void): void;
-  removeEventListener(type: string, listener: EventListenerOrEventListenerObject | null,
-    options?: boolean | EventListenerOptions): void;
+  removeEventListener(
+    type: string,
+    listener: EventListenerOrEventListenerObject | null,
+    options?: boolean | EventListenerOptions,
+  ): void;
 }
 
 /** The cuts and the rigid parts of an editor. */

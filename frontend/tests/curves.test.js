@@ -2,15 +2,18 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import {
-  addedNode, curveThrough, movedNode, removedNode, shownNumber, ticksOf,
-} from "../src/maths/curves.ts";
+import { addedNode, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../src/maths/curves.ts";
 
-const TENT = [[0, 0], [0.25, 1], [1, -0.5]];
+const TENT = [
+  [0, 0],
+  [0.25, 1],
+  [1, -0.5],
+];
 
 test("nodes stay between their neighbours and on the grid", () => {
   const rules = { x: [0, 1], y: [-1, 1.5], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 4 };
-  const free = { ...rules, isPinned: false }, before = structuredClone(TENT);
+  const free = { ...rules, isPinned: false },
+    before = structuredClone(TENT);
   assert.deepEqual(movedNode(TENT, 1, [0.501, 9], rules)[1], [0.5, 1.5]);
   assert.deepEqual(movedNode(TENT, 1, [7, -9], rules)[1], [127 / 128, -1]);
   assert.deepEqual(movedNode(TENT, 1, [-7, 0], rules)[1], [1 / 128, 0]);
@@ -26,7 +29,17 @@ test("nodes stay between their neighbours and on the grid", () => {
 });
 
 test("a step in the opacities is drawn as one", () => {
-  assert.deepEqual([4.9, 5, 5.1, -9, 99].map(curveThrough([[0, 0], [5, 0], [5, 1], [9, 1]])), [0, 1, 1, 0, 1]);
+  assert.deepEqual(
+    [4.9, 5, 5.1, -9, 99].map(
+      curveThrough([
+        [0, 0],
+        [5, 0],
+        [5, 1],
+        [9, 1],
+      ]),
+    ),
+    [0, 1, 1, 0, 1],
+  );
 });
 
 test("ticks are round", () => {
@@ -37,6 +50,13 @@ test("ticks are round", () => {
 });
 
 test("numbers are short", () => {
-  assert.deepEqual([[-0.5, 2], [1234.567, 4000], [0.12345, 1], [5e7, 1e8]].map(([x, range]) => shownNumber(x, range)),
-    ["\u22120.5", "1235", "0.12", "5.00e+7"]);
+  assert.deepEqual(
+    [
+      [-0.5, 2],
+      [1234.567, 4000],
+      [0.12345, 1],
+      [5e7, 1e8],
+    ].map(([x, range]) => shownNumber(x, range)),
+    ["\u22120.5", "1235", "0.12", "5.00e+7"],
+  );
 });

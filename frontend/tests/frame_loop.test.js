@@ -6,8 +6,16 @@ import test from "node:test";
 import { FieldLink } from "../src/view/follow_editor.ts";
 import { FrameLoop } from "../src/view/render_loop.ts";
 
-const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true, plays: 0, cost: () => 1,
-  isHeld: true, answer: 0 };
+const SOFTWARE = {
+  pixelCost: 2e-3,
+  seconds: 12,
+  moves: 150,
+  isSoftware: true,
+  plays: 0,
+  cost: () => 1,
+  isHeld: true,
+  answer: 0,
+};
 
 /**
  * A page with a clock of its own: timers, frames, and a GPU that takes its time, `cost` times as long as usual. The
@@ -15,12 +23,26 @@ const SOFTWARE = { pixelCost: 2e-3, seconds: 12, moves: 150, isSoftware: true, p
  */
 function played(options = {}) {
   const { pixelCost, seconds, moves, isSoftware, plays, cost, isHeld, answer } = { ...SOFTWARE, ...options };
-  let clock = 0, free = 0, count = 0, isDirty = false, queue = [];
+  let clock = 0,
+    free = 0,
+    count = 0,
+    isDirty = false,
+    queue = [];
   const log = { waits: [], casts: [], presents: [], caughtUp: 0, moves: 0, reported: 0 };
-  const later = (run, at, isFrame) => { queue.push({ run, at, isFrame, id: ++count }); return count; };
-  const forget = (id) => { queue = queue.filter((task) => task.id !== id); };
-  const own = { performance: { now: () => clock }, setTimeout: (run, ms = 0) => later(run, clock + ms, false),
-    requestAnimationFrame: (run) => later(run, 0, true), clearTimeout: forget, cancelAnimationFrame: forget };
+  const later = (run, at, isFrame) => {
+    queue.push({ run, at, isFrame, id: ++count });
+    return count;
+  };
+  const forget = (id) => {
+    queue = queue.filter((task) => task.id !== id);
+  };
+  const own = {
+    performance: { now: () => clock },
+    setTimeout: (run, ms = 0) => later(run, clock + ms, false),
+    requestAnimationFrame: (run) => later(run, 0, true),
+    clearTimeout: forget,
+    cancelAnimationFrame: forget,
+  };
   const before = Object.keys(own).map((name) => [name, Object.getOwnPropertyDescriptor(globalThis, name)]);
   const restore = () => {
     for (const [name, old] of before) {
@@ -31,29 +53,72 @@ function played(options = {}) {
   for (const [name, value] of Object.entries(own)) {
     Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
   }
-  const give = (ms) => { free = Math.max(free, clock) + ms; };
-  const gl = { SIGNALED: 1, SYNC_STATUS: 2, SYNC_GPU_COMMANDS_COMPLETE: 3, isContextLost: () => false, flush() {},
-    deleteSync() {}, fenceSync: () => ({ at: free }), getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0) };
-  const caster = { gl, isReady: true, isSoftware, size: [600, 450],
+  const give = (ms) => {
+    free = Math.max(free, clock) + ms;
+  };
+  const gl = {
+    SIGNALED: 1,
+    SYNC_STATUS: 2,
+    SYNC_GPU_COMMANDS_COMPLETE: 3,
+    isContextLost: () => false,
+    flush() {},
+    deleteSync() {},
+    fenceSync: () => ({ at: free }),
+    getSyncParameter: (sync) => (clock >= sync.at ? 1 : 0),
+  };
+  const caster = {
+    gl,
+    isReady: true,
+    isSoftware,
+    size: [600, 450],
     cast(name, _width, _height, _picture, { tile, pass = 0, quarter = null }) {
       log.casts.push([clock, name, { tile, pass, quarter }]);
       give(cost() * pixelCost * tile[2] * tile[3]);
     },
-    merge() { give(1); },
-    present(name) { isDirty = true; log.presents.push([clock, name]); give(0.5); } };
+    merge() {
+      give(1);
+    },
+    present(name) {
+      isDirty = true;
+      log.presents.push([clock, name]);
+      give(0.5);
+    },
+  };
   try {
-    const loop = new FrameLoop(caster, (width) => [{ layer: 0, x: 0, width, original: false }],
-      () => ({ target: 80, settle: 200 }), () => { log.reported = clock; }, () => { log.caughtUp += 1; });
+    const loop = new FrameLoop(
+      caster,
+      (width) => [{ layer: 0, x: 0, width, original: false }],
+      () => ({ target: 80, settle: 200 }),
+      () => {
+        log.reported = clock;
+      },
+      () => {
+        log.caughtUp += 1;
+      },
+    );
     for (let k = 0; k < moves; k++) {
-      later(() => { log.moves += 1; loop.touch(isHeld); if (k === moves - 1) loop.release(); }, 16 * k, false);
+      later(
+        () => {
+          log.moves += 1;
+          loop.touch(isHeld);
+          if (k === moves - 1) loop.release();
+        },
+        16 * k,
+        false,
+      );
     }
     if (answer) later(() => loop.touch(), 16 * (moves - 1) + answer, false);
-    const tick = () => { // an animation asks for its next frame and shows another moment
-      if (clock < 1e3 * plays) { requestAnimationFrame(tick); loop.touch(true); } else loop.release();
+    const tick = () => {
+      // an animation asks for its next frame and shows another moment
+      if (clock < 1e3 * plays) {
+        requestAnimationFrame(tick);
+        loop.touch(true);
+      } else loop.release();
     };
     if (plays) tick();
     for (let frame = 16; clock < 1e3 * seconds; frame = Math.max(frame + 16, 16 * Math.ceil(clock / 16))) {
-      for (;;) { // the tasks before the frame, in the order of time
+      for (;;) {
+        // the tasks before the frame, in the order of time
         queue.sort((a, b) => a.at - b.at || a.id - b.id);
         const next = queue.find((task) => !task.isFrame && task.at <= frame);
         if (!next) break;
@@ -67,9 +132,15 @@ function played(options = {}) {
         forget(task.id);
         task.run();
       }
-      if (isDirty) { log.waits.push(Math.max(0, free - clock)); clock = Math.max(clock, free); isDirty = false; }
+      if (isDirty) {
+        log.waits.push(Math.max(0, free - clock));
+        clock = Math.max(clock, free);
+        isDirty = false;
+      }
     }
-  } finally { restore(); }
+  } finally {
+    restore();
+  }
   return log;
 }
 
@@ -86,18 +157,20 @@ test("an animation that changes in every frame is seen while it plays", () => {
 });
 
 test("the volume follows the pointer and is drawn in full when it rests", () => {
-  const log = played(), last = 16 * (log.moves - 1);
+  const log = played(),
+    last = 16 * (log.moves - 1);
   assert.ok(log.presents.filter(([at]) => at <= last).length / (last / 1e3) > 20);
   assert.equal(log.presents.at(-1)[1], "full0");
   const full = Math.min(...log.casts.filter(([, name]) => name !== "coarse0").map(([at]) => at));
   assert.ok(full >= last && full < last + 100); // nothing in full during a drag, and no wait after it
   // Two passes in pieces of 40 ms, each of which may wait for two frames.
-  assert.ok(log.reported - full < 2 * 2e-3 * 600 * 450 * (40 + 2 * 16) / 40);
+  assert.ok(log.reported - full < (2 * 2e-3 * 600 * 450 * (40 + 2 * 16)) / 40);
 });
 
 test("what changes without a pointer settles before the full picture, but not an answer to a drag", () => {
   const begins = (log) => Math.min(...log.casts.filter(([, name]) => name !== "coarse0").map(([at]) => at));
-  const turned = played({ moves: 10, isHeld: false }), answered = played({ moves: 10, answer: 150 });
+  const turned = played({ moves: 10, isHeld: false }),
+    answered = played({ moves: 10, answer: 150 });
   assert.ok(begins(turned) >= 16 * 9 + 200);
   assert.ok(answered.casts.some(([at, name]) => name === "coarse0" && at >= 16 * 9 + 150));
   assert.ok(answered.reported < turned.reported);
@@ -108,7 +181,15 @@ test("at rest whole pictures come, each of more pixels, and no ray is cast twice
   const shown = log.presents.map(([, name]) => name).filter((name) => name !== "coarse0");
   assert.deepEqual(shown, ["stride4of0", "stride2of0", "full0"]);
   const seen = new Set();
-  for (const [, , { tile: [x, y, width, height], pass, quarter }] of log.casts.filter(([, n]) => n !== "coarse0")) {
+  for (const [
+    ,
+    ,
+    {
+      tile: [x, y, width, height],
+      pass,
+      quarter,
+    },
+  ] of log.casts.filter(([, n]) => n !== "coarse0")) {
     const { stride, x: a, y: b } = quarter;
     assert.equal(pass, 0);
     for (let j = y; j < y + height; j++) {
@@ -121,7 +202,8 @@ test("at rest whole pictures come, each of more pixels, and no ray is cast twice
 });
 
 test("maps are requested once for a picture and not at every movement", () => {
-  const log = played(), until = 16 * (log.moves - 1);
+  const log = played(),
+    until = 16 * (log.moves - 1);
   const pictures = log.presents.filter(([at]) => at <= until).length;
   const tiles = log.casts.filter(([, name]) => name !== "coarse0").length;
   assert.ok(log.caughtUp <= pictures + 2 + tiles);
@@ -129,7 +211,9 @@ test("maps are requested once for a picture and not at every movement", () => {
 });
 
 test("a processor that draws leaves half of the time to others however often the pointer moves", () => {
-  const log = played(), last = 16 * (log.moves - 1), quick = log.casts.filter(([at]) => at < last);
+  const log = played(),
+    last = 16 * (log.moves - 1),
+    quick = log.casts.filter(([at]) => at < last);
   const spent = quick.reduce((sum, [, , { tile }]) => sum + SOFTWARE.pixelCost * tile[2] * tile[3], 0);
   assert.ok(spent < 0.55 * last);
   const gpu = played({ isSoftware: false, pixelCost: 2e-5 });
@@ -138,7 +222,8 @@ test("a processor that draws leaves half of the time to others however often the
 
 test("quick pictures keep their size while what they take changes by a third, and a single slow one changes none", () => {
   let k = 0;
-  const log = played({ cost: () => [1.15, 0.85, 1, 6, 0.9, 1.1, 1][k++ % 7] }), last = 16 * (log.moves - 1);
+  const log = played({ cost: () => [1.15, 0.85, 1, 6, 0.9, 1.1, 1][k++ % 7] }),
+    last = 16 * (log.moves - 1);
   const sizes = log.casts.filter(([at]) => at > 500 && at < last).map(([, , { tile }]) => tile[2]);
   assert.equal(new Set(sizes).size, 1);
 });
@@ -156,17 +241,39 @@ for (const moves of [1, 2]) {
 
 /** The calls of a link's listeners; after drawn movements also whether maps are awaited, before and after. */
 function linked(details) {
-  const calls = [], link = new FieldLink(null, () => calls.push("maps"), (isMoving) => calls.push(isMoving));
+  const calls = [],
+    link = new FieldLink(
+      null,
+      () => calls.push("maps"),
+      (isMoving) => calls.push(isMoving),
+    );
   link.settled = JSON.stringify([]) + JSON.stringify({});
   for (const [phase, draws] of details) {
     link.moved({ phase, points: [], settings: {} });
-    if (draws) { calls.push(Boolean(link.awaited)); link.catchUp(); calls.push(Boolean(link.awaited)); }
+    if (draws) {
+      calls.push(Boolean(link.awaited));
+      link.catchUp();
+      calls.push(Boolean(link.awaited));
+    }
   }
   return calls;
 }
 
 // Else the view would wait for a drag that has ended long ago, and stay coarse.
 test("the end of a movement is reported even if it ends where it began", () => {
-  assert.deepEqual(linked([["move", false], ["move", false], ["end", false]]), [true, true, false]);
-  assert.deepEqual(linked([["move", true], ["end", true]]), [true, true, false, false, false, false]);
+  assert.deepEqual(
+    linked([
+      ["move", false],
+      ["move", false],
+      ["end", false],
+    ]),
+    [true, true, false],
+  );
+  assert.deepEqual(
+    linked([
+      ["move", true],
+      ["end", true],
+    ]),
+    [true, true, false, false, false, false],
+  );
 });

@@ -5,9 +5,13 @@ import test from "node:test";
 import { PlainModel } from "../src/sync/host_model.ts";
 
 test("changes are reported and saved once", () => {
-  const events = [], saved = [], sent = [];
-  const model = new PlainModel({ a: 1, b: 2 }, { save: (state) => saved.push(state),
-    deliver: (content, buffers) => sent.push([content, buffers.length]) });
+  const events = [],
+    saved = [],
+    sent = [];
+  const model = new PlainModel(
+    { a: 1, b: 2 },
+    { save: (state) => saved.push(state), deliver: (content, buffers) => sent.push([content, buffers.length]) },
+  );
   const changed = () => events.push(["a", model.get("a")]);
   model.on("change:a", changed);
   model.on("change", () => events.push("any"));
@@ -31,8 +35,14 @@ test("a saved value takes precedence until it is answered", () => {
   const model = new PlainModel({ a: [0], b: 0 }, { isAnswered: true });
   let events = [];
   model.on("change:a", () => events.push(model.get("a")[0]));
-  const save = (a) => { model.set("a", [a]); model.save_changes(); };
-  const expect = (wanted, a) => { assert.deepEqual([events, model.get("a")], [wanted, [a]]); events = []; };
+  const save = (a) => {
+    model.set("a", [a]);
+    model.save_changes();
+  };
+  const expect = (wanted, a) => {
+    assert.deepEqual([events, model.get("a")], [wanted, [a]]);
+    events = [];
+  };
   model.update({ a: [1] });
   save(2);
   model.update({ a: [1], b: 3 }); // on its way when ours was saved

@@ -8,13 +8,27 @@ const near = (found, wanted) => assert.ok(Math.abs(found - wanted) < 1e-6, `${fo
 
 function played({ loop = "once", duration = 1, speed = 1, start = 0, ticks = [] }) {
   let next = null;
-  const page = { requestAnimationFrame: (f) => { next = f; return 1; }, cancelAnimationFrame: () => { next = null; } };
-  const details = [], clock = new PlayClock((detail) => details.push(detail), page);
+  const page = {
+    requestAnimationFrame: (f) => {
+      next = f;
+      return 1;
+    },
+    cancelAnimationFrame: () => {
+      next = null;
+    },
+  };
+  const details = [],
+    clock = new PlayClock((detail) => details.push(detail), page);
   clock.set({ duration, speed, loop });
   clock.seek(start);
   clock.play();
-  for (const now of ticks) { const f = next; next = null; f?.(now); }
-  const time = clock.time, wasPlaying = clock.isPlaying;
+  for (const now of ticks) {
+    const f = next;
+    next = null;
+    f?.(now);
+  }
+  const time = clock.time,
+    wasPlaying = clock.isPlaying;
   clock.play();
   const again = clock.time;
   clock.pause();

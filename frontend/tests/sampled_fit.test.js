@@ -7,8 +7,10 @@ import { fieldAt, fieldOnRaster } from "../src/maths/rigid_stages.ts";
 import { sampledFits, sampledWithSlope } from "../src/maths/sampled_fit.ts";
 import { deformedGrid, fieldWithSlope } from "../src/maths/warp_map.ts";
 
-const SCALE = 1.6, PIXELS = 8; // CSS pixels for a unit of the picture, and between the nodes
-const BOX = [0, 256, 0, 256], CELLS = 16;
+const SCALE = 1.6,
+  PIXELS = 8; // CSS pixels for a unit of the picture, and between the nodes
+const BOX = [0, 256, 0, 256],
+  CELLS = 16;
 
 /** A raster over the box. @param {number} step */
 const rasterOf = (step) => {
@@ -19,24 +21,39 @@ const rasterOf = (step) => {
 test("any quadratic field and its slopes are met exactly, also at the rim", () => {
   const u = (a, b) => 3 + 0.2 * a - 0.1 * b + 0.004 * a * a - 0.003 * a * b + 0.001 * b * b;
   const v = (a, b) => -1 + 0.1 * a + 0.3 * b - 0.002 * a * a + 0.005 * a * b - 0.004 * b * b;
-  const raster = { shape: [6, 7], spacing: [3, 4], origin: [-2, 5] }, values = [], out = new Float64Array(6);
+  const raster = { shape: [6, 7], spacing: [3, 4], origin: [-2, 5] },
+    values = [],
+    out = new Float64Array(6);
   for (let i = 0; i < 6; i++) for (let j = 0; j < 7; j++) values.push(u(3 * j - 2, 4 * i + 5), v(3 * j - 2, 4 * i + 5));
   for (const a of [-2, -1.2, 0, 2.7, 9.1, 15.5, 16]) {
     for (const b of [5, 6, 12.3, 23, 25]) {
       assert.ok(sampledWithSlope({ raster, values }, a, b, out));
-      const exact = [a + u(a, b), b + v(a, b), 1.2 + 0.008 * a - 0.003 * b, -0.1 - 0.003 * a + 0.002 * b,
-        0.1 - 0.004 * a + 0.005 * b, 1.3 + 0.005 * a - 0.008 * b];
-      exact.forEach((value, k) => { assert.ok(Math.abs(out[k] - value) < 1e-9, `${a}, ${b}: ${k}`); });
+      const exact = [
+        a + u(a, b),
+        b + v(a, b),
+        1.2 + 0.008 * a - 0.003 * b,
+        -0.1 - 0.003 * a + 0.002 * b,
+        0.1 - 0.004 * a + 0.005 * b,
+        1.3 + 0.005 * a - 0.008 * b,
+      ];
+      exact.forEach((value, k) => {
+        assert.ok(Math.abs(out[k] - value) < 1e-9, `${a}, ${b}: ${k}`);
+      });
     }
   }
-  for (const [a, b] of [[-2.01, 6], [3, 25.1]]) assert.ok(!sampledWithSlope({ raster, values }, a, b, out));
+  for (const [a, b] of [
+    [-2.01, 6],
+    [3, 25.1],
+  ])
+    assert.ok(!sampledWithSlope({ raster, values }, a, b, out));
 });
 
 /** Two hundred points all over the picture that make waves, one of them dragged. @param {(p: number[]) => boolean} isFree */
 function points(isFree) {
   const all = [];
   for (let id = 1; all.length < 200; id++) {
-    const target = [256 * ((id * 0.7548776662) % 1), 256 * ((id * 0.5698402910) % 1)], [a, b] = target;
+    const target = [256 * ((id * 0.7548776662) % 1), 256 * ((id * 0.569840291) % 1)],
+      [a, b] = target;
     const source = [a + 5 * Math.sin(a / 40) * Math.cos(b / 50), b + 4 * Math.cos(a / 45 + b / 60)];
     if (isFree(target) && isFree(source)) all.push({ id, source, target });
   }
@@ -44,20 +61,70 @@ function points(isFree) {
   return all;
 }
 
-const CUT = { region: { kind: "line", vertices: [[122, -10], [140, 115], [127, 266]] } };
-const SLITS = [["a cut that stops", [[120, -10], [140, 60], [127, 150]], [false, true]],
-  ["a slit", [[90, 118], [170, 140]], [true, true]]];
-const PART = { region: { kind: "polygon", vertices: [[100, 100], [140, 96], [144, 150], [98, 146]] } };
+const CUT = {
+  region: {
+    kind: "line",
+    vertices: [
+      [122, -10],
+      [140, 115],
+      [127, 266],
+    ],
+  },
+};
+const SLITS = [
+  [
+    "a cut that stops",
+    [
+      [120, -10],
+      [140, 60],
+      [127, 150],
+    ],
+    [false, true],
+  ],
+  [
+    "a slit",
+    [
+      [90, 118],
+      [170, 140],
+    ],
+    [true, true],
+  ],
+];
+const PART = {
+  region: {
+    kind: "polygon",
+    vertices: [
+      [100, 100],
+      [140, 96],
+      [144, 150],
+      [98, 146],
+    ],
+  },
+};
 const isFree = ([a, b]) => Math.hypot(a - 120, b - 122) > 52;
 
-for (const [name, settings, own] of [["many points", {}, points(() => true)],
-  ["a cut", { cuts: [CUT] }, points(() => true)], ...SLITS.map(([name, vertices, stops]) => (
-    [name, { cuts: [{ region: { kind: "line", vertices, stops } }] }, points(() => true)])), ["a rigid part", { parts: [PART] }, points(isFree)]]) {
+for (const [name, settings, own] of [
+  ["many points", {}, points(() => true)],
+  ["a cut", { cuts: [CUT] }, points(() => true)],
+  ...SLITS.map(([name, vertices, stops]) => [
+    name,
+    { cuts: [{ region: { kind: "line", vertices, stops } }] },
+    points(() => true),
+  ]),
+  ["a rigid part", { parts: [PART] }, points(isFree)],
+]) {
   test(`lines traced between the nodes lie on those of the fit, with ${name}`, () => {
-    const layered = layeredFit(own, settings), raster = rasterOf(PIXELS / SCALE);
-    const sampled = sampledFits(layered, raster, layered.fits.map(({ fit }) => fieldOnRaster(fit, raster)));
-    const exact = deformedGrid(layered, BOX, CELLS, 2, 1e-6), traced = deformedGrid(sampled, BOX, CELLS, 2, 0.05 / SCALE);
-    let worst = 0, count = 0;
+    const layered = layeredFit(own, settings),
+      raster = rasterOf(PIXELS / SCALE);
+    const sampled = sampledFits(
+      layered,
+      raster,
+      layered.fits.map(({ fit }) => fieldOnRaster(fit, raster)),
+    );
+    const exact = deformedGrid(layered, BOX, CELLS, 2, 1e-6),
+      traced = deformedGrid(sampled, BOX, CELLS, 2, 0.05 / SCALE);
+    let worst = 0,
+      count = 0;
     exact.forEach(({ runs }, n) => {
       assert.equal(traced[n].runs.length, runs.length);
       const [places, others] = [runs.flat(), traced[n].runs.flat()];
@@ -79,8 +146,14 @@ for (const [name, settings, own] of [["many points", {}, points(() => true)],
       }
       return sum;
     };
-    for (const [line, c] of [[0, 0], [CELLS + 1, 1]]) {
-      for (const [lines, most] of [[exact, 1e-5], [traced, 0.5 / SCALE]]) {
+    for (const [line, c] of [
+      [0, 0],
+      [CELLS + 1, 1],
+    ]) {
+      for (const [lines, most] of [
+        [exact, 1e-5],
+        [traced, 0.5 / SCALE],
+      ]) {
         const run = lines[line].runs.flat();
         for (let k = 0; k < run.length; k += 2) assert.ok(Math.abs(seen([run[k], run[k + 1]], c)) < most);
       }
@@ -89,7 +162,9 @@ for (const [name, settings, own] of [["many points", {}, points(() => true)],
 }
 
 test("beyond the raster, and where it has too few nodes, the fit itself is used", () => {
-  const layered = layeredFit(points(() => true)), raster = rasterOf(5), [{ fit }] = layered.fits;
+  const layered = layeredFit(points(() => true)),
+    raster = rasterOf(5),
+    [{ fit }] = layered.fits;
   const [{ fit: sampled }] = sampledFits(layered, raster, [fieldOnRaster(fit, raster)]).fits;
   assert.deepEqual(fieldAt(sampled, -3, 20), fieldAt(fit, -3, 20));
   const [p, q] = [sampled, fit].map((one) => fieldWithSlope(one, 300, 20, new Float64Array(6)));
@@ -98,7 +173,8 @@ test("beyond the raster, and where it has too few nodes, the fit itself is used"
   const [exact, near] = [fit, sampled].map((one) => fieldOnRaster(one, wide));
   let worst = 0;
   exact.forEach((value, n) => {
-    const [i, j] = [Math.floor(n / 140), Math.floor(n / 2) % 70], isBeyond = Math.min(i, j) < 2 || Math.max(i, j) > 67;
+    const [i, j] = [Math.floor(n / 140), Math.floor(n / 2) % 70],
+      isBeyond = Math.min(i, j) < 2 || Math.max(i, j) > 67;
     if (isBeyond) assert.ok(Math.abs(value - near[n]) < 1e-4);
     worst = Math.max(worst, SCALE * Math.abs(value - near[n]));
   });

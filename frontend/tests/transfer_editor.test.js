@@ -3,13 +3,27 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import {
-  addedStop, colorAt, hexOf, movedStop, movedWindow, pannedAxis, rgbOf, zoomedAxis,
+  addedStop,
+  colorAt,
+  hexOf,
+  movedStop,
+  movedWindow,
+  pannedAxis,
+  rgbOf,
+  zoomedAxis,
 } from "../src/inputs/transfer_editor.ts";
 
 test("the ends of a window keep apart and within limits", () => {
-  for (const [part, by, wanted] of [["low", 30, [30, 100]], ["low", -500, [-200, 100]], ["low", 95, [90, 100]],
-    ["high", -95, [0, 10]], ["high", 900, [0, 300]], ["level", -500, [-200, -100]], ["level", 25, [25, 125]],
-    ["level", 900, [200, 300]]]) {
+  for (const [part, by, wanted] of [
+    ["low", 30, [30, 100]],
+    ["low", -500, [-200, 100]],
+    ["low", 95, [90, 100]],
+    ["high", -95, [0, 10]],
+    ["high", 900, [0, 300]],
+    ["level", -500, [-200, -100]],
+    ["level", 25, [25, 125]],
+    ["level", 900, [200, 300]],
+  ]) {
     assert.deepEqual(movedWindow([0, 100], part, by, 10, [-200, 300]), wanted);
   }
 });
@@ -26,12 +40,18 @@ test("the axis of values zooms about a value and stays inside", () => {
 });
 
 test("colour stops keep their order and a new one changes nothing", () => {
-  const stops = [[0, 1, 0, 0], [4, 0, 1, 0], [8, 0, 0, 1]], before = structuredClone(stops);
+  const stops = [
+      [0, 1, 0, 0],
+      [4, 0, 1, 0],
+      [8, 0, 0, 1],
+    ],
+    before = structuredClone(stops);
   assert.deepEqual(movedStop(stops, 1, 7, [0, 9])[1], [7, 0, 1, 0]);
   assert.deepEqual(movedStop(stops, 1, -7, [0, 9])[1], [0, 0, 1, 0]);
   assert.deepEqual(movedStop(stops, 2, 99, [0, 9])[2], [9, 0, 0, 1]);
   assert.deepEqual(addedStop(stops, 2), [[stops[0], [2, 0.5, 0.5, 0], ...stops.slice(1)], 1]);
-  const [first, k] = addedStop(stops, -1), [last, n] = addedStop(stops, 8);
+  const [first, k] = addedStop(stops, -1),
+    [last, n] = addedStop(stops, 8);
   assert.deepEqual([first[0], k, last[3], n], [[-1, 1, 0, 0], 0, [8, 0, 0, 1], 3]);
   assert.deepEqual(colorAt(stops, 3), [0.25, 0.75, 0]);
   assert.deepEqual(stops, before);

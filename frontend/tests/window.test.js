@@ -11,7 +11,8 @@ const CT = [-1000, 3000];
 const parts = ([low, high]) => ({ width: high - low, level: (low + high) / 2 });
 
 test("to the right the window gets wider, upwards its level rises", () => {
-  const was = parts([0, 80]), wider = parts(draggedWindow([0, 80], [60, 0], CT));
+  const was = parts([0, 80]),
+    wider = parts(draggedWindow([0, 80], [60, 0], CT));
   assert.ok(wider.width > was.width && wider.level === was.level);
   assert.ok(parts(draggedWindow([0, 80], [-60, 0], CT)).width < was.width);
   const higher = parts(draggedWindow([0, 80], [0, -60], CT));
@@ -20,7 +21,13 @@ test("to the right the window gets wider, upwards its level rises", () => {
 });
 
 test("a window always has a width, and a level within the values", () => {
-  for (const by of [[-1e6, 0], [1e6, 0], [0, 1e6], [0, -1e6], [-1e6, 1e6]]) {
+  for (const by of [
+    [-1e6, 0],
+    [1e6, 0],
+    [0, 1e6],
+    [0, -1e6],
+    [-1e6, 1e6],
+  ]) {
     for (const range of [CT, [0, 255], [0, 1e-9], [-1e12, 1e12]]) {
       const { width, level } = parts(draggedWindow([range[0], range[1]], by, range));
       assert.ok(width > 0 && width <= 4.001 * (range[1] - range[0]), `${by} ${range}`);
@@ -39,8 +46,11 @@ test("width and level are shown in as many digits as tell values apart", () => {
 test("a table shows values from black to white of the window", () => {
   const table = greyTable(255, [0, 255], [100, 200]);
   assert.deepEqual([table[0], table[100], table[150], table[200], table[255]], [0, 0, 128, 255, 255]);
-  assert.deepEqual([...greyTable(255, [0, 255], [0, 255])], Array.from({ length: 256 }, (_, k) => k));
+  assert.deepEqual(
+    [...greyTable(255, [0, 255], [0, 255])],
+    Array.from({ length: 256 }, (_, k) => k),
+  );
   const fine = greyTable(65535, CT, [0, 80]);
   assert.equal(fine.length, 65536);
-  assert.ok(Math.abs(fine[Math.round(1040 / 4000 * 65535)] - 127.5) <= 1);
+  assert.ok(Math.abs(fine[Math.round((1040 / 4000) * 65535)] - 127.5) <= 1);
 });

@@ -4,9 +4,12 @@
 // kept for this tab. Nothing in the address may name another server to talk to.
 
 (() => {
-  const KEY = "deformnb-secret", address = new URL(window.location.href), { searchParams } = address;
+  const KEY = "deformnb-secret",
+    address = new URL(window.location.href),
+    { searchParams } = address;
   for (const name of ["sessionURL", "sessionManagerURL", "wsProxy", "wsChannel", "iframe"]) searchParams.delete(name);
-  const given = searchParams.get("secret"), kept = window.sessionStorage.getItem(KEY);
+  const given = searchParams.get("secret"),
+    kept = window.sessionStorage.getItem(KEY);
   if (given) window.sessionStorage.setItem(KEY, given);
   else if (kept) searchParams.set("secret", kept);
   searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client needs a launcher
@@ -15,7 +18,8 @@
   // A client that is refused writes a bare line of its own into the page.
   document.addEventListener("DOMContentLoaded", () => {
     const app = document.getElementById("app");
-    const text = "There is no session for this page. Start \"deformnb app\" and open the address that it prints: " +
+    const text =
+      'There is no session for this page. Start "deformnb app" and open the address that it prints: ' +
       "its password is another one at each start.";
     if (!app) return;
     new MutationObserver(() => {

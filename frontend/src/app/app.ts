@@ -5,14 +5,13 @@
 
 import { Widget } from "@lumino/widgets";
 import { pageElement } from "../ui/dom.ts";
-import { WidgetManager } from "./widget_manager.ts";
-
 import type { Component } from "./types.ts";
+import { WidgetManager } from "./widget_manager.ts";
 
 const TEXT = "input:not([type=range], [type=checkbox], [readonly]), textarea, [contenteditable]";
 
 export interface Studio {
-  $refs: {place: HTMLElement};
+  $refs: { place: HTMLElement };
   manager: WidgetManager | null;
   shown: Widget | null;
   show: () => Promise<void>;
@@ -21,8 +20,12 @@ export interface Studio {
 }
 
 let isLeaving = false; // whether the page is being closed or loaded again, which ends what waits for Python
-window.addEventListener("pagehide", () => { isLeaving = true; });
-window.addEventListener("pageshow", () => { isLeaving = false; });
+window.addEventListener("pagehide", () => {
+  isLeaving = true;
+});
+window.addEventListener("pageshow", () => {
+  isLeaving = false;
+});
 
 const AppStudio: Component<Studio> = {
   props: {},
@@ -36,7 +39,8 @@ const AppStudio: Component<Studio> = {
       const session = this.trame.client.getConnection().getSession();
       if (this.manager?.session === session) return;
       this.close();
-      const manager = new WidgetManager(session), { place } = this.$refs;
+      const manager = new WidgetManager(session),
+        { place } = this.$refs;
       this.manager = manager;
       try {
         const view = await manager.open();
@@ -56,7 +60,9 @@ const AppStudio: Component<Studio> = {
     },
     /** Undo and redo wherever the focus is, but where text is written or another listener has taken the key. */
     keyed(event: KeyboardEvent) {
-      const { target, key } = event, isUndo = key.toLowerCase() === "z", isRedo = key.toLowerCase() === "y";
+      const { target, key } = event,
+        isUndo = key.toLowerCase() === "z",
+        isRedo = key.toLowerCase() === "y";
       if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey) || !(isUndo || isRedo)) return;
       if (target instanceof Element && target.closest(TEXT)) return;
       event.preventDefault();
@@ -82,7 +88,11 @@ function setTheme(isDark: boolean) {
 /** The button that changes light and dark. */
 function addThemeButton() {
   const label = "Light or dark";
-  const button = pageElement("button", "dnb-app-theme", document.body, { type: "button", title: label, "aria-label": label });
+  const button = pageElement("button", "dnb-app-theme", document.body, {
+    type: "button",
+    title: label,
+    "aria-label": label,
+  });
   button.textContent = "\u25d0";
   button.addEventListener("click", () => setTheme(document.body.dataset.jpThemeLight === "true"));
 }

@@ -5,9 +5,8 @@ import { Camera } from "../maths/camera.ts";
 import { pageElement, setText } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { captionsOf, Frames } from "../ui/view_parts.ts";
-import { APP_PAGE, callPython } from "./session.ts";
-
 import type { ViewDirection } from "../view/types.ts";
+import { APP_PAGE, callPython } from "./session.ts";
 import type { Component, Session } from "./types.ts";
 
 const REMOTE_TOPIC = "trame.rca.topic.stream";
@@ -15,14 +14,14 @@ const REMOTE_TOPIC = "trame.rca.topic.stream";
 /** a message of trame's */
 export interface RemotePicture {
   name: string;
-  meta?: {n: number, camera: ViewDirection, shows: string, layer: number, badge?: string};
+  meta?: { n: number; camera: ViewDirection; shows: string; layer: number; badge?: string };
 }
 
 export interface Remote {
   area: string;
   /** by the name of a side */
   views: Record<string, ViewDirection>;
-  $refs: {root: HTMLElement};
+  $refs: { root: HTMLElement };
   session: Session;
   subscription: object;
   frames: Frames;
@@ -40,10 +39,13 @@ const AppRemote: Component<Remote> = {
     const { root } = this.$refs;
     this.session = this.trame.client.getConnection().getSession();
     this.frames = new Frames(root);
-    this.cube = new OrientationCube(root, (side) => this.look(side), () => this.look("home"));
+    this.cube = new OrientationCube(
+      root,
+      (side) => this.look(side),
+      () => this.look("home"),
+    );
     this.badge = pageElement("div", "dnb-badge", root, { role: "status" });
-    this.subscription = this.session.subscribe(REMOTE_TOPIC, ([picture]: RemotePicture[]) => (
-      this.receive(picture)));
+    this.subscription = this.session.subscribe(REMOTE_TOPIC, ([picture]: RemotePicture[]) => this.receive(picture));
   },
   methods: {
     receive({ name, meta }: RemotePicture) {
@@ -57,9 +59,17 @@ const AppRemote: Component<Remote> = {
       Object.assign(this.$refs.root, { deformnb: meta }); // for tests and for debugging
       callPython(this.session, "deformnb.seen", [this.area, meta.n, APP_PAGE]);
     },
-    look(view: string) { callPython(this.session, "deformnb.look", [view]); },
+    look(view: string) {
+      callPython(this.session, "deformnb.look", [view]);
+    },
   },
-  beforeUnmount() { this.session.unsubscribe(this.subscription)?.catch?.(() => {}); },
+  beforeUnmount() {
+    this.session.unsubscribe(this.subscription)?.catch?.(() => {});
+  },
 };
 
-window.deformnb_app = { install(app) { app.component("deformnb-remote", AppRemote); } };
+window.deformnb_app = {
+  install(app) {
+    app.component("deformnb-remote", AppRemote);
+  },
+};

@@ -15,7 +15,7 @@ import type { Session } from "./types.ts";
 
 /** values of traits by their names */
 export type State = Record<string, unknown>;
-export type CommData = {method: string, state?: State, content?: unknown, buffer_paths?: unknown[][]};
+export type CommData = { method: string; state?: State; content?: unknown; buffer_paths?: unknown[][] };
 
 /** Python's message to a widget */
 export interface CommMessage {
@@ -30,7 +30,11 @@ export interface CommMessage {
 
 const TOPIC = "deformnb.comm";
 
-const MODULES: Record<string, object> = { "@jupyter-widgets/base": base, "@jupyter-widgets/controls": controls, anywidget: defined.exports };
+const MODULES: Record<string, object> = {
+  "@jupyter-widgets/base": base,
+  "@jupyter-widgets/controls": controls,
+  anywidget: defined.exports,
+};
 
 /** Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives. */
 function withViews(value: any): any {
@@ -41,7 +45,8 @@ function withViews(value: any): any {
 }
 
 function asBytes(buffer: any) {
-  return ArrayBuffer.isView(buffer) ? new Uint8Array(buffer.buffer, buffer.byteOffset, buffer.byteLength)
+  return ArrayBuffer.isView(buffer)
+    ? new Uint8Array(buffer.buffer, buffer.byteOffset, buffer.byteLength)
     : new Uint8Array(buffer);
 }
 
@@ -61,12 +66,16 @@ class SocketComm {
     this.receive = () => {};
   }
 
-  on_msg(handler: (message: any) => void) { this.receive = handler; }
+  on_msg(handler: (message: any) => void) {
+    this.receive = handler;
+  }
 
   /** Widgets are closed by Python, which then shows others. */
   on_close() {}
 
-  close() { return ""; }
+  close() {
+    return "";
+  }
 
   send(data: CommData, callbacks?: any, _metadata?: unknown, buffers: any[] = []) {
     const id = `${APP_PAGE}-${++sent}`;
@@ -77,7 +86,10 @@ class SocketComm {
 }
 
 /** The studio's model and the states of all widgets; one of them holds the words of its language. */
-interface Opened { studio: string; widgets: Record<string, State> }
+interface Opened {
+  studio: string;
+  widgets: Record<string, State>;
+}
 
 export class WidgetManager extends ManagerBase {
   session: Session;
@@ -93,7 +105,9 @@ export class WidgetManager extends ManagerBase {
     this.comms = new Map();
     this.isClosed = false;
     /** the states of all widgets are there; messages may come before them */
-    this.opened = new Promise((resolve) => { this.haveOpened = resolve; });
+    this.opened = new Promise((resolve) => {
+      this.haveOpened = resolve;
+    });
     this.subscription = session.subscribe(TOPIC, ([message]: CommMessage[]) => this.receive(message));
   }
 
@@ -102,8 +116,8 @@ export class WidgetManager extends ManagerBase {
     const { studio, widgets } = await this.session.call<Opened>("deformnb.open", []);
     this.#add(widgets);
     this.haveOpened();
-    const { words = {}, language = "" }: { words?: Record<string, string>, language?: string } = Object.values(widgets).find(
-      ({ words: its }) => Object.keys(its ?? {}).length > 0) ?? {};
+    const { words = {}, language = "" }: { words?: Record<string, string>; language?: string } =
+      Object.values(widgets).find(({ words: its }) => Object.keys(its ?? {}).length > 0) ?? {};
     if (language) showInLanguage(document.body, words, language); // what stands beside the studio too
     return this.create_view(await this.get_model(studio));
   }
@@ -113,8 +127,11 @@ export class WidgetManager extends ManagerBase {
     if (this.isClosed) return;
     this.#add(opened);
     await this.get_model(widget); // it listens from then on
-    this.comms.get(widget)?.receive({ content: { data: withViews(data) }, buffers: buffers.map(withViews),
-      parent_header: { msg_id: parent } });
+    this.comms.get(widget)?.receive({
+      content: { data: withViews(data) },
+      buffers: buffers.map(withViews),
+      parent_header: { msg_id: parent },
+    });
   }
 
   #add(states: Record<string, State>) {
@@ -122,8 +139,11 @@ export class WidgetManager extends ManagerBase {
       if (this.has_model(id)) continue;
       const comm = new SocketComm(this.session, id);
       this.comms.set(id, comm);
-      const [model_name, model_module, model_module_version] = ["_model_name", "_model_module",
-        "_model_module_version"].map((name) => String(state[name]));
+      const [model_name, model_module, model_module_version] = [
+        "_model_name",
+        "_model_module",
+        "_model_module_version",
+      ].map((name) => String(state[name]));
       this.new_model({ model_name, model_module, model_module_version, model_id: id, comm }, withViews(state));
     }
   }
@@ -134,9 +154,13 @@ export class WidgetManager extends ManagerBase {
     return found;
   }
 
-  async _create_comm(): Promise<never> { throw new Error("the page makes no widgets of its own"); }
+  async _create_comm(): Promise<never> {
+    throw new Error("the page makes no widgets of its own");
+  }
 
-  async _get_comm_info() { return {}; }
+  async _get_comm_info() {
+    return {};
+  }
 
   async close() {
     this.isClosed = true;

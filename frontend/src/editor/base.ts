@@ -3,12 +3,11 @@
 // own would cost the drag time.
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
+import type { Sender } from "../sync/edits.ts";
 import { senderOf } from "../sync/edits.ts";
+import type { Bus, Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
-
-import type { Sender } from "../sync/edits.ts";
-import type { Bus, Model } from "../types.ts";
 
 const FEWEST_PICTURES = 4; // of a drag, below which a rate means nothing
 const MOST_PICTURES = 1200;
@@ -25,7 +24,9 @@ export class DrawRate {
   waits: number[] = [];
 
   /** The pointer has moved points, at this time in milliseconds. */
-  moved(now: number) { this.movedAt ??= now; }
+  moved(now: number) {
+    this.movedAt ??= now;
+  }
 
   /** The picture of the last movement is drawn. */
   drew(now: number) {
@@ -46,7 +47,6 @@ export class DrawRate {
     return { hz: Math.round(10000 / Math.max(mean, 1)) / 10, ms: Math.round(10 * middle) / 10 };
   }
 }
-
 
 /** Messages about a kernel that does not answer, by the sender's status. */
 const NO_ANSWER: Record<string, string> = {
@@ -69,7 +69,7 @@ export class EditorDrawing {
   alert: HTMLDivElement;
   liveRegion: HTMLDivElement;
   theme: ThemeObserver;
-  colours: { stage: string; grid: string; };
+  colours: { stage: string; grid: string };
   frame: number;
   tipTimer: number;
   alertTimer: number;
@@ -92,7 +92,9 @@ export class EditorDrawing {
 
   /** Run an action: an error is shown in the widget, and the editor goes on. */
   guard<T>(action: () => T) {
-    try { return action(); } catch (error) {
+    try {
+      return action();
+    } catch (error) {
       console.error(error);
       this.showMessage(`The editor met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
@@ -105,7 +107,11 @@ export class EditorDrawing {
   draw() {}
 
   invalidate() {
-    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
+    if (!this.frame)
+      this.frame = requestAnimationFrame(() => {
+        this.frame = 0;
+        this.guard(() => this.draw());
+      });
   }
 
   drawNow() {
@@ -137,7 +143,10 @@ export class EditorDrawing {
     clearTimeout(this.alertTimer);
     this.alert.hidden = !message;
     this.alert.textContent = message;
-    if (isPassing) this.alertTimer = setTimeout(() => { this.alert.hidden = true; }, 8000);
+    if (isPassing)
+      this.alertTimer = setTimeout(() => {
+        this.alert.hidden = true;
+      }, 8000);
   }
 
   /** Show a hint for some milliseconds. */
@@ -145,21 +154,29 @@ export class EditorDrawing {
     clearTimeout(this.tipTimer);
     this.tip.hidden = false;
     this.tip.textContent = text;
-    this.tipTimer = setTimeout(() => { this.tip.hidden = true; }, duration);
+    this.tipTimer = setTimeout(() => {
+      this.tip.hidden = true;
+    }, duration);
   }
 
   /** Take a hint away before its time, if it is one of these. */
-  hideHint(texts: string[]) { if (texts.includes(this.tip.textContent)) this.tip.hidden = true; }
+  hideHint(texts: string[]) {
+    if (texts.includes(this.tip.textContent)) this.tip.hidden = true;
+  }
 
   /** Give a text to screen readers. */
-  announce(text: string) { setText(this.liveRegion, text); }
+  announce(text: string) {
+    setText(this.liveRegion, text);
+  }
 }
 
 /** Attach the sender of an editor to its model: before any view, and as long as the model lives. */
 export function initialize({ model }: { model: Model }) {
-  const bus = busOf(model), uid = model.get("uid");
+  const bus = busOf(model),
+    uid = model.get("uid");
   holdBus(bus);
-  const sender = senderOf(bus, model), leave = () => sender.flush(); // nothing waits when the page goes
+  const sender = senderOf(bus, model),
+    leave = () => sender.flush(); // nothing waits when the page goes
   sender.attach(model); // two consoles of one kernel have two models of one editor
   window.addEventListener("pagehide", leave);
   model.on("destroy", () => {

@@ -1,9 +1,8 @@
 // The brush: its circle, its bar, and its strokes (maths/brushes.js) by mouse, pen, finger or keys.
 
+import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-
-import type { Stroke } from "../maths/brushes.ts";
 import type { EditorView } from "./editor.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
@@ -42,29 +41,51 @@ export class Brush {
     this.timer = 0;
     this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Brush" });
     this.title = pageElement("span", "", this.bar);
-    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100,
-      "aria-label": "radius of the brush", ...OWN_KEYS });
+    this.slider = pageElement("input", "", this.bar, {
+      type: "range",
+      min: 0,
+      max: 100,
+      "aria-label": "radius of the brush",
+      ...OWN_KEYS,
+    });
     this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
-    this.done = pageElement("button", "dnb-ed-button", this.bar, { type: "button",
-      "aria-label": "put the brush away", ...OWN_KEYS });
+    this.done = pageElement("button", "dnb-ed-button", this.bar, {
+      type: "button",
+      "aria-label": "put the brush away",
+      ...OWN_KEYS,
+    });
     this.done.textContent = "Done";
-    this.slider.addEventListener("input", () => editor.guard(() => this.setRadius(this.#limits[0]
-      * (this.#limits[1] / this.#limits[0]) ** (Number(this.slider.value) / 100))));
+    this.slider.addEventListener("input", () =>
+      editor.guard(() =>
+        this.setRadius(this.#limits[0] * (this.#limits[1] / this.#limits[0]) ** (Number(this.slider.value) / 100)),
+      ),
+    );
     this.slider.addEventListener("change", () => editor.guard(() => editor.focusStage()));
-    this.done.addEventListener("click", () => editor.guard(() => { this.stop(); editor.focusStage(); }));
+    this.done.addEventListener("click", () =>
+      editor.guard(() => {
+        this.stop();
+        editor.focusStage();
+      }),
+    );
   }
 
-  get isOn() { return this.tool !== null; }
+  get isOn() {
+    return this.tool !== null;
+  }
 
   get #diagonal() {
     const [a0, a1, b0, b1] = this.editor.box;
     return Math.hypot(a1 - a0, b1 - b0);
   }
 
-  get #limits() { return BRUSH_PIXELS.map((pixels) => pixels / this.editor.view.k); }
+  get #limits() {
+    return BRUSH_PIXELS.map((pixels) => pixels / this.editor.view.k);
+  }
 
   /** In units of the picture. */
-  get radius(): number { return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal; }
+  get radius(): number {
+    return this.editor.model.get("brush_radius") || BRUSH_SHARE * this.#diagonal;
+  }
 
   setRadius(radius: number) {
     const [least, most] = this.#limits;
@@ -75,7 +96,9 @@ export class Brush {
   }
 
   /** Notches of the wheel or presses of a key. */
-  grow(notches: number) { this.setRadius(this.radius * 1.1 ** notches); }
+  grow(notches: number) {
+    this.setRadius(this.radius * 1.1 ** notches);
+  }
 
   /** @param tool a name of BRUSH_WORDS */
   start(tool: string) {
@@ -104,7 +127,7 @@ export class Brush {
     const [least, most] = this.#limits;
     setText(this.title, BRUSH_WORDS[this.tool]);
     setText(this.value, shownLength(this.radius));
-    this.slider.value = String(100 * Math.log(this.radius / least) / Math.log(most / least));
+    this.slider.value = String((100 * Math.log(this.radius / least)) / Math.log(most / least));
   }
 
   // ---- strokes ------------------------------------------------------------------------------------------------------
@@ -116,7 +139,10 @@ export class Brush {
   }
 
   press(at: number[]) {
-    const { editor, editor: { pointTools } } = this;
+    const {
+      editor,
+      editor: { pointTools },
+    } = this;
     this.at = this.from = at;
     const stroke = this.tool ? pointTools.beginStroke(editor.placeAt(at), this.radius, this.tool) : null;
     if (!stroke) return;
@@ -152,12 +178,21 @@ export class Brush {
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: number[]) {
-    const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
-    if (key === "[" || key === "]") { this.grow(key === "]" ? 1 : -1); return true; }
-    if (key === "Escape") { if (this.stroke) this.lift(true); else this.stop(); return true; }
+    const { editor } = this,
+      middle = [editor.view.width / 2, editor.view.height / 2];
+    if (key === "[" || key === "]") {
+      this.grow(key === "]" ? 1 : -1);
+      return true;
+    }
+    if (key === "Escape") {
+      if (this.stroke) this.lift(true);
+      else this.stop();
+      return true;
+    }
     if (arrow) {
       const step = BRUSH_KEYS[event.shiftKey ? 0 : 1];
-      const [x, y] = this.at ?? middle, next = [x + step * arrow[0], y + step * arrow[1]];
+      const [x, y] = this.at ?? middle,
+        next = [x + step * arrow[0], y + step * arrow[1]];
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;

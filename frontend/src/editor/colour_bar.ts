@@ -1,15 +1,15 @@
 // The colour bar of a picture of grey values: its colours along the values, and two handles that set the window.
 
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import type { EditorView } from "./editor.ts";
 import { context2d } from "./painter.ts";
 import { shownValue, windowStep } from "./window_tool.ts";
-
-import type { EditorView } from "./editor.ts";
 
 const ROWS = 256;
 const AIR = 0.3; // of the automatic window, on either side of it
 const KEY_STEPS = [0.01, 0.1]; // of the bar, of an arrow key, and with Shift
-const LEAST_HEIGHT = 60, MARGIN = 56; // CSS pixels
+const LEAST_HEIGHT = 60,
+  MARGIN = 56; // CSS pixels
 
 export class ColourBar {
   editor: EditorView;
@@ -29,44 +29,66 @@ export class ColourBar {
 
   constructor(editor: EditorView) {
     this.editor = editor;
-    this.root = pageElement("div", "dnb-ed-colours", editor.stage, { hidden: "", role: "group", "aria-label": "Colour bar" });
+    this.root = pageElement("div", "dnb-ed-colours", editor.stage, {
+      hidden: "",
+      role: "group",
+      "aria-label": "Colour bar",
+    });
     this.canvas = pageElement("canvas", "", this.root, { width: 1, height: ROWS, "aria-hidden": "true" });
     this.context = context2d(this.canvas);
     this.unit = pageElement("span", "dnb-ed-colours-unit", this.root);
     this.handles = ["black", "white"].map((name, k) => {
-      const handle = pageElement("div", "dnb-ed-colours-handle", this.root, { role: "slider", tabindex: "0",
-        "aria-orientation": "vertical", title: `Drag: the value shown as ${name}; double-click: automatic window`,
-        "aria-label": `Value shown as ${name}`, ...OWN_KEYS });
-      const on = (type: string, handler: (event: any) => void) => (
-        handle.addEventListener(type, (event) => editor.guard(() => handler(event))));
+      const handle = pageElement("div", "dnb-ed-colours-handle", this.root, {
+        role: "slider",
+        tabindex: "0",
+        "aria-orientation": "vertical",
+        title: `Drag: the value shown as ${name}; double-click: automatic window`,
+        "aria-label": `Value shown as ${name}`,
+        ...OWN_KEYS,
+      });
+      const on = (type: string, handler: (event: any) => void) =>
+        handle.addEventListener(type, (event) => editor.guard(() => handler(event)));
       on("pointerdown", (event) => this.#hold(event, k));
       on("pointermove", (event) => this.#drag(event));
       for (const type of ["pointerup", "pointercancel"]) on(type, () => this.#drop());
       on("keydown", (event) => this.#key(event, k));
-      on("dblclick", (event) => { event.stopPropagation(); editor.windowTool.reset(); });
+      on("dblclick", (event) => {
+        event.stopPropagation();
+        editor.windowTool.reset();
+      });
       return handle;
     });
   }
 
   /** Show the bar beside grey values in colours, and while their window is changed. */
   update() {
-    const { editor, held } = this, { windowTool, view, painter } = editor, grey = painter.source?.grey, { window } = windowTool;
+    const { editor, held } = this,
+      { windowTool, view, painter } = editor,
+      grey = painter.source?.grey,
+      { window } = windowTool;
     const height = view.height - 2 * MARGIN;
-    const isShown = Boolean(grey && window && (windowTool.isOn || windowTool.from || held !== null || editor.hasColours));
+    const isShown = Boolean(
+      grey && window && (windowTool.isOn || windowTool.from || held !== null || editor.hasColours),
+    );
     this.root.hidden = !isShown || height < LEAST_HEIGHT;
     if (this.root.hidden || !grey || !window) return;
     if (held === null) this.ends = this.#endsFor(window, grey.window);
-    const [first, last] = this.ends, key = JSON.stringify([window, this.ends, [...painter.colours.slice(100, 102)]]);
+    const [first, last] = this.ends,
+      key = JSON.stringify([window, this.ends, [...painter.colours.slice(100, 102)]]);
     if (key !== this.drawn) this.#draw(window);
     this.drawn = key;
     this.root.style.height = `${Math.min(240, height)}px`;
     setText(this.unit, grey.unit);
     for (const [k, handle] of this.handles.entries()) {
-      handle.style.bottom = `${100 * (window[k] - first) / (last - first)}%`;
+      handle.style.bottom = `${(100 * (window[k] - first)) / (last - first)}%`;
       const value = String(shownValue(window[k], grey.range));
       setText(handle, value);
-      setAttributes(handle, { "aria-valuenow": value, "aria-valuemin": shownValue(first, grey.range),
-        "aria-valuemax": shownValue(last, grey.range), "aria-valuetext": `${value} ${grey.unit}`.trim() });
+      setAttributes(handle, {
+        "aria-valuenow": value,
+        "aria-valuemin": shownValue(first, grey.range),
+        "aria-valuemax": shownValue(last, grey.range),
+        "aria-valuetext": `${value} ${grey.unit}`.trim(),
+      });
     }
   }
 
@@ -77,10 +99,18 @@ export class ColourBar {
   }
 
   #draw([low, high]: number[]) {
-    const { context, ends: [first, last], editor: { painter: { colours } } } = this;
-    const image = context.createImageData(1, ROWS), pixels = new Uint32Array(image.data.buffer);
+    const {
+      context,
+      ends: [first, last],
+      editor: {
+        painter: { colours },
+      },
+    } = this;
+    const image = context.createImageData(1, ROWS),
+      pixels = new Uint32Array(image.data.buffer);
     for (let row = 0; row < ROWS; row++) {
-      const value = last + (first - last) * (row + 0.5) / ROWS, share = Math.max(0, Math.min(1, (value - low) / (high - low)));
+      const value = last + ((first - last) * (row + 0.5)) / ROWS,
+        share = Math.max(0, Math.min(1, (value - low) / (high - low)));
       pixels[row] = colours[Math.floor(255 * share + 0.5)];
     }
     context.putImageData(image, 0, 0);
@@ -95,7 +125,8 @@ export class ColourBar {
 
   #drag(event: PointerEvent) {
     if (this.held === null) return;
-    const { top, height } = this.canvas.getBoundingClientRect(), [first, last] = this.ends;
+    const { top, height } = this.canvas.getBoundingClientRect(),
+      [first, last] = this.ends;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
     this.editor.windowTool.put(this.#moved(this.held, last + (first - last) * share));
   }
@@ -107,8 +138,10 @@ export class ColourBar {
   }
 
   #key(event: KeyboardEvent, k: number) {
-    const ways = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 }, { windowTool } = this.editor;
-    const way = ways[(event.key as keyof typeof ways)], { window } = windowTool;
+    const ways = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 },
+      { windowTool } = this.editor;
+    const way = ways[event.key as keyof typeof ways],
+      { window } = windowTool;
     if (event.key === "Tab" || event.key === "Escape") return;
     event.stopPropagation(); // keys of the picture would move points
     if (event.key === "Home") windowTool.reset();
@@ -120,8 +153,10 @@ export class ColourBar {
 
   /** The window with one of its values moved, black below white. */
   #moved(k: number, value: number) {
-    const { windowTool, painter } = this.editor, step = windowStep(painter.source?.grey?.range ?? [0, 1]);
-    const [low, high] = windowTool.window ?? [0, 1], rounded = Number((Math.round(value / step) * step).toPrecision(15));
+    const { windowTool, painter } = this.editor,
+      step = windowStep(painter.source?.grey?.range ?? [0, 1]);
+    const [low, high] = windowTool.window ?? [0, 1],
+      rounded = Number((Math.round(value / step) * step).toPrecision(15));
     return k === 0 ? [Math.min(rounded, high - step), high] : [low, Math.max(rounded, low + step)];
   }
 }

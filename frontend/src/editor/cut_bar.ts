@@ -2,15 +2,16 @@
 // points that pull it open, and points along it in its place: so an outline that was traced becomes points.
 // The trait "front_only" is null where nobody answers: then the depth is not offered.
 
-import { nextId, newPoint } from "../maths/points.ts";
+import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-
 import type { RegionData } from "../types.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
+
 import type { EditorView } from "./editor.ts";
 
-const CLOSED_POINTS = 16, OPEN_POINTS = 9; // along a line that was traced
+const CLOSED_POINTS = 16,
+  OPEN_POINTS = 9; // along a line that was traced
 const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
 
 export class CutBar {
@@ -22,21 +23,40 @@ export class CutBar {
 
   constructor(editor: EditorView) {
     this.editor = editor;
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage,
-      { hidden: "", role: "group", "aria-label": "Chosen cut" });
-    this.stops = this.#box("Stop at the ends", "The cut stops at both ends; else it goes on straight to the border",
-      (isOn) => editor.shapeTools.stopAtEnds(isOn));
-    this.front = this.#box("Front only", "The front of the volume comes apart, and the back stays as it is; "
-      + "the group Depth has the curve", (isOn) => editor.set("front_only", isOn));
-    this.pull = this.#button("Pull open", "Put a point on either side and pull them apart; points around them hold the rest",
-      () => this.#pullOpen());
-    this.#button("Make points", "Points along the line, in its place: an outline that was traced becomes points to drag",
-      () => this.#makePoints());
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage, {
+      hidden: "",
+      role: "group",
+      "aria-label": "Chosen cut",
+    });
+    this.stops = this.#box(
+      "Stop at the ends",
+      "The cut stops at both ends; else it goes on straight to the border",
+      (isOn) => editor.shapeTools.stopAtEnds(isOn),
+    );
+    this.front = this.#box(
+      "Front only",
+      "The front of the volume comes apart, and the back stays as it is; " + "the group Depth has the curve",
+      (isOn) => editor.set("front_only", isOn),
+    );
+    this.pull = this.#button(
+      "Pull open",
+      "Put a point on either side and pull them apart; points around them hold the rest",
+      () => this.#pullOpen(),
+    );
+    this.#button(
+      "Make points",
+      "Points along the line, in its place: an outline that was traced becomes points to drag",
+      () => this.#makePoints(),
+    );
   }
 
   #button(words: string, title: string, act: () => void) {
-    const button = pageElement("button", "dnb-ed-button", this.bar, { type: "button", "aria-label": words, title,
-      ...OWN_KEYS });
+    const button = pageElement("button", "dnb-ed-button", this.bar, {
+      type: "button",
+      "aria-label": words,
+      title,
+      ...OWN_KEYS,
+    });
     button.textContent = words;
     button.addEventListener("click", () => this.editor.guard(act));
     return button;
@@ -51,16 +71,21 @@ export class CutBar {
   }
 
   /** The line of the chosen cut; null where it is closed, or none is chosen. */
-  get #line(): RegionData | null { return this.editor.shapeTools.canStop ? this.editor.shapeTools.chosenShape?.region ?? null : null; }
+  get #line(): RegionData | null {
+    return this.editor.shapeTools.canStop ? (this.editor.shapeTools.chosenShape?.region ?? null) : null;
+  }
 
   /** The chosen cut if it is a line, open or closed. */
   get #outline(): LineRegion | null {
-    const { chosen, chosenShape } = this.editor.shapeTools, region = chosen?.what === "cuts" ? chosenShape?.region : null;
+    const { chosen, chosenShape } = this.editor.shapeTools,
+      region = chosen?.what === "cuts" ? chosenShape?.region : null;
     return region?.kind === "line" || region?.kind === "polygon" ? region : null;
   }
 
   show() {
-    const { editor } = this, region = this.#line, isFront = editor.model.get("front_only");
+    const { editor } = this,
+      region = this.#line,
+      isFront = editor.model.get("front_only");
     const isBusy = editor.pen.isOn || editor.brush.isOn || editor.wand.isOn || editor.isLocked || editor.isBefore;
     this.bar.hidden = !this.#outline || isBusy;
     const isOpen = region?.kind === "line";
@@ -72,10 +97,16 @@ export class CutBar {
   }
 
   #makePoints() {
-    const { editor, editor: { pointTools, shapeTools } } = this, region = this.#outline;
+    const {
+        editor,
+        editor: { pointTools, shapeTools },
+      } = this,
+      region = this.#outline;
     if (!region) return;
-    const made = [...editor.points], isClosed = region.kind === "polygon";
-    let id = nextId(made, editor.sender.nextId), count = 0;
+    const made = [...editor.points],
+      isClosed = region.kind === "polygon";
+    let id = nextId(made, editor.sender.nextId),
+      count = 0;
     for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
       const source = pointTools.seenAt(place);
       if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
@@ -87,14 +118,23 @@ export class CutBar {
   }
 
   #pullOpen() {
-    const { editor, editor: { pointTools } } = this, region = this.#line, [a0, a1, b0, b1] = editor.box;
+    const {
+        editor,
+        editor: { pointTools },
+      } = this,
+      region = this.#line,
+      [a0, a1, b0, b1] = editor.box;
     if (region?.kind !== "line") return;
-    const { pulled, held } = openingPlaces(region.vertices, editor.box), near = NEAR * Math.hypot(a1 - a0, b1 - b0);
+    const { pulled, held } = openingPlaces(region.vertices, editor.box),
+      near = NEAR * Math.hypot(a1 - a0, b1 - b0);
     const made = [...editor.points];
     let id = nextId(made, editor.sender.nextId);
     for (const { from, to } of pulled) {
       const source = pointTools.seenAt(from);
-      if (source === null) { editor.hint("It is open already: drag its points to pull further", 4000); return; }
+      if (source === null) {
+        editor.hint("It is open already: drag its points to pull further", 4000);
+        return;
+      }
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {

@@ -9,34 +9,33 @@ import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import { RestingTrait, } from "../sync/edits.ts";
+import type { Change } from "../sync/edits.ts";
+import { RestingTrait } from "../sync/edits.ts";
+import type { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
+import { DrawRate, EditorDrawing, initialize } from "./base.ts";
 import { Brush } from "./brush_tool.ts";
 import { ColourBar } from "./colour_bar.ts";
-import { DrawRate, EditorDrawing, initialize } from "./base.ts";
-import { GridNodes } from "./grid_nodes.ts";
-import { Handles, ToolMarks } from "./handles.ts";
-import { Ghost, GHOST_TRAITS, Overlay, OVERLAY_TRAITS } from "./overlays.ts";
-import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.ts";
 import { CutBar } from "./cut_bar.ts";
 import { FoldStop } from "./fold_stop.ts";
+import { GridNodes } from "./grid_nodes.ts";
+import { Handles, ToolMarks } from "./handles.ts";
+import { GHOST_TRAITS, Ghost, OVERLAY_TRAITS, Overlay } from "./overlays.ts";
+import type { Original, PictureSource, View } from "./painter.ts";
+import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painter.ts";
 import { PartTools } from "./part_tools.ts";
 import { PointTools } from "./point_tools.ts";
 import { Gestures } from "./pointer.ts";
-import { Pen, PEN_WORDS, ShapeTools } from "./shape_tools.ts";
+import { PEN_WORDS, Pen, ShapeTools } from "./shape_tools.ts";
 import { StatusLine } from "./status_line.ts";
 import { Wand } from "./wand_tool.ts";
 import { WindowTool } from "./window_tool.ts";
-
-import type { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.ts";
-import type { Change } from "../sync/edits.ts";
-import type { Original, PictureSource, View } from "./painter.ts";
 export type GridLines = ReturnType<typeof deformedGrid>;
 /** isRough: found while something moved. */
-export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>, isRough: boolean };
+export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>; isRough: boolean };
 
 export interface Naming {
   take: (text: string) => void;
@@ -45,8 +44,24 @@ export interface Naming {
 }
 
 /** Other traits that the drawing depends on. */
-const SHOWN = ["density", "show_grid", "show_radius", "read_only", "history", "mirror", "snap", "stop_at_folds", "front_only",
-  "brush_radius", "drag_grid", "wand", "slices", "slice", ...OVERLAY_TRAITS, ...GHOST_TRAITS];
+const SHOWN = [
+  "density",
+  "show_grid",
+  "show_radius",
+  "read_only",
+  "history",
+  "mirror",
+  "snap",
+  "stop_at_folds",
+  "front_only",
+  "brush_radius",
+  "drag_grid",
+  "wand",
+  "slices",
+  "slice",
+  ...OVERLAY_TRAITS,
+  ...GHOST_TRAITS,
+];
 
 const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const REST = 120; // milliseconds after which the full picture is drawn
@@ -56,31 +71,48 @@ const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the edi
 
 /** Commands of the toolbar and of keys; `ids` are the points that they are about. */
 const COMMANDS: Record<string, (editor: EditorView, ids: number[]) => void> = {
-  add: (editor) => editor.setAdding(!editor.isAdding), select: (editor) => editor.setSelecting(!editor.isSelecting),
+  add: (editor) => editor.setAdding(!editor.isAdding),
+  select: (editor) => editor.setSelecting(!editor.isSelecting),
   remove: (editor, ids) => editor.pointTools.remove(ids),
-  rename: (editor, ids) => { if (ids.length === 1) editor.pointTools.rename(ids[0]); },
-  switch: (editor, ids) => editor.pointTools.switch(ids), reset: (editor, ids) => editor.pointTools.reset(ids),
+  rename: (editor, ids) => {
+    if (ids.length === 1) editor.pointTools.rename(ids[0]);
+  },
+  switch: (editor, ids) => editor.pointTools.switch(ids),
+  reset: (editor, ids) => editor.pointTools.reset(ids),
   lock: (editor, ids) => editor.pointTools.toggleLock(ids),
-  undo: (editor) => editor.stepHistory("undo"), redo: (editor) => editor.stepHistory("redo"),
-  move: (editor) => editor.setBrush("move"), grow: (editor) => editor.setBrush("grow"),
-  cut: (editor) => editor.setPen("cut"), part: (editor) => editor.setPen("part"),
+  undo: (editor) => editor.stepHistory("undo"),
+  redo: (editor) => editor.stepHistory("redo"),
+  move: (editor) => editor.setBrush("move"),
+  grow: (editor) => editor.setBrush("grow"),
+  cut: (editor) => editor.setPen("cut"),
+  part: (editor) => editor.setPen("part"),
   fixed: (editor) => editor.setPen("fixed"),
-  mirror: (editor) => editor.pointTools.toggleMirror(), "mirror-axis": (editor) => editor.pointTools.turnMirror(),
-  snap: (editor) => editor.pointTools.toggleSnap(), stop: (editor) => editor.toggle("stop_at_folds"),
+  mirror: (editor) => editor.pointTools.toggleMirror(),
+  "mirror-axis": (editor) => editor.pointTools.turnMirror(),
+  snap: (editor) => editor.pointTools.toggleSnap(),
+  stop: (editor) => editor.toggle("stop_at_folds"),
   "turn-left": (editor) => editor.pointTools.turnKey(-1, { isLarge: true, isScale: false }),
   "turn-right": (editor) => editor.pointTools.turnKey(1, { isLarge: true, isScale: false }),
-  grid: (editor) => editor.toggle("show_grid"), radius: (editor) => editor.toggle("show_radius"),
+  grid: (editor) => editor.toggle("show_grid"),
+  radius: (editor) => editor.toggle("show_radius"),
   overlay: (editor) => editor.overlay.next(),
-  compare: (editor) => { editor.isComparing = !editor.isComparing; editor.invalidate(); },
-  "zoom-in": (editor) => editor.zoomAt(1.25), "zoom-out": (editor) => editor.zoomAt(0.8),
-  fit: (editor) => editor.fitView(), window: (editor) => editor.windowTool.toggle(),
+  compare: (editor) => {
+    editor.isComparing = !editor.isComparing;
+    editor.invalidate();
+  },
+  "zoom-in": (editor) => editor.zoomAt(1.25),
+  "zoom-out": (editor) => editor.zoomAt(0.8),
+  fit: (editor) => editor.fitView(),
+  window: (editor) => editor.windowTool.toggle(),
   wand: (editor) => editor.wand.toggle(),
   help: (editor) => editor.toggleHelp(),
 };
 
 /** The same where a shape is chosen. */
 const SHAPE_COMMANDS: Record<string, (tools: ShapeTools) => void> = {
-  remove: (tools) => tools.remove(), rename: (tools) => tools.rename(), switch: (tools) => tools.switch(),
+  remove: (tools) => tools.remove(),
+  rename: (tools) => tools.rename(),
+  switch: (tools) => tools.switch(),
   turn: (tools) => tools.turn(),
 };
 
@@ -145,13 +177,13 @@ export class EditorView extends EditorDrawing {
   error = ""; // the reason why the points cannot be fitted
 
   /** The last fit that was made, and of what. */
-  made: { points: Point[], settings: FitSettings, layered: LayeredFit } | null = null;
+  made: { points: Point[]; settings: FitSettings; layered: LayeredFit } | null = null;
 
   /** The last good fit that is shown. */
   layered: LayeredFit | null = null;
 
   /** The grid that was drawn, and what it was made of. */
-  grid: { key: unknown[], lines: GridLines } | null = null;
+  grid: { key: unknown[]; lines: GridLines } | null = null;
 
   folds: Folds | null = null;
 
@@ -183,8 +215,13 @@ export class EditorView extends EditorDrawing {
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.stage);
     const veil = pageElement("div", "dnb-ed-veil", this.stage);
     this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" }); // there from the start: so it is read out
-    this.input = pageElement("input", "dnb-ed-input", this.stage, { type: "text", maxlength: "80", hidden: "",
-      "aria-label": "name", ...OWN_KEYS });
+    this.input = pageElement("input", "dnb-ed-input", this.stage, {
+      type: "text",
+      maxlength: "80",
+      hidden: "",
+      "aria-label": "name",
+      ...OWN_KEYS,
+    });
     this.stage.append(this.tip, this.alert);
     this.help = new HelpPanel(this.stage, this.root, () => this.focusStage());
     this.statusLine = new StatusLine(this);
@@ -207,12 +244,22 @@ export class EditorView extends EditorDrawing {
     this.marks = new ToolMarks(this.svg, this.handles.points);
     this.gestures = new Gestures(this);
     this.gridNodes = new GridNodes(this);
-    beforeActionOutside(this.root, () => { this.selection.flush(); this.windowTool.trait.flush(); }, this.closing.signal);
+    beforeActionOutside(
+      this.root,
+      () => {
+        this.selection.flush();
+        this.windowTool.trait.flush();
+      },
+      this.closing.signal,
+    );
     Object.assign(this.root, { deformnb: this }); // for tests and for debugging
     this.#followModel();
     this.#followPage();
     this.guard(() => this.shapeTools.receiveChosen());
-    this.guard(() => { this.applyColours(); this.#setShows(); });
+    this.guard(() => {
+      this.applyColours();
+      this.#setShows();
+    });
     this.guard(() => this.showWaiting());
     this.guard(() => this.layout());
     this.loadPicture();
@@ -225,7 +272,9 @@ export class EditorView extends EditorDrawing {
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
-    on("change:selected", () => { if (!this.selection.isAhead) this.select(model.get("selected"), false); });
+    on("change:selected", () => {
+      if (!this.selection.isAhead) this.select(model.get("selected"), false);
+    });
     on("change:chosen_shape", () => this.shapeTools.receiveChosen());
     for (const name of ["image", "raster"]) on(`change:${name}`, () => this.loadPicture());
     for (const name of ["beyond", "height", "label"]) on(`change:${name}`, () => this.layout());
@@ -238,8 +287,14 @@ export class EditorView extends EditorDrawing {
     on("change:shows", () => this.#setShows());
     for (const name of SHOWN) on(`change:${name}`, () => this.invalidate());
     on("msg:custom", (message) => this.message(message));
-    const news = { points: () => this.receive(), status: () => this.showStatus(),
-      history: () => { this.shapeTools.receiveChosen(); this.invalidate(); } };
+    const news = {
+      points: () => this.receive(),
+      status: () => this.showStatus(),
+      history: () => {
+        this.shapeTools.receiveChosen();
+        this.invalidate();
+      },
+    };
     this.#ends.push(sender.listen((what: Change) => this.guard(news[what])));
     const moved = (event: CustomEvent<PointsDetail>) => this.guard(() => this.#receiveMove(event.detail));
     bus.addEventListener("deformnb:points", moved);
@@ -251,12 +306,19 @@ export class EditorView extends EditorDrawing {
     const { signal } = this.closing;
     const sizes = new ResizeObserver(() => this.guard(() => this.layout()));
     sizes.observe(this.root);
-    this.#ends.push(() => { sizes.disconnect(); this.theme.close(); });
-    this.input.addEventListener("keydown", (e) => {
-      e.stopPropagation();
-      if (e.key === "Enter") this.endNaming(true);
-      if (e.key === "Escape") this.endNaming(false);
-    }, { signal });
+    this.#ends.push(() => {
+      sizes.disconnect();
+      this.theme.close();
+    });
+    this.input.addEventListener(
+      "keydown",
+      (e) => {
+        e.stopPropagation();
+        if (e.key === "Enter") this.endNaming(true);
+        if (e.key === "Escape") this.endNaming(false);
+      },
+      { signal },
+    );
     this.input.addEventListener("blur", () => this.endNaming(true), { signal });
   }
 
@@ -293,14 +355,21 @@ export class EditorView extends EditorDrawing {
 
   #receiveMove({ origin, points, phase, settings }: PointsDetail) {
     if (origin === this.id || this.isDragging) return;
-    if (phase !== "move") { this.receive(); return; }
+    if (phase !== "move") {
+      this.receive();
+      return;
+    }
     this.isFollowing = true; // only the view in which the user drags publishes points
     this.points = points;
     this.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
     this.changed(true);
   }
 
-  message(message: { type: string, message?: string, tool?: string, id?: number, parts?: PartData[], kind?: string } | undefined) {
+  message(
+    message:
+      | { type: string; message?: string; tool?: string; id?: number; parts?: PartData[]; kind?: string }
+      | undefined,
+  ) {
     const { type, message: text, tool = "", id, parts, kind = "" } = message ?? {};
     if (type === "error") this.showMessage(String(text), true);
     if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
@@ -315,16 +384,24 @@ export class EditorView extends EditorDrawing {
   }
 
   /** Switch a trait that is true or false. */
-  toggle(name: string) { this.set(name, !this.model.get(name)); }
+  toggle(name: string) {
+    this.set(name, !this.model.get(name));
+  }
 
   /** @returns of a fit, with the shapes as they are during a drag */
-  get settings(): FitSettings { return { ...settingsOf(this.model), ...this.shapes }; }
+  get settings(): FitSettings {
+    return { ...settingsOf(this.model), ...this.shapes };
+  }
 
-  get strength(): number { return this.settings.strength ?? 1; }
+  get strength(): number {
+    return this.settings.strength ?? 1;
+  }
 
   async loadPicture() {
     this.#pictures += 1;
-    const number = this.#pictures, bytes = this.model.get("image"), raster = this.model.get("raster");
+    const number = this.#pictures,
+      bytes = this.model.get("image"),
+      raster = this.model.get("raster");
     try {
       const source = bytes?.byteLength ? await decodePicture(bytes, raster) : null;
       if (this.#pictures !== number) return;
@@ -345,7 +422,9 @@ export class EditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  get isWorkedIn() { return isWorkedIn(this.root); }
+  get isWorkedIn() {
+    return isWorkedIn(this.root);
+  }
 
   /** What is known of the slices, one of which is seen; null for another projection. */
   get slices() {
@@ -376,7 +455,9 @@ export class EditorView extends EditorDrawing {
   }
 
   /** Whether grey values are shown in colours. */
-  get hasColours() { return Boolean(this.model.get("colours")?.byteLength); }
+  get hasColours() {
+    return Boolean(this.model.get("colours")?.byteLength);
+  }
 
   #setShows() {
     this.compare.set(this.model.get("shows") ?? "");
@@ -384,11 +465,14 @@ export class EditorView extends EditorDrawing {
   }
 
   /** Whether all of the picture is shown as it was. */
-  get isOriginal() { return this.isComparing || this.isBefore || this.compare.shows === "original"; }
+  get isOriginal() {
+    return this.isComparing || this.isBefore || this.compare.shows === "original";
+  }
 
   /** What is seen of the original in the picture. */
   get original(): Original {
-    const { shows, share } = this.compare, isAll = this.isOriginal;
+    const { shows, share } = this.compare,
+      isAll = this.isOriginal;
     return { share: !isAll && shows === "wipe" ? share : 0, opacity: !isAll && shows === "fade" ? share : 0 };
   }
 
@@ -396,14 +480,22 @@ export class EditorView extends EditorDrawing {
    * The map under which a place of the view is seen; null where that is the original.
    * @param at CSS pixels
    */
-  fitAt([x]: number[]) { return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered; }
+  fitAt([x]: number[]) {
+    return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered;
+  }
 
-  get isWaiting() { return Boolean(this.model.get("waiting")); }
+  get isWaiting() {
+    return Boolean(this.model.get("waiting"));
+  }
 
-  get isLocked() { return this.isWaiting || Boolean(this.model.get("read_only")) || this.isBefore; }
+  get isLocked() {
+    return this.isWaiting || Boolean(this.model.get("read_only")) || this.isBefore;
+  }
 
   /** Whether points, a shape or a part are being dragged. */
-  get isDragging() { return [this.pointTools, this.shapeTools, this.partTools].some(({ drag0 }) => drag0 !== null); }
+  get isDragging() {
+    return [this.pointTools, this.shapeTools, this.partTools].some(({ drag0 }) => drag0 !== null);
+  }
 
   /** While Python makes another picture, nothing can be edited; a drag under way is as if it had not begun. */
   showWaiting() {
@@ -423,13 +515,18 @@ export class EditorView extends EditorDrawing {
 
   /** The picture's box, [a0, a1, b0, b1]. */
   get box() {
-    const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.model.get("raster");
+    const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a, b],
+    } = this.model.get("raster");
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
   /** The box of all that is drawn: the picture's, and what the result's holds beyond it. */
   get sheet() {
-    const { box } = this, beyond = this.model.get("beyond") ?? [];
+    const { box } = this,
+      beyond = this.model.get("beyond") ?? [];
     return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
   }
 
@@ -437,26 +534,34 @@ export class EditorView extends EditorDrawing {
 
   layout() {
     this.applyTheme(); // a style sheet that comes late changes sizes as well
-    const [a0, a1, b0, b1] = this.sheet, aspect = (b1 - b0) / (a1 - a0), most = Math.max(120, this.model.get("height"));
+    const [a0, a1, b0, b1] = this.sheet,
+      aspect = (b1 - b0) / (a1 - a0),
+      most = Math.max(120, this.model.get("height"));
     const isFilling = Boolean(this.model.get("fill"));
     this.root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
-    const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH), label = this.model.get("label") || "Picture";
+    const width = Math.max(120, this.stage.clientWidth || UNKNOWN_WIDTH),
+      label = this.model.get("label") || "Picture";
     const whole = (width - 2 * MARGIN) * aspect + 2 * MARGIN;
     const own = Math.round(Math.max(120, Math.min(most, whole)));
     this.stage.style.height = isFilling ? "" : `${own}px`;
     const height = isFilling ? Math.max(120, this.stage.clientHeight) : own;
     this.stage.classList.toggle("dnb-ed-filling", isFilling);
     this.root.setAttribute("aria-label", `Editor of ${label}`);
-    this.stage.setAttribute("aria-label", `${label} with control points. Tab leads to ` +
-      "them, Ctrl and arrows from one to the next, arrows move, Enter adds, question mark lists the keys.");
-    const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)), v = this.view;
+    this.stage.setAttribute(
+      "aria-label",
+      `${label} with control points. Tab leads to ` +
+        "them, Ctrl and arrows from one to the next, arrows move, Enter adds, question mark lists the keys.",
+    );
+    const ratio = Math.min(2, Math.max(1, window.devicePixelRatio || 1)),
+      v = this.view;
     const [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
     Object.assign(v, { width, height, ratio });
     const isResized = this.painter.resize(width, height, ratio);
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     if (this.isFitted) this.fitView();
     else Object.assign(v, { x: v.x + dx, y: v.y + dy });
-    if (isResized) this.drawNow(); // at once: the canvas is empty
+    if (isResized)
+      this.drawNow(); // at once: the canvas is empty
     else this.invalidate(); // a remark of two lines comes and goes while a point is dragged
   }
 
@@ -464,19 +569,26 @@ export class EditorView extends EditorDrawing {
    * The place of the picture at a place of the view.
    * @param at CSS pixels
    */
-  placeAt([x, y]: number[]) { return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k]; }
+  placeAt([x, y]: number[]) {
+    return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k];
+  }
 
   /** The place of the view at a place of the picture. */
-  onView([a, b]: number[]) { return [this.view.k * a + this.view.x, this.view.k * b + this.view.y]; }
+  onView([a, b]: number[]) {
+    return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
+  }
 
   get #fittedScale() {
-    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view;
+    const [a0, a1, b0, b1] = this.sheet,
+      { width, height } = this.view;
     return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
   }
 
   fitView() {
-    const [a0, a1, b0, b1] = this.sheet, { width, height } = this.view, k = this.#fittedScale;
-    Object.assign(this.view, { k, x: width / 2 - k * (a0 + a1) / 2, y: height / 2 - k * (b0 + b1) / 2 });
+    const [a0, a1, b0, b1] = this.sheet,
+      { width, height } = this.view,
+      k = this.#fittedScale;
+    Object.assign(this.view, { k, x: width / 2 - (k * (a0 + a1)) / 2, y: height / 2 - (k * (b0 + b1)) / 2 });
     this.isFitted = true;
     this.invalidate();
   }
@@ -488,7 +600,9 @@ export class EditorView extends EditorDrawing {
   }
 
   zoomAt(factor: number, x = this.view.width / 2, y = this.view.height / 2) {
-    const v = this.view, fitted = this.#fittedScale, k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
+    const v = this.view,
+      fitted = this.#fittedScale,
+      k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
     const f = k / v.k;
     Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
     this.#keepInView();
@@ -497,7 +611,9 @@ export class EditorView extends EditorDrawing {
 
   /** Show a point in the middle of the view, magnified enough to show what it holds. */
   lookAt(id: number) {
-    const p = this.pointOf(id), v = this.view, k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
+    const p = this.pointOf(id),
+      v = this.view,
+      k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
     Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
     this.#keepInView();
@@ -508,9 +624,11 @@ export class EditorView extends EditorDrawing {
 
   /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
   #keepInView() {
-    const [a0, a1, b0, b1] = this.sheet, v = this.view;
+    const [a0, a1, b0, b1] = this.sheet,
+      v = this.view;
     const least = (length: number, room: number) => LEAST_SEEN * Math.min(v.k * length, room);
-    const across = least(a1 - a0, v.width), down = least(b1 - b0, v.height);
+    const across = least(a1 - a0, v.width),
+      down = least(b1 - b0, v.height);
     v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
     v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
     this.isFitted = false;
@@ -546,10 +664,11 @@ export class EditorView extends EditorDrawing {
     if (isMoving && !this.restTimer) this.restTimer = setTimeout(() => this.#rest(), REST);
     this.isBefore = this.gridNodes.side === "before";
     if (this.isDirty) this.#refit();
-    const fit = this.isOriginal ? null : this.layered, { original } = this;
+    const fit = this.isOriginal ? null : this.layered,
+      { original } = this;
     this.painter.paint(view, fit, { isMoving, paper: this.colours.stage, sheet: this.sheet, original });
     this.painter.drawFrame(view, this.sheet);
-    const known = fit ? this.painter.sampled ?? fit : null; // at the nodes of the picture while something moves
+    const known = fit ? (this.painter.sampled ?? fit) : null; // at the nodes of the picture while something moves
     const { latest } = this.bus;
     if (latest && latest.layered === fit && latest.phase === "move") latest.sampled = this.painter.sampled;
     if (model.get("show_grid") && model.get("density") > 0) this.#drawGrids(known, original.share);
@@ -558,14 +677,26 @@ export class EditorView extends EditorDrawing {
     else this.invalidate();
     this.isResting = false;
     this.overlay.canvas.style.clipPath = original.share > 0 ? `inset(0 0 0 ${100 * original.share}%)` : "";
-    const reach = this.#reach(), radius = model.get("show_radius") ? reach : 0, isLost = this.shapeTools.draw();
+    const reach = this.#reach(),
+      radius = model.get("show_radius") ? reach : 0,
+      isLost = this.shapeTools.draw();
     this.handles.suspects = new Set(model.get("marked") ?? []);
     this.gridNodes.update(fit);
-    const shown = this.gridNodes.shown(this.points), marks = (p: Point) => this.shapeTools.markOf(p);
+    const shown = this.gridNodes.shown(this.points),
+      marks = (p: Point) => this.shapeTools.markOf(p);
     if (this.handles.update(shown, this.selected, view, radius, reach, marks) || isLost) this.focusStage();
-    this.marks.update({ mirror: pointTools.mirror, view, points: this.points, selected: this.selected,
-      brush: this.brush, pen: this.pen, isLocked: this.isLocked, isHolding: pointTools.drag0 !== null,
-      isAdding: this.isAdding, onView: (place) => this.onView(place) });
+    this.marks.update({
+      mirror: pointTools.mirror,
+      view,
+      points: this.points,
+      selected: this.selected,
+      brush: this.brush,
+      pen: this.pen,
+      isLocked: this.isLocked,
+      isHolding: pointTools.drag0 !== null,
+      isAdding: this.isAdding,
+      onView: (place) => this.onView(place),
+    });
     this.brush.show();
     this.windowTool.show();
     this.wand.show();
@@ -582,8 +713,9 @@ export class EditorView extends EditorDrawing {
    * @throws {RbfError} where there is none
    */
   fitOf(points: Point[], shapes?: Partial<Shapes>): LayeredFit {
-    const { made } = this, settings = { ...this.settings, ...shapes };
-    const names = (Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[]);
+    const { made } = this,
+      settings = { ...this.settings, ...shapes };
+    const names = Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[];
     if (made && names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points)) {
       return made.layered;
     }
@@ -606,23 +738,38 @@ export class EditorView extends EditorDrawing {
     this.grid = this.folds = null; // of these points, looked at once more when they rest
     const layered = this.error ? null : this.layered;
     if (!this.isFollowing) {
-      publishPoints(this.bus, { origin: this.id, points: this.points, settings, fit: layered?.fit ?? null, layered,
-        phase: this.isDragging ? "move" : "end" });
+      publishPoints(this.bus, {
+        origin: this.id,
+        points: this.points,
+        settings,
+        fit: layered?.fit ?? null,
+        layered,
+        phase: this.isDragging ? "move" : "end",
+      });
     }
     this.isFollowing = false;
     this.pointTools.sendMove();
   }
 
   /** The fit where there are no cuts, for tests and for debugging. */
-  get fit() { return this.layered?.fit ?? null; }
+  get fit() {
+    return this.layered?.fit ?? null;
+  }
 
   /** Draw the grid: straight left of a share of the width, deformed right of it. */
   #drawGrids(layered: LayeredFit | null, share: number) {
-    const { context: c } = this.painter, { width, height } = this.painter.canvas, cut = share * width;
-    if (cut <= 0) { drawGrid(c, this.view, this.#gridOf(layered), this.colours.grid); return; }
+    const { context: c } = this.painter,
+      { width, height } = this.painter.canvas,
+      cut = share * width;
+    if (cut <= 0) {
+      drawGrid(c, this.view, this.#gridOf(layered), this.colours.grid);
+      return;
+    }
     const straight = deformedGrid(NO_CUTS, this.box, this.model.get("density"), 1, 1);
-    for (const { lines, x, wide } of [{ lines: straight, x: 0, wide: cut },
-      { lines: this.#gridOf(layered), x: cut, wide: width - cut }]) {
+    for (const { lines, x, wide } of [
+      { lines: straight, x: 0, wide: cut },
+      { lines: this.#gridOf(layered), x: cut, wide: width - cut },
+    ]) {
       c.save();
       c.beginPath();
       c.rect(x, 0, wide, height);
@@ -633,13 +780,17 @@ export class EditorView extends EditorDrawing {
   }
 
   #gridOf(layered: LayeredFit | null) {
-    const cells = this.model.get("density"), { isMoving } = this, count = layered?.count ?? 0;
+    const cells = this.model.get("density"),
+      { isMoving } = this,
+      count = layered?.count ?? 0;
     const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
     const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
     const parts = isBent ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
-    const key = [layered, cells, parts, String(this.box)], { grid } = this;
+    const key = [layered, cells, parts, String(this.box)],
+      { grid } = this;
     const isSame = grid !== null && key.every((value, k) => value === grid.key[k]);
-    const lines = isSame ? grid.lines
+    const lines = isSame
+      ? grid.lines
       : deformedGrid(layered ?? NO_CUTS, this.box, cells, parts, (isMoving ? 0.2 : 0.05) / this.view.k);
     this.grid = { key, lines };
     return lines;
@@ -658,14 +809,16 @@ export class EditorView extends EditorDrawing {
    * @param known at the nodes of the picture while something moves
    */
   #measuredFolds(known: LayeredFit) {
-    const { isMoving } = this, probes = probesOf(known, isMoving ? 5e4 : 4e5);
+    const { isMoving } = this,
+      probes = probesOf(known, isMoving ? 5e4 : 4e5);
     const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33;
     return { ...foldsOf(known, this.box, nodes, probes, this.tissueTest(known)), probes, isRough: isMoving };
   }
 
   /** A test whether tissue is seen at a place; undefined where the picture does not show it. */
   tissueTest(layered: LayeredFit) {
-    const { source } = this.painter, air = this.model.get("air");
+    const { source } = this.painter,
+      air = this.model.get("air");
     return source?.grey && typeof air === "number" ? tissueTest(layered, source, air) : undefined;
   }
 
@@ -678,19 +831,41 @@ export class EditorView extends EditorDrawing {
   }
 
   #updateToolbar() {
-    const { points, selected, model, brush, pointTools, shapeTools, sender } = this, tool = this.pen.draft?.tool;
+    const { points, selected, model, brush, pointTools, shapeTools, sender } = this,
+      tool = this.pen.draft?.tool;
     const isShape = shapeTools.chosenShape !== null && selected.size === 0;
     this.toolbar.hide("wand", !this.wand.isThere);
     const own = points.filter((p) => selected.has(p.id));
-    const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, compare: this.isComparing,
-      cut: tool === "cut", part: tool === "part", fixed: tool === "fixed", move: brush.tool === "move",
-      grow: brush.tool === "grow", mirror: pointTools.mirror.on, snap: pointTools.snap > 0,
-      stop: model.get("stop_at_folds"), window: this.windowTool.isOn, wand: this.wand.isOn, lock: own.length > 0 && own.every((p) => p.locked),
-      grid: model.get("show_grid"), radius: model.get("show_radius"), help: this.help.isOpen });
-    this.toolbar.update({ count: points.length, selected: isShape ? 1 : selected.size, pointsSelected: selected.size,
-      turns: isShape && shapeTools.canTurn, past: sender.canStep("undo"), future: sender.canStep("redo"),
-      steps: model.get("history") ?? {}, pressed: pressed.filter(([, is]) => is).map(([name]) => name),
-      readOnly: this.isLocked });
+    const pressed = Object.entries({
+      add: this.isAdding,
+      select: this.isSelecting,
+      compare: this.isComparing,
+      cut: tool === "cut",
+      part: tool === "part",
+      fixed: tool === "fixed",
+      move: brush.tool === "move",
+      grow: brush.tool === "grow",
+      mirror: pointTools.mirror.on,
+      snap: pointTools.snap > 0,
+      stop: model.get("stop_at_folds"),
+      window: this.windowTool.isOn,
+      wand: this.wand.isOn,
+      lock: own.length > 0 && own.every((p) => p.locked),
+      grid: model.get("show_grid"),
+      radius: model.get("show_radius"),
+      help: this.help.isOpen,
+    });
+    this.toolbar.update({
+      count: points.length,
+      selected: isShape ? 1 : selected.size,
+      pointsSelected: selected.size,
+      turns: isShape && shapeTools.canTurn,
+      past: sender.canStep("undo"),
+      future: sender.canStep("redo"),
+      steps: model.get("history") ?? {},
+      pressed: pressed.filter(([, is]) => is).map(([name]) => name),
+      readOnly: this.isLocked,
+    });
   }
 
   /** Show a sentence over the picture, in place of a question about a rigid part. */
@@ -701,11 +876,14 @@ export class EditorView extends EditorDrawing {
 
   // ---- points, selection and commands -------------------------------------------------------------------------------
 
-  pointOf(id: number) { return this.points.find((p) => p.id === id); }
+  pointOf(id: number) {
+    return this.points.find((p) => p.id === id);
+  }
 
   /** @param isShared whether Python gets the selection */
   select(ids: Iterable<number>, isShared: boolean = true) {
-    const known = new Set(this.points.map((p) => p.id)), next = new Set([...ids ?? []].filter((id) => known.has(id)));
+    const known = new Set(this.points.map((p) => p.id)),
+      next = new Set([...(ids ?? [])].filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
     if (next.size) this.shapeTools.choose(null);
@@ -719,18 +897,23 @@ export class EditorView extends EditorDrawing {
   }
 
   /** The ids of the points in a rectangle of the view. */
-  pointsInside({ x, y, width, height }: { x: number, y: number, width: number, height: number }) {
-    return this.points.filter(({ target }) => {
-      const [px, py] = this.onView(target);
-      return px >= x && py >= y && px - x <= width && py - y <= height;
-    }).map((p) => p.id);
+  pointsInside({ x, y, width, height }: { x: number; y: number; width: number; height: number }) {
+    return this.points
+      .filter(({ target }) => {
+        const [px, py] = this.onView(target);
+        return px >= x && py >= y && px - x <= width && py - y <= height;
+      })
+      .map((p) => p.id);
   }
 
   /** The selected points, or the one in focus if that is not selected. */
-  idsAt(focused: number | null) { return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected]; }
+  idsAt(focused: number | null) {
+    return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
+  }
 
   run(command: string, focused: number | null) {
-    const ids = this.idsAt(focused), { shapeTools } = this;
+    const ids = this.idsAt(focused),
+      { shapeTools } = this;
     if (focused === null && this.toolbar.isOff(command)) return;
     if (shapeTools.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
       if (!this.isLocked) SHAPE_COMMANDS[command](shapeTools);
@@ -745,7 +928,10 @@ export class EditorView extends EditorDrawing {
   // ---- modes: adding, selecting, pen and brush ----------------------------------------------------------------------
 
   setAdding(isAdding: boolean) {
-    if (isAdding) { this.putDownTools(); this.setSelecting(false); }
+    if (isAdding) {
+      this.putDownTools();
+      this.setSelecting(false);
+    }
     this.isAdding = isAdding && !this.isLocked;
     this.stage.classList.toggle("dnb-ed-adding", this.isAdding);
     if (this.isAdding) this.hint("Press on a feature and drag it in one go, or click to set a point. Esc when done");
@@ -756,7 +942,10 @@ export class EditorView extends EditorDrawing {
    * While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
    */
   setSelecting(isSelecting: boolean) {
-    if (isSelecting) { this.putDownTools(); this.setAdding(false); }
+    if (isSelecting) {
+      this.putDownTools();
+      this.setAdding(false);
+    }
     this.isSelecting = isSelecting;
     this.stage.classList.toggle("dnb-ed-selecting", isSelecting);
     if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
@@ -786,7 +975,10 @@ export class EditorView extends EditorDrawing {
   setPen(tool: string) {
     const was = this.pen.draft?.tool;
     this.putDownTools();
-    if (was === tool || this.isLocked) { this.invalidate(); return; }
+    if (was === tool || this.isLocked) {
+      this.invalidate();
+      return;
+    }
     this.setAdding(false);
     this.setSelecting(false);
     this.shapeTools.choose(null);
@@ -812,7 +1004,10 @@ export class EditorView extends EditorDrawing {
 
   /** Request a name beside a place of the view. */
   promptName(text: string, placeholder: string, [x, y]: number[], naming: Naming) {
-    const { input, view: { width, height } } = this;
+    const {
+      input,
+      view: { width, height },
+    } = this;
     this.naming = naming;
     input.hidden = false;
     input.value = text;
@@ -844,7 +1039,9 @@ export class EditorView extends EditorDrawing {
     return true;
   }
 
-  focusStage() { this.stage.focus({ preventScroll: true }); }
+  focusStage() {
+    this.stage.focus({ preventScroll: true });
+  }
 }
 
 /**
@@ -852,14 +1049,17 @@ export class EditorView extends EditorDrawing {
  * @param air the value of the picture up to which nothing is seen
  */
 function tissueTest(layered: LayeredFit, source: PictureSource, air: number) {
-  const { spacing: [du, dv] } = source.raster, steps = [-2, 0, 2];
+  const {
+      spacing: [du, dv],
+    } = source.raster,
+    steps = [-2, 0, 2];
   return (a: number, b: number) => {
     const [da, db] = placeOf(layered, a, b, du);
     return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
   };
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const editor = new EditorView(model, el);
   return () => editor.close();
 }

@@ -7,9 +7,10 @@ import { RbfError } from "../maths/rbf.ts";
 import type { Point, Shapes } from "../types.ts";
 import type { EditorView } from "./editor.ts";
 /** what a map is fitted to */
-export type MapState = { points: Point[], shapes: Shapes };
+export type MapState = { points: Point[]; shapes: Shapes };
 
-const HOLD_WORK = 6e4, HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
+const HOLD_WORK = 6e4,
+  HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 
 /** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {
@@ -60,10 +61,12 @@ export class FoldStop {
 
   /** A drag as far as the map stays free of folds, if the user has chosen that: from `make(0)` to `make(1)`. */
   limit<S extends MapState>(make: (share: number) => S): S {
-    const wanted = make(1), note = "Stopped before the picture folds; T lets the drag go on";
+    const wanted = make(1),
+      note = "Stopped before the picture folds; T lets the drag go on";
     this.note = "";
     if (!this.editor.model.get("stop_at_folds") || !this.refuses(wanted, note)) return wanted;
-    let low = 0, high = 1;
+    let low = 0,
+      high = 1;
     for (let turn = 0; turn < 8; turn++) {
       const middle = (low + high) / 2;
       if (this.refuses(make(middle), note)) high = middle;

@@ -6,18 +6,22 @@
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
-import { OWN_KEYS, setAttributes, setText, SLACK, svgElement } from "../ui/dom.ts";
-
 import type { LayeredFit, Point } from "../types.ts";
+import { OWN_KEYS, SLACK, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
-export type NodeParts = { root: SVGGElement, tip: SVGElement, hit: SVGElement, columns: number };
+export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
 /** id: of the new point. */
-export type NodeDrag = { n: number, pointer: number, from: number[], id: number | null, slack: number };
+export type NodeDrag = { n: number; pointer: number; from: number[]; id: number | null; slack: number };
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
-const NODE_STEPS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const NODE_STEPS: Record<string, number[]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
@@ -25,7 +29,7 @@ const STILL_GRID = "Drags are magnified 0 times: the grid is that of the origina
 export class GridNodes {
   editor: EditorView;
   nodes: NodeParts[];
-  made: { key: unknown[], places: GridPlaces } | null;
+  made: { key: unknown[]; places: GridPlaces } | null;
   current: number;
   drag: NodeDrag | null;
   group: SVGGElement;
@@ -41,25 +45,41 @@ export class GridNodes {
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
     editor.svg.insertBefore(this.group, editor.handles.arrows); // under the points
     this.closing = new AbortController();
-    const { group, closing: { signal } } = this;
+    const {
+      group,
+      closing: { signal },
+    } = this;
     group.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
     group.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
     group.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e, false)), { signal });
-    for (const name of (["pointercancel", "lostpointercapture"] as const)) {
+    for (const name of ["pointercancel", "lostpointercapture"] as const) {
       group.addEventListener(name, (e) => editor.guard(() => this.#up(e, true)), { signal });
     }
-    group.addEventListener("dblclick", (e) => {
-      e.stopPropagation();
-      editor.guard(() => this.#take(this.#at(e)));
-    }, { signal });
+    group.addEventListener(
+      "dblclick",
+      (e) => {
+        e.stopPropagation();
+        editor.guard(() => this.#take(this.#at(e)));
+      },
+      { signal },
+    );
     group.addEventListener("keydown", (e) => editor.guard(() => this.#keyDown(e)), { signal });
-    editor.root.addEventListener("keydown", (e) => {
-      const { drag } = this;
-      if (drag && e.key === "Escape") { e.stopPropagation(); editor.guard(() => this.#end(drag, true)); }
-    }, { signal, capture: true });
+    editor.root.addEventListener(
+      "keydown",
+      (e) => {
+        const { drag } = this;
+        if (drag && e.key === "Escape") {
+          e.stopPropagation();
+          editor.guard(() => this.#end(drag, true));
+        }
+      },
+      { signal, capture: true },
+    );
   }
 
-  close() { this.closing.abort(); }
+  close() {
+    this.closing.abort();
+  }
 
   // ---- the kind of this view ----------------------------------------------------------------------------------------
 
@@ -70,7 +90,8 @@ export class GridNodes {
   }
 
   get isOn() {
-    const { model } = this.editor, isWanted = this.side === "after" || (this.side === "" && model.get("drag_grid"));
+    const { model } = this.editor,
+      isWanted = this.side === "after" || (this.side === "" && model.get("drag_grid"));
     return Boolean(isWanted && model.get("show_grid") && model.get("density") > 0);
   }
 
@@ -89,11 +110,14 @@ export class GridNodes {
     return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
   }
 
-  get advice() { return this.pull === 0 ? STILL_GRID : NODE_HINT; }
+  get advice() {
+    return this.pull === 0 ? STILL_GRID : NODE_HINT;
+  }
 
   /** A warning about drags that are magnified until the map folds, or "". */
   warning(folds: { least: number }) {
-    const { strength } = this.editor, isBeyond = strength < 0 || strength > 1;
+    const { strength } = this.editor,
+      isBeyond = strength < 0 || strength > 1;
     if (!this.isOn || !isBeyond || folds.least > 0) return "";
     return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
   }
@@ -102,7 +126,11 @@ export class GridNodes {
 
   /** Places of the nodes under a fit, found once for each. */
   placesOf(layered: LayeredFit) {
-    const { editor: { model, box, view }, made } = this, cells = model.get("density") || 12;
+    const {
+        editor: { model, box, view },
+        made,
+      } = this,
+      cells = model.get("density") || 12;
     const key = [layered, cells, String(box)];
     if (made && key.every((value, k) => value === made.key[k])) return made.places;
     this.made = { key, places: gridPlaces(layered, box, cells, 0.05 / view.k) };
@@ -113,18 +141,26 @@ export class GridNodes {
   update(layered: LayeredFit | null) {
     const isShown = this.isOn && layered !== null;
     setAttributes(this.group, { visibility: isShown ? "visible" : "hidden" });
-    if (!isShown) { if (!this.drag) this.#trim(0); return; }
-    const { columns, rows, target, isSeen } = this.placesOf(layered), held = this.#held();
+    if (!isShown) {
+      if (!this.drag) this.#trim(0);
+      return;
+    }
+    const { columns, rows, target, isSeen } = this.placesOf(layered),
+      held = this.#held();
     const { k, x, y } = this.editor.view;
-    const [a0, a1] = this.editor.box, reach = Math.max(5, Math.min(11, 0.42 * k * (a1 - a0) / (columns - 1)));
+    const [a0, a1] = this.editor.box,
+      reach = Math.max(5, Math.min(11, (0.42 * k * (a1 - a0)) / (columns - 1)));
     this.#trim(columns * rows);
     for (let n = 0; n < columns * rows; n++) {
       const node = this.nodes[n] ?? this.#make(n);
-      const isFree = isSeen[n] === 1 && !held.has(n), kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
+      const isFree = isSeen[n] === 1 && !held.has(n),
+        kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
       const at = [k * target[2 * n] + x, k * target[2 * n + 1] + y];
-      setAttributes(node.root, { transform: `translate(${at[0].toFixed(2)} ${at[1].toFixed(2)})`,
+      setAttributes(node.root, {
+        transform: `translate(${at[0].toFixed(2)} ${at[1].toFixed(2)})`,
         class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node",
-        tabindex: n === this.current && isFree ? "0" : "-1" });
+        tabindex: n === this.current && isFree ? "0" : "-1",
+      });
       setAttributes(node.hit, { r: reach.toFixed(1) });
       if (node.columns !== columns) this.#name(node, n, columns);
     }
@@ -138,9 +174,13 @@ export class GridNodes {
   }
 
   #make(n: number) {
-    const root = svgElement("g", { "data-node": n, role: "button", "aria-roledescription": "node of the grid",
-      ...OWN_KEYS }, this.group);
-    const tip = svgElement("title", {}, root), hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
+    const root = svgElement(
+      "g",
+      { "data-node": n, role: "button", "aria-roledescription": "node of the grid", ...OWN_KEYS },
+      this.group,
+    );
+    const tip = svgElement("title", {}, root),
+      hit = svgElement("circle", { class: "dnb-ed-hit" }, root);
     svgElement("path", { class: "dnb-ed-node-mark", d: "M0-3.6L3.6 0L0 3.6L-3.6 0Z" }, root);
     this.nodes[n] = { root, tip, hit, columns: 0 };
     return this.nodes[n];
@@ -155,13 +195,18 @@ export class GridNodes {
 
   /** The numbers of the nodes that are control points. */
   #held() {
-    const { box, points, model } = this.editor, [a0, a1, b0, b1] = box;
+    const { box, points, model } = this.editor,
+      [a0, a1, b0, b1] = box;
     const [across, down] = gridShape(box, model.get("density"));
-    const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0), held = new Set();
-    for (const { source: [a, b] } of points) {
-      const i = Math.round((a - a0) / (a1 - a0) * across), j = Math.round((b - b0) / (b1 - b0) * down);
+    const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0),
+      held = new Set();
+    for (const {
+      source: [a, b],
+    } of points) {
+      const i = Math.round(((a - a0) / (a1 - a0)) * across),
+        j = Math.round(((b - b0) / (b1 - b0)) * down);
       if (i < 0 || j < 0 || i > across || j > down) continue;
-      const away = Math.hypot(a0 + (a1 - a0) * i / across - a, b0 + (b1 - b0) * j / down - b);
+      const away = Math.hypot(a0 + ((a1 - a0) * i) / across - a, b0 + ((b1 - b0) * j) / down - b);
       if (away < near) held.add(i + j * (across + 1));
     }
     return held;
@@ -177,8 +222,10 @@ export class GridNodes {
 
   /** The points with one more at a node, which goes where the node is: nothing moves by it. */
   #point({ columns, source, target }: GridPlaces, n: number) {
-    const { editor, pull } = this, id = nextId(editor.points, editor.sender.nextId);
-    const from = [source[2 * n], source[2 * n + 1]], at = [target[2 * n], target[2 * n + 1]];
+    const { editor, pull } = this,
+      id = nextId(editor.points, editor.sender.nextId);
+    const from = [source[2 * n], source[2 * n + 1]],
+      at = [target[2 * n], target[2 * n + 1]];
     const to = from.map((value, k) => value + pull * (at[k] - value));
     const name = `grid ${n % columns},${Math.floor(n / columns)}`;
     return { id, points: [...editor.points, newPoint(id, from, to, name)] };
@@ -193,30 +240,51 @@ export class GridNodes {
   }
 
   #down(event: PointerEvent) {
-    const { editor } = this, n = this.#at(event);
-    if (event.button !== 0 || n === null || editor.isLocked || editor.pen.isOn || editor.isAdding ||
-        editor.gestures.isSpaceDown
-      || editor.gestures.pointers.size) return; // the others' business
+    const { editor } = this,
+      n = this.#at(event);
+    if (
+      event.button !== 0 ||
+      n === null ||
+      editor.isLocked ||
+      editor.pen.isOn ||
+      editor.isAdding ||
+      editor.gestures.isSpaceDown ||
+      editor.gestures.pointers.size
+    )
+      return; // the others' business
     event.stopPropagation();
     event.preventDefault();
     if (this.drag || !this.#isFree()) return;
     this.#focusable(n);
     this.nodes[n].root.focus({ preventScroll: true });
     this.group.setPointerCapture(event.pointerId);
-    this.drag = { n, pointer: event.pointerId, from: editor.gestures.place(event), id: null,
-      slack: SLACK[event.pointerType] ?? 2 };
+    this.drag = {
+      n,
+      pointer: event.pointerId,
+      from: editor.gestures.place(event),
+      id: null,
+      slack: SLACK[event.pointerType] ?? 2,
+    };
   }
 
   #move(event: PointerEvent) {
-    const { drag, editor, editor: { pointTools } } = this;
+    const {
+      drag,
+      editor,
+      editor: { pointTools },
+    } = this;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
-    const at = editor.gestures.place(event), by = [at[0] - drag.from[0], at[1] - drag.from[1]];
+    const at = editor.gestures.place(event),
+      by = [at[0] - drag.from[0], at[1] - drag.from[1]];
     if (drag.id === null) {
       if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
       const { id, points } = this.#point(this.made.places, drag.n);
       drag.id = id;
-      if (!pointTools.beginDrag(points)) { this.drag = null; return; }
+      if (!pointTools.beginDrag(points)) {
+        this.drag = null;
+        return;
+      }
       editor.select([id], false);
     }
     pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
@@ -232,24 +300,34 @@ export class GridNodes {
     const { editor } = this;
     this.drag = null;
     if (this.group.hasPointerCapture(drag.pointer)) this.group.releasePointerCapture(drag.pointer);
-    if (drag.id === null) { if (!isCancelled) editor.hint(NODE_HINT, 4000); return; }
+    if (drag.id === null) {
+      if (!isCancelled) editor.hint(NODE_HINT, 4000);
+      return;
+    }
     const before = editor.sender.points; // of which the new point is none yet
     editor.pointTools.endDrag(isCancelled);
-    if (isCancelled || editor.sender.points === before) { editor.select([]); return; }
+    if (isCancelled || editor.sender.points === before) {
+      editor.select([]);
+      return;
+    }
     editor.pointTools.present(drag.id, "holds the grid");
   }
 
   /** Hold a node where it is. */
   #take(n: number | null) {
     if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
-    const { editor: { pointTools } } = this, { id, points } = this.#point(this.made.places, n);
+    const {
+        editor: { pointTools },
+      } = this,
+      { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   #keyDown(event: KeyboardEvent) {
-    const n = this.#at(event), by = NODE_STEPS[event.key];
+    const n = this.#at(event),
+      by = NODE_STEPS[event.key];
     if (n === null || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === "Enter") this.#take(n);
     else if (by && this.made) this.#walk(this.made.places, n, by);
@@ -260,7 +338,8 @@ export class GridNodes {
 
   /** To the next node that is free, over those that are points. */
   #walk({ columns, rows }: GridPlaces, n: number, [di, dj]: number[]) {
-    let i = n % columns + di, j = Math.floor(n / columns) + dj;
+    let i = (n % columns) + di,
+      j = Math.floor(n / columns) + dj;
     for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
       const node = this.nodes[i + j * columns].root;
       if (node.classList.contains("dnb-ed-node-gone")) continue;

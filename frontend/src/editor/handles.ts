@@ -3,17 +3,24 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { middleOf } from "../maths/points.ts";
+import type { Mirror } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import type { View } from "./painter.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
 
-import type { Mirror } from "../types.ts";
-import type { View } from "./painter.ts";
-
 /** A point as it is drawn, in a picture's coordinates. */
-export type DrawnPoint = { id: number, name: string, source: number[], target: number[], active: boolean, locked?: boolean, radius?: number | null };
+export type DrawnPoint = {
+  id: number;
+  name: string;
+  source: number[];
+  target: number[];
+  active: boolean;
+  locked?: boolean;
+  radius?: number | null;
+};
 
 /** Descriptions of a point, for screen readers and where the mouse rests. */
-export type PointWords<P extends DrawnPoint> = { label: (p: P) => string, tip: (p: P, reach: number) => string };
+export type PointWords<P extends DrawnPoint> = { label: (p: P) => string; tip: (p: P, reach: number) => string };
 
 /** The state that ToolMarks draw. */
 export interface MarksScene {
@@ -21,9 +28,9 @@ export interface MarksScene {
   view: View;
   /** CSS pixels from the edge of the view to the grip of the axis */
   gripAway?: number;
-  points: { id: number, target: number[], locked?: boolean }[];
+  points: { id: number; target: number[]; locked?: boolean }[];
   selected: Set<number>;
-  brush: { isOn: boolean, at?: number[] | null, radius?: number };
+  brush: { isOn: boolean; at?: number[] | null; radius?: number };
   pen: { isOn: boolean };
   isLocked: boolean;
   /** whether points are being dragged */
@@ -77,14 +84,15 @@ export class WheelSteps {
 
 /** Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not. */
 export function keepFromScrolling(event: TouchEvent) {
-  const { target } = event, held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " +
-    ".dnb-ed-chosen, [data-motion]";
+  const { target } = event,
+    held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " + ".dnb-ed-chosen, [data-motion]";
   if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
 }
 
 /** The description of a point for screen readers. */
 export function pointLabel(p: DrawnPoint) {
-  const da = p.target[0] - p.source[0], db = p.target[1] - p.source[1];
+  const da = p.target[0] - p.source[0],
+    db = p.target[1] - p.source[1];
   const moves: string[] = [];
   if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
@@ -140,8 +148,16 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
    * @param reach for the tips
    * @param markOf the number of the region of a point (editor/shape_handles.js)
    */
-  update(points: P[], selected: Set<number>, view: View, radius: number, reach: number, markOf: (point: P) => number | null = () => null) {
-    const seen = new Set(points.map((p) => p.id)), focused = treeOf(this.svg).activeElement;
+  update(
+    points: P[],
+    selected: Set<number>,
+    view: View,
+    radius: number,
+    reach: number,
+    markOf: (point: P) => number | null = () => null,
+  ) {
+    const seen = new Set(points.map((p) => p.id)),
+      focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
     for (const [id, parts] of this.byId) {
       if (seen.has(id)) continue;
@@ -153,19 +169,33 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     points.forEach((p, k) => {
       const parts = this.byId.get(p.id) ?? this.make(p.id);
       if (this.points.children[2 * k + 1] !== parts.target) this.#order(points);
-      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id)), mark = markOf(p);
-      const isSelected = selected.has(p.id), isSuspect = this.suspects.has(p.id);
-      const drawn = [p, isSelected, isSuspect, hasRadius && radius, reach, mark, view.k, view.x, view.y, view.width,
-        view.height];
+      const hasRadius = radius > 0 && p.active && (selected.size === 0 || selected.has(p.id)),
+        mark = markOf(p);
+      const isSelected = selected.has(p.id),
+        isSuspect = this.suspects.has(p.id);
+      const drawn = [
+        p,
+        isSelected,
+        isSuspect,
+        hasRadius && radius,
+        reach,
+        mark,
+        view.k,
+        view.x,
+        view.y,
+        view.width,
+        view.height,
+      ];
       if (drawn.every((value, n) => value === parts.drawn[n])) return; // of two hundred points, a drag moves one
       parts.drawn = drawn;
-      this.#place(parts, p, isSelected, view, hasRadius ? p.radius ?? radius : 0);
+      this.#place(parts, p, isSelected, view, hasRadius ? (p.radius ?? radius) : 0);
       this.#mark(parts, mark);
       parts.target.classList.toggle("dnb-ed-suspect", isSuspect);
       setText(parts.tip, this.words.tip(p, reach) + (isSuspect ? "; disagrees with its neighbours" : ""));
     });
     if (this.stop === null && points.length) {
-      const chosen = points.filter((p) => selected.has(p.id)), ids = (chosen.length ? chosen : points).map((p) => p.id);
+      const chosen = points.filter((p) => selected.has(p.id)),
+        ids = (chosen.length ? chosen : points).map((p) => p.id);
       this.#stopAt(ids.reduce((least, id) => Math.min(least, id)));
     }
     return isFocusLost;
@@ -198,8 +228,18 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     svgElement("circle", { r: 9, class: "dnb-ed-hit" }, source);
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring-case" }, source);
     svgElement("circle", { r: 4.5, class: "dnb-ed-ring" }, source);
-    const target = svgElement("g", { class: "dnb-ed-target", "data-id": id, tabindex: "-1", role: "button",
-      "aria-roledescription": "control point", ...OWN_KEYS }, this.points);
+    const target = svgElement(
+      "g",
+      {
+        class: "dnb-ed-target",
+        "data-id": id,
+        tabindex: "-1",
+        role: "button",
+        "aria-roledescription": "control point",
+        ...OWN_KEYS,
+      },
+      this.points,
+    );
     const tip = svgElement("title", {}, target);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, target);
     svgElement("circle", { r: 11, class: "dnb-ed-halo" }, target);
@@ -244,10 +284,12 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #place(parts: HandleParts, p: P, isSelected: boolean, { k, x, y, width, height }: View, radius: number) {
-    const at = [k * p.target[0] + x, k * p.target[1] + y], from = [k * p.source[0] + x, k * p.source[1] + y];
+    const at = [k * p.target[0] + x, k * p.target[1] + y],
+      from = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
-    const shown = isOutside ? inside : at, { target, source, arrow } = parts;
+    const shown = isOutside ? inside : at,
+      { target, source, arrow } = parts;
     target.setAttribute("transform", `translate(${shown[0].toFixed(2)} ${shown[1].toFixed(2)})`);
     source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
     target.classList.toggle("dnb-ed-selected", isSelected);
@@ -257,7 +299,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     target.classList.toggle("dnb-ed-outside", isOutside);
     target.setAttribute("aria-pressed", String(isSelected));
     if (isOutside) {
-      const angle = Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180 / Math.PI;
+      const angle = (Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180) / Math.PI;
       parts.beyond.setAttribute("transform", `rotate(${angle.toFixed(1)})`);
     }
     this.#label(parts, p, shown, width);
@@ -277,21 +319,27 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #arrow(arrow: SVGElement, from: number[], at: number[]) {
-    const dx = at[0] - from[0], dy = at[1] - from[1], length = Math.hypot(dx, dy);
+    const dx = at[0] - from[0],
+      dy = at[1] - from[1],
+      length = Math.hypot(dx, dy);
     const hasRoom = length > 20;
     arrow.setAttribute("visibility", length < 12 ? "hidden" : "visible");
     if (length < 12) return;
-    const u = dx / length, v = dy / length, end = length - (hasRoom ? 15 : 8);
-    const place = (along: number, across: number) => `${(from[0] + u * along - v * across).toFixed(2)} ` +
-      `${(from[1] + v * along + u * across).toFixed(2)}`;
+    const u = dx / length,
+      v = dy / length,
+      end = length - (hasRoom ? 15 : 8);
+    const place = (along: number, across: number) =>
+      `${(from[0] + u * along - v * across).toFixed(2)} ` + `${(from[1] + v * along + u * across).toFixed(2)}`;
     const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
     arrow.children[0].setAttribute("d", line);
     arrow.children[1].setAttribute("d", line);
-    arrow.children[2].setAttribute("d", hasRoom
-      ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "");
+    arrow.children[2].setAttribute(
+      "d",
+      hasRoom ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "",
+    );
   }
 
-  showBand(box: { x: number, y: number, width: number, height: number } | null) {
+  showBand(box: { x: number; y: number; width: number; height: number } | null) {
     this.band.setAttribute("visibility", box ? "visible" : "hidden");
     if (!box) return;
     for (const [name, value] of Object.entries(box)) this.band.setAttribute(name, value.toFixed(1));
@@ -338,8 +386,18 @@ export class ToolMarks {
     svg.insertBefore(this.root, points); // under the points, which are grabbed first
     this.axis = svgElement("g", { class: "dnb-ed-axis", visibility: "hidden" }, this.root);
     this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-axis-${name}` }, this.axis));
-    this.grip = svgElement("g", { "data-mark": "axis", class: "dnb-ed-axis-grip", tabindex: "-1", role: "slider",
-      "aria-label": "axis of the mirror", ...OWN_KEYS }, this.axis);
+    this.grip = svgElement(
+      "g",
+      {
+        "data-mark": "axis",
+        class: "dnb-ed-axis-grip",
+        tabindex: "-1",
+        role: "slider",
+        "aria-label": "axis of the mirror",
+        ...OWN_KEYS,
+      },
+      this.axis,
+    );
     svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.grip);
     svgElement("rect", { x: -9, y: -9, width: 18, height: 18, rx: 4 }, this.grip);
     this.gripIcon = svgElement("path", { d: "M0-6.5V6.5M-3-3.5L-6.5 0-3 3.5M3-3.5L6.5 0 3 3.5" }, this.grip);
@@ -358,7 +416,12 @@ export class ToolMarks {
   update(scene: MarksScene) {
     this.#axis(scene);
     this.#turn(scene);
-    const { brush: { isOn, at, radius = 0 }, view, isLocked } = scene, shown = isOn && !isLocked ? at : null;
+    const {
+        brush: { isOn, at, radius = 0 },
+        view,
+        isLocked,
+      } = scene,
+      shown = isOn && !isLocked ? at : null;
     this.brush.setAttribute("visibility", shown ? "visible" : "hidden");
     if (!shown) return;
     for (const circle of this.circles) {
@@ -371,12 +434,16 @@ export class ToolMarks {
     this.axis.setAttribute("visibility", isShown ? "visible" : "hidden");
     this.grip.setAttribute("tabindex", isShown ? "0" : "-1");
     if (!isShown) return;
-    const isUpright = mirror.axis === "a", at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
+    const isUpright = mirror.axis === "a",
+      at = isUpright ? view.k * mirror.at + view.x : view.k * mirror.at + view.y;
     const line = isUpright ? `M ${at.toFixed(1)} 0 V ${view.height}` : `M 0 ${at.toFixed(1)} H ${view.width}`;
     for (const path of this.lines) path.setAttribute("d", line);
     const place = (isUpright ? [at, gripAway] : [gripAway, at]).map((v) => v.toFixed(1)).join(" ");
-    setAttributes(this.grip, { transform: `translate(${place})${isUpright ? "" : " rotate(90)"}`,
-      "aria-valuenow": shownLength(mirror.at), "aria-orientation": isUpright ? "horizontal" : "vertical" });
+    setAttributes(this.grip, {
+      transform: `translate(${place})${isUpright ? "" : " rotate(90)"}`,
+      "aria-valuenow": shownLength(mirror.at),
+      "aria-orientation": isUpright ? "horizontal" : "vertical",
+    });
   }
 
   /** Above what is selected, whose middle is the middle of the turn. */
@@ -385,8 +452,10 @@ export class ToolMarks {
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
-    const [x, y] = onView(middleOf(chosen)), ys = chosen.map((p) => onView(p.target)[1]);
-    const up = Math.min(...ys) - TURN_AWAY, down = Math.max(...ys) + TURN_AWAY;
+    const [x, y] = onView(middleOf(chosen)),
+      ys = chosen.map((p) => onView(p.target)[1]);
+    const up = Math.min(...ys) - TURN_AWAY,
+      down = Math.max(...ys) + TURN_AWAY;
     const end = up > 12 ? up : Math.min(view.height - 12, down);
     this.stalk.setAttribute("d", `M ${x.toFixed(1)} ${y.toFixed(1)} V ${end.toFixed(1)}`);
     this.knob.setAttribute("transform", `translate(${x.toFixed(1)} ${end.toFixed(1)})`);

@@ -3,14 +3,13 @@
 import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
-import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
-import { bytesOf, context2d, drawGrid } from "./painter.ts";
-
 import type { LayeredFit, Raster } from "../types.ts";
+import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
 import type { EditorView, Folds } from "./editor.ts";
 import type { GridPlaces } from "./grid_nodes.ts";
 import type { View } from "./painter.ts";
-export type StrainArm = { from: number[], to: number[], grows: boolean };
+import { bytesOf, context2d, drawGrid } from "./painter.ts";
+export type StrainArm = { from: number[]; to: number[]; grows: boolean };
 export type UncertaintyLegend = [level: number, text: string][];
 export type FoldPieces = ReturnType<typeof foldPieces>;
 
@@ -21,13 +20,17 @@ const STRAIN_DASH = [3.5, 2.5];
 
 /** Arms of all crosses in places of the picture. */
 function strainArms(layered: LayeredFit, places: GridPlaces, cell: number) {
-  const strains = strainsAt(layered, places), gain = strainGain(strains);
+  const strains = strainsAt(layered, places),
+    gain = strainGain(strains);
   const arms: StrainArm[] = [];
   for (let n = 0; n < places.isSeen.length; n++) {
     for (const m of [0, 1]) {
-      const strain = strains.stretch[2 * n + m] - 1, half = gain * Math.abs(strain) * cell / 2;
+      const strain = strains.stretch[2 * n + m] - 1,
+        half = (gain * Math.abs(strain) * cell) / 2;
       if (!(half > 0.01 * cell)) continue;
-      const angle = strains.angle[n] + m * Math.PI / 2, da = half * Math.cos(angle), db = half * Math.sin(angle);
+      const angle = strains.angle[n] + (m * Math.PI) / 2,
+        da = half * Math.cos(angle),
+        db = half * Math.sin(angle);
       const [a, b] = [places.target[2 * n], places.target[2 * n + 1]];
       arms.push({ from: [a - da, b - db], to: [a + da, b + db], grows: strain > 0 });
     }
@@ -64,22 +67,34 @@ function drawStrain(c: CanvasRenderingContext2D, { k, x, y, ratio }: View, arms:
  * @param cell CSS pixels
  */
 function strainKey(parent: HTMLElement, gain: number, cell: number) {
-  const share = plainNumber(Math.min(0.5, LONGEST_ARM / gain)), long = share * gain * cell;
+  const share = plainNumber(Math.min(0.5, LONGEST_ARM / gain)),
+    long = share * gain * cell;
   const percent = Number((100 * share).toPrecision(3));
   pageElement("div", "", parent).textContent = "principal strains";
   for (const grows of [true, false]) {
-    const row = pageElement("div", "dnb-ed-key-arm", parent), width = Math.ceil(long) + 2;
+    const row = pageElement("div", "dnb-ed-key-arm", parent),
+      width = Math.ceil(long) + 2;
     const d = `M1 4H${(1 + long).toFixed(1)}`;
     const icon = svgElement("svg", { width, height: 8, viewBox: `0 0 ${width} 8`, "aria-hidden": "true" }, row);
     svgElement("path", { d, stroke: "rgba(0, 0, 0, 0.7)", "stroke-width": 4.2, fill: "none" }, icon);
-    svgElement("path", { d, stroke: STRAIN_INKS[grows ? "grows" : "shrinks"], "stroke-width": 2, fill: "none",
-      ...(grows ? {} : { "stroke-dasharray": STRAIN_DASH.join(" ") }) }, icon);
+    svgElement(
+      "path",
+      {
+        d,
+        stroke: STRAIN_INKS[grows ? "grows" : "shrinks"],
+        "stroke-width": 2,
+        fill: "none",
+        ...(grows ? {} : { "stroke-dasharray": STRAIN_DASH.join(" ") }),
+      },
+      icon,
+    );
     pageElement("span", "", row).textContent = `${grows ? "stretched" : "pressed"} by ${percent} %`;
   }
   const size = gain === 1 ? "in their own size" : `${gain > 1 ? "exaggerated" : "drawn"} \u00d7 ${gain}`;
   pageElement("div", "", parent).textContent = size;
-  setAttributes(parent, { "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, ` +
-    "dashed arms pressed" });
+  setAttributes(parent, {
+    "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, ` + "dashed arms pressed",
+  });
 }
 
 // ---- another picture ------------------------------------------------------------------------------------------------
@@ -95,8 +110,12 @@ export class Ghost {
 
   constructor(editor: EditorView) {
     this.editor = editor;
-    this.image = pageElement("img", "dnb-ed-ghost", editor.stage, { alt: "", "aria-hidden": "true", draggable: "false",
-      hidden: "" });
+    this.image = pageElement("img", "dnb-ed-ghost", editor.stage, {
+      alt: "",
+      "aria-hidden": "true",
+      draggable: "false",
+      hidden: "",
+    });
     editor.svg.before(this.image);
     this.bytes = null;
     this.url = "";
@@ -104,13 +123,23 @@ export class Ghost {
 
   /** As the traits have it, over the whole of the picture. */
   draw() {
-    const { model, view: { k, x, y }, box: [a0, a1, b0, b1] } = this.editor;
-    const bytes = model.get("ghost"), opacity = Number(model.get("ghost_opacity")) || 0;
+    const {
+      model,
+      view: { k, x, y },
+      box: [a0, a1, b0, b1],
+    } = this.editor;
+    const bytes = model.get("ghost"),
+      opacity = Number(model.get("ghost_opacity")) || 0;
     if (bytes !== this.bytes) this.#load(bytes);
     this.image.hidden = !this.url || opacity <= 0;
     if (this.image.hidden) return;
-    Object.assign(this.image.style, { opacity: String(opacity), left: `${k * a0 + x}px`, top: `${k * b0 + y}px`,
-      width: `${k * (a1 - a0)}px`, height: `${k * (b1 - b0)}px` });
+    Object.assign(this.image.style, {
+      opacity: String(opacity),
+      left: `${k * a0 + x}px`,
+      top: `${k * b0 + y}px`,
+      width: `${k * (a1 - a0)}px`,
+      height: `${k * (b1 - b0)}px`,
+    });
   }
 
   /** @param bytes of a PNG */
@@ -144,9 +173,15 @@ const AIR_COLOURS = { fill: "rgba(150, 153, 160, 0.25)", edge: "#969aa0" }; // o
 const AREA_COLOURS = { shrinks: [118, 42, 131], same: [255, 255, 255], grows: [27, 120, 55] };
 const AREA_ALPHA = 0.62;
 const AREA_OCTAVES = 1; // half and twice the area have the full colours
-const UNCERTAINTY_COLOUR = [150, 153, 160], UNCERTAINTY_ALPHA = 0.88;
+const UNCERTAINTY_COLOUR = [150, 153, 160],
+  UNCERTAINTY_ALPHA = 0.88;
 const OVERLAY_CELL = { moving: 14, resting: 7 }; // CSS pixels; where a fold begins, a quarter of it
-const KEY_CORNERS = [["bottom", "left"], ["bottom", "right"], ["top", "right"], ["top", "left"]]; // first choices first
+const KEY_CORNERS = [
+  ["bottom", "left"],
+  ["bottom", "right"],
+  ["top", "right"],
+  ["top", "left"],
+]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
@@ -201,7 +236,8 @@ export class Overlay {
   }
 
   next() {
-    const names = Object.keys(OVERLAYS), kind = names[(names.indexOf(this.kind) + 1) % names.length];
+    const names = Object.keys(OVERLAYS),
+      kind = names[(names.indexOf(this.kind) + 1) % names.length];
     this.choose(kind);
     this.editor.hint(`${OVERLAYS[kind][0]}: ${OVERLAYS[kind][1]}`);
   }
@@ -222,9 +258,17 @@ export class Overlay {
 
   #lay(layered: LayeredFit | null, known: LayeredFit | null, kind: string, folds: Folds | null, isMoving: boolean) {
     const { view, model, box, sheet } = this.editor;
-    const key = [layered, kind, ...Object.values(view), isMoving && layered !== null, String(box), String(sheet),
-      model.get("density"), model.get("show_grid"),
-      ...(kind === "uncertainty" ? [model.get("uncertainty"), model.get("uncertainty_facts")] : [])];
+    const key = [
+      layered,
+      kind,
+      ...Object.values(view),
+      isMoving && layered !== null,
+      String(box),
+      String(sheet),
+      model.get("density"),
+      model.get("show_grid"),
+      ...(kind === "uncertainty" ? [model.get("uncertainty"), model.get("uncertainty_facts")] : []),
+    ];
     if (this.drawn?.every((value, n) => value === key[n])) return;
     this.drawn = key;
     this.#clear();
@@ -238,8 +282,12 @@ export class Overlay {
   }
 
   #clear() {
-    const { view: { width, height, ratio } } = this.editor, { canvas, context: c } = this;
-    const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
+    const {
+        view: { width, height, ratio },
+      } = this.editor,
+      { canvas, context: c } = this;
+    const w = Math.max(1, Math.round(width * ratio)),
+      h = Math.max(1, Math.round(height * ratio));
     if (canvas.width !== w || canvas.height !== h) Object.assign(canvas, { width: w, height: h });
     c.setTransform(1, 0, 0, 1, 0, 0);
     if (this.isUsed) c.clearRect(0, 0, w, h);
@@ -248,37 +296,59 @@ export class Overlay {
 
   /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
   #visible() {
-    const { view: { k, x, y, width, height }, sheet: [a0, a1, b0, b1] } = this.editor;
+    const {
+      view: { k, x, y, width, height },
+      sheet: [a0, a1, b0, b1],
+    } = this.editor;
     const [left, right] = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k)];
     const [top, bottom] = [Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
     return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
   #drawMap(layered: LayeredFit, known: LayeredFit, part: number[], folds: Folds, isMoving: boolean) {
-    const { kind, editor: { view: { k } } } = this, [a0, a1, b0, b1] = part, cost = Math.max(1, known.count);
-    const pace = isMoving ? "moving" : "resting", work = OVERLAY_WORK[pace], size = OVERLAY_CELL[pace] / k;
-    const cell = Math.max(size, Math.sqrt((a1 - a0) * (b1 - b0) * cost / work));
-    const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1), rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
-    const raster: Raster = { shape: [rows, columns], origin: [a0, b0],
-      spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)] };
+    const {
+        kind,
+        editor: {
+          view: { k },
+        },
+      } = this,
+      [a0, a1, b0, b1] = part,
+      cost = Math.max(1, known.count);
+    const pace = isMoving ? "moving" : "resting",
+      work = OVERLAY_WORK[pace],
+      size = OVERLAY_CELL[pace] / k;
+    const cell = Math.max(size, Math.sqrt(((a1 - a0) * (b1 - b0) * cost) / work));
+    const columns = Math.max(2, Math.ceil((a1 - a0) / cell) + 1),
+      rows = Math.max(2, Math.ceil((b1 - b0) / cell) + 1);
+    const raster: Raster = {
+      shape: [rows, columns],
+      origin: [a0, b0],
+      spacing: [(a1 - a0) / (columns - 1), (b1 - b0) / (rows - 1)],
+    };
     const dets = detsOnRaster(known, raster);
     if (kind === "area") this.#drawArea(dets, raster, part);
     if (kind === "strain") this.#drawStrain(layered);
     const { probes } = folds;
-    if (folds.least > 0 && !probes.some(([,, det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
+    if (folds.least > 0 && !probes.some(([, , det]) => det <= 0) && dets.every((det) => !(det <= 0.3))) return;
     this.pieces = foldPieces(known, raster, dets, probes, work);
     this.#drawFolds(this.pieces, folds.least > 0 && folds.air > 0);
   }
 
   #drawFolds({ fill, edge }: FoldPieces, isInAir: boolean) {
     if (!fill.length) return;
-    const { context: c } = this, { k, x, y, ratio } = this.editor.view, red = new Path2D(), rim = new Path2D();
+    const { context: c } = this,
+      { k, x, y, ratio } = this.editor.view,
+      red = new Path2D(),
+      rim = new Path2D();
     for (const polygon of fill) {
       red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
       // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
       for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
     }
-    for (const [a, b, p, q] of edge) { rim.moveTo(k * a + x, k * b + y); rim.lineTo(k * p + x, k * q + y); }
+    for (const [a, b, p, q] of edge) {
+      rim.moveTo(k * a + x, k * b + y);
+      rim.lineTo(k * p + x, k * q + y);
+    }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     const colours = isInAir ? AIR_COLOURS : FOLD_COLOURS;
     c.fillStyle = colours.fill;
@@ -292,22 +362,34 @@ export class Overlay {
   }
 
   #drawArea(dets: ArrayLike<number>, raster: Raster, part: number[]) {
-    const { shape: [rows, columns] } = raster, image = new ImageData(columns, rows), out = image.data;
+    const {
+        shape: [rows, columns],
+      } = raster,
+      image = new ImageData(columns, rows),
+      out = image.data;
     for (let n = 0, at = 0; n < dets.length; n++, at += 4) {
       if (Number.isNaN(dets[n])) continue; // a gap has no area
       const t = Math.max(-1, Math.min(1, dets[n] > 0 ? -Math.log2(dets[n]) / AREA_OCTAVES : 1));
-      const { same } = AREA_COLOURS, full = t < 0 ? AREA_COLOURS.shrinks : AREA_COLOURS.grows;
+      const { same } = AREA_COLOURS,
+        full = t < 0 ? AREA_COLOURS.shrinks : AREA_COLOURS.grows;
       for (let i = 0; i < 3; i++) out[at + i] = same[i] + Math.abs(t) * (full[i] - same[i]);
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA, part);
     const { grid, view, colours, model } = this.editor; // the grid lies under the colours, and would hardly be seen
-    if (grid && model.get("show_grid") && model.get("density") > 0) drawGrid(this.context, view, grid.lines, colours.grid);
+    if (grid && model.get("show_grid") && model.get("density") > 0)
+      drawGrid(this.context, view, grid.lines, colours.grid);
   }
 
   #drawStrain(layered: LayeredFit) {
-    const { gridNodes, view, box: [a0, a1] } = this.editor, places = gridNodes.placesOf(layered);
-    const cell = (a1 - a0) / (places.columns - 1), { gain, arms } = strainArms(layered, places, cell);
+    const {
+        gridNodes,
+        view,
+        box: [a0, a1],
+      } = this.editor,
+      places = gridNodes.placesOf(layered);
+    const cell = (a1 - a0) / (places.columns - 1),
+      { gain, arms } = strainArms(layered, places, cell);
     const described = `${gain} ${(cell * view.k).toFixed(0)}`;
     drawStrain(this.context, view, arms);
     this.isUsed = true;
@@ -318,8 +400,15 @@ export class Overlay {
   }
 
   /** Draw one pixel of an image for each node of a raster, smooth between them. */
-  #spread(image: ImageData, { spacing: [da, db], origin: [a0, b0] }: { spacing: number[], origin: number[] }, alpha: number, [left, right, top, bottom]: number[]) {
-    const { context: c } = this, { k, x, y, ratio } = this.editor.view, { width, height } = image;
+  #spread(
+    image: ImageData,
+    { spacing: [da, db], origin: [a0, b0] }: { spacing: number[]; origin: number[] },
+    alpha: number,
+    [left, right, top, bottom]: number[],
+  ) {
+    const { context: c } = this,
+      { k, x, y, ratio } = this.editor.view,
+      { width, height } = image;
     Object.assign(this.small, { width, height }); // which clears it
     context2d(this.small).putImageData(image, 0, 0);
     c.save();
@@ -334,19 +423,27 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  get #uncertaintyFacts(): { width: number, height: number, legend: UncertaintyLegend } { return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") }; }
+  get #uncertaintyFacts(): { width: number; height: number; legend: UncertaintyLegend } {
+    return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") };
+  }
 
   /** The uncertainty as Python has it, with a line at every level that the legend names. */
   #drawUncertainty(part: number[]) {
-    const { width, height, legend } = this.#uncertaintyFacts, given = this.editor.model.get("uncertainty");
+    const { width, height, legend } = this.#uncertaintyFacts,
+      given = this.editor.model.get("uncertainty");
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
-    const image = new ImageData(width, height), [a0, a1, b0, b1] = this.editor.box;
-    const da = (a1 - a0) / width, db = (b1 - b0) / height;
-    for (let n = 0; n < values.length; n++) image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]], 4 * n);
+    const image = new ImageData(width, height),
+      [a0, a1, b0, b1] = this.editor.box;
+    const da = (a1 - a0) / width,
+      db = (b1 - b0) / height;
+    for (let n = 0; n < values.length; n++)
+      image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
-    const { context: c } = this, { k, x, y, ratio } = this.editor.view, lines = new Path2D();
+    const { context: c } = this,
+      { k, x, y, ratio } = this.editor.view,
+      lines = new Path2D();
     for (const [level] of legend) {
       for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
         lines.moveTo(k * (raster.origin[0] + u * da) + x, k * (raster.origin[1] + v * db) + y);
@@ -354,7 +451,10 @@ export class Overlay {
       }
     }
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
-    for (const [strokeStyle, lineWidth] of [["rgba(0, 0, 0, 0.55)", 3], ["rgba(255, 255, 255, 0.9)", 1.4]]) {
+    for (const [strokeStyle, lineWidth] of [
+      ["rgba(0, 0, 0, 0.55)", 3],
+      ["rgba(255, 255, 255, 0.9)", 1.4],
+    ]) {
       Object.assign(c, { strokeStyle, lineWidth });
       c.stroke(lines);
     }
@@ -374,18 +474,26 @@ export class Overlay {
   /** Put the legend into a corner in which it hides no point, or few; it does not jump while something moves. */
   #placeKey(isMoving: boolean) {
     if (this.key.hidden || isMoving) return;
-    const { view: { width, height }, points } = this.editor, air = 22; // CSS pixels: a disc, and from it to the edge
-    const wide = this.key.offsetWidth + air, high = this.key.offsetHeight + air;
+    const {
+        view: { width, height },
+        points,
+      } = this.editor,
+      air = 22; // CSS pixels: a disc, and from it to the edge
+    const wide = this.key.offsetWidth + air,
+      high = this.key.offsetHeight + air;
     const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at));
-    const hidden = ([row, column]: string[]) => places.filter(([x, y]) => (column === "left" ? x < wide : x > width - wide)
-      && (row === "top" ? y < high : y > height - high)).length;
+    const hidden = ([row, column]: string[]) =>
+      places.filter(
+        ([x, y]) => (column === "left" ? x < wide : x > width - wide) && (row === "top" ? y < high : y > height - high),
+      ).length;
     const [row, column] = KEY_CORNERS.reduce((best, corner) => (hidden(corner) < hidden(best) ? corner : best));
     this.key.classList.toggle("dnb-ed-key-top", row === "top");
     this.key.classList.toggle("dnb-ed-key-right", column === "right");
   }
 
   #describe(kind: string) {
-    const legend = kind === "uncertainty" ? this.#uncertaintyFacts.legend : [], described = JSON.stringify([kind, legend]);
+    const legend = kind === "uncertainty" ? this.#uncertaintyFacts.legend : [],
+      described = JSON.stringify([kind, legend]);
     if (this.select.value !== this.kind) this.select.value = this.kind;
     if (described === this.described) return;
     this.described = described;
@@ -399,12 +507,18 @@ export class Overlay {
   }
 
   #areaKey() {
-    const most = 2 ** AREA_OCTAVES, { shrinks, same, grows } = AREA_COLOURS;
+    const most = 2 ** AREA_OCTAVES,
+      { shrinks, same, grows } = AREA_COLOURS;
     const rgb = (colour: number[]) => `rgb(${colour.join(" ")})`;
-    this.#bar("relative area", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`,
-      [[0, `1/${most}`], [0.5, "1"], [1, `${most}\u00d7`]]);
-    setAttributes(this.key, { "aria-label": `Relative area: purple is 1/${most} or less of what it was, white ` +
-      `the same, green ${most} times or more` });
+    this.#bar("relative area", `linear-gradient(to right, ${[shrinks, same, grows].map(rgb).join(", ")})`, [
+      [0, `1/${most}`],
+      [0.5, "1"],
+      [1, `${most}\u00d7`],
+    ]);
+    setAttributes(this.key, {
+      "aria-label":
+        `Relative area: purple is 1/${most} or less of what it was, white ` + `the same, green ${most} times or more`,
+    });
   }
 
   #uncertaintyKey(legend: UncertaintyLegend) {
@@ -440,13 +554,20 @@ export class Overlay {
 
 /** Diagonal lines, light with a dark rim: a fold is seen without its colour too. */
 function hatchPattern(context: CanvasRenderingContext2D) {
-  const tile = document.createElement("canvas"), size = 11;
+  const tile = document.createElement("canvas"),
+    size = 11;
   Object.assign(tile, { width: size, height: size });
   const c = context2d(tile);
-  for (const [strokeStyle, lineWidth] of [["rgba(80, 0, 0, 0.7)", 2.2], ["rgba(255, 225, 225, 0.85)", 0.9]]) {
+  for (const [strokeStyle, lineWidth] of [
+    ["rgba(80, 0, 0, 0.7)", 2.2],
+    ["rgba(255, 225, 225, 0.85)", 0.9],
+  ]) {
     Object.assign(c, { strokeStyle, lineWidth });
     c.beginPath();
-    for (const at of [-size, 0, size]) { c.moveTo(at - 1, size + 1); c.lineTo(at + size + 1, -1); }
+    for (const at of [-size, 0, size]) {
+      c.moveTo(at - 1, size + 1);
+      c.lineTo(at + size + 1, -1);
+    }
     c.stroke();
   }
   return context.createPattern(tile, "repeat") ?? "transparent";

@@ -10,23 +10,23 @@ import type { LayeredFit, PictureRaster, Raster, Vector2 } from "../types.ts";
  * The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
  * pixels, and the ratio of the canvas's pixels to those.
  */
-export type View = { k: number, x: number, y: number, width: number, height: number, ratio: number };
+export type View = { k: number; x: number; y: number; width: number; height: number; ratio: number };
 
 export type Bytes = Uint8Array | Uint8ClampedArray;
 export type Buffered = ArrayBuffer | ArrayBufferView<ArrayBuffer>;
 /** the pixels of a picture at one size */
-export type Level = { pixels: Bytes, width: number, height: number };
+export type Level = { pixels: Bytes; width: number; height: number };
 /**
  * What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
  */
-export type Original = { share: number, opacity: number };
+export type Original = { share: number; opacity: number };
 /** of the canvas, in its own pixels */
-export type Part = { x: number, y: number, width: number, height: number };
+export type Part = { x: number; y: number; width: number; height: number };
 /** Places of nodes in the picture. */
-export type Lattice = { rows: number, columns: number, a0: number, b0: number, step: number };
+export type Lattice = { rows: number; columns: number; a0: number; b0: number; step: number };
 export type NearRegion = { distance: (a: number, b: number) => number };
 /** p = (a - origin) * scale + shift, in pixels of a level. */
-export type LevelPlaces = { origin: number[], scale: number[], shift: number };
+export type LevelPlaces = { origin: number[]; scale: number[]; shift: number };
 
 const NO_ORIGINAL: Original = { share: 0, opacity: 0 };
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
@@ -42,8 +42,9 @@ const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs 
  */
 export function greyTable(most: number, [first, last]: number[], [low, high]: number[]) {
   const table = new Uint8Array(most + 1);
-  for (let k = 0; k <= most; k++) { // Uint8Array.from takes ten times as long
-    const share = (first + (last - first) * k / most - low) / (high - low);
+  for (let k = 0; k <= most; k++) {
+    // Uint8Array.from takes ten times as long
+    const share = (first + ((last - first) * k) / most - low) / (high - low);
     table[k] = Math.floor(255 * Math.max(0, Math.min(1, share)) + 0.5);
   }
   return table;
@@ -68,7 +69,9 @@ class GreyValues {
     for (const number of numbers) this.least = Math.min(this.least, number);
   }
 
-  value(at: number) { return this.range[0] + (this.range[1] - this.range[0]) * this.numbers[at] / this.most; }
+  value(at: number) {
+    return this.range[0] + ((this.range[1] - this.range[0]) * this.numbers[at]) / this.most;
+  }
 }
 
 const OPAQUE = 0xff000000;
@@ -92,7 +95,7 @@ export class PictureSource {
   fill = 0; // beyond the picture: its smallest value, as for a volume
 
   /** The air around the body, and the value up to which that is air. */
-  around: { air: number, pixels: Uint8Array } | null = null;
+  around: { air: number; pixels: Uint8Array } | null = null;
 
   levels: Level[] = [];
 
@@ -111,8 +114,10 @@ export class PictureSource {
    */
   setWindow(window: number[]) {
     if (!this.grey) return;
-    const { numbers, most, range, least } = this.grey, table = greyTable(most, range, window);
-    const [height, width] = this.raster.shape, pixels = new Uint8Array(numbers.length);
+    const { numbers, most, range, least } = this.grey,
+      table = greyTable(most, range, window);
+    const [height, width] = this.raster.shape,
+      pixels = new Uint8Array(numbers.length);
     for (let k = 0; k < pixels.length; k++) pixels[k] = table[numbers[k]];
     this.levels = [{ pixels, width, height }];
     this.fill = table[least];
@@ -120,8 +125,16 @@ export class PictureSource {
 
   /** The grey value of the pixel at a place of the picture; null outside, and in a picture in colour. */
   valueAt([a, b]: number[]) {
-    const { raster: { shape: [nv, nu], spacing: [du, dv], origin }, grey } = this;
-    const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
+    const {
+      raster: {
+        shape: [nv, nu],
+        spacing: [du, dv],
+        origin,
+      },
+      grey,
+    } = this;
+    const j = Math.round((a - origin[0]) / du),
+      i = Math.round((b - origin[1]) / dv);
     return grey && i >= 0 && j >= 0 && i < nv && j < nu ? grey.value(i * nu + j) : null;
   }
 
@@ -130,8 +143,15 @@ export class PictureSource {
    * @param air the value up to which there is air
    */
   isBody([a, b]: number[], air: number) {
-    const { raster: { shape: [nv, nu], spacing: [du, dv], origin } } = this;
-    const j = Math.round((a - origin[0]) / du), i = Math.round((b - origin[1]) / dv);
+    const {
+      raster: {
+        shape: [nv, nu],
+        spacing: [du, dv],
+        origin,
+      },
+    } = this;
+    const j = Math.round((a - origin[0]) / du),
+      i = Math.round((b - origin[1]) / dv);
     if (!(i >= 0 && j >= 0 && i < nv && j < nu)) return false;
     if (this.around?.air !== air) this.around = { air, pixels: this.#airAround(air) };
     return this.around.pixels[i * nu + j] === 0;
@@ -139,15 +159,27 @@ export class PictureSource {
 
   /** 1 at the pixels of the air that hangs together with the rim of the picture. */
   #airAround(air: number) {
-    const { raster: { shape: [nv, nu] }, grey } = this, found = new Uint8Array(nv * nu);
+    const {
+        raster: {
+          shape: [nv, nu],
+        },
+        grey,
+      } = this,
+      found = new Uint8Array(nv * nu);
     const waiting: number[] = [];
     const look = (n: number) => {
       if (found[n] || !grey || !(grey.value(n) <= air)) return;
       found[n] = 1;
       waiting.push(n);
     };
-    for (let j = 0; j < nu; j++) { look(j); look((nv - 1) * nu + j); }
-    for (let i = 0; i < nv; i++) { look(i * nu); look(i * nu + nu - 1); }
+    for (let j = 0; j < nu; j++) {
+      look(j);
+      look((nv - 1) * nu + j);
+    }
+    for (let i = 0; i < nv; i++) {
+      look(i * nu);
+      look(i * nu + nu - 1);
+    }
     for (let n = waiting.pop(); n !== undefined; n = waiting.pop()) {
       const j = n % nu;
       if (j > 0) look(n - 1);
@@ -159,7 +191,11 @@ export class PictureSource {
   }
 
   get box() {
-    const { shape: [nv, nu], spacing: [du, dv], origin: [a, b] } = this.raster;
+    const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a, b],
+    } = this.raster;
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
@@ -173,8 +209,10 @@ export class PictureSource {
 /** The bytes of a PNG as a source for the painter. */
 export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
   const view = bytesOf(bytes);
-  const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }),
-    { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+  const bitmap = await createImageBitmap(new Blob([view], { type: "image/png" }), {
+    colorSpaceConversion: "none",
+    premultiplyAlpha: "none",
+  });
   const [height, width] = raster.shape;
   if (bitmap.width !== width || bitmap.height !== height) throw new Error("its size is not that of its raster");
   const canvas = Object.assign(document.createElement("canvas"), { width, height });
@@ -185,7 +223,8 @@ export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
   const { channels = 3 } = raster;
   if (channels > 2) return new PictureSource(rgba, raster);
   const numbers = new (channels === 1 ? Uint8Array : Uint16Array)(width * height);
-  for (let k = 0; k < numbers.length; k++) numbers[k] = channels === 1 ? rgba[4 * k] : 256 * rgba[4 * k] + rgba[4 * k + 1];
+  for (let k = 0; k < numbers.length; k++)
+    numbers[k] = channels === 1 ? rgba[4 * k] : 256 * rgba[4 * k] + rgba[4 * k + 1];
   return new PictureSource(new GreyValues(numbers, raster), raster);
 }
 
@@ -203,11 +242,15 @@ export function context2d(canvas: HTMLCanvasElement, settings?: CanvasRenderingC
 
 /** A picture averaged to half its size. */
 export function halved({ pixels, width, height }: Level, channels: number): Level {
-  const w = Math.max(1, width >> 1), h = Math.max(1, height >> 1), out = new Uint8Array(w * h * channels);
+  const w = Math.max(1, width >> 1),
+    h = Math.max(1, height >> 1),
+    out = new Uint8Array(w * h * channels);
   for (let y = 0; y < h; y++) {
-    const up = Math.min(2 * y, height - 1) * width, down = Math.min(2 * y + 1, height - 1) * width;
+    const up = Math.min(2 * y, height - 1) * width,
+      down = Math.min(2 * y + 1, height - 1) * width;
     for (let x = 0; x < w; x++) {
-      const left = Math.min(2 * x, width - 1), right = Math.min(2 * x + 1, width - 1);
+      const left = Math.min(2 * x, width - 1),
+        right = Math.min(2 * x + 1, width - 1);
       for (let c = 0; c < channels; c++) {
         const at = (row: number, column: number) => pixels[(row + column) * channels + c];
         out[(y * w + x) * channels + c] = (at(up, left) + at(up, right) + at(down, left) + at(down, right) + 2) >> 2;
@@ -249,7 +292,8 @@ export class Painter {
 
   /** Give the canvas a size, which empties it; false if it has that size. */
   resize(width: number, height: number, ratio: number) {
-    const w = Math.max(1, Math.round(width * ratio)), h = Math.max(1, Math.round(height * ratio));
+    const w = Math.max(1, Math.round(width * ratio)),
+      h = Math.max(1, Math.round(height * ratio));
     if (this.canvas.width === w && this.canvas.height === h) return false;
     Object.assign(this.canvas, { width: w, height: h });
     return true;
@@ -259,8 +303,18 @@ export class Painter {
    * Paint the picture, as far as `sheet` reaches.
    * @param fit null for the picture as it is
    */
-  paint(view: View, fit: LayeredFit | null, { isMoving, paper, sheet = this.source?.box, original = NO_ORIGINAL }: { isMoving: boolean, paper: string, sheet?: number[], original?: Original }) {
-    const start = performance.now(), { context: c, canvas, source } = this;
+  paint(
+    view: View,
+    fit: LayeredFit | null,
+    {
+      isMoving,
+      paper,
+      sheet = this.source?.box,
+      original = NO_ORIGINAL,
+    }: { isMoving: boolean; paper: string; sheet?: number[]; original?: Original },
+  ) {
+    const start = performance.now(),
+      { context: c, canvas, source } = this;
     c.setTransform(1, 0, 0, 1, 0, 0);
     c.fillStyle = paper;
     c.fillRect(0, 0, canvas.width, canvas.height);
@@ -268,7 +322,8 @@ export class Painter {
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
-    const whole = this.visible(view, sheet), isFaded = original.opacity > 0;
+    const whole = this.visible(view, sheet),
+      isFaded = original.opacity > 0;
     if (whole.width <= 0 || whole.height <= 0) return;
     const line = Math.round(original.share * canvas.width); // left of which the original is seen
     const cut = Math.max(0, Math.min(whole.width, line - whole.x));
@@ -279,17 +334,30 @@ export class Painter {
     if (rest.width > 0) this.#paintPart(source, view, fit, rest, step, isMoving, 1);
     if (cut > 0) this.#paintPart(source, view, null, { ...whole, width: cut }, step, isMoving, 1);
     if (isFaded) this.#paintPart(source, view, null, whole, step, isMoving, original.opacity);
-    if (isMoving) this.cost += 0.2 * ((performance.now() - start) * step * step / pixels - this.cost);
+    if (isMoving) this.cost += 0.2 * (((performance.now() - start) * step * step) / pixels - this.cost);
   }
 
   /**
    * @param step pixels of the canvas across one that is looked up
    * @param opacity over what is there
    */
-  #paintPart(source: PictureSource, view: View, fit: LayeredFit | null, part: Part, step: number, isMoving: boolean, opacity: number) {
-    const { context: c } = this, w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+  #paintPart(
+    source: PictureSource,
+    view: View,
+    fit: LayeredFit | null,
+    part: Part,
+    step: number,
+    isMoving: boolean,
+    opacity: number,
+  ) {
+    const { context: c } = this,
+      w = Math.ceil(part.width / step),
+      h = Math.ceil(part.height / step);
     this.#warp(source, view, fit, part, step, isMoving);
-    if (step === 1 && opacity === 1) { c.putImageData(this.image, part.x, part.y); return; }
+    if (step === 1 && opacity === 1) {
+      c.putImageData(this.image, part.x, part.y);
+      return;
+    }
     if (this.scratch.width !== w || this.scratch.height !== h) Object.assign(this.scratch, { width: w, height: h });
     this.scratchContext.putImageData(this.image, 0, 0);
     c.imageSmoothingEnabled = true;
@@ -306,8 +374,10 @@ export class Painter {
   visible({ k, x, y, ratio }: View, [a0, a1, b0, b1]: number[]): Part {
     const { width, height } = this.canvas;
     const clamp = (value: number, most: number) => Math.max(0, Math.min(most, Math.round(value * ratio)));
-    const left = clamp(k * a0 + x, width), right = clamp(k * a1 + x, width);
-    const top = clamp(k * b0 + y, height), bottom = clamp(k * b1 + y, height);
+    const left = clamp(k * a0 + x, width),
+      right = clamp(k * a1 + x, width);
+    const top = clamp(k * b0 + y, height),
+      bottom = clamp(k * b1 + y, height);
     return { x: left, y: top, width: right - left, height: bottom - top };
   }
 
@@ -318,32 +388,46 @@ export class Painter {
   latticeStep(fit: LayeredFit | null, w: number, h: number, step: number, isMoving: boolean) {
     if (!fit || fit.fits.every((one) => isStill(one.fit))) return 32; // a linear map needs no more nodes than that
     if (isMoving) {
-      return Math.max(Math.ceil(LATTICE_PIXELS / step), Math.ceil(Math.sqrt(w * h * fit.count / MOVING_EVALUATIONS)));
+      return Math.max(Math.ceil(LATTICE_PIXELS / step), Math.ceil(Math.sqrt((w * h * fit.count) / MOVING_EVALUATIONS)));
     }
-    return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt(w * h * fit.count / EVALUATIONS)));
+    return Math.max(fit.regions.length ? FINEST_LAYERS : 1, Math.ceil(Math.sqrt((w * h * fit.count) / EVALUATIONS)));
   }
 
   /**
    * Look every pixel up in the source: map at the nodes of a lattice, bilinear between them, bilinear in the picture.
    * @param step pixels of the canvas across one that is looked up
    */
-  #warp(source: PictureSource, { k, x, y, ratio }: View, fit: LayeredFit | null, part: Part, step: number, isMoving: boolean) {
-    const w = Math.ceil(part.width / step), h = Math.ceil(part.height / step);
+  #warp(
+    source: PictureSource,
+    { k, x, y, ratio }: View,
+    fit: LayeredFit | null,
+    part: Part,
+    step: number,
+    isMoving: boolean,
+  ) {
+    const w = Math.ceil(part.width / step),
+      h = Math.ceil(part.height / step);
     const lattice = this.latticeStep(fit, w, h, step, isMoving);
     if (this.image.width !== w || this.image.height !== h) this.image = new ImageData(w, h);
-    const { raster } = source, size = step / (k * ratio); // of one looked-up pixel, in units of the picture
-    const a0 = ((part.x + step / 2) / ratio - x) / k, b0 = ((part.y + step / 2) / ratio - y) / k;
+    const { raster } = source,
+      size = step / (k * ratio); // of one looked-up pixel, in units of the picture
+    const a0 = ((part.x + step / 2) / ratio - x) / k,
+      b0 = ((part.y + step / 2) / ratio - y) / k;
     const columns = Math.ceil((w - 1) / lattice) + 1 + (w === 1 ? 1 : 0);
     const rows = Math.ceil((h - 1) / lattice) + 1 + (h === 1 ? 1 : 0);
     const nodes: Raster = { shape: [rows, columns], spacing: [lattice * size, lattice * size], origin: [a0, b0] };
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
-    const part2 = 2 ** level, scale = raster.spacing.map((value) => 1 / (value * part2)), shift = 0.5 / part2 - 0.5;
+    const part2 = 2 ** level,
+      scale = raster.spacing.map((value) => 1 / (value * part2)),
+      shift = 0.5 / part2 - 0.5;
     const moves: Float32Array[] = [];
-    const cutFit = fit && fit.regions.length > 0 ? fit : null, count = cutFit ? cutFit.fits.length + 1 : 1;
+    const cutFit = fit && fit.regions.length > 0 ? fit : null,
+      count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
       if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
-      const map = this.maps[m], one = fit?.fits[m]?.fit;
+      const map = this.maps[m],
+        one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
       else map.fill(0, 0, rows * columns * 2);
       if (isMoving && fit) moves.push(map.slice(0, rows * columns * 2));
@@ -357,11 +441,21 @@ export class Painter {
       }
     }
     if (isMoving && fit) this.sampled = sampledFits(fit, nodes, moves);
-    const pixels = source.level(level), { channels, fill } = source, rim = 0.5 / part2;
+    const pixels = source.level(level),
+      { channels, fill } = source,
+      rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
     const softness = Math.max(size, (raster.spacing[0] + raster.spacing[1]) / 2);
-    const layers = cutFit ? new LayerPlan(cutFit, this.maps, { rows, columns, a0, b0, step: lattice * size },
-      { origin: raster.origin, scale, shift }, softness, isMoving) : null;
+    const layers = cutFit
+      ? new LayerPlan(
+          cutFit,
+          this.maps,
+          { rows, columns, a0, b0, step: lattice * size },
+          { origin: raster.origin, scale, shift },
+          softness,
+          isMoving,
+        )
+      : null;
     const plan = layers?.plan ?? null;
     if (channels === 1) lookUpGrey(out, w, h, this.maps, plan, columns, lattice, pixels, fill, rim, this.colours);
     else lookUpColour(out, w, h, this.maps, plan, columns, lattice, pixels, fill, rim);
@@ -377,21 +471,28 @@ export class Painter {
     c.strokeRect(k * a0 + x, k * b0 + y, k * (a1 - a0), k * (b1 - b0));
     c.setTransform(1, 0, 0, 1, 0, 0);
   }
-
 }
 
-const CASING = "rgba(0, 0, 0, 0.45)", CASING_AWAY = 0.7, HAIRLINE = 0.9; // CSS pixels
+const CASING = "rgba(0, 0, 0, 0.45)",
+  CASING_AWAY = 0.7,
+  HAIRLINE = 0.9; // CSS pixels
 
 /**
  * Draw polylines in picture coordinates: first a dark casing, then the line, legible on black, white and colour. The
  * casing is a hairline along each side of the line: without a GPU a browser draws those ten times as fast as wide lines.
  */
-export function drawGrid(c: CanvasRenderingContext2D, { k, x, y, ratio }: View, lines: { isEdge: boolean, runs: ArrayLike<number>[] }[], colour: string) {
+export function drawGrid(
+  c: CanvasRenderingContext2D,
+  { k, x, y, ratio }: View,
+  lines: { isEdge: boolean; runs: ArrayLike<number>[] }[],
+  colour: string,
+) {
   const edges = lines.filter((line) => line.isEdge).flatMap((line) => line.runs);
   const inner = lines.filter((line) => !line.isEdge).flatMap((line) => line.runs);
-  const isLevel = (run: ArrayLike<number>) => (
-    Math.abs(run[run.length - 2] - run[0]) > Math.abs(run[run.length - 1] - run[1]));
-  const level = inner.filter(isLevel), upright = inner.filter((run) => !isLevel(run));
+  const isLevel = (run: ArrayLike<number>) =>
+    Math.abs(run[run.length - 2] - run[0]) > Math.abs(run[run.length - 1] - run[1]);
+  const level = inner.filter(isLevel),
+    upright = inner.filter((run) => !isLevel(run));
   const stroke = (runs: ArrayLike<number>[], width: number, style: string, dx: number = 0, dy: number = 0) => {
     c.strokeStyle = style;
     c.lineWidth = width;
@@ -415,31 +516,77 @@ export function drawGrid(c: CanvasRenderingContext2D, { k, x, y, ratio }: View, 
 }
 
 /** A loop over the cells of the lattice row by row; places run linearly inside a cell's row. */
-export type LookUp = (out: Uint32Array, w: number, h: number, maps: Float32Array[], plan: Int8Array | null, columns: number, lattice: number, level: Level, fill: number, rim: number, colours?: Uint32Array) => void;
+export type LookUp = (
+  out: Uint32Array,
+  w: number,
+  h: number,
+  maps: Float32Array[],
+  plan: Int8Array | null,
+  columns: number,
+  lattice: number,
+  level: Level,
+  fill: number,
+  rim: number,
+  colours?: Uint32Array,
+) => void;
 
-const lookUpGrey: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim, colours = GREYS) => {
-  const empty = colours[fill], right = width - 1, bottom = height - 1;
+const lookUpGrey: LookUp = (
+  out,
+  w,
+  h,
+  maps,
+  plan,
+  columns,
+  lattice,
+  { pixels, width, height },
+  fill,
+  rim,
+  colours = GREYS,
+) => {
+  const empty = colours[fill],
+    right = width - 1,
+    bottom = height - 1;
   for (let y = 0; y < h; y++) {
-    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
-    const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))),
+      f = y / lattice - i;
+    const up = 2 * i * columns,
+      down = up + 2 * columns,
+      line = y * w;
     for (let j = 0, x = 0; x < w; j++) {
-      const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice), full = lattice;
+      const n = up + 2 * j,
+        m = down + 2 * j,
+        last = Math.min(w, x + lattice),
+        full = lattice;
       const layer = plan ? plan[i * columns + j] : 0;
-      if (layer < 0) { x = last; continue; }
+      if (layer < 0) {
+        x = last;
+        continue;
+      }
       const map = maps[layer];
-      let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
+      let u = map[n] + f * (map[m] - map[n]),
+        v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
       const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / full;
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / full;
       for (; x < last; x++, u += du, v += dv) {
-        let p = u, q = v;
+        let p = u,
+          q = v;
         if (!(p >= 0 && q >= 0 && p < right && q < bottom)) {
-          if (!(p >= -rim && q >= -rim && p < right + rim && q < bottom + rim)) { out[line + x] = empty; continue; }
+          if (!(p >= -rim && q >= -rim && p < right + rim && q < bottom + rim)) {
+            out[line + x] = empty;
+            continue;
+          }
           p = Math.max(0, Math.min(right, p));
           q = Math.max(0, Math.min(bottom, q));
         }
-        const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi, at = qi * width + pi;
-        const east = pi < right ? 1 : 0, south = qi < bottom ? width : 0;
-        const top = pixels[at] + s * (pixels[at + east] - pixels[at]), low = at + south;
+        const pi = p | 0,
+          qi = q | 0,
+          s = p - pi,
+          t = q - qi,
+          at = qi * width + pi;
+        const east = pi < right ? 1 : 0,
+          south = qi < bottom ? width : 0;
+        const top = pixels[at] + s * (pixels[at + east] - pixels[at]),
+          low = at + south;
         const g = (top + t * (pixels[low] + s * (pixels[low + east] - pixels[low]) - top) + 0.5) | 0;
         out[line + x] = colours[g];
       }
@@ -448,23 +595,43 @@ const lookUpGrey: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels, w
 };
 
 const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels, width, height }, fill, rim) => {
-  const empty = OPAQUE | (fill * 0x010101), right = width - 1, bottom = height - 1;
+  const empty = OPAQUE | (fill * 0x010101),
+    right = width - 1,
+    bottom = height - 1;
   for (let y = 0; y < h; y++) {
-    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), f = y / lattice - i;
-    const up = 2 * i * columns, down = up + 2 * columns, line = y * w;
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))),
+      f = y / lattice - i;
+    const up = 2 * i * columns,
+      down = up + 2 * columns,
+      line = y * w;
     for (let j = 0, x = 0; x < w; j++) {
-      const n = up + 2 * j, m = down + 2 * j, last = Math.min(w, x + lattice);
+      const n = up + 2 * j,
+        m = down + 2 * j,
+        last = Math.min(w, x + lattice);
       const layer = plan ? plan[i * columns + j] : 0;
-      if (layer < 0) { x = last; continue; }
+      if (layer < 0) {
+        x = last;
+        continue;
+      }
       const map = maps[layer];
-      let u = map[n] + f * (map[m] - map[n]), v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
+      let u = map[n] + f * (map[m] - map[n]),
+        v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
       const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / lattice;
       const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;
       for (; x < last; x++, u += du, v += dv) {
-        if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) { out[line + x] = empty; continue; }
-        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v));
-        const pi = p | 0, qi = q | 0, s = p - pi, t = q - qi;
-        const at = 4 * (qi * width + pi), east = pi < right ? 4 : 0, low = at + (qi < bottom ? 4 * width : 0);
+        if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) {
+          out[line + x] = empty;
+          continue;
+        }
+        const p = Math.max(0, Math.min(right, u)),
+          q = Math.max(0, Math.min(bottom, v));
+        const pi = p | 0,
+          qi = q | 0,
+          s = p - pi,
+          t = q - qi;
+        const at = 4 * (qi * width + pi),
+          east = pi < right ? 4 : 0,
+          low = at + (qi < bottom ? 4 * width : 0);
         let colour = OPAQUE;
         for (let c = 0; c < 3; c++) {
           const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);
@@ -477,7 +644,8 @@ const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels,
   }
 };
 
-const LAYER_EMPTY = -1, LAYER_MIXED = -2;
+const LAYER_EMPTY = -1,
+  LAYER_MIXED = -2;
 const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for those that are near
 
 /**
@@ -512,7 +680,14 @@ class LayerPlan {
   moves: number[][] = [];
 
   /** @param maps one for each fit, and the identity for regions without points, which stay */
-  constructor(layered: LayeredFit, maps: Float32Array[], nodes: Lattice, { origin, scale, shift }: LevelPlaces, softness: number, isMoving: boolean) {
+  constructor(
+    layered: LayeredFit,
+    maps: Float32Array[],
+    nodes: Lattice,
+    { origin, scale, shift }: LevelPlaces,
+    softness: number,
+    isMoving: boolean,
+  ) {
     this.layered = layered;
     this.maps = maps;
     this.nodes = nodes;
@@ -538,39 +713,70 @@ class LayerPlan {
    * Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node.
    */
   #measure() {
-    const { layered: { regions, fits }, maps, nodes: { rows, columns, a0, b0, step }, scale } = this;
+    const {
+      layered: { regions, fits },
+      maps,
+      nodes: { rows, columns, a0, b0, step },
+      scale,
+    } = this;
     const enough = 6 * step + this.softness;
-    const fill = (values: Float32Array, exact: (at: number, i: number, j: number) => number, way: (from: number, to: number) => number) => {
+    const fill = (
+      values: Float32Array,
+      exact: (at: number, i: number, j: number) => number,
+      way: (from: number, to: number) => number,
+    ) => {
       for (let i = 0, at = 0; i < rows; i++) {
         for (let j = 0; j < columns; j++, at++) {
-          const before = j ? values[at - 1] : i ? values[at - columns] : 0, from = j ? at - 1 : at - columns;
+          const before = j ? values[at - 1] : i ? values[at - columns] : 0,
+            from = j ? at - 1 : at - columns;
           const left = Math.abs(before) - (at ? way(from, at) : 0);
           values[at] = left > enough ? (before < 0 ? -left : left) : exact(at, i, j);
         }
       }
     };
     for (const [k, { distance }] of regions.entries()) {
-      fill(this.here[k], (_, i, j) => distance(a0 + j * step, b0 + i * step), () => step);
+      fill(
+        this.here[k],
+        (_, i, j) => distance(a0 + j * step, b0 + i * step),
+        () => step,
+      );
     }
     for (const [k, { key }] of fits.entries()) {
       const map = maps[k];
-      fill(this.depths[k], (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1])),
-        (m, at) => wayBetween(map, m, at, scale));
+      fill(
+        this.depths[k],
+        (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1])),
+        (m, at) => wayBetween(map, m, at, scale),
+      );
     }
   }
 
-  #a(p: number) { return (p - this.shift) / this.scale[0] + this.origin[0]; }
+  #a(p: number) {
+    return (p - this.shift) / this.scale[0] + this.origin[0];
+  }
 
-  #b(q: number) { return (q - this.shift) / this.scale[1] + this.origin[1]; }
+  #b(q: number) {
+    return (q - this.shift) / this.scale[1] + this.origin[1];
+  }
 
   /** The content of all of a cell: the number of a map, nothing, or not the same everywhere. */
   #cell(i: number, j: number) {
-    const { columns, rows, step } = this.nodes, { layered, here, still } = this, half = this.softness / 2;
-    const up = i * columns, down = Math.min(i + 1, rows - 1) * columns, right = Math.min(j + 1, columns - 1);
-    const p = up + j, q = up + right, r = down + j, s = down + right, reach = 0.7072 * step + half;
-    let key = 0, isOne = true;
+    const { columns, rows, step } = this.nodes,
+      { layered, here, still } = this,
+      half = this.softness / 2;
+    const up = i * columns,
+      down = Math.min(i + 1, rows - 1) * columns,
+      right = Math.min(j + 1, columns - 1);
+    const p = up + j,
+      q = up + right,
+      r = down + j,
+      s = down + right,
+      reach = 0.7072 * step + half;
+    let key = 0,
+      isOne = true;
     for (let k = 0; k < here.length && isOne; k++) {
-      const d = here[k], least = Math.min(d[p], d[q], d[r], d[s]);
+      const d = here[k],
+        least = Math.min(d[p], d[q], d[r], d[s]);
       if (least < -reach && Math.max(d[p], d[q], d[r], d[s]) < -reach) key |= 1 << k;
       else isOne = least > reach;
     }
@@ -596,11 +802,17 @@ class LayerPlan {
 
   /** 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0. */
   #coverage(k: number, p: number, q: number, r: number, s: number, half: number) {
-    const map = this.maps[k], d = this.depths[k], { scale } = this;
-    const least = Math.min(d[p], d[q], d[r], d[s]), most = Math.max(d[p], d[q], d[r], d[s]);
+    const map = this.maps[k],
+      d = this.depths[k],
+      { scale } = this;
+    const least = Math.min(d[p], d[q], d[r], d[s]),
+      most = Math.max(d[p], d[q], d[r], d[s]);
     if (least < half && most > -half) return 0;
-    const reach = half + 0.5 * (Math.max(wayBetween(map, p, q, scale), wayBetween(map, r, s, scale)) +
-      Math.max(wayBetween(map, p, r, scale), wayBetween(map, q, s, scale)));
+    const reach =
+      half +
+      0.5 *
+        (Math.max(wayBetween(map, p, q, scale), wayBetween(map, r, s, scale)) +
+          Math.max(wayBetween(map, p, r, scale), wayBetween(map, q, s, scale)));
     return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
@@ -613,8 +825,15 @@ class LayerPlan {
   }
 
   #regionsNear(cell: number) {
-    const { layered: { regions }, maps, nodes: { columns, rows, step, a0, b0 } } = this;
-    const j = cell % columns, i = (cell - j) / columns, a = a0 + (j + 0.5) * step, b = b0 + (i + 0.5) * step;
+    const {
+      layered: { regions },
+      maps,
+      nodes: { columns, rows, step, a0, b0 },
+    } = this;
+    const j = cell % columns,
+      i = (cell - j) / columns,
+      a = a0 + (j + 0.5) * step,
+      b = b0 + (i + 0.5) * step;
     let radius = 0.7072 * step;
     const right = Math.min(j + 1, columns - 1);
     const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
@@ -638,9 +857,16 @@ class LayerPlan {
 
   /** Distances between the nodes are interpolated while something moves; at a corner of a cut that is not exact. */
   #lookQuickly(cell: number, s: number, t: number, out: number[]) {
-    const { layered, depths, here, softness, work } = this, { columns, rows } = this.nodes, { covers } = work;
-    const e = cell % columns < columns - 1 ? 1 : 0, d = cell < (rows - 1) * columns ? columns : 0;
-    let key = 0, inside = Infinity, still = 1, sum = 0, best = 0;
+    const { layered, depths, here, softness, work } = this,
+      { columns, rows } = this.nodes,
+      { covers } = work;
+    const e = cell % columns < columns - 1 ? 1 : 0,
+      d = cell < (rows - 1) * columns ? columns : 0;
+    let key = 0,
+      inside = Infinity,
+      still = 1,
+      sum = 0,
+      best = 0;
     for (let k = 0; k < here.length; k++) {
       const value = between(here[k], cell, e, d, s, t);
       if (value < 0) key |= 1 << k;
@@ -656,7 +882,11 @@ class LayerPlan {
       else still = 0;
       best = own < 0 ? still : covers[own];
       if (best < 0.5) {
-        for (let n = 0; n < covers.length && n < depths.length; n++) if (covers[n] > best) { best = covers[n]; k = n; }
+        for (let n = 0; n < covers.length && n < depths.length; n++)
+          if (covers[n] > best) {
+            best = covers[n];
+            k = n;
+          }
         if (still > best) k = -1;
       }
       out[2] = Math.min(1, sum + still);
@@ -667,16 +897,22 @@ class LayerPlan {
   }
 
   #lookExactly(cell: number, s: number, t: number, out: number[]) {
-    const { columns } = this.nodes, { layered, maps, moves, work } = this, j = cell % columns, i = (cell - j) / columns;
-    const { a0, b0, step, rows } = this.nodes, a = a0 + (j + s) * step, b = b0 + (i + t) * step;
-    const east = j < columns - 1 ? 2 : 0, south = i < rows - 1 ? 2 * columns : 0;
+    const { columns } = this.nodes,
+      { layered, maps, moves, work } = this,
+      j = cell % columns,
+      i = (cell - j) / columns;
+    const { a0, b0, step, rows } = this.nodes,
+      a = a0 + (j + s) * step,
+      b = b0 + (i + t) * step;
+    const east = j < columns - 1 ? 2 : 0,
+      south = i < rows - 1 ? 2 * columns : 0;
     for (let k = 0; k < layered.fits.length; k++) {
       for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
       moves[k] ??= [0, 0];
       moves[k][0] = this.#a(work.pixels[2 * k]) - a;
       moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
     }
-    const [,, opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
+    const [, , opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
     out[2] = opacity;
     if (k < 0) {
       out[0] = (a - this.origin[0]) * this.scale[0] + this.shift;
@@ -692,13 +928,16 @@ class LayerPlan {
 
 /** Bilinear between four nodes. */
 export function between(values: Float32Array, at: number, east: number, south: number, s: number, t: number) {
-  const p = values[at], r = values[at + south], top = p + s * (values[at + east] - p);
+  const p = values[at],
+    r = values[at + south],
+    top = p + s * (values[at + east] - p);
   return top + t * (r + s * (values[at + south + east] - r) - top);
 }
 
 /** The distance of two nodes' images in the picture. */
 function wayBetween(map: Float32Array, m: number, n: number, scale: number[]) {
-  const a = (map[2 * m] - map[2 * n]) / scale[0], b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
+  const a = (map[2 * m] - map[2 * n]) / scale[0],
+    b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
   return Math.sqrt(a * a + b * b);
 }
 
@@ -707,24 +946,62 @@ function wayBetween(map: Float32Array, m: number, n: number, scale: number[]) {
  * @param paper red, green and blue
  * @param colours the pixel of each grey value
  */
-function lookUpLayers(out: Uint32Array, w: number, h: number, layers: LayerPlan, lattice: number, { pixels, width, height }: Level, channels: number, fill: number, rim: number, paper: number[], colours: Uint32Array) {
-  const { plan, nodes: { columns } } = layers, seen = [0, 0, 1], right = width - 1, bottom = height - 1;
+function lookUpLayers(
+  out: Uint32Array,
+  w: number,
+  h: number,
+  layers: LayerPlan,
+  lattice: number,
+  { pixels, width, height }: Level,
+  channels: number,
+  fill: number,
+  rim: number,
+  paper: number[],
+  colours: Uint32Array,
+) {
+  const {
+      plan,
+      nodes: { columns },
+    } = layers,
+    seen = [0, 0, 1],
+    right = width - 1,
+    bottom = height - 1;
   const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
   for (let y = 0; y < h; y++) {
-    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))), t = y / lattice - i;
+    const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))),
+      t = y / lattice - i;
     for (let j = 0, x = 0; x < w; j++) {
-      const last = Math.min(w, x + lattice), cell = i * columns + j, first = x;
-      if (plan[cell] >= 0) { x = last; continue; }
-      if (plan[cell] === LAYER_EMPTY) { out.fill(empty, y * w + x, y * w + last); x = last; continue; }
+      const last = Math.min(w, x + lattice),
+        cell = i * columns + j,
+        first = x;
+      if (plan[cell] >= 0) {
+        x = last;
+        continue;
+      }
+      if (plan[cell] === LAYER_EMPTY) {
+        out.fill(empty, y * w + x, y * w + last);
+        x = last;
+        continue;
+      }
       for (; x < last; x++) {
         layers.look(cell, (x - first) / lattice, t, seen);
         const [u, v, opacity] = seen;
-        if (opacity === 0) { out[y * w + x] = empty; continue; }
+        if (opacity === 0) {
+          out[y * w + x] = empty;
+          continue;
+        }
         const isIn = u >= -rim && v >= -rim && u < right + rim && v < bottom + rim;
-        const p = Math.max(0, Math.min(right, u)), q = Math.max(0, Math.min(bottom, v)), pi = p | 0, qi = q | 0;
-        const s = p - pi, f = q - qi, at = channels * (qi * width + pi), east = pi < right ? channels : 0;
+        const p = Math.max(0, Math.min(right, u)),
+          q = Math.max(0, Math.min(bottom, v)),
+          pi = p | 0,
+          qi = q | 0;
+        const s = p - pi,
+          f = q - qi,
+          at = channels * (qi * width + pi),
+          east = pi < right ? channels : 0;
         const low = at + (qi < bottom ? channels * width : 0);
-        let colour = OPAQUE, looked = 0;
+        let colour = OPAQUE,
+          looked = 0;
         for (let c = 0; c < 3; c++) {
           if (c === 0 || channels > 1) {
             const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);

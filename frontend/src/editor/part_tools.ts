@@ -5,21 +5,37 @@ import { shownLength } from "../maths/numbers.ts";
 import { changed, cleanShapes, sameShapes } from "../maths/points.ts";
 import { carriedPoints, heldPoints } from "../maths/rigid_stages.ts";
 import {
-  motionWords, partTurned, pivotOf, placeBefore, placeMoved, SHAPE_NAMES, shapeName, turnAndShift, withShape,
+  motionWords,
+  partTurned,
+  pivotOf,
+  placeBefore,
+  placeMoved,
+  SHAPE_NAMES,
+  shapeName,
+  turnAndShift,
+  withShape,
 } from "../maths/shapes.ts";
-import { MotionHandles } from "./motion_handles.ts";
-
 import type { PartData, Point, Shapes } from "../types.ts";
 import type { EditorView } from "./editor.ts";
 import type { PartHandle } from "./motion_handles.ts";
+import { MotionHandles } from "./motion_handles.ts";
 
 /**
  * A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
  */
-export type PartState = { shapes: Shapes, points: Point[], held: number[] };
+export type PartState = { shapes: Shapes; points: Point[]; held: number[] };
 
 /** The state before a drag, and that which is shown now. */
-export type PartDrag = { part: PartData, index: number, handle: PartHandle, points: Point[], shapes: Shapes, wasFine: boolean, start: number[], now: PartState };
+export type PartDrag = {
+  part: PartData;
+  index: number;
+  handle: PartHandle;
+  points: Point[];
+  shapes: Shapes;
+  wasFine: boolean;
+  start: number[];
+  now: PartState;
+};
 
 const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift goes in steps of the second
 const ALONE = "nothing holds what is around it: add points there, or a fixed side";
@@ -47,19 +63,23 @@ export class PartTools {
   }
 
   /** Whether there is a part to move. */
-  get isOn() { return this.#own !== null && !this.editor.isLocked; }
+  get isOn() {
+    return this.#own !== null && !this.editor.isLocked;
+  }
 
   /** Draw the handles. True if the focus was on one that is gone. */
   draw() {
-    const { editor } = this, own = this.isOn && !editor.isAdding && !editor.isSelecting ? this.#own : null;
+    const { editor } = this,
+      own = this.isOn && !editor.isAdding && !editor.isSelecting ? this.#own : null;
     return this.handles.update(own?.part ?? null, own?.index ?? 0, editor.view);
   }
 
   /**
    * The state with a part of another motion. Points that contradict it there are left out until the user has decided.
    */
-  #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[], shapes: Shapes }): PartState {
-    const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) }, { strength } = this.editor;
+  #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[]; shapes: Shapes }): PartState {
+    const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) },
+      { strength } = this.editor;
     const points = carriedPoints(start.points, before, after);
     const held = heldPoints(points, shapes.parts, strength).map(({ point }) => point.id);
     return { shapes, points, held };
@@ -67,7 +87,9 @@ export class PartTools {
 
   /** Take other parts that Python proposes, after a question about the points that contradict them. */
   propose(proposed: PartData[], kind: string) {
-    const { editor } = this, before = editor.shapes.parts, parts = cleanShapes(proposed, "parts", before);
+    const { editor } = this,
+      before = editor.shapes.parts,
+      parts = cleanShapes(proposed, "parts", before);
     let { points } = editor;
     parts.forEach((part, k) => {
       const was = before[k];
@@ -80,10 +102,21 @@ export class PartTools {
 
   /** Begin a drag at a place of the view. */
   beginDrag(handle: PartHandle, from: number[]) {
-    const { editor, editor: { points, shapes } } = this, own = this.#own;
+    const {
+        editor,
+        editor: { points, shapes },
+      } = this,
+      own = this.#own;
     if (editor.isLocked || !own) return;
-    this.drag0 = { ...own, handle, points, shapes, wasFine: !editor.error, start: editor.placeAt(from),
-      now: { points, shapes, held: [] } };
+    this.drag0 = {
+      ...own,
+      handle,
+      points,
+      shapes,
+      wasFine: !editor.error,
+      start: editor.placeAt(from),
+      now: { points, shapes, held: [] },
+    };
     this.isSent = false;
     editor.foldStop.begin();
   }
@@ -95,9 +128,14 @@ export class PartTools {
   drag(at: number[], isStepped: boolean) {
     const { editor, drag0 } = this;
     if (!drag0) return;
-    const { part, index, handle } = drag0, to = editor.placeAt(at);
-    const make = handle === "pivot" ? this.#pivoting(part, drag0.start, to)
-      : handle === "turn" ? turning(part, drag0.start, to, isStepped) : moving(part, drag0.start, to);
+    const { part, index, handle } = drag0,
+      to = editor.placeAt(at);
+    const make =
+      handle === "pivot"
+        ? this.#pivoting(part, drag0.start, to)
+        : handle === "turn"
+          ? turning(part, drag0.start, to, isStepped)
+          : moving(part, drag0.start, to);
     drag0.now = editor.foldStop.limit((share) => {
       const state = this.#stateOf(part, make(share), index, drag0);
       return { ...state, points: without(state.points, state.held) };
@@ -113,7 +151,10 @@ export class PartTools {
   sendMove() {
     const { editor, drag0 } = this;
     if (drag0 && this.isLive && editor.model.get("live")) {
-      const { index, now: { points, shapes } } = drag0;
+      const {
+        index,
+        now: { points, shapes },
+      } = drag0;
       editor.sender.move(points, { index, motion: shapes.parts[index].motion });
       this.isSent = true;
     }
@@ -126,10 +167,14 @@ export class PartTools {
    */
   #words(part: PartData, handle: PartHandle, held: number) {
     if (handle === "pivot") return `pivot at ${placeMoved(part.motion, pivotOf(part)).map(shownLength).join(", ")}`;
-    const { editor: { layered } } = this, words = motionWords(part) || "where it was";
+    const {
+        editor: { layered },
+      } = this,
+      words = motionWords(part) || "where it was";
     const isAlone = (layered?.fits ?? []).every(({ fit }) => fit.count === 0 && (fit.rigid?.length ?? 0) < 2);
     return [words, held ? `${held === 1 ? "1 point" : `${held} points`} in the way` : "", isAlone ? ALONE : ""]
-      .filter(Boolean).join("; ");
+      .filter(Boolean)
+      .join("; ");
   }
 
   endDrag(isCancelled: boolean) {
@@ -138,15 +183,23 @@ export class PartTools {
     if (!drag0) return;
     const { handle, part, index, now, points, shapes, wasFine } = drag0;
     Object.assign(editor, { points, shapes });
-    const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`, after = now.shapes.parts[index];
+    const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`,
+      after = now.shapes.parts[index];
     if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
     Object.assign(editor, { points: editor.sender.points, shapes: editor.sender.shapes });
     editor.changed();
     if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
   }
 
-  #edit(before: PartData, after: PartData, index: number, kind: string, { wasFine, join }: { wasFine?: boolean, join?: string | null } = {}) {
-    const { editor } = this, { shapes, points } = this.#stateOf(before, after, index, editor);
+  #edit(
+    before: PartData,
+    after: PartData,
+    index: number,
+    kind: string,
+    { wasFine, join }: { wasFine?: boolean; join?: string | null } = {},
+  ) {
+    const { editor } = this,
+      { shapes, points } = this.#stateOf(before, after, index, editor);
     const isDone = editor.shapeTools.edit("parts", shapes.parts, kind, { wasFine, points, join });
     if (isDone) editor.announce(`${shapeName(after, "parts", index)} ${motionWords(after) || "where it was"}`);
     return isDone;
@@ -156,9 +209,12 @@ export class PartTools {
 
   /** Move the part, or its pivot, by so many pixels of the picture. */
   nudge([dx, dy]: number[], pixels: number, handle: PartHandle = "move") {
-    const { editor } = this, own = this.#own, [du, dv] = editor.model.get("raster").spacing;
+    const { editor } = this,
+      own = this.#own,
+      [du, dv] = editor.model.get("raster").spacing;
     if (!own || editor.isLocked) return;
-    const { part, index } = own, by = [dx * pixels * du, dy * pixels * dv];
+    const { part, index } = own,
+      by = [dx * pixels * du, dy * pixels * dv];
     const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by)(1);
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
     this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
@@ -167,10 +223,12 @@ export class PartTools {
 
   /** Turn the part by one step, clockwise for 1. */
   turnKey(way: number, isLarge: boolean) {
-    const { editor } = this, own = this.#own;
+    const { editor } = this,
+      own = this.#own;
     if (!own || editor.isLocked) return;
-    const { part, index } = own, { angle, shift } = turnAndShift(part);
-    const after = partTurned(part, angle + way * TURN_STEPS[isLarge ? 1 : 0] * Math.PI / 180, shift);
+    const { part, index } = own,
+      { angle, shift } = turnAndShift(part);
+    const after = partTurned(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0] * Math.PI) / 180, shift);
     this.#edit(part, after, index, `turn ${part.name || SHAPE_NAMES.parts}`, { join: `turn part ${index}` });
     editor.drawNow();
   }
@@ -185,7 +243,8 @@ export class PartTools {
 
   /** The part with its pivot on the way from one place to another, held to the picture. Its motion stays. */
   #pivoting(part: PartData, from: number[], to: number[]) {
-    const [a0, a1, b0, b1] = this.editor.sheet, [a, b] = placeMoved(part.motion, pivotOf(part));
+    const [a0, a1, b0, b1] = this.editor.sheet,
+      [a, b] = placeMoved(part.motion, pivotOf(part));
     return (share: number): PartData => {
       const at = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
       const inside = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
@@ -195,19 +254,28 @@ export class PartTools {
 }
 
 /** The points with some of them switched off. */
-function without(points: Point[], ids: number[]) { return ids.length ? changed(points, ids, () => ({ active: false })) : points; }
+function without(points: Point[], ids: number[]) {
+  return ids.length ? changed(points, ids, () => ({ active: false })) : points;
+}
 
 /** A part on the way from one place to another. */
 function moving(part: PartData, from: number[], to: number[]) {
   const { angle, shift } = turnAndShift(part);
-  return (share: number) => (
-    partTurned(part, angle, shift.map((value, c) => value + share * (to[c] - from[c]))));
+  return (share: number) =>
+    partTurned(
+      part,
+      angle,
+      shift.map((value, c) => value + share * (to[c] - from[c])),
+    );
 }
 
 /** A part that turns about its pivot as a pointer does from one place to another. */
 function turning(part: PartData, from: number[], to: number[], isStepped: boolean) {
-  const { angle, shift } = turnAndShift(part), [a, b] = placeMoved(part.motion, pivotOf(part));
-  const [x, y] = [from[0] - a, from[1] - b], [u, v] = [to[0] - a, to[1] - b], step = TURN_STEPS[1] * Math.PI / 180;
+  const { angle, shift } = turnAndShift(part),
+    [a, b] = placeMoved(part.motion, pivotOf(part));
+  const [x, y] = [from[0] - a, from[1] - b],
+    [u, v] = [to[0] - a, to[1] - b],
+    step = (TURN_STEPS[1] * Math.PI) / 180;
   const by = Math.atan2(x * v - y * u, x * u + y * v);
   const way = isStepped ? step * Math.round((angle + by) / step) - angle : by;
   return (share: number) => partTurned(part, angle + share * way, shift);

@@ -1,24 +1,43 @@
 // The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and strokes of brushes.
 
-import { treeOf } from "../ui/dom.ts";
 import { Stroke } from "../maths/brushes.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
-import { freeIds, lockedPoints, middleOf, mirroredEdit, mirrorSide, movedPoints, newPoint, nextId, onAxis, removedPoints, renamedPoint, resetPoints, rimmedPoints, rimOf, samePoints, switchedPoints, turnedPoints, turnOfKey, withRims } from "../maths/points.ts";
+import {
+  freeIds,
+  lockedPoints,
+  middleOf,
+  mirroredEdit,
+  mirrorSide,
+  movedPoints,
+  newPoint,
+  nextId,
+  onAxis,
+  removedPoints,
+  renamedPoint,
+  resetPoints,
+  rimmedPoints,
+  rimOf,
+  samePoints,
+  switchedPoints,
+  turnedPoints,
+  turnOfKey,
+  withRims,
+} from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
 import { placeSeen } from "../maths/warp_map.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import { pointLabel } from "./handles.ts";
-
 import type { LayeredFit, PartData, Point, Shapes } from "../types.ts";
+import { treeOf } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
+import { pointLabel } from "./handles.ts";
 /** the places of points that a drag moves */
 export type Moved = "target" | "source" | "both";
 /** points, ids of those that turn, the centre */
-export type Turn = { points: Point[], ids: number[], about: number[] };
+export type Turn = { points: Point[]; ids: number[]; about: number[] };
 /** a point that a rigid part does not let in */
-export type Held = { point: Point, part: PartData };
+export type Held = { point: Point; part: PartData };
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
 const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
@@ -26,7 +45,12 @@ const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis
 /**
  * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
  */
-function allowedMove(before: Point[], points: Point[], parts: PartData[], strength: number): { points: Point[], held: Held[] } {
+function allowedMove(
+  before: Point[],
+  points: Point[],
+  parts: PartData[],
+  strength: number,
+): { points: Point[]; held: Held[] } {
   if (!parts.length) return { points, held: [] };
   const was = new Set(heldPoints(before, parts, strength).map(({ point }) => point.id));
   const heldIn = (given: Point[]) => heldPoints(given, parts, strength).filter(({ point }) => !was.has(point.id));
@@ -34,11 +58,13 @@ function allowedMove(before: Point[], points: Point[], parts: PartData[], streng
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
   const way = (p: number[], q: number[], t: number) => p.map((v, c) => v + t * (q[c] - v));
-  const between = (t: number) => before.map((p) => {
-    const { source, target } = then.get(p.id) ?? p;
-    return { ...p, source: way(p.source, source, t), target: way(p.target, target, t) };
-  });
-  let low = 0, high = 1;
+  const between = (t: number) =>
+    before.map((p) => {
+      const { source, target } = then.get(p.id) ?? p;
+      return { ...p, source: way(p.source, source, t), target: way(p.target, target, t) };
+    });
+  let low = 0,
+    high = 1;
   for (let turn = 0; turn < 10; turn++) {
     const middle = (low + high) / 2;
     if (heldIn(between(middle)).length) high = middle;
@@ -91,7 +117,9 @@ export class PointTools {
   /** Whether a fit is possible; if not, the reason is shown. */
   accepts(points: Point[], shapes: Partial<Shapes> = this.editor.shapes) {
     const { editor } = this;
-    try { editor.fitOf(points, shapes); } catch (error) {
+    try {
+      editor.fitOf(points, shapes);
+    } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       const { message } = error;
       editor.showMessage(message, true);
@@ -121,9 +149,13 @@ export class PointTools {
   drag(ids: number[], by: number[], what: Moved, id: number, isLoose: boolean = false) {
     const { editor, drag0 } = this;
     if (!drag0) return;
-    if (!ids.length) { this.hintLocked([id]); return; }
+    if (!ids.length) {
+      this.hintLocked([id]);
+      return;
+    }
     const f = (what === "target" ? editor.gridNodes.pull : 1) / editor.view.k;
-    const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose), lead = this.#sideOf(id);
+    const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose),
+      lead = this.#sideOf(id);
     this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0], t * way[1], what), lead));
   }
 
@@ -131,7 +163,8 @@ export class PointTools {
    * Show points on their way, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is the start.
    */
   #show(drag0: Point[], make: (share: number) => Point[]) {
-    const { editor } = this, { shapes } = editor;
+    const { editor } = this,
+      { shapes } = editor;
     const { points: wanted } = editor.foldStop.limit((share) => ({ points: make(share), shapes }));
     const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
     editor.handles.lock(held.map(({ point }) => point.id));
@@ -163,7 +196,8 @@ export class PointTools {
   }
 
   endDrag(isCancelled: boolean, kind: string = "move") {
-    const { editor, drag0 } = this, { points } = editor;
+    const { editor, drag0 } = this,
+      { points } = editor;
     this.drag0 = null;
     editor.sender.drawn = editor.rate.taken();
     editor.handles.lock([]);
@@ -193,10 +227,15 @@ export class PointTools {
    * Move the selected points, or the one in focus, by so many pixels of the picture; without any, move the view.
    */
   nudge(focused: number | null, [dx, dy]: number[], pixels: number, what: Moved) {
-    const { editor } = this, ids = editor.idsAt(focused);
-    if (ids.length === 0) { editor.panBy(-dx * pixels * 4, -dy * pixels * 4); return; }
+    const { editor } = this,
+      ids = editor.idsAt(focused);
+    if (ids.length === 0) {
+      editor.panBy(-dx * pixels * 4, -dy * pixels * 4);
+      return;
+    }
     if (focused !== null && !editor.selected.has(focused)) editor.select([focused]);
-    const [du, dv] = editor.model.get("raster").spacing, free = this.freed(ids);
+    const [du, dv] = editor.model.get("raster").spacing,
+      free = this.freed(ids);
     this.change(movedPoints(editor.points, free, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
     const p = editor.pointOf(ids[0]);
     if (p && ids.length === 1) editor.announce(pointLabel(p));
@@ -216,7 +255,8 @@ export class PointTools {
 
   /** The place of the original picture that is seen at a place, null in a gap. */
   seenAt([a, b]: number[]) {
-    const { editor } = this, layered = editor.isComparing ? null : editor.layered;
+    const { editor } = this,
+      layered = editor.isComparing ? null : editor.layered;
     const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1];
     return opacity < 0.5 ? null : [a + da, b + db];
   }
@@ -228,25 +268,39 @@ export class PointTools {
    * @returns its id, that of a point which is there already, or null in a gap
    */
   addAt([x, y]: number[], isLoose = false): number | null {
-    const { editor } = this, [near] = editor.points.map((p) => {
-      const [px, py] = editor.onView(p.target);
-      return { id: p.id, away: Math.hypot(px - x, py - y) };
-    }).sort((p, q) => p.away - q.away);
-    if (near && near.away < NEAR) { editor.select([near.id]); editor.handles.focus(near.id); return near.id; }
-    const place = editor.placeAt([x, y]), target = isLoose ? place : this.#snappedPlace(place);
+    const { editor } = this,
+      [near] = editor.points
+        .map((p) => {
+          const [px, py] = editor.onView(p.target);
+          return { id: p.id, away: Math.hypot(px - x, py - y) };
+        })
+        .sort((p, q) => p.away - q.away);
+    if (near && near.away < NEAR) {
+      editor.select([near.id]);
+      editor.handles.focus(near.id);
+      return near.id;
+    }
+    const place = editor.placeAt([x, y]),
+      target = isLoose ? place : this.#snappedPlace(place);
     const source = this.#sourcesOf(editor.fitAt([x, y]))(target);
-    if (source === null) { editor.hint("This is a gap: there is nothing here to take hold of"); return null; }
+    if (source === null) {
+      editor.hint("This is a gap: there is nothing here to take hold of");
+      return null;
+    }
     const id = nextId(editor.points, editor.sender.nextId);
     if (!this.change([...editor.points, newPoint(id, source, target)], "add")) return id;
     this.present(id, "added");
     return id;
   }
 
-  addInMiddle() { this.addAt([this.editor.view.width / 2, this.editor.view.height / 2]); }
+  addInMiddle() {
+    this.addAt([this.editor.view.width / 2, this.editor.view.height / 2]);
+  }
 
   /** Select a point, give it the focus, and describe it to a screen reader. */
   present(id: number, remark: string) {
-    const { editor } = this, p = editor.pointOf(id);
+    const { editor } = this,
+      p = editor.pointOf(id);
     editor.select([id]);
     editor.drawNow();
     editor.handles.focus(id);
@@ -254,7 +308,9 @@ export class PointTools {
   }
 
   remove(wanted: number[]) {
-    const { editor } = this, ids = this.freed(wanted), at = editor.points.findIndex((p) => p.id === ids[0]);
+    const { editor } = this,
+      ids = this.freed(wanted),
+      at = editor.points.findIndex((p) => p.id === ids[0]);
     const hadFocus = editor.svg.contains(treeOf(editor.root).activeElement);
     if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
     editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
@@ -265,15 +321,20 @@ export class PointTools {
   }
 
   rename(id: number) {
-    const { editor } = this, p = editor.pointOf(id);
+    const { editor } = this,
+      p = editor.pointOf(id);
     if (!p || editor.isLocked) return;
     editor.promptName(p.name, `point ${id}`, editor.onView(p.target), {
-      take: (text) => { this.edit(renamedPoint(editor.points, id, text), "rename"); },
+      take: (text) => {
+        this.edit(renamedPoint(editor.points, id, text), "rename");
+      },
       focus: () => editor.handles.focus(id),
     });
   }
 
-  switch(ids: number[]) { this.change(switchedPoints(this.editor.points, ids), "switch"); }
+  switch(ids: number[]) {
+    this.change(switchedPoints(this.editor.points, ids), "switch");
+  }
 
   /** Put these points back where they were taken, all if there are none. */
   reset(ids: number[]) {
@@ -299,13 +360,16 @@ export class PointTools {
     return { axis: 0.5 * pixel, partner: pixel };
   }
 
-  #setMirror(change: { on: boolean, axis?: string, at?: number }) {
+  #setMirror(change: { on: boolean; axis?: string; at?: number }) {
     this.editor.set("mirror", { ...this.mirror, ...change });
-    const { on, axis } = this.mirror, line = axis === "a" ? "upright" : "level";
+    const { on, axis } = this.mirror,
+      line = axis === "a" ? "upright" : "level";
     if (on) this.editor.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
   }
 
-  toggleMirror() { this.#setMirror({ on: !this.mirror.on }); }
+  toggleMirror() {
+    this.#setMirror({ on: !this.mirror.on });
+  }
 
   turnMirror() {
     const axis = this.mirror.axis === "a" ? "b" : "a";
@@ -314,7 +378,8 @@ export class PointTools {
 
   /** Move the axis; Python gets it at the end. */
   moveAxis(at: number, isEnd: boolean) {
-    const { editor } = this, c = this.mirror.axis === "a" ? 0 : 1;
+    const { editor } = this,
+      c = this.mirror.axis === "a" ? 0 : 1;
     const [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
     editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
     if (isEnd) editor.model.save_changes();
@@ -323,7 +388,8 @@ export class PointTools {
 
   /** The side of the mirror on which a point was taken: 1, -1, or 0 on the axis and without a mirror. */
   #sideOf(id: number) {
-    const { mirror } = this, p = this.editor.pointOf(id);
+    const { mirror } = this,
+      p = this.editor.pointOf(id);
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
@@ -333,10 +399,14 @@ export class PointTools {
    * @param holds whether new points take hold of what is seen, on both sides
    */
   symmetric(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
-    const { mirror, editor } = this, { layered } = editor, near = this.#mirrorNear;
+    const { mirror, editor } = this,
+      { layered } = editor,
+      near = this.#mirrorNear;
     if (!mirror.on) return after;
-    const seenAt = (source: number[]) => (holds && layered && editor.strength === 1 && !editor.isOriginal
-      ? placeSeen(layered, source, 1e-6 * near.axis) : null);
+    const seenAt = (source: number[]) =>
+      holds && layered && editor.strength === 1 && !editor.isOriginal
+        ? placeSeen(layered, source, 1e-6 * near.axis)
+        : null;
     return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
   }
 
@@ -348,7 +418,9 @@ export class PointTools {
     return Math.max(a1 - a0, b1 - b0) / (this.editor.model.get("density") || 16);
   }
 
-  get snap() { return Number(this.editor.model.get("snap")) || 0; }
+  get snap() {
+    return Number(this.editor.model.get("snap")) || 0;
+  }
 
   toggleSnap() {
     this.editor.set("snap", this.snap > 0 ? 0 : this.#cell);
@@ -358,7 +430,9 @@ export class PointTools {
 
   /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
   #snappedPlace([a, b]: number[]) {
-    const { snap } = this, cell = this.#cell, [a0, a1, b0, b1] = this.editor.box;
+    const { snap } = this,
+      cell = this.#cell,
+      [a0, a1, b0, b1] = this.editor.box;
     if (!(snap > 0)) return [a, b];
     const isDrawn = Math.abs(snap - cell) < 1e-6 * cell;
     const whole = (length: number) => (isDrawn ? length / Math.max(1, Math.round(length / snap)) : snap);
@@ -370,7 +444,8 @@ export class PointTools {
   #snappedWay(id: number, way: number[], what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap > 0)) return way;
-    const [a, b] = p[what], to = this.#snappedPlace([a + way[0], b + way[1]]);
+    const [a, b] = p[what],
+      to = this.#snappedPlace([a + way[0], b + way[1]]);
     return [to[0] - a, to[1] - b];
   }
 
@@ -378,14 +453,26 @@ export class PointTools {
 
   /** The points that a turn of the selection turns. A single point gets a rim, which turns around it. */
   #turnables(): Turn | null {
-    const { editor } = this, { points } = editor, chosen = points.filter((p) => editor.selected.has(p.id) && !p.locked);
-    if (!chosen.length) { this.hintLocked([...editor.selected]); return null; }
+    const { editor } = this,
+      { points } = editor,
+      chosen = points.filter((p) => editor.selected.has(p.id) && !p.locked);
+    if (!chosen.length) {
+      this.hintLocked([...editor.selected]);
+      return null;
+    }
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
-    const [pin] = chosen, rim = rimOf(points, pin).filter((p) => !p.locked);
+    const [pin] = chosen,
+      rim = rimOf(points, pin).filter((p) => !p.locked);
     if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target };
-    const room = points.reduce((least, p) => (p.id === pin.id || !p.active ? least
-      : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1]))), Infinity);
-    const id = nextId(points, editor.sender.nextId), distance = Math.min(editor.brush.radius, 0.6 * room);
+    const room = points.reduce(
+      (least, p) =>
+        p.id === pin.id || !p.active
+          ? least
+          : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1])),
+      Infinity,
+    );
+    const id = nextId(points, editor.sender.nextId),
+      distance = Math.min(editor.brush.radius, 0.6 * room);
     const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.layered));
     return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target };
   }
@@ -394,14 +481,17 @@ export class PointTools {
    * Turn or scale by a key. Quick presses are undone as one.
    * @param way 1 or 1
    */
-  turnKey(way: number, how: { isLarge: boolean, isScale: boolean }) {
-    const { editor } = this, [angle, factor] = turnOfKey(way, how), turn = editor.isLocked ? null : this.#turnables();
+  turnKey(way: number, how: { isLarge: boolean; isScale: boolean }) {
+    const { editor } = this,
+      [angle, factor] = turnOfKey(way, how),
+      turn = editor.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
     const points = turnedPoints(turn.points, turn.ids, turn.about, angle, factor);
     this.change(points, kind, `${kind} ${[...editor.selected]}`);
-    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
-      : `scaled by ${factor.toFixed(2)}`);
+    editor.announce(
+      angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
+    );
   }
 
   beginTurn() {
@@ -415,14 +505,17 @@ export class PointTools {
     const { drag0 } = this;
     if (!drag0) return;
     this.#show(drag0, (t) => this.symmetric(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
-    this.editor.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    this.editor.hint(factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
   }
 
   // ---- locks --------------------------------------------------------------------------------------------------------
 
   toggleLock(ids: number[]) {
     const { editor } = this;
-    if (!ids.length) { editor.hint("Select points to lock them"); return; }
+    if (!ids.length) {
+      editor.hint("Select points to lock them");
+      return;
+    }
     if (!this.edit(lockedPoints(editor.points, ids), "lock")) return;
     const isLocked = editor.pointOf(ids[0])?.locked;
     editor.announce(`${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`);
@@ -432,16 +525,26 @@ export class PointTools {
 
   /** Begin a stroke; null and a hint where none can begin. */
   beginStroke(place: number[], radius: number, tool: string) {
-    const { editor, mirror } = this, { settings } = editor;
+    const { editor, mirror } = this,
+      { settings } = editor;
     if (editor.isLocked) return null;
     const isNear = (at: number[]) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
-    const stroke = new Stroke(editor.points, place, radius, { tool, box: editor.box,
+    const stroke = new Stroke(editor.points, place, radius, {
+      tool,
+      box: editor.box,
       id: nextId(editor.points, editor.sender.nextId),
       reach: typeof settings.support === "number" ? settings.support : 0,
       sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.fitOf(points) : null),
-      settle: (at) => (isNear(at) ? onAxis(mirror, at) : at) });
-    if (stroke.lockedBy) { this.hintLocked([stroke.lockedBy.id]); return null; }
-    if (!stroke.isPossible) { editor.hint("There is nothing here to take hold of"); return null; }
+      settle: (at) => (isNear(at) ? onAxis(mirror, at) : at),
+    });
+    if (stroke.lockedBy) {
+      this.hintLocked([stroke.lockedBy.id]);
+      return null;
+    }
+    if (!stroke.isPossible) {
+      editor.hint("There is nothing here to take hold of");
+      return null;
+    }
     this.strokeSide = mirror.on ? mirrorSide(mirror, place, 0) : 0;
     this.beginDrag();
     return stroke;
@@ -451,7 +554,11 @@ export class PointTools {
   paintStroke(stroke: Stroke) {
     const { editor, drag0 } = this;
     if (!drag0) return false;
-    const points = this.symmetric(drag0, stroke.points, this.strokeSide), { shapes: { parts }, strength } = editor;
+    const points = this.symmetric(drag0, stroke.points, this.strokeSide),
+      {
+        shapes: { parts },
+        strength,
+      } = editor;
     const held = parts.length ? heldPoints(points, parts, strength) : [];
     if (held.length > heldPoints(drag0, parts, strength).length) {
       this.#hintHeld(held[held.length - 1]);

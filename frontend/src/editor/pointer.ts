@@ -4,27 +4,46 @@ import { shownLength } from "../maths/numbers.ts";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.ts";
 import { SLACK, treeOf } from "../ui/dom.ts";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
-import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.ts";
-
 import type { EditorView } from "./editor.ts";
-import type { Moved, Turn } from "./point_tools.ts";
+import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.ts";
 import type { PartHandle } from "./motion_handles.ts";
+import type { Moved, Turn } from "./point_tools.ts";
 import type { Chosen, Grip } from "./shape_handles.ts";
 /** `handle`: of the motion of a rigid part, null on an outline. */
-export type ShapeGrip = Grip & { chosen: Chosen, handle: PartHandle | null };
-export type TwoFingers = { x: number, y: number, gap: number };
+export type ShapeGrip = Grip & { chosen: Chosen; handle: PartHandle | null };
+export type TwoFingers = { x: number; y: number; gap: number };
 /** What a click with the right button removes. */
-export type RightClick = { id: number | null, shape: ShapeGrip | null };
+export type RightClick = { id: number | null; shape: ShapeGrip | null };
 
 /** A gesture under way: where it began, where the pointer is, and whether that has not moved yet. */
-export type Gesture = { from: number[], at: number[], isPress: boolean } & ( { kind: "pan" | "tap" | "band", adds: boolean, shape: ShapeGrip | null, before?: number[] } | { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean, isNew: boolean } | { kind: "shape", grip: ShapeGrip } | { kind: "part", handle: PartHandle } | { kind: "turn", turn: Turn, about: number[], start: number[], scales: boolean } | { kind: "axis", c: number, start: number } | { kind: "pinch", was: TwoFingers } | { kind: "window", click: RightClick | null } | { kind: "pen" } | { kind: "brush" });
+export type Gesture = { from: number[]; at: number[]; isPress: boolean } & (
+  | { kind: "pan" | "tap" | "band"; adds: boolean; shape: ShapeGrip | null; before?: number[] }
+  | { kind: "points"; id: number; ids: number[]; what: Moved; adds: boolean; was: boolean; isNew: boolean }
+  | { kind: "shape"; grip: ShapeGrip }
+  | { kind: "part"; handle: PartHandle }
+  | { kind: "turn"; turn: Turn; about: number[]; start: number[]; scales: boolean }
+  | { kind: "axis"; c: number; start: number }
+  | { kind: "pinch"; was: TwoFingers }
+  | { kind: "window"; click: RightClick | null }
+  | { kind: "pen" }
+  | { kind: "brush" }
+);
 
-const arrows: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const arrows: Record<string, number[]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 
 /** The nearest element around that of an event that a selector matches. */
-function around({ target }: { target: EventTarget | null }, selector: string): HTMLElement | SVGElement | null { return target instanceof Element ? target.closest(selector) : null; }
+function around({ target }: { target: EventTarget | null }, selector: string): HTMLElement | SVGElement | null {
+  return target instanceof Element ? target.closest(selector) : null;
+}
 
-function numberOf(text: string | undefined) { return text ? Number(text) : null; }
+function numberOf(text: string | undefined) {
+  return text ? Number(text) : null;
+}
 
 /** Keys pressed anywhere in the editor. */
 class EditorKeys {
@@ -37,10 +56,16 @@ class EditorKeys {
   }
 
   key(event: KeyboardEvent) {
-    const { editor } = this, isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
-    const isCommand = (event.ctrlKey || event.metaKey) && !isThird, isAlt = event.altKey && !isThird;
-    if (around(event, "input, select")) { // have keys of their own
-      if (event.key === "Escape" && event.target === editor.brush.slider) { editor.brush.stop(); editor.focusStage(); }
+    const { editor } = this,
+      isThird = event.getModifierState?.("AltGraph") ?? false; // brackets of many keyboards
+    const isCommand = (event.ctrlKey || event.metaKey) && !isThird,
+      isAlt = event.altKey && !isThird;
+    if (around(event, "input, select")) {
+      // have keys of their own
+      if (event.key === "Escape" && event.target === editor.brush.slider) {
+        editor.brush.stop();
+        editor.focusStage();
+      }
       return;
     }
     if (!isCommand && around(event, ".dnb-ed-help")) {
@@ -55,9 +80,15 @@ class EditorKeys {
   }
 
   #command(key: string, event: KeyboardEvent) {
-    const { editor } = this, focused = this.gestures.pointAt(event);
+    const { editor } = this,
+      focused = this.gestures.pointAt(event);
     if (POINT_STEPS[key] && around(event, "button")) return false;
-    if (POINT_STEPS[key]) editor.handles.focusNext(editor.points.map((p) => p.id), POINT_STEPS[key], focused?.id);
+    if (POINT_STEPS[key])
+      editor.handles.focusNext(
+        editor.points.map((p) => p.id),
+        POINT_STEPS[key],
+        focused?.id,
+      );
     else if (key === "z") editor.stepHistory(event.shiftKey ? "redo" : "undo");
     else if (key === "y") editor.stepHistory("redo");
     else if (key === "a") editor.select(editor.points.map((p) => p.id));
@@ -67,9 +98,15 @@ class EditorKeys {
 
   /** Keys on a line, a corner or the middle of an edge. */
   #shapeKey(key: string, event: KeyboardEvent, shape: ShapeGrip) {
-    const { editor, editor: { shapeTools } } = this, arrow = arrows[key], command = commandOf(EDITOR_KEYS, key);
+    const {
+        editor,
+        editor: { shapeTools },
+      } = this,
+      arrow = arrows[key],
+      command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.chosen);
-    const isDelete = key === "Delete" || key === "Backspace", way = TURN_WAYS[key];
+    const isDelete = key === "Delete" || key === "Backspace",
+      way = TURN_WAYS[key];
     const isOutline = shape.corner !== null || shape.middle !== null;
     if (key === "Enter") {
       if (!isOther && shape.corner !== null && shapeTools.toggleStop(shape.corner)) return true;
@@ -80,7 +117,8 @@ class EditorKeys {
     if (!arrow && !isDelete && !way && !["F2", "Home", "o", "f"].includes(key)) return false;
     if (isOther) shapeTools.choose(shape.chosen);
     if (editor.isLocked) return true;
-    const isPart = editor.partTools.isOn, pixels = event.shiftKey ? 10 : 1;
+    const isPart = editor.partTools.isOn,
+      pixels = event.shiftKey ? 10 : 1;
     if ((way || key === "Home") && !isPart) return false;
     if (way) editor.partTools.turnKey(way, event.shiftKey);
     else if (key === "Home") editor.partTools.reset();
@@ -94,13 +132,19 @@ class EditorKeys {
   }
 
   #plain(key: string, event: KeyboardEvent, isAlt: boolean) {
-    const { editor, gestures } = this, onButton = around(event, "button"), arrow = arrows[key];
-    const focused = gestures.pointAt(event), shape = focused ? null : gestures.shapeAt(event);
+    const { editor, gestures } = this,
+      onButton = around(event, "button"),
+      arrow = arrows[key];
+    const focused = gestures.pointAt(event),
+      shape = focused ? null : gestures.shapeAt(event);
     if (!onButton && editor.pen.isOn && !isAlt && editor.pen.key(key, event, arrow)) return true;
     if (!onButton && editor.brush.isOn && !isAlt && editor.brush.key(key, event, arrow)) return true;
     if (!onButton && editor.wand.isOn && !isAlt && editor.wand.key(key, event, arrow)) return true;
     if (!onButton && editor.windowTool.isOn && !isAlt && editor.windowTool.key(key, event, arrow)) return true;
-    if ((key === "Enter" || key === " ") && gestures.markAt(event) === "swap") { editor.shapeTools.turn(); return true; }
+    if ((key === "Enter" || key === " ") && gestures.markAt(event) === "swap") {
+      editor.shapeTools.turn();
+      return true;
+    }
     if (arrow && gestures.markAt(event) === "axis") return this.#axisKey(arrow, event.shiftKey ? 10 : 1);
     if (shape && !onButton && !isAlt && this.#shapeKey(key, event, shape)) return true;
     if (onButton instanceof HTMLButtonElement && arrow) return editor.toolbar.focusNext(onButton, key);
@@ -114,9 +158,15 @@ class EditorKeys {
       editor.partTools.turnKey(way, event.shiftKey);
       return true;
     }
-    if (way) { editor.pointTools.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt }); return true; }
+    if (way) {
+      editor.pointTools.turnKey(way, { isLarge: event.shiftKey, isScale: isAlt });
+      return true;
+    }
     if (isAlt) return false;
-    if (key === " ") { gestures.space(true); return true; }
+    if (key === " ") {
+      gestures.space(true);
+      return true;
+    }
     if (key === "PageUp" || key === "PageDown") return editor.moveSlice(key === "PageDown" ? 1 : -1);
     if (key === "Enter") {
       if (focused) editor.toggleSelected(focused.id);
@@ -124,7 +174,10 @@ class EditorKeys {
       return true;
     }
     if (key === "Escape") return gestures.escape();
-    if (key === "[" || key === "]") { editor.brush.grow(key === "]" ? 1 : -1); return true; }
+    if (key === "[" || key === "]") {
+      editor.brush.grow(key === "]" ? 1 : -1);
+      return true;
+    }
     const command = (event.shiftKey && commandOf(EDITOR_KEYS, `Shift+${key}`)) || commandOf(EDITOR_KEYS, key);
     if (!command) return false;
     editor.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, focused?.id ?? null);
@@ -132,7 +185,12 @@ class EditorKeys {
   }
 
   #axisKey(arrow: number[], pixels: number) {
-    const { editor, editor: { pointTools } } = this, { mirror } = pointTools, c = mirror.axis === "a" ? 0 : 1;
+    const {
+        editor,
+        editor: { pointTools },
+      } = this,
+      { mirror } = pointTools,
+      c = mirror.axis === "a" ? 0 : 1;
     pointTools.moveAxis(mirror.at + pixels * arrow[c] * editor.model.get("raster").spacing[c], true);
     editor.announce(`axis at ${shownLength(pointTools.mirror.at)}`);
     return true;
@@ -164,28 +222,52 @@ export class Gestures {
     this.isSpaceDown = false;
     this.wheelSteps = new WheelSteps();
     this.closing = new AbortController();
-    const { stage, svg, root } = editor, { signal } = this.closing, options = { signal, passive: false };
+    const { stage, svg, root } = editor,
+      { signal } = this.closing,
+      options = { signal, passive: false };
     const keys = new EditorKeys(editor, this);
     svg.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
     svg.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
     svg.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e)), { signal });
     svg.addEventListener("pointercancel", (e) => editor.guard(() => this.#up(e, true)), { signal });
     svg.addEventListener("pointerleave", () => editor.guard(() => this.#leave()), { signal });
-    svg.addEventListener("lostpointercapture", (e) => {
-      if (this.pointers.has(e.pointerId)) editor.guard(() => this.#up(e, true));
-    }, { signal });
+    svg.addEventListener(
+      "lostpointercapture",
+      (e) => {
+        if (this.pointers.has(e.pointerId)) editor.guard(() => this.#up(e, true));
+      },
+      { signal },
+    );
     svg.addEventListener("dblclick", (e) => editor.guard(() => this.#doubleClick(e)), { signal });
     svg.addEventListener("contextmenu", (e) => editor.guard(() => this.#contextMenu(e)), { signal });
-    svg.addEventListener("touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, options);
+    svg.addEventListener(
+      "touchstart",
+      (e) => {
+        if (this.isOthers) keepFromScrolling(e);
+      },
+      options,
+    );
     stage.addEventListener("wheel", (e) => editor.guard(() => this.#wheel(e)), options);
     root.addEventListener("keydown", (e) => editor.guard(() => keys.key(e)), { signal });
-    root.addEventListener("keyup", (e) => { if (e.key === " ") this.space(false); }, { signal });
-    root.addEventListener("focusout", ({ relatedTarget }) => {
-      if (!(relatedTarget instanceof Node && root.contains(relatedTarget))) this.space(false);
-    }, { signal });
+    root.addEventListener(
+      "keyup",
+      (e) => {
+        if (e.key === " ") this.space(false);
+      },
+      { signal },
+    );
+    root.addEventListener(
+      "focusout",
+      ({ relatedTarget }) => {
+        if (!(relatedTarget instanceof Node && root.contains(relatedTarget))) this.space(false);
+      },
+      { signal },
+    );
   }
 
-  close() { this.closing.abort(); }
+  close() {
+    this.closing.abort();
+  }
 
   /** The place of a pointer in CSS pixels of the view. */
   place(event: MouseEvent) {
@@ -199,14 +281,17 @@ export class Gestures {
    */
   #hit(event: Event) {
     if (event.type === "pointerdown" && this.editor.frame) this.editor.drawNow();
-    const { type, target } = event, isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
+    const { type, target } = event,
+      isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
     if (!(event instanceof MouseEvent && isPlaced)) return { target };
     return { target: treeOf(this.editor.root).elementFromPoint(event.clientX, event.clientY) };
   }
 
   /** The point that an event is about. */
-  pointAt(event: Event): { id: number, what: "target" | "source" } | null {
-    const hit = this.#hit(event), target = around(hit, "[data-id]"), source = around(hit, "[data-source]");
+  pointAt(event: Event): { id: number; what: "target" | "source" } | null {
+    const hit = this.#hit(event),
+      target = around(hit, "[data-id]"),
+      source = around(hit, "[data-source]");
     if (target) return { id: Number(target.dataset.id), what: "target" };
     return source ? { id: Number(source.dataset.source), what: "source" } : null;
   }
@@ -216,7 +301,9 @@ export class Gestures {
    * which its inside is one.
    */
   shapeAt(event: Event): ShapeGrip | null {
-    const hit = this.#hit(event), grip = around(hit, ".dnb-ed-grip"), { chosen } = this.editor.shapeTools;
+    const hit = this.#hit(event),
+      grip = around(hit, ".dnb-ed-grip"),
+      { chosen } = this.editor.shapeTools;
     if (grip && chosen) {
       return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
     }
@@ -229,34 +316,43 @@ export class Gestures {
   }
 
   /** The handle that turns, or the axis of the mirror. */
-  markAt(event: Event) { return around(event, "[data-mark]")?.dataset.mark ?? null; }
+  markAt(event: Event) {
+    return around(event, "[data-mark]")?.dataset.mark ?? null;
+  }
 
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
   #down(event: PointerEvent) {
     const { editor } = this;
     if (editor.isWaiting) return;
-    const at = this.place(event), press = { from: at, at, isPress: true };
+    const at = this.place(event),
+      press = { from: at, at, isPress: true };
     this.pointers.set(event.pointerId, at);
     this.kind = event.pointerType || "mouse";
     this.isOthers = this.kind === "touch" && !editor.isWorkedIn; // before this press gives it the focus
     editor.svg.setPointerCapture(event.pointerId);
     const { kind = "" } = this.gesture ?? {};
-    if (this.pointers.size === 2 && !["points", "turn", "axis", "part"].includes(kind)) { this.#startPinch(); return; }
+    if (this.pointers.size === 2 && !["points", "turn", "axis", "part"].includes(kind)) {
+      this.#startPinch();
+      return;
+    }
     if (this.gesture) return;
-    const grabbed = this.pointAt(event), mark = this.markAt(event), shape = grabbed ? null : this.#ownShapeAt(event);
+    const grabbed = this.pointAt(event),
+      mark = this.markAt(event),
+      shape = grabbed ? null : this.#ownShapeAt(event);
     event.preventDefault();
     if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) {
       this.gesture = { ...press, isPress: false, kind: "pan", adds: false, shape: null };
     } else if (event.button === 2 && this.kind !== "touch") {
-      const click = isRightClick(event) ? { id: grabbed?.id ?? null, shape: grabbed ? null : this.shapeAt(event) } : null;
+      const click = isRightClick(event)
+        ? { id: grabbed?.id ?? null, shape: grabbed ? null : this.shapeAt(event) }
+        : null;
       this.gesture = { ...press, kind: "window", click };
     } else if (event.button !== 0) this.gesture = null;
     else if (editor.windowTool.isOn && !this.isOthers) {
       editor.focusStage();
       this.gesture = { ...press, kind: "window", click: null };
-    }
-    else if (editor.wand.isOn) {
+    } else if (editor.wand.isOn) {
       editor.focusStage();
       editor.wand.pick(at);
       this.gesture = null;
@@ -284,32 +380,52 @@ export class Gestures {
    * On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
    */
   #press(event: PointerEvent, at: number[]) {
-    const { editor, isOthers } = this, isFinger = this.kind === "touch";
+    const { editor, isOthers } = this,
+      isFinger = this.kind === "touch";
     if (!isOthers) editor.focusStage();
     const kind = isOthers ? "tap" : isFinger && !editor.isSelecting ? "pan" : "band";
-    this.gesture = { kind, from: at, at, isPress: true, adds: editor.isSelecting || event.shiftKey || event.ctrlKey,
-      shape: editor.isSelecting ? null : this.shapeAt(event) };
+    this.gesture = {
+      kind,
+      from: at,
+      at,
+      isPress: true,
+      adds: editor.isSelecting || event.shiftKey || event.ctrlKey,
+      shape: editor.isSelecting ? null : this.shapeAt(event),
+    };
   }
 
-  #grab(event: PointerEvent, { id, what }: { id: number, what: "target" | "source" }, at: number[], isNew = false) {
-    const { editor } = this, was = editor.selected.has(id);
+  #grab(event: PointerEvent, { id, what }: { id: number; what: "target" | "source" }, at: number[], isNew = false) {
+    const { editor } = this,
+      was = editor.selected.has(id);
     const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
     editor.handles.focus(id);
     const ids = editor.selected.has(id) ? [...editor.selected] : [id];
-    this.gesture = { kind: "points", id, from: at, at, isPress: true, adds, was, isNew,
-      what: event.altKey ? "both" : what, ids: freeIds(editor.points, withRims(editor.points, ids)) };
+    this.gesture = {
+      kind: "points",
+      id,
+      from: at,
+      at,
+      isPress: true,
+      adds,
+      was,
+      isNew,
+      what: event.altKey ? "both" : what,
+      ids: freeIds(editor.points, withRims(editor.points, ids)),
+    };
   }
 
   #grabTurn(at: number[]) {
     const turn = this.editor.pointTools.beginTurn();
     if (!turn) return;
-    const about = this.editor.onView(turn.about), start = [at[0] - about[0], at[1] - about[1]];
+    const about = this.editor.onView(turn.about),
+      start = [at[0] - about[0], at[1] - about[1]];
     this.gesture = { kind: "turn", turn, about, start, from: at, at, isPress: true, scales: false };
   }
 
   #grabAxis(at: number[]) {
-    const { editor } = this, { mirror } = editor.pointTools;
+    const { editor } = this,
+      { mirror } = editor.pointTools;
     editor.marks.grip.focus({ preventScroll: true });
     this.gesture = { kind: "axis", from: at, at, isPress: true, c: mirror.axis === "a" ? 0 : 1, start: mirror.at };
   }
@@ -319,7 +435,8 @@ export class Gestures {
    * line is one on the picture, and a shape that was not chosen is not moved.
    */
   #ownShapeAt(event: Event) {
-    const { editor } = this, { chosen } = editor.shapeTools;
+    const { editor } = this,
+      { chosen } = editor.shapeTools;
     const grip = editor.isAdding || editor.isSelecting ? null : this.shapeAt(event);
     if (grip?.handle && !editor.partTools.isOn) return null;
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
@@ -327,12 +444,16 @@ export class Gestures {
 
   #grabShape(grip: ShapeGrip, at: number[]) {
     this.#focusShape(grip);
-    this.gesture = grip.handle ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
+    this.gesture = grip.handle
+      ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
       : { kind: "shape", grip, from: at, at, isPress: true };
   }
 
   #focusShape(grip: ShapeGrip) {
-    const { editor, editor: { shapeTools } } = this;
+    const {
+      editor,
+      editor: { shapeTools },
+    } = this;
     shapeTools.choose(grip.chosen);
     editor.drawNow();
     if (grip.corner !== null) shapeTools.handles.focusCorner(grip.corner);
@@ -341,7 +462,12 @@ export class Gestures {
   }
 
   #move(event: PointerEvent) {
-    const { editor, editor: { partTools, pointTools, shapeTools } } = this, at = this.place(event), g = this.gesture;
+    const {
+        editor,
+        editor: { partTools, pointTools, shapeTools },
+      } = this,
+      at = this.place(event),
+      g = this.gesture;
     if (!this.pointers.has(event.pointerId)) {
       if (editor.pen.isOn) editor.pen.hover(at);
       if (editor.brush.isOn) editor.brush.hover(at);
@@ -350,8 +476,14 @@ export class Gestures {
     }
     this.pointers.set(event.pointerId, at);
     if (!g) return;
-    if (g.kind === "pinch") { this.#pinch(g); return; }
-    if (g.kind === "brush") { editor.brush.drag(at); return; }
+    if (g.kind === "pinch") {
+      this.#pinch(g);
+      return;
+    }
+    if (g.kind === "brush") {
+      editor.brush.drag(at);
+      return;
+    }
     const by = [at[0] - g.from[0], at[1] - g.from[1]];
     if (g.isPress && Math.hypot(by[0], by[1]) < SLACK[this.kind]) return;
     if (g.kind === "pan") editor.panBy(at[0] - g.at[0], at[1] - g.at[1]);
@@ -360,7 +492,8 @@ export class Gestures {
       if (g.isPress) editor.windowTool.begin();
       editor.windowTool.drag(by);
     } else if (g.kind === "pen") editor.pen.drag(at);
-    else if (g.kind === "turn") { // about the middle of the selection; Alt scales instead, Shift goes in steps
+    else if (g.kind === "turn") {
+      // about the middle of the selection; Alt scales instead, Shift goes in steps
       const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       g.scales = event.altKey;
       pointTools.turnTo(g.turn, angle, factor);
@@ -386,27 +519,40 @@ export class Gestures {
   }
 
   #band(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>, at: number[]) {
-    const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]),
-      width: Math.abs(at[0] - g.from[0]), height: Math.abs(at[1] - g.from[1]) };
+    const box = {
+      x: Math.min(g.from[0], at[0]),
+      y: Math.min(g.from[1], at[1]),
+      width: Math.abs(at[0] - g.from[0]),
+      height: Math.abs(at[1] - g.from[1]),
+    };
     this.editor.handles.showBand(box);
     g.before ??= g.adds ? [...this.editor.selected] : [];
     this.editor.select([...g.before, ...this.editor.pointsInside(box)]);
   }
 
   #up(event: PointerEvent, isCancelled = false) {
-    const { editor, editor: { partTools, pointTools, shapeTools }, gesture: g } = this;
+    const {
+      editor,
+      editor: { partTools, pointTools, shapeTools },
+      gesture: g,
+    } = this;
     this.pointers.delete(event.pointerId);
     if (!g) return;
-    if (g.kind === "pinch") { if (this.pointers.size === 0) this.gesture = null; return; }
+    if (g.kind === "pinch") {
+      if (this.pointers.size === 0) this.gesture = null;
+      return;
+    }
     this.gesture = null;
     editor.stage.classList.remove("dnb-ed-panning");
     editor.handles.showBand(null);
     if (g.kind === "window") {
       if (!g.isPress) editor.windowTool.end(isCancelled);
       else if (g.click && !isCancelled) this.#rightClicked(g.click);
-    } else if (g.kind === "pen") { if (!isCancelled && editor.pen.isOn) editor.pen.up(g.from, this.place(event)); }
-    else if (g.kind === "shape") { if (!g.isPress) shapeTools.endDrag(isCancelled); }
-    else if (g.kind === "part") partTools.endDrag(isCancelled);
+    } else if (g.kind === "pen") {
+      if (!isCancelled && editor.pen.isOn) editor.pen.up(g.from, this.place(event));
+    } else if (g.kind === "shape") {
+      if (!g.isPress) shapeTools.endDrag(isCancelled);
+    } else if (g.kind === "part") partTools.endDrag(isCancelled);
     else if (g.kind === "brush") {
       editor.brush.lift(isCancelled);
       if (this.kind === "touch") editor.brush.hover(null); // a finger that is away points nowhere
@@ -427,12 +573,19 @@ export class Gestures {
     const { editor } = this;
     if (g.kind === "tap") editor.focusStage();
     if (g.shape && !g.adds) this.#focusShape(g.shape);
-    else if (!g.adds) { editor.select([]); editor.shapeTools.choose(null); }
+    else if (!g.adds) {
+      editor.select([]);
+      editor.shapeTools.choose(null);
+    }
   }
 
   /** Escape during a drag: as if it had not begun. */
   cancel() {
-    const { editor, editor: { partTools, pointTools, shapeTools }, gesture: g } = this;
+    const {
+      editor,
+      editor: { partTools, pointTools, shapeTools },
+      gesture: g,
+    } = this;
     this.gesture = null;
     editor.handles.showBand(null);
     if (g?.kind === "part") partTools.endDrag(true);
@@ -445,7 +598,9 @@ export class Gestures {
   }
 
   #startPinch() {
-    const { editor, gesture: g } = this, was = this.#twoFingers(), at = [was.x, was.y];
+    const { editor, gesture: g } = this,
+      was = this.#twoFingers(),
+      at = [was.x, was.y];
     editor.handles.showBand(null);
     if (g?.kind === "brush") editor.brush.lift(true);
     if (g?.kind === "window") editor.windowTool.end(true);
@@ -467,15 +622,23 @@ export class Gestures {
   }
 
   #doubleClick(event: MouseEvent) {
-    const { editor } = this, { pen } = editor;
-    if (editor.windowTool.isOn) { editor.windowTool.reset(); event.preventDefault(); return; }
+    const { editor } = this,
+      { pen } = editor;
+    if (editor.windowTool.isOn) {
+      editor.windowTool.reset();
+      event.preventDefault();
+      return;
+    }
     if (editor.isWaiting || editor.brush.isOn || editor.wand.isOn || editor.isSelecting) return;
-    const grabbed = this.pointAt(event), shape = this.shapeAt(event);
+    const grabbed = this.pointAt(event),
+      shape = this.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
-    else if (pen.hasJustEnded) return; // the second press has set the last place
+    else if (pen.hasJustEnded)
+      return; // the second press has set the last place
     else if (grabbed) editor.pointTools.rename(grabbed.id);
-    else if (shape && shape.corner !== null && editor.shapeTools.toggleStop(shape.corner)) { /* it is done */ }
-    else if (shape && !shape.handle) editor.shapeTools.rename();
+    else if (shape && shape.corner !== null && editor.shapeTools.toggleStop(shape.corner)) {
+      /* it is done */
+    } else if (shape && !shape.handle) editor.shapeTools.rename();
     else editor.pointTools.addAt(this.place(event), event.altKey);
     event.preventDefault();
   }
@@ -500,16 +663,24 @@ export class Gestures {
 
   /** The wheel belongs to the page that scrolls, until someone works in the editor. */
   #wheel(event: WheelEvent) {
-    const { editor } = this, [x, y] = this.place(event), isWanted = event.ctrlKey || event.metaKey || editor.isWorkedIn;
+    const { editor } = this,
+      [x, y] = this.place(event),
+      isWanted = event.ctrlKey || event.metaKey || editor.isWorkedIn;
     if (!isWanted) {
-      editor.hint(editor.slices ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
-        : "Click the picture, or hold Ctrl, to zoom with the wheel");
+      editor.hint(
+        editor.slices
+          ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
+          : "Click the picture, or hold Ctrl, to zoom with the wheel",
+      );
       return;
     }
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
-    if (editor.brush.isOn && !event.ctrlKey && !event.metaKey) { editor.brush.grow(-delta / 60); return; }
+    if (editor.brush.isOn && !event.ctrlKey && !event.metaKey) {
+      editor.brush.grow(-delta / 60);
+      return;
+    }
     if (editor.slices && !event.ctrlKey && !event.metaKey) {
       const steps = this.wheelSteps.add(delta);
       if (steps !== 0) editor.moveSlice(steps);
@@ -527,8 +698,12 @@ export class Gestures {
 
   /** Give up what is under way, one thing after the other; false where nothing is. */
   escape() {
-    const { editor, editor: { shapeTools } } = this;
-    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.windowTool.stop() || editor.wand.stop()) return true;
+    const {
+      editor,
+      editor: { shapeTools },
+    } = this;
+    if (this.cancel() || editor.pen.cancel() || editor.brush.stop() || editor.windowTool.stop() || editor.wand.stop())
+      return true;
     if (editor.closeHelp()) return true;
     if (editor.stopModes() || shapeTools.dropOffer()) return true;
     if (editor.selected.size === 0 && !shapeTools.chosen) return false;

@@ -6,29 +6,43 @@
 import { shownLength } from "../maths/numbers.ts";
 import { maskPixels } from "../maths/regions.ts";
 import {
-  cornersOf, middleOfRegion, motionOf, placeMoved, SHAPE_NAMES, shapeLabel, shapeName, stopsAt,
+  cornersOf,
+  middleOfRegion,
+  motionOf,
+  placeMoved,
+  SHAPE_NAMES,
+  shapeLabel,
+  shapeName,
+  stopsAt,
 } from "../maths/shapes.ts";
-import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
-
 import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
-export type Chosen = { what: ShapeKind, index: number };
+export type Chosen = { what: ShapeKind; index: number };
 /** a corner, the middle of an edge, or neither */
-export type Grip = { corner: number | null, middle: number | null };
+export type Grip = { corner: number | null; middle: number | null };
 /** the number of the region in which a place lies */
 export type SideKey = (a: number, b: number) => number;
 
 /** A shape that is being drawn: the places that are set, and the one that would come next. */
-export type Draft = { tool: string, places: number[][], next: number[] | null, isByKeys?: boolean, canClose?: boolean, isClosing?: boolean };
+export type Draft = {
+  tool: string;
+  places: number[][];
+  next: number[] | null;
+  isByKeys?: boolean;
+  canClose?: boolean;
+  isClosing?: boolean;
+};
 
 /**
  * Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
  * its name stands.
  */
-export type ShapePaths = { line: string, far: string, tips: string, inside: string, label: number[] };
+export type ShapePaths = { line: string; far: string; tips: string; inside: string; label: number[] };
 
 /** The elements of a shape. */
-export interface ShapeParts extends Record<"inside" | "fill" | "halo" | "case" | "line" | "tips" | "hit", SVGPathElement> {
+export interface ShapeParts
+  extends Record<"inside" | "fill" | "halo" | "case" | "line" | "tips" | "hit", SVGPathElement> {
   root: SVGGElement;
   tip: SVGTitleElement;
   body: SVGGElement;
@@ -45,10 +59,16 @@ const SWAP_ROOM = [30, 138, 14]; // CSS pixels of the button that swaps sides: f
 const SMALL = 20; // CSS pixels: of a part that reaches no farther the corners would cover all that moves it
 export const REGION_MARKS = 8; // colours and forms of regions; more than eight regions begin again
 // Forms of regions, for readers without colours: disc, diamond, triangle, hexagon, star, cross, bar, drop.
-export const REGION_FORMS = ["", "M0-8.2L8.2 0 0 8.2-8.2 0Z", "M0-8L7.6 6H-7.6Z",
+export const REGION_FORMS = [
+  "",
+  "M0-8.2L8.2 0 0 8.2-8.2 0Z",
+  "M0-8L7.6 6H-7.6Z",
   "M-4.2-7.3H4.2L8.4 0 4.2 7.3H-4.2L-8.4 0Z",
   "M0-9L2.6-3.2 8.7-2.7 4.1 1.4 5.5 7.5 0 4.3-5.5 7.5-4.1 1.4-8.7-2.7-2.6-3.2Z",
-  "M-2.8-8H2.8V-2.8H8V2.8H2.8V8H-2.8V2.8H-8V-2.8H-2.8Z", "M-8.5-4H8.5V4H-8.5Z", "M0-9L6 1A6 6 0 1 1-6 1Z"];
+  "M-2.8-8H2.8V-2.8H8V2.8H2.8V8H-2.8V2.8H-8V-2.8H-2.8Z",
+  "M-8.5-4H8.5V4H-8.5Z",
+  "M0-9L6 1A6 6 0 1 1-6 1Z",
+];
 
 /** The shapes as elements, which can have the focus and be dragged. */
 export class ShapeHandles {
@@ -63,38 +83,64 @@ export class ShapeHandles {
 
   constructor(svg: SVGSVGElement) {
     this.svg = svg;
-    const defs = svgElement("defs", {}, svg), id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
-    const hatch = svgElement("pattern", { id, width: 13, height: 13, patternUnits: "userSpaceOnUse",
-      patternTransform: "rotate(45)" }, defs);
+    const defs = svgElement("defs", {}, svg),
+      id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
+    const hatch = svgElement(
+      "pattern",
+      { id, width: 13, height: 13, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+      defs,
+    );
     svgElement("rect", { width: 13, height: 13, class: "dnb-ed-hatch-ground" }, hatch);
     svgElement("path", { d: "M2 0V13", class: "dnb-ed-hatch-case" }, hatch);
     svgElement("path", { d: "M2 0V13", class: "dnb-ed-hatch-line" }, hatch);
     this.hatch = `url(#${id})`;
     this.root = svgElement("g", { class: "dnb-ed-shapes" }, svg);
     this.grips = svgElement("g", { class: "dnb-ed-grips" }, svg);
-    this.swap = svgElement("g", { class: "dnb-ed-turn dnb-ed-swap", "data-mark": "swap", role: "button", tabindex: "-1",
-      visibility: "hidden", "aria-label": "Swap sides", ...OWN_KEYS }, svg);
+    this.swap = svgElement(
+      "g",
+      {
+        class: "dnb-ed-turn dnb-ed-swap",
+        "data-mark": "swap",
+        role: "button",
+        tabindex: "-1",
+        visibility: "hidden",
+        "aria-label": "Swap sides",
+        ...OWN_KEYS,
+      },
+      svg,
+    );
     svgElement("title", {}, this.swap).textContent = "Swap sides: the other half stays fixed (F)";
     svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.swap);
     svgElement("circle", { r: 10, class: "dnb-ed-turn-disc" }, this.swap);
-    svgElement("path", { d: "M-2.6 5.4V-5.4M-5-2.8L-2.6-5.4-.2-2.8M2.6-5.4V5.4M.2 2.8L2.6 5.4 5 2.8",
-      class: "dnb-ed-turn-arrow" }, this.swap);
+    svgElement(
+      "path",
+      { d: "M-2.6 5.4V-5.4M-5-2.8L-2.6-5.4-.2-2.8M2.6-5.4V5.4M.2 2.8L2.6 5.4 5 2.8", class: "dnb-ed-turn-arrow" },
+      this.swap,
+    );
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
     this.shown = new Map();
-    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) => (
-      svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft)));
+    this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) =>
+      svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft),
+    );
   }
 
   /**
    * Draw all shapes for a view. True if the focus was on one that is gone.
    * @param options reach as in maths/shapes.js; isBefore draws parts where they were
    */
-  update(shapes: Shapes, chosen: Chosen | null, view: View, { reach, sideKey, isLocked, isBefore }: { reach: number, sideKey: SideKey, isLocked: boolean, isBefore: boolean }) {
-    const seen = new Set(), focused = treeOf(this.svg).activeElement;
+  update(
+    shapes: Shapes,
+    chosen: Chosen | null,
+    view: View,
+    { reach, sideKey, isLocked, isBefore }: { reach: number; sideKey: SideKey; isLocked: boolean; isBefore: boolean },
+  ) {
+    const seen = new Set(),
+      focused = treeOf(this.svg).activeElement;
     let isFocusLost = false;
-    for (const what of (["parts", "cuts"] as const)) {
+    for (const what of ["parts", "cuts"] as const) {
       for (const [index, shape] of shapes[what].entries()) {
-        const key = `${what}:${index}`, parts = this.shown.get(key) ?? this.make(key, what);
+        const key = `${what}:${index}`,
+          parts = this.shown.get(key) ?? this.make(key, what);
         seen.add(key);
         const isChosen = chosen?.what === what && chosen.index === index;
         this.#place(parts, shape, { what, index }, view, reach, isChosen, isBefore ? null : motionOf(shape));
@@ -116,30 +162,59 @@ export class ShapeHandles {
 
   /** The elements of a new shape. */
   make(key: string, what: ShapeKind): ShapeParts {
-    const root = svgElement("g", { class: `dnb-ed-shape dnb-ed-${what === "cuts" ? "cut" : "part"}`, "data-shape": key,
-      tabindex: "0", role: "button", "aria-roledescription": SHAPE_NAMES[what], ...OWN_KEYS });
+    const root = svgElement("g", {
+      class: `dnb-ed-shape dnb-ed-${what === "cuts" ? "cut" : "part"}`,
+      "data-shape": key,
+      tabindex: "0",
+      role: "button",
+      "aria-roledescription": SHAPE_NAMES[what],
+      ...OWN_KEYS,
+    });
     const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
     this.root.insertBefore(root, what === "parts" ? firstCut : null);
-    const tip = svgElement("title", {}, root), were = ["was-case", "was"].map((name) => (
-      svgElement("path", { class: `dnb-ed-shape-${name}` }, root))), body = svgElement("g", {}, root);
+    const tip = svgElement("title", {}, root),
+      were = ["was-case", "was"].map((name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, root)),
+      body = svgElement("g", {}, root);
     const path = (name: string) => svgElement("path", { class: `dnb-ed-shape-${name}` }, body);
-    const parts: ShapeParts = { root, tip, were, body, inside: path("inside"), fill: path("fill"), halo: path("halo"),
-      case: path("case"), bands: svgElement("g", { class: "dnb-ed-shape-bands" }, body),
-      far: [path("far-case"), path("far")], line: path("line"), tips: path("tips"), hit: path("hit"),
-      name: svgElement("text", { class: "dnb-ed-shape-name" }, root) };
+    const parts: ShapeParts = {
+      root,
+      tip,
+      were,
+      body,
+      inside: path("inside"),
+      fill: path("fill"),
+      halo: path("halo"),
+      case: path("case"),
+      bands: svgElement("g", { class: "dnb-ed-shape-bands" }, body),
+      far: [path("far-case"), path("far")],
+      line: path("line"),
+      tips: path("tips"),
+      hit: path("hit"),
+      name: svgElement("text", { class: "dnb-ed-shape-name" }, root),
+    };
     parts.fill.setAttribute("fill", what === "parts" ? this.hatch : "none");
     parts.inside.setAttribute("data-motion", "move");
     this.shown.set(key, parts);
     return parts;
   }
 
-  #place(parts: ShapeParts, shape: ShapeData, { what, index }: Chosen, view: View, reach: number, isChosen: boolean, motion: Motion) {
-    const { region } = shape, label = shapeLabel(shape, what, index);
+  #place(
+    parts: ShapeParts,
+    shape: ShapeData,
+    { what, index }: Chosen,
+    view: View,
+    reach: number,
+    isChosen: boolean,
+    motion: Motion,
+  ) {
+    const { region } = shape,
+      label = shapeLabel(shape, what, index);
     parts.root.classList.toggle("dnb-ed-off", !shape.enabled);
     parts.root.classList.toggle("dnb-ed-chosen", isChosen);
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
-    const { line, far, tips, inside } = shapePaths(region, view, reach), [x, y] = namePlace(region, motion, view, reach);
+    const { line, far, tips, inside } = shapePaths(region, view, reach),
+      [x, y] = namePlace(region, motion, view, reach);
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.body, { transform: motion ? onScreen(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
@@ -157,7 +232,7 @@ export class ShapeHandles {
     setText(parts.name, `${shapeName(shape, what, index)}${shape.enabled ? "" : " (off)"}`);
   }
 
-  #bands(parts: ShapeParts, bands: { d: string, mark: number }[]) {
+  #bands(parts: ShapeParts, bands: { d: string; mark: number }[]) {
     for (const gone of [...parts.bands.children].slice(bands.length)) gone.remove();
     bands.forEach(({ d, mark }, k) => {
       setAttributes(parts.bands.children[k] ?? svgElement("path", {}, parts.bands), { d, "data-region": mark });
@@ -168,25 +243,35 @@ export class ShapeHandles {
   #placeSwap(shape: ShapeData | null, { k, x, y, width, height }: View, reach: number) {
     setAttributes(this.swap, { visibility: shape ? "visible" : "hidden", tabindex: shape ? "0" : "-1" });
     if (!shape) return true;
-    const [[p, q], [r, s]] = cornersOf(shape.region, reach).map((place) => placeMoved(motionOf(shape), place))
+    const [[p, q], [r, s]] = cornersOf(shape.region, reach)
+      .map((place) => placeMoved(motionOf(shape), place))
       .map(([a, b]) => [k * a + x, k * b + y]);
-    const length = Math.hypot(r - p, s - q) || 1, way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
+    const length = Math.hypot(r - p, s - q) || 1,
+      way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
     const [first, other] = [way, -way].map((share) => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)]);
-    const isSeen = ([u, v]: number[]) => u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
-    const [u, v] = isSeen(first) || !isSeen(other) ? first : other, angle = Math.atan2(s - q, r - p) * 180 / Math.PI;
+    const isSeen = ([u, v]: number[]) =>
+      u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
+    const [u, v] = isSeen(first) || !isSeen(other) ? first : other,
+      angle = (Math.atan2(s - q, r - p) * 180) / Math.PI;
     setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
     return false;
   }
 
   /** True if the focus was on a grip that is gone. */
   #placeGrips(grips: ReturnType<typeof gripsOf>, { k, x, y }: View, focused: Element | null) {
-    const gone = [...this.grips.children].slice(grips.length), isFocusLost = gone.some((grip) => grip === focused);
+    const gone = [...this.grips.children].slice(grips.length),
+      isFocusLost = gone.some((grip) => grip === focused);
     for (const grip of gone) grip.remove();
     grips.forEach(({ sort, number, place: [a, b], room, label, isTip }, at) => {
       setAttributes(this.grips.children[at] ?? this.#makeGrip(), {
         transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
-        class: `dnb-ed-grip dnb-ed-${sort}${isTip ? " dnb-ed-tip" : ""}`, "data-corner": "", "data-middle": "", [`data-${sort}`]: number,
-        visibility: k * room < LEAST_ROOM ? "hidden" : "visible", "aria-label": label });
+        class: `dnb-ed-grip dnb-ed-${sort}${isTip ? " dnb-ed-tip" : ""}`,
+        "data-corner": "",
+        "data-middle": "",
+        [`data-${sort}`]: number,
+        visibility: k * room < LEAST_ROOM ? "hidden" : "visible",
+        "aria-label": label,
+      });
     });
     return isFocusLost;
   }
@@ -200,7 +285,9 @@ export class ShapeHandles {
     return grip;
   }
 
-  focus({ what, index }: Chosen) { this.shown.get(`${what}:${index}`)?.root.focus({ preventScroll: true }); }
+  focus({ what, index }: Chosen) {
+    this.shown.get(`${what}:${index}`)?.root.focus({ preventScroll: true });
+  }
 
   focusCorner(k: number) {
     const grip: SVGElement | null = this.grips.querySelector(`[data-corner="${k}"]`);
@@ -211,16 +298,26 @@ export class ShapeHandles {
     const [casing, line, next, start, cursor] = this.draftParts;
     setAttributes(this.draft, { visibility: draft ? "visible" : "hidden" });
     if (!draft) return;
-    const at = draft.places.map(([a, b]) => [k * a + x, k * b + y]), d = shapePath(at);
+    const at = draft.places.map(([a, b]) => [k * a + x, k * b + y]),
+      d = shapePath(at);
     setAttributes(casing, { d });
     setAttributes(line, { d });
-    const end = draft.next ? [k * draft.next[0] + x, k * draft.next[1] + y] : null, last = at[at.length - 1];
+    const end = draft.next ? [k * draft.next[0] + x, k * draft.next[1] + y] : null,
+      last = at[at.length - 1];
     const back = draft.tool === "part" && at.length > 1 ? [at[0]] : [];
     setAttributes(next, { d: end && last ? shapePath([last, end, ...back]) : "" });
-    setAttributes(start, { r: draft.canClose ? 7 : 4, visibility: at.length ? "inherit" : "hidden",
-      cx: (at[0]?.[0] ?? 0).toFixed(1), cy: (at[0]?.[1] ?? 0).toFixed(1) });
-    setAttributes(cursor, { r: 6, visibility: draft.isByKeys && end ? "inherit" : "hidden",
-      cx: (end?.[0] ?? 0).toFixed(1), cy: (end?.[1] ?? 0).toFixed(1) });
+    setAttributes(start, {
+      r: draft.canClose ? 7 : 4,
+      visibility: at.length ? "inherit" : "hidden",
+      cx: (at[0]?.[0] ?? 0).toFixed(1),
+      cy: (at[0]?.[1] ?? 0).toFixed(1),
+    });
+    setAttributes(cursor, {
+      r: 6,
+      visibility: draft.isByKeys && end ? "inherit" : "hidden",
+      cx: (end?.[0] ?? 0).toFixed(1),
+      cy: (end?.[1] ?? 0).toFixed(1),
+    });
     this.draft.classList.toggle("dnb-ed-closing", Boolean(draft.isClosing));
   }
 }
@@ -230,20 +327,44 @@ export class ShapeHandles {
  * unless they would cover a small part.
  */
 function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
-  const { region } = shape, name = shapeName(shape, what, index), motion = motionOf(shape);
-  const room = what === "parts" ? LEAST_ROOM / SMALL * extentOf(region) : Infinity;
-  const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)), n = corners.length;
+  const { region } = shape,
+    name = shapeName(shape, what, index),
+    motion = motionOf(shape);
+  const room = what === "parts" ? (LEAST_ROOM / SMALL) * extentOf(region) : Infinity;
+  const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)),
+    n = corners.length;
   const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
-  return [...corners.map((place, i) => {
-    const isTip = what === "cuts" ? stopsAt(region, i) : null, words = isTip === null ? ""
-      : isTip ? ". The cut stops here: Enter lets it go on" : ". The cut goes on: Enter lets it stop here";
-    return { sort: "corner", number: i, place, room, isTip: isTip === true,
-      label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}${words}` };
-  }), ...edges.map((p, i) => {
-    const q = corners[(i + 1) % n], place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
-    return { sort: "middle", number: i, place, isTip: false, room: Math.hypot(q[0] - p[0], q[1] - p[1]),
-      label: `Middle of edge ${i + 1}: Enter makes it a corner` };
-  })];
+  return [
+    ...corners.map((place, i) => {
+      const isTip = what === "cuts" ? stopsAt(region, i) : null,
+        words =
+          isTip === null
+            ? ""
+            : isTip
+              ? ". The cut stops here: Enter lets it go on"
+              : ". The cut goes on: Enter lets it stop here";
+      return {
+        sort: "corner",
+        number: i,
+        place,
+        room,
+        isTip: isTip === true,
+        label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}${words}`,
+      };
+    }),
+    ...edges.map((p, i) => {
+      const q = corners[(i + 1) % n],
+        place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
+      return {
+        sort: "middle",
+        number: i,
+        place,
+        isTip: false,
+        room: Math.hypot(q[0] - p[0], q[1] - p[1]),
+        label: `Middle of edge ${i + 1}: Enter makes it a corner`,
+      };
+    }),
+  ];
 }
 
 /** Whether a motion moves nothing. */
@@ -253,10 +374,12 @@ function isStill(motion: Motion) {
 
 /** The place of the name of a shape in CSS pixels of the view, within it. */
 export function namePlace(region: RegionData, motion: Motion, view: View, reach: number) {
-  const { k, x, y, width, height } = view, at = shapePaths(region, view, reach).label;
+  const { k, x, y, width, height } = view,
+    at = shapePaths(region, view, reach).label;
   const [a, b] = placeMoved(motion, [(at[0] - x) / k, (at[1] - y) / k]);
   const name = [k * a + x, k * b + y];
-  return isStill(motion) ? at
+  return isStill(motion)
+    ? at
     : [Math.max(6, Math.min(width - 80, name[0])), Math.max(16, Math.min(height - 8, name[1]))];
 }
 
@@ -268,7 +391,9 @@ export function farthest(region: RegionData, [a, b]: number[]) {
 }
 
 /** The farthest that a region reaches from its middle. */
-function extentOf(region: RegionData) { return farthest(region, middleOfRegion(region)); }
+function extentOf(region: RegionData) {
+  return farthest(region, middleOfRegion(region));
+}
 
 /** A motion in the picture as one of CSS pixels. */
 function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }: NonNullable<Motion>, { k, x, y }: View) {
@@ -282,32 +407,48 @@ function shapePath(places: number[][], isClosed = false) {
 }
 
 /** A disc where a cut stops. */
-function discPath([x, y]: number[]) { return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`; }
+function discPath([x, y]: number[]) {
+  return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`;
+}
 
 export function shapePaths(region: RegionData, { k, x, y, width, height }: View, reach: number): ShapePaths {
   const endless = 3 * (width + height);
   const on = ([a, b]: number[]) => [k * a + x, k * b + y];
   if (region.kind === "mask") return maskPaths(region, on);
-  const at = cornersOf(region, reach).map(on), n = at.length;
+  const at = cornersOf(region, reach).map(on),
+    n = at.length;
   const away = ([px, py]: number[], [qx, qy]: number[]) => {
     const length = Math.hypot(qx - px, qy - py) || 1;
-    return [qx + endless * (qx - px) / length, qy + endless * (qy - py) / length];
+    return [qx + (endless * (qx - px)) / length, qy + (endless * (qy - py)) / length];
   };
-  const first = n > 1 ? away(at[1], at[0]) : at[0], last = n > 1 ? away(at[n - 2], at[n - 1]) : at[0];
+  const first = n > 1 ? away(at[1], at[0]) : at[0],
+    last = n > 1 ? away(at[n - 2], at[n - 1]) : at[0];
   const label = at.reduce((best, p) => (p[1] < best[1] ? p : best), at[0]);
   const name = [Math.max(6, Math.min(width - 80, label[0] + 8)), Math.max(16, Math.min(height - 8, label[1] - 8))];
   const paths = { line: shapePath(at, region.kind === "polygon"), far: "", tips: "", inside: "", label: name };
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
   if (region.kind === "line") {
-    const ends = [[at[0], first], [at[n - 1], last]], isTip = [0, n - 1].map((k) => stopsAt(region, k) === true);
-    return { ...paths, far: ends.map((end, k) => (isTip[k] ? "" : shapePath(end))).join(""),
-      tips: ends.map(([end], k) => (isTip[k] ? discPath(end) : "")).join("") };
+    const ends = [
+        [at[0], first],
+        [at[n - 1], last],
+      ],
+      isTip = [0, n - 1].map((k) => stopsAt(region, k) === true);
+    return {
+      ...paths,
+      far: ends.map((end, k) => (isTip[k] ? "" : shapePath(end))).join(""),
+      tips: ends.map(([end], k) => (isTip[k] ? discPath(end) : "")).join(""),
+    };
   }
   const [na, nb] = region.normal;
   const back = ([px, py]: number[]) => [px - 2 * endless * na, py - 2 * endless * nb];
-  const [u, v] = on(region.point), side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
-  return { ...paths, far: shapePath([first, last]), inside: shapePath([first, last, back(last), back(first)], true),
-    label: [Math.max(6, Math.min(width - 80, side[0])), Math.max(16, Math.min(height - 8, side[1]))] };
+  const [u, v] = on(region.point),
+    side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
+  return {
+    ...paths,
+    far: shapePath([first, last]),
+    inside: shapePath([first, last, back(last), back(first)], true),
+    label: [Math.max(6, Math.min(width - 80, side[0])), Math.max(16, Math.min(height - 8, side[1]))],
+  };
 }
 
 /**
@@ -323,54 +464,88 @@ function outlineOf(region: MaskData) {
 
 /** The faces of the pixels of a mask where it ends, row by row and column by column. */
 function maskOutline(region: MaskData) {
-  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = region, isSet = maskPixels(region);
-  const faces: number[][][] = [], rows: number[][][] = [];
+  const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    } = region,
+    isSet = maskPixels(region);
+  const faces: number[][][] = [],
+    rows: number[][][] = [];
   const at = (i: number, j: number) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
   const corner = (i: number, j: number) => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
-  for (let i = 0; i <= nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
-    const is = j < nu && at(i, j) !== at(i - 1, j);
-    if (is && from < 0) from = j;
-    if (!is && from >= 0) { faces.push([corner(i, from), corner(i, j)]); from = -1; }
-  }
-  for (let j = 0; j <= nu; j++) for (let i = 0, from = -1; i <= nv; i++) {
-    const is = i < nv && at(i, j) !== at(i, j - 1);
-    if (is && from < 0) from = i;
-    if (!is && from >= 0) { faces.push([corner(from, j), corner(i, j)]); from = -1; }
-  }
-  for (let i = 0; i < nv; i++) for (let j = 0, from = -1; j <= nu; j++) {
-    if (at(i, j) && from < 0) from = j;
-    if (!at(i, j) && from >= 0) {
-      rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
-      from = -1;
+  for (let i = 0; i <= nv; i++)
+    for (let j = 0, from = -1; j <= nu; j++) {
+      const is = j < nu && at(i, j) !== at(i - 1, j);
+      if (is && from < 0) from = j;
+      if (!is && from >= 0) {
+        faces.push([corner(i, from), corner(i, j)]);
+        from = -1;
+      }
     }
-  }
-  const [low, high] = [Math.min, Math.max].map((most) => [0, 1].map((c) => (
-    faces.flat().reduce((best, place) => most(best, place[c]), faces[0]?.[0][c] ?? 0))));
+  for (let j = 0; j <= nu; j++)
+    for (let i = 0, from = -1; i <= nv; i++) {
+      const is = i < nv && at(i, j) !== at(i, j - 1);
+      if (is && from < 0) from = i;
+      if (!is && from >= 0) {
+        faces.push([corner(from, j), corner(i, j)]);
+        from = -1;
+      }
+    }
+  for (let i = 0; i < nv; i++)
+    for (let j = 0, from = -1; j <= nu; j++) {
+      if (at(i, j) && from < 0) from = j;
+      if (!at(i, j) && from >= 0) {
+        rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
+        from = -1;
+      }
+    }
+  const [low, high] = [Math.min, Math.max].map((most) =>
+    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]), faces[0]?.[0][c] ?? 0)),
+  );
   return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
 function maskPaths(region: MaskData, on: (place: number[]) => number[]) {
   const { faces, rows } = outlineOf(region);
   const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
-  return { line: faces.map((face) => shapePath(face.map(on))).join(""), far: "", tips: "",
-    inside: rows.map((row) => shapePath(row.map(on), true)).join(""), label: [x + 8, y - 8] };
+  return {
+    line: faces.map((face) => shapePath(face.map(on))).join(""),
+    far: "",
+    tips: "",
+    inside: rows.map((row) => shapePath(row.map(on), true)).join(""),
+    label: [x + 8, y - 8],
+  };
 }
 
 /** Along every edge of a cut a line on either side, with the mark of the region that lies there. */
 function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: number, sideKey: SideKey) {
   if (region.kind === "mask") return [];
-  const corners = cornersOf(region, reach), n = corners.length, bands = [], off = 4, endless = 3 * (width + height);
+  const corners = cornersOf(region, reach),
+    n = corners.length,
+    bands = [],
+    off = 4,
+    endless = 3 * (width + height);
   const edges = region.kind === "polygon" ? n : n - 1;
   for (let j = 0; j < edges; j++) {
-    const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]);
+    const p = corners[j],
+      q = corners[(j + 1) % n],
+      length = Math.hypot(q[0] - p[0], q[1] - p[1]);
     if (!length) continue;
-    const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], isOpen = region.kind !== "polygon";
+    const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
+      isOpen = region.kind !== "polygon";
     const goesOn = (corner: number) => isOpen && stopsAt(region, corner) !== true;
-    const before = j === 0 && goesOn(0) ? endless : 0, after = j === edges - 1 && goesOn(n - 1) ? endless : 0;
+    const before = j === 0 && goesOn(0) ? endless : 0,
+      after = j === edges - 1 && goesOn(n - 1) ? endless : 0;
     for (const side of [-1, 1]) {
-      const na = -side * tb, nb = side * ta, nudge = Math.min(1.5 / k, length / 4);
+      const na = -side * tb,
+        nb = side * ta,
+        nudge = Math.min(1.5 / k, length / 4);
       const mark = sideKey((p[0] + q[0]) / 2 + nudge * na, (p[1] + q[1]) / 2 + nudge * nb) % REGION_MARKS;
-      const place = ([a, b]: number[], along: number) => [k * a + x + off * na + along * ta, k * b + y + off * nb + along * tb];
+      const place = ([a, b]: number[], along: number) => [
+        k * a + x + off * na + along * ta,
+        k * b + y + off * nb + along * tb,
+      ];
       bands.push({ d: shapePath([place(p, -before), place(q, after)]), mark });
     }
   }

@@ -7,26 +7,43 @@ import { rbfLabel } from "../maths/rbf.ts";
 import { regionFault } from "../maths/regions.ts";
 import { heldPoints } from "../maths/rigid_stages.ts";
 import {
-  cornersOf, fixedSideThrough, followedShape, insertedCorner, MOST_SHAPES, motionOf, motionWords, movedCorner, movedRegion,
+  cornersOf,
+  fixedSideThrough,
+  followedShape,
+  insertedCorner,
+  MOST_SHAPES,
+  motionOf,
+  motionWords,
+  movedCorner,
+  movedRegion,
   placeMoved,
-  removedCorner, SHAPE_NAMES, shapeLabel, shapeName, simplified, shapeRecord, stopsAt, turnedRegion, wayBefore,
-  withShape, withStop,
+  removedCorner,
+  SHAPE_NAMES,
+  shapeLabel,
+  shapeName,
+  shapeRecord,
+  simplified,
+  stopsAt,
+  turnedRegion,
+  wayBefore,
+  withShape,
+  withStop,
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
-
 import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import type { Chosen, Draft, Grip } from "./shape_handles.ts";
+import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
 /** `shown`: places before the stroke under way. */
-export type PenDraft = Draft & { isSet: boolean, canClose: boolean, shown?: number };
+export type PenDraft = Draft & { isSet: boolean; canClose: boolean; shown?: number };
 
 /** The lists before a drag, the region, its corner that is dragged if it is one, and where that was. */
-export type ShapeDrag = { shapes: Shapes, region: RegionData, corner: number | null, at: number[], wasFine: boolean };
+export type ShapeDrag = { shapes: Shapes; region: RegionData; corner: number | null; at: number[]; wasFine: boolean };
 
 const PEN_HINTS: Record<string, string> = {
-  cut: "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
+  cut:
+    "Click along the cut, or draw it in one stroke. Enter or double-click ends it; a click on its start closes " +
     "it. An open cut goes on straight to the border; double-click an end of it later to let it stop there",
   part: "Click around what shall stay rigid, or draw around it. Enter, double-click or a click on the start closes it",
   fixed: "Click two places, or drag a line: the hatched side of it stays fixed. The arrows on the line swap the sides",
@@ -51,9 +68,13 @@ export class Pen {
     this.stroke = null;
   }
 
-  get isOn() { return this.draft !== null; }
+  get isOn() {
+    return this.draft !== null;
+  }
 
-  get hasJustEnded() { return performance.now() - this.endedAt < 500; }
+  get hasJustEnded() {
+    return performance.now() - this.endedAt < 500;
+  }
 
   /** @param tool a name of PEN_WORDS */
   start(tool: string) {
@@ -62,8 +83,9 @@ export class Pen {
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
     editor.stage.classList.add("dnb-ed-drawing");
     editor.hint(PEN_HINTS[tool], 12000);
-    editor.announce(`Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` +
-      "Escape gives up");
+    editor.announce(
+      `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` + "Escape gives up",
+    );
     editor.invalidate();
   }
 
@@ -103,7 +125,8 @@ export class Pen {
 
   /** Go on with a stroke. */
   drag(at: number[]) {
-    const { draft } = this, place = this.editor.placeAt(at);
+    const { draft } = this,
+      place = this.editor.placeAt(at);
     if (!draft) return;
     this.stroke ??= [];
     this.stroke.push(place);
@@ -117,25 +140,36 @@ export class Pen {
   up(from: number[], at: number[]) {
     const { draft, stroke, editor } = this;
     if (!draft) return;
-    if (!stroke) { this.click(at); return; }
+    if (!stroke) {
+      this.click(at);
+      return;
+    }
     this.stroke = null;
-    const before = draft.places.slice(0, draft.shown), isWhole = before.length === 0;
-    const all = [editor.placeAt(from), ...stroke], isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
+    const before = draft.places.slice(0, draft.shown),
+      isWhole = before.length === 0;
+    const all = [editor.placeAt(from), ...stroke],
+      isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]]
-      : simplified(all, STROKE_ERROR / editor.view.k);
+    const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
     this.#count(draft);
-    if (isWhole && !this.finish(isClosed)) { draft.places = before; this.#count(draft); }
+    if (isWhole && !this.finish(isClosed)) {
+      draft.places = before;
+      this.#count(draft);
+    }
     editor.invalidate();
   }
 
   click(at: number[]) {
     const { draft } = this;
     if (!draft) return;
-    const { places } = draft, last = places[places.length - 1];
-    if (draft.canClose && this.#gap(places[0], at) < CLOSE_BY) { this.finish(true); return; }
+    const { places } = draft,
+      last = places[places.length - 1];
+    if (draft.canClose && this.#gap(places[0], at) < CLOSE_BY) {
+      this.finish(true);
+      return;
+    }
     if (last && this.#gap(last, at) < 3) return; // the second press of a double-click
     this.#set(draft, this.editor.placeAt(at));
   }
@@ -148,7 +182,9 @@ export class Pen {
     this.editor.invalidate();
   }
 
-  #count(draft: PenDraft) { draft.canClose = draft.tool !== "fixed" && draft.places.length > 2; }
+  #count(draft: PenDraft) {
+    draft.canClose = draft.tool !== "fixed" && draft.places.length > 2;
+  }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
@@ -159,7 +195,10 @@ export class Pen {
   key(key: string, event: KeyboardEvent, arrow?: number[]) {
     const { draft, editor } = this;
     if (!draft) return false;
-    if (key === "Escape") { this.cancel(); return true; }
+    if (key === "Escape") {
+      this.cancel();
+      return true;
+    }
     if (key === "Backspace" || key === "Delete") {
       draft.places.pop();
       this.#count(draft);
@@ -190,13 +229,16 @@ export class Pen {
   finish(isClosed: boolean) {
     const { draft, editor } = this;
     if (!draft) return false;
-    const { tool, places } = draft, least = isClosed || tool === "part" ? 3 : 2;
+    const { tool, places } = draft,
+      least = isClosed || tool === "part" ? 3 : 2;
     if (places.length < least) {
       editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
       return false;
     }
-    const region: RegionData = tool === "fixed" ? fixedSideThrough(places[0], places[1], movedPlace(editor))
-      : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
+    const region: RegionData =
+      tool === "fixed"
+        ? fixedSideThrough(places[0], places[1], movedPlace(editor))
+        : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
     const fault = regionFault(region);
     if (fault) {
       editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
@@ -209,7 +251,7 @@ export class Pen {
 }
 
 /** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
-function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[], box: number[] }) {
+function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: number[] }) {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
   if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
   return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c], 0) / dragged.length);
@@ -218,7 +260,7 @@ function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[], box: n
 /**
  * Parts that wait for an answer about points that contradict them: all parts and points after the edit, and its name.
  */
-export type Offer = { parts: PartData[], points: Point[], kind: string };
+export type Offer = { parts: PartData[]; points: Point[]; kind: string };
 
 const LONGEST_KIND = 80; // characters of the name of an edit
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
@@ -247,7 +289,9 @@ export class ShapeTools {
     return Math.hypot(a1 - a0, b1 - b0) / 8;
   }
 
-  get chosenShape(): ShapeData | null { return this.chosen ? this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null : null; }
+  get chosenShape(): ShapeData | null {
+    return this.chosen ? (this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null) : null;
+  }
 
   /** A description of the chosen shape, "" for none. */
   get chosenLabel() {
@@ -270,17 +314,26 @@ export class ShapeTools {
   }
 
   /** Whether the chosen shape has another side to turn to. */
-  get canTurn() { return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null; }
+  get canTurn() {
+    return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null;
+  }
 
   /** Whether the chosen shape is a cut with ends. */
-  get canStop() { return this.chosen?.what === "cuts" && this.chosenShape?.region.kind === "line"; }
+  get canStop() {
+    return this.chosen?.what === "cuts" && this.chosenShape?.region.kind === "line";
+  }
 
   /** Draw all shapes. True if the focus was on one that is gone. */
   draw() {
-    const { editor } = this, regions = editor.layered?.regions ?? [];
+    const { editor } = this,
+      regions = editor.layered?.regions ?? [];
     if (this.chosen && !this.chosenShape) this.chosen = null;
-    const isLost = this.handles.update(editor.shapes, this.chosen, editor.view, { reach: this.reach,
-      isLocked: editor.isLocked, isBefore: editor.isBefore, sideKey: (a, b) => sidesKey(regions, a, b) });
+    const isLost = this.handles.update(editor.shapes, this.chosen, editor.view, {
+      reach: this.reach,
+      isLocked: editor.isLocked,
+      isBefore: editor.isBefore,
+      sideKey: (a, b) => sidesKey(regions, a, b),
+    });
     this.handles.showDraft(editor.pen.draft ?? this.#offeredDraft, editor.view);
     return editor.partTools.draw() || isLost;
   }
@@ -299,7 +352,16 @@ export class ShapeTools {
    * @param kind the name of the edit
    * @param how whether a fit was possible before; the points, if they change too; edits with the same `join` in quick succession are undone as one
    */
-  edit(what: ShapeKind, shapes: ShapeData[], kind: string, { wasFine = !this.editor.error, points = this.editor.points, join = null }: { wasFine?: boolean, points?: Point[], join?: string | null } = {}) {
+  edit(
+    what: ShapeKind,
+    shapes: ShapeData[],
+    kind: string,
+    {
+      wasFine = !this.editor.error,
+      points = this.editor.points,
+      join = null,
+    }: { wasFine?: boolean; points?: Point[]; join?: string | null } = {},
+  ) {
     const { editor } = this;
     if (editor.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
@@ -307,7 +369,10 @@ export class ShapeTools {
       return false;
     }
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
-    if (fault) { editor.showMessage(fault, true); return false; }
+    if (fault) {
+      editor.showMessage(fault, true);
+      return false;
+    }
     const parts = wasFine && what === "parts" ? cleanShapes(shapes, what, editor.shapes.parts) : [];
     if (this.#offer({ parts, points, kind })) return false;
     if (wasFine && !editor.pointTools.accepts(points, { ...editor.shapes, [what]: shapes })) return false;
@@ -326,7 +391,9 @@ export class ShapeTools {
   }
 
   #added(what: ShapeKind) {
-    const { editor } = this, index = editor.shapes[what].length - 1, chosen = { what, index };
+    const { editor } = this,
+      index = editor.shapes[what].length - 1,
+      chosen = { what, index };
     this.choose(chosen);
     editor.drawNow();
     this.handles.focus(chosen);
@@ -345,7 +412,8 @@ export class ShapeTools {
   remove() {
     const { chosen, chosenShape: shape, editor } = this;
     if (!chosen || !shape) return;
-    const { what, index } = chosen, name = shapeName(shape, what, index);
+    const { what, index } = chosen,
+      name = shapeName(shape, what, index);
     const others = editor.shapes[what].filter((_, k) => k !== index);
     if (!this.edit(what, others, `remove ${SHAPE_NAMES[what]}`)) return;
     this.chosen = null;
@@ -362,25 +430,35 @@ export class ShapeTools {
   /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
   turn() {
     const region = this.chosenShape && turnedRegion(this.chosenShape.region);
-    if (!region) { this.editor.hint("What is closed has only one inside"); return; }
+    if (!region) {
+      this.editor.hint("What is closed has only one inside");
+      return;
+    }
     if (this.#change({ region }, "swap the sides of")) this.editor.announce("sides swapped");
   }
 
   rename() {
     const { chosen, chosenShape: shape, editor } = this;
     if (editor.isLocked || !chosen || !shape) return;
-    const { what, index } = chosen, [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach);
+    const { what, index } = chosen,
+      [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach);
     editor.promptName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
         this.edit(what, withShape(editor.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
       },
-      focus: () => { this.handles.focus(chosen); return true; },
+      focus: () => {
+        this.handles.focus(chosen);
+        return true;
+      },
     });
   }
 
   removeCorner(k: number) {
     const region = this.chosenShape && removedCorner(this.chosenShape.region, k);
-    if (!region) { this.remove(); return; }
+    if (!region) {
+      this.remove();
+      return;
+    }
     if (!this.#change({ region }, "change")) return;
     this.editor.drawNow();
     this.handles.focusCorner(Math.min(k, region.vertices.length - 1));
@@ -389,7 +467,8 @@ export class ShapeTools {
 
   /** Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut. */
   toggleStop(k: number) {
-    const { chosen, chosenShape: shape, editor } = this, isStop = shape && !stopsAt(shape.region, k);
+    const { chosen, chosenShape: shape, editor } = this,
+      isStop = shape && !stopsAt(shape.region, k);
     const region = shape && isStop !== null && chosen?.what === "cuts" ? withStop(shape.region, k, isStop) : null;
     if (!region || editor.isLocked) return false;
     if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
@@ -406,7 +485,9 @@ export class ShapeTools {
     const { chosen, chosenShape: shape } = this;
     if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
     const { kind, vertices } = shape.region;
-    if (this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")) {
+    if (
+      this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")
+    ) {
       this.editor.announce(isStop ? "The cut stops at its ends" : "The cut goes on to the border");
     }
   }
@@ -423,9 +504,11 @@ export class ShapeTools {
    * Move a corner, or all of the shape, by so many pixels of the picture; the middle of an edge becomes a corner.
    */
   nudge(grip: Grip, [dx, dy]: number[], pixels: number) {
-    const { editor } = this, [du, dv] = editor.model.get("raster").spacing;
+    const { editor } = this,
+      [du, dv] = editor.model.get("raster").spacing;
     const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
-    const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner, { chosenShape: shape } = this;
+    const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner,
+      { chosenShape: shape } = this;
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
     else {
@@ -438,7 +521,9 @@ export class ShapeTools {
   /**
    * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
    */
-  #wayOf(way: number[]) { return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way; }
+  #wayOf(way: number[]) {
+    return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way;
+  }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
@@ -447,33 +532,47 @@ export class ShapeTools {
     if (editor.isLocked || !shape) return;
     const region = grip.middle !== null ? withMiddle(shape.region, grip.middle) : shape.region;
     const corner = grip.middle !== null ? grip.middle + 1 : grip.corner;
-    this.drag0 = { shapes: editor.shapes, region, corner, wasFine: !editor.error,
-      at: corner === null ? [0, 0] : cornersOf(region, this.reach)[corner] };
+    this.drag0 = {
+      shapes: editor.shapes,
+      region,
+      corner,
+      wasFine: !editor.error,
+      at: corner === null ? [0, 0] : cornersOf(region, this.reach)[corner],
+    };
   }
 
   /**
    * Move by CSS pixels since the drag began. The last place that makes a shape stays where the next one does not.
    */
   drag(dx: number, dy: number) {
-    const { editor, drag0, chosen } = this, { k } = editor.view;
+    const { editor, drag0, chosen } = this,
+      { k } = editor.view;
     if (!drag0 || !chosen) return;
-    const { region: region0, corner, at } = drag0, { what, index } = chosen;
+    const { region: region0, corner, at } = drag0,
+      { what, index } = chosen;
     const [da, db] = this.#wayOf([dx / k, dy / k]);
-    const region = corner === null ? movedRegion(region0, da, db)
-      : movedCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
+    const region =
+      corner === null
+        ? movedRegion(region0, da, db)
+        : movedCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
     const fault = regionFault(region);
     editor.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
-    if (fault) { editor.hint(fault, 3000); return; }
+    if (fault) {
+      editor.hint(fault, 3000);
+      return;
+    }
     editor.shapes = { ...editor.shapes, [what]: withShape(editor.shapes[what], index, { region }) };
     editor.changed(true);
   }
 
   endDrag(isCancelled: boolean) {
-    const { editor, drag0, chosen } = this, { shapes } = editor;
+    const { editor, drag0, chosen } = this,
+      { shapes } = editor;
     this.drag0 = null;
     editor.stage.classList.remove("dnb-ed-refusing");
     if (!drag0 || !chosen) return;
-    const { what } = chosen, name = this.chosenShape?.name || SHAPE_NAMES[what];
+    const { what } = chosen,
+      name = this.chosenShape?.name || SHAPE_NAMES[what];
     const kind = `${drag0.corner === null ? "move" : "change"} ${name}`;
     editor.shapes = drag0.shapes;
     if (!isCancelled && this.edit(what, shapes[what], kind, { wasFine: drag0.wasFine })) {
@@ -491,16 +590,28 @@ export class ShapeTools {
    * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
    */
   #offer(offer: Offer) {
-    const held = heldPoints(offer.points, offer.parts, this.editor.strength), { editor } = this;
+    const held = heldPoints(offer.points, offer.parts, this.editor.strength),
+      { editor } = this;
     if (!held.length) return false;
-    const one = held.length === 1, [who, it, whose] = one ? [rbfLabel(held[0].point), "it", "its"]
-      : [`${held.length} control points`, "them", "their"];
-    editor.showMessage(`${who[0].toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
-      `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`);
+    const one = held.length === 1,
+      [who, it, whose] = one
+        ? [rbfLabel(held[0].point), "it", "its"]
+        : [`${held.length} control points`, "them", "their"];
+    editor.showMessage(
+      `${who[0].toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
+        `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`,
+    );
     this.offered = offer;
-    for (const [how, text] of [["carry", `Carry ${it}`], ["off", `Switch ${it} off`], ["cancel", "Cancel"]]) {
-      const button = pageElement("button", "dnb-ed-offer", editor.alert, { type: "button", "data-offer": how,
-        ...OWN_KEYS });
+    for (const [how, text] of [
+      ["carry", `Carry ${it}`],
+      ["off", `Switch ${it} off`],
+      ["cancel", "Cancel"],
+    ]) {
+      const button = pageElement("button", "dnb-ed-offer", editor.alert, {
+        type: "button",
+        "data-offer": how,
+        ...OWN_KEYS,
+      });
       button.textContent = text;
       button.addEventListener("click", () => editor.guard(() => this.#takeOffer(offer, how)));
     }
@@ -510,10 +621,12 @@ export class ShapeTools {
 
   /** Points that are carried go where their part takes them: back to where they were taken in a fixed one. */
   #takeOffer({ parts, points, kind }: Offer, how: string) {
-    const { editor } = this, count = editor.shapes.parts.length;
+    const { editor } = this,
+      count = editor.shapes.parts.length;
     const held = new Map(heldPoints(points, parts, editor.strength).map(({ point, part }) => [point.id, part]));
-    const freed = changed(points, [...held.keys()], ({ id, source }) => (
-      how === "carry" ? { target: placeMoved(held.get(id)?.motion ?? null, source) } : { active: false }));
+    const freed = changed(points, [...held.keys()], ({ id, source }) =>
+      how === "carry" ? { target: placeMoved(held.get(id)?.motion ?? null, source) } : { active: false },
+    );
     editor.showMessage("");
     editor.focusStage();
     if (how === "cancel") return;
@@ -537,7 +650,8 @@ export class ShapeTools {
 
   /** The outline of the part that waits for an answer, where it would be. */
   get #offeredDraft(): Draft | null {
-    const { parts } = this.offered ?? {}, { sender } = this.editor;
+    const { parts } = this.offered ?? {},
+      { sender } = this.editor;
     const part = parts?.find((one, k) => !sameShapes(one, sender.shapes.parts[k]));
     if (!part) return null;
     const corners = cornersOf(part.region, this.reach).map((place) => placeMoved(part.motion, place));
@@ -547,7 +661,8 @@ export class ShapeTools {
   // ---- the choice ---------------------------------------------------------------------------------------------------
 
   choose(chosen: Chosen | null) {
-    const { editor } = this, was = JSON.stringify(this.chosen);
+    const { editor } = this,
+      was = JSON.stringify(this.chosen);
     const shape = chosen ? editor.shapes[chosen.what]?.[chosen.index] : null;
     this.chosen = chosen && shape ? { what: chosen.what, index: chosen.index } : null;
     if (this.chosen) editor.select([]);
@@ -570,7 +685,7 @@ export class ShapeTools {
   receiveChosen() {
     const { editor } = this;
     if (editor.sender.isBehind() || editor.isDragging) return;
-    const { what, index } = ((editor.model.get("chosen_shape") ?? {}) as Partial<Chosen>);
+    const { what, index } = (editor.model.get("chosen_shape") ?? {}) as Partial<Chosen>;
     const chosen = what && index !== undefined && editor.shapes[what]?.[index] ? { what, index } : null;
     if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
     this.chosen = chosen;
@@ -583,6 +698,7 @@ export class ShapeTools {
 function withMiddle(region: RegionData, k: number) {
   const { vertices } = region;
   if (!vertices) return region;
-  const p = vertices[k], q = vertices[(k + 1) % vertices.length];
+  const p = vertices[k],
+    q = vertices[(k + 1) % vertices.length];
   return insertedCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
 }

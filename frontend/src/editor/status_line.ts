@@ -4,15 +4,16 @@ import { NEARLY_FOLDED } from "../maths/constants.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import type { EditorView } from "./editor.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
 import { shownValue } from "./window_tool.ts";
 
-import type { EditorView } from "./editor.ts";
-
-const FOLD_TIP = "the smallest factor by which areas are stretched on the way back from this picture to " +
+const FOLD_TIP =
+  "the smallest factor by which areas are stretched on the way back from this picture to " +
   "the original. 1 keeps them; below 0 the picture folds over itself";
 
-const VALUE_TIP = "the place under the pointer in the picture, and the grey value there, as it is in the picture " +
+const VALUE_TIP =
+  "the place under the pointer in the picture, and the grey value there, as it is in the picture " +
   "before the deformation at the place that is seen here";
 
 /** The line's elements and their texts. */
@@ -43,7 +44,8 @@ export class StatusLine {
   get sliceWords() {
     const { slices, model } = this.editor;
     if (!slices) return "";
-    const depth = (slices.first + slices.index * slices.spacing).toFixed(1), { lengths = "" } = model.get("raster");
+    const depth = (slices.first + slices.index * slices.spacing).toFixed(1),
+      { lengths = "" } = model.get("raster");
     return `slice ${slices.index + 1} / ${slices.count}, ${depth} ${lengths}`.trim();
   }
 
@@ -52,14 +54,28 @@ export class StatusLine {
    * @param at CSS pixels of the view; null for none
    */
   pointAt(at: number[] | null) {
-    const { editor, editor: { painter: { source }, model } } = this;
-    const place = at && source ? editor.placeAt(at) : null, fit = at ? editor.fitAt(at) : null;
-    if (!place || !source) { setText(this.value, ""); return; }
+    const {
+      editor,
+      editor: {
+        painter: { source },
+        model,
+      },
+    } = this;
+    const place = at && source ? editor.placeAt(at) : null,
+      fit = at ? editor.fitAt(at) : null;
+    if (!place || !source) {
+      setText(this.value, "");
+      return;
+    }
     const [da, db] = fit ? placeOf(fit, place[0], place[1], source.raster.spacing[0]) : [0, 0];
-    const value = source.valueAt([place[0] + da, place[1] + db]), { grey } = source;
-    const { lengths = "" } = model.get("raster"), where = `${place.map(shownLength).join(", ")} ${lengths}`.trim();
-    setText(this.value, value === null || !grey ? where
-      : `${where}: ${shownValue(value, grey.range)} ${grey.unit}`.trim());
+    const value = source.valueAt([place[0] + da, place[1] + db]),
+      { grey } = source;
+    const { lengths = "" } = model.get("raster"),
+      where = `${place.map(shownLength).join(", ")} ${lengths}`.trim();
+    setText(
+      this.value,
+      value === null || !grey ? where : `${where}: ${shownValue(value, grey.range)} ${grey.unit}`.trim(),
+    );
   }
 
   update() {
@@ -68,15 +84,18 @@ export class StatusLine {
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
-    const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
-      : selected.size ? `${selected.size} selected` : shapeTools.chosenName;
+    const chosen = one
+      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      : selected.size
+        ? `${selected.size} selected`
+        : shapeTools.chosenName;
     this.#updateLegend();
     const facts = points.length || chosen ? [chosen, count].filter(Boolean).join(" \u00b7 ") : "No points yet";
     setText(this.facts, facts);
     setAttributes(this.facts, { title: facts }); // where it is cut off
     const folds = this.editor.folds ?? { least: 1, share: 0, air: 0 };
     this.#updateFolds(folds);
-    const remarks = this.#isUntouched ? [] : layered?.notes ?? [];
+    const remarks = this.#isUntouched ? [] : (layered?.notes ?? []);
     const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
     setText(this.notes, notes || this.#advice());
     setAttributes(this.notes, { title: notes });
@@ -84,16 +103,23 @@ export class StatusLine {
     this.notes.classList.toggle("dnb-ed-near", error === "" && notes !== "");
   }
 
-  #updateFolds({ least, share, air }: { least: number, share: number, air: number }) {
+  #updateFolds({ least, share, air }: { least: number; share: number; air: number }) {
     const value = `min det J ${least.toFixed(2)}`;
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
     this.folds.classList.toggle("dnb-ed-bad", least <= 0);
     this.folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
-    const words = least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds"
-      : `\u2713 no folds${air > 0 ? " in tissue" : ""}`;
+    const words =
+      least <= 0
+        ? `\u25b2 folds${much}`
+        : least < NEARLY_FOLDED
+          ? "\u25b2 nearly folds"
+          : `\u2713 no folds${air > 0 ? " in tissue" : ""}`;
     const hasPoints = this.editor.points.length > 0;
     setText(this.folds, hasPoints ? words : "");
-    const inAir = air > 0 ? `. The map also folds in air, on ${(100 * air).toFixed(1)} % of the picture, where nothing is seen` : "";
+    const inAir =
+      air > 0
+        ? `. The map also folds in air, on ${(100 * air).toFixed(1)} % of the picture, where nothing is seen`
+        : "";
     setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}${inAir}` : "" });
   }
 
@@ -122,7 +148,9 @@ export class StatusLine {
   /** Whether nothing is dragged or moved yet: the fit has nothing to say. */
   get #isUntouched() {
     const { points, shapes } = this.editor;
-    return points.every((p) => p.source.every((value, k) => value === p.target[k])) && shapes.parts.every((p) => !p.motion);
+    return (
+      points.every((p) => p.source.every((value, k) => value === p.target[k])) && shapes.parts.every((p) => !p.motion)
+    );
   }
 
   /** Advice on the next step, where there are no remarks. */

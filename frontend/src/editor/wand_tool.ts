@@ -4,16 +4,19 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
-import { shapePaths } from "./shape_handles.ts";
-
 import type { EditorView } from "./editor.ts";
+import { shapePaths } from "./shape_handles.ts";
 
 const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
 const MOST = 2; // widths of the window: the largest tolerance
 const START = 25; // of the slider, 0 to 100, at first
 const WAIT = 80; // milliseconds between two requests of a slider that moves
 const KEY_PIXELS = [4, 20]; // CSS pixels of an arrow key with and without Shift
-const RULES = [["near", "Like it"], ["brighter", "Like it or brighter"], ["darker", "Like it or darker"]];
+const RULES = [
+  ["near", "Like it"],
+  ["brighter", "Like it or brighter"],
+  ["darker", "Like it or darker"],
+];
 
 export class Wand {
   editor: EditorView;
@@ -46,14 +49,29 @@ export class Wand {
     this.fill = svgElement("path", { class: "dnb-ed-wand-fill" }, this.path);
     this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-wand-${name}` }, this.path));
     this.cross = svgElement("path", { class: "dnb-ed-wand-cross" }, this.path);
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage, { hidden: "", role: "group", "aria-label": "Wand" });
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage, {
+      hidden: "",
+      role: "group",
+      "aria-label": "Wand",
+    });
     this.rule = pageElement("select", "", this.bar, { "aria-label": "values to select", ...OWN_KEYS });
     for (const [value, words] of RULES) pageElement("option", "", this.rule, { value }).textContent = words;
-    this.slider = pageElement("input", "", this.bar, { type: "range", min: 0, max: 100, value: START,
-      "aria-label": "tolerance", ...OWN_KEYS });
+    this.slider = pageElement("input", "", this.bar, {
+      type: "range",
+      min: 0,
+      max: 100,
+      value: START,
+      "aria-label": "tolerance",
+      ...OWN_KEYS,
+    });
     this.tolerated = pageElement("span", "dnb-ed-brush-value", this.bar);
-    this.#button("Done", "put the wand away", () => { this.stop(); editor.focusStage(); });
-    const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title: "What hangs together in the volume, not only in this picture" });
+    this.#button("Done", "put the wand away", () => {
+      this.stop();
+      editor.focusStage();
+    });
+    const label = pageElement("label", "dnb-ed-wand-through", this.bar, {
+      title: "What hangs together in the volume, not only in this picture",
+    });
     const words = "Through the depth";
     this.through = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
     pageElement("span", "", label).textContent = words;
@@ -66,18 +84,26 @@ export class Wand {
   }
 
   #button(text: string, label: string, action: () => void) {
-    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": text,
-      ...OWN_KEYS });
+    const made = pageElement("button", "dnb-ed-button", this.bar, {
+      type: "button",
+      title: label,
+      "aria-label": text,
+      ...OWN_KEYS,
+    });
     made.textContent = text;
     made.addEventListener("click", () => this.editor.guard(action));
     return made;
   }
 
   /** What Python has answered; empty where nobody selects. */
-  get answer(): { region?: any, words?: string, share?: number, failed?: boolean } { return this.editor.model.get("wand") ?? {}; }
+  get answer(): { region?: any; words?: string; share?: number; failed?: boolean } {
+    return this.editor.model.get("wand") ?? {};
+  }
 
   /** Whether there is a wand at all: only a studio has one. */
-  get isThere() { return Object.keys(this.answer).length > 0; }
+  get isThere() {
+    return Object.keys(this.answer).length > 0;
+  }
 
   /** In the unit of the picture. */
   get tolerance() {
@@ -88,7 +114,10 @@ export class Wand {
   toggle() {
     const { editor } = this;
     if (this.stop() || editor.isLocked || !this.isThere) return;
-    if (!editor.painter.source?.grey) { editor.hint(NO_WAND, 5000); return; }
+    if (!editor.painter.source?.grey) {
+      editor.hint(NO_WAND, 5000);
+      return;
+    }
     editor.putDownTools();
     editor.setAdding(false);
     editor.setSelecting(false);
@@ -113,12 +142,18 @@ export class Wand {
     return true;
   }
 
-  close() { clearTimeout(this.timer); }
+  close() {
+    clearTimeout(this.timer);
+  }
 
   /** @param at CSS pixels */
   pick(at: number[]) {
-    const { editor } = this, source = editor.pointTools.seenAt(editor.placeAt(at));
-    if (source === null) { editor.hint("This is a gap: there is nothing here to select"); return; }
+    const { editor } = this,
+      source = editor.pointTools.seenAt(editor.placeAt(at));
+    if (source === null) {
+      editor.hint("This is a gap: there is nothing here to select");
+      return;
+    }
     this.place = source;
     this.#send("preview");
   }
@@ -137,20 +172,29 @@ export class Wand {
 
   #send(what: "preview" | "part" | "cut" | "stop") {
     const { place, tolerance } = this;
-    this.editor.model.send({ type: "wand", what, place: place ?? [0, 0], tolerance, rule: this.rule.value,
-      through: this.through.checked });
+    this.editor.model.send({
+      type: "wand",
+      what,
+      place: place ?? [0, 0],
+      tolerance,
+      rule: this.rule.value,
+      through: this.through.checked,
+    });
     this.editor.invalidate();
   }
 
   show() {
-    const { editor, answer, isOn } = this, { region = null, words = "", share = 1, failed = false } = answer;
+    const { editor, answer, isOn } = this,
+      { region = null, words = "", share = 1, failed = false } = answer;
     this.bar.hidden = !isOn;
     this.path.setAttribute("visibility", isOn ? "visible" : "hidden");
     if (!isOn) return;
     const paths = region ? shapePaths(region, editor.view, 0) : { line: "", inside: "" };
     setAttributes(this.fill, { d: paths.inside });
     for (const line of this.lines) setAttributes(line, { d: paths.line });
-    setAttributes(this.cross, { d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "" });
+    setAttributes(this.cross, {
+      d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "",
+    });
     const { unit = "" } = editor.painter.source?.grey ?? {};
     setText(this.tolerated, `\u00b1 ${shownLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
     setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
@@ -163,14 +207,16 @@ export class Wand {
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: number[]) {
-    const { editor } = this, middle = [editor.view.width / 2, editor.view.height / 2];
+    const { editor } = this,
+      middle = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") {
       this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));
       this.#changed();
       return true;
     }
     if (arrow) {
-      const step = KEY_PIXELS[event.shiftKey ? 0 : 1], [x, y] = this.at ?? middle;
+      const step = KEY_PIXELS[event.shiftKey ? 0 : 1],
+        [x, y] = this.at ?? middle;
       this.at = [x + step * arrow[0], y + step * arrow[1]];
       editor.announce(`wand at ${editor.placeAt(this.at).map(shownLength).join(", ")}`);
       editor.invalidate();

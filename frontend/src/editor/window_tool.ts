@@ -17,10 +17,14 @@ const NO_WINDOW = "Only pictures of grey values have a window: a slice, the maxi
 const clamp = (value: number, least: number, most: number) => Math.max(least, Math.min(most, value));
 
 /** The exponent of ten of the step to which values of a range are rounded. */
-function exponent([first, last]: number[]) { return Math.floor(Math.log10((last - first) / STEPS)); }
+function exponent([first, last]: number[]) {
+  return Math.floor(Math.log10((last - first) / STEPS));
+}
 
 /** The step to which the values of a window are rounded. */
-export function windowStep(range: number[]) { return 10 ** exponent(range); }
+export function windowStep(range: number[]) {
+  return 10 ** exponent(range);
+}
 
 /** A value of a range, rounded as it is shown. */
 export function shownValue(value: number, range: number[]) {
@@ -33,10 +37,11 @@ export function shownValue(value: number, range: number[]) {
  * @param range the smallest and the largest value of the picture
  */
 export function draggedWindow([low, high]: number[], [dx, dy]: number[], [first, last]: number[]) {
-  const step = windowStep([first, last]), whole = last - first;
+  const step = windowStep([first, last]),
+    whole = last - first;
   const rounded = (value: number) => Math.round(value / step) * step;
   const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
-  const level = rounded(clamp((low + high) / 2 - dy / LEVEL_PIXELS * (high - low), first, last));
+  const level = rounded(clamp((low + high) / 2 - (dy / LEVEL_PIXELS) * (high - low), first, last));
   return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15)));
 }
 
@@ -67,27 +72,37 @@ export class WindowTool {
     this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Window" });
     this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.#button("Auto", "automatic window (Home, or double-click)", () => this.reset());
-    this.#button("Done", "put the tool away", () => { this.stop(); editor.focusStage(); });
+    this.#button("Done", "put the tool away", () => {
+      this.stop();
+      editor.focusStage();
+    });
   }
 
   #button(text: string, label: string, action: () => void) {
-    const made = pageElement("button", "dnb-ed-button", this.bar, { type: "button", title: label, "aria-label": label,
-      ...OWN_KEYS });
+    const made = pageElement("button", "dnb-ed-button", this.bar, {
+      type: "button",
+      title: label,
+      "aria-label": label,
+      ...OWN_KEYS,
+    });
     made.textContent = text;
     made.addEventListener("click", () => this.editor.guard(action));
   }
 
   /** The values of the picture, and its unit; null without a picture of grey values. */
-  get #grey() { return this.editor.painter.source?.grey ?? null; }
+  get #grey() {
+    return this.editor.painter.source?.grey ?? null;
+  }
 
   /** The values shown as black and white. */
   get window(): number[] | null {
     const own = this.editor.model.get("window") ?? [];
-    return own.length === 2 ? own : this.#grey?.window ?? null;
+    return own.length === 2 ? own : (this.#grey?.window ?? null);
   }
 
   get words() {
-    const { window } = this, grey = this.#grey;
+    const { window } = this,
+      grey = this.#grey;
     return grey && window ? windowWords(window, grey.range, grey.unit) : "";
   }
 
@@ -100,7 +115,10 @@ export class WindowTool {
   toggle() {
     const { editor } = this;
     if (this.stop()) return;
-    if (!this.#grey) { editor.hint(NO_WINDOW, 5000); return; }
+    if (!this.#grey) {
+      editor.hint(NO_WINDOW, 5000);
+      return;
+    }
     editor.putDownTools();
     editor.setAdding(false);
     editor.setSelecting(false);
@@ -128,13 +146,18 @@ export class WindowTool {
     if (this.isOn) setText(this.value, this.words);
   }
 
-  close() { this.trait.close(); }
+  close() {
+    this.trait.close();
+  }
 
   // ---- drags and keys -----------------------------------------------------------------------------------------------
 
   begin() {
     const { window, editor } = this;
-    if (!window || !this.#grey) { editor.hint(NO_WINDOW, 5000); return; }
+    if (!window || !this.#grey) {
+      editor.hint(NO_WINDOW, 5000);
+      return;
+    }
     this.trait.close(); // what a key has set goes with the drag
     this.from = editor.model.get("window") ?? [];
     this.start = window;
@@ -152,7 +175,10 @@ export class WindowTool {
     if (!from) return;
     this.from = null;
     if (isCancelled) this.#set(from);
-    else { editor.model.save_changes(); editor.announce(this.words); }
+    else {
+      editor.model.save_changes();
+      editor.announce(this.words);
+    }
   }
 
   reset() {
@@ -189,8 +215,12 @@ export class WindowTool {
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: number[]) {
-    const grey = this.#grey, { window } = this;
-    if (key === "Home") { this.reset(); return true; }
+    const grey = this.#grey,
+      { window } = this;
+    if (key === "Home") {
+      this.reset();
+      return true;
+    }
     if (!arrow || !grey || !window) return false;
     const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1];
     const next = draggedWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);

@@ -1,12 +1,12 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
 import { cross } from "../maths/camera.ts";
+import type { Vector3 } from "../types.ts";
 import { commonUnit, statedUnit } from "../volume/units.ts";
-import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.ts";
 
 import type { VoxelType } from "./reading.ts";
+import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.ts";
 import type { Header } from "./volume_files.ts";
-import type { Vector3 } from "../types.ts";
 
 const TYPES: Record<VoxelType, string[]> = {
   i1: ["signed char", "int8", "int8_t"],
@@ -22,9 +22,17 @@ const TYPES: Record<VoxelType, string[]> = {
 };
 
 /** What turns each space into left-posterior-superior. */
-const SPACES: Record<string, Vector3> = { "left-posterior-superior": [1, 1, 1], lps: [1, 1, 1], "right-anterior-superior": [-1, -1, 1],
-  ras: [-1, -1, 1], "left-anterior-superior": [1, -1, 1], las: [1, -1, 1], "scanner-xyz": [1, 1, 1],
-  "3d-right-handed": [1, 1, 1], "3d-left-handed": [1, 1, 1] };
+const SPACES: Record<string, Vector3> = {
+  "left-posterior-superior": [1, 1, 1],
+  lps: [1, 1, 1],
+  "right-anterior-superior": [-1, -1, 1],
+  ras: [-1, -1, 1],
+  "left-anterior-superior": [1, -1, 1],
+  las: [1, -1, 1],
+  "scanner-xyz": [1, 1, 1],
+  "3d-right-handed": [1, 1, 1],
+  "3d-left-handed": [1, 1, 1],
+};
 const PLACES = ["domain", "space", "???", "none"]; // kinds of axes in space
 const MOST_SKIPPED = 2 ** 26;
 
@@ -35,7 +43,8 @@ function fieldsOf(data: Uint8Array) {
   if (!text.startsWith("NRRD000")) throw new FileError("this is not a NRRD file: it does not begin with NRRD000.");
   const end = /\r?\n\r?\n/.exec(text);
   if (!end) throw new FileError("its header has no end (an empty line); it is cut short or damaged.");
-  const fields: Texts = {}, keys: Texts = {};
+  const fields: Texts = {},
+    keys: Texts = {};
   for (const line of text.slice(0, end.index).split(/\r?\n/).slice(1)) {
     if (line.startsWith("#") || !line.trim()) continue;
     const assign = line.indexOf(":=");
@@ -43,7 +52,8 @@ function fieldsOf(data: Uint8Array) {
       keys[line.slice(0, assign).trim()] = line.slice(assign + 2).trim();
       continue;
     }
-    const colon = line.indexOf(":"), name = line.slice(0, Math.max(0, colon)).trim().toLowerCase().replaceAll(" ", "");
+    const colon = line.indexOf(":"),
+      name = line.slice(0, Math.max(0, colon)).trim().toLowerCase().replaceAll(" ", "");
     if (colon < 0 || Object.hasOwn(fields, name)) {
       const why = colon < 0 ? "is neither 'field: value' nor 'key:=value'" : "appears twice";
       throw new FileError(`the header's line '${shownText(line)}' ${why}.`);
@@ -59,26 +69,43 @@ export async function nrrdHeader(blob: Blob): Promise<Header> {
   for (const name of ["dimension", "type", "sizes", "encoding"]) {
     if (!Object.hasOwn(fields, name)) throw new FileError(`its header lacks the field '${name}'.`);
   }
-  const { type, isBig } = typeOf(fields), [dimension] = integersOf("dimension", fields.dimension, 1);
+  const { type, isBig } = typeOf(fields),
+    [dimension] = integersOf("dimension", fields.dimension, 1);
   if (!(dimension >= 1 && dimension <= 16)) {
     throw new FileError(`the field 'dimension' is ${dimension}; a volume has 3.`);
   }
-  const sizes = integersOf("sizes", fields.sizes, dimension), axes = placesOf(fields, sizes);
-  const notes: string[] = [], shape = volumeShape(axes.map((axis) => sizes[axis]), Number(type[1]), notes);
+  const sizes = integersOf("sizes", fields.sizes, dimension),
+    axes = placesOf(fields, sizes);
+  const notes: string[] = [],
+    shape = volumeShape(
+      axes.map((axis) => sizes[axis]),
+      Number(type[1]),
+      notes,
+    );
   const { unit, factors } = unitOfAxes(fields, axes, notes);
-  const count = shape[0] * shape[1] * shape[2], from = await beginningOf(blob, fields, end, count * Number(type[1]));
-  return { shape, type, isBig, slope: 1, intercept: 0, ...placeOfVoxels(fields, axes, dimension, factors), unit,
-    isLabels: keys.deformnb_labels === "yes" || Object.hasOwn(keys, "Segment0_LabelValue"), notes,
+  const count = shape[0] * shape[1] * shape[2],
+    from = await beginningOf(blob, fields, end, count * Number(type[1]));
+  return {
+    shape,
+    type,
+    isBig,
+    slope: 1,
+    intercept: 0,
+    ...placeOfVoxels(fields, axes, dimension, factors),
+    unit,
+    isLabels: keys.deformnb_labels === "yes" || Object.hasOwn(keys, "Segment0_LabelValue"),
+    notes,
     read: async (work) => {
       const reader = new ByteReader(blob.slice(from.offset), from.isPacked);
       await reader.skip(from.skip);
       return reader.voxels(type, isBig, count, from.skip, work);
-    } };
+    },
+  };
 }
 
 function typeOf(fields: Texts) {
   const name = fields.type.toLowerCase().split(/\s+/).join(" ");
-  const type = (Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0] as VoxelType | undefined);
+  const type = Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0] as VoxelType | undefined;
   if (!type) {
     throw new FileError(`the voxel type '${shownText(fields.type)}' is not supported; save one number per voxel.`);
   }
@@ -91,8 +118,8 @@ function typeOf(fields: Texts) {
 
 /** Indices of the axes x, y and z. */
 function placesOf(fields: Texts, sizes: number[]) {
-  let kinds = fields.kinds !== undefined ? fields.kinds.toLowerCase().split(/\s+/).filter(Boolean)
-    : sizes.map(() => "domain");
+  let kinds =
+    fields.kinds !== undefined ? fields.kinds.toLowerCase().split(/\s+/).filter(Boolean) : sizes.map(() => "domain");
   if (fields.spacedirections !== undefined) {
     const vectors = vectorsOf("space directions", fields.spacedirections);
     if (vectors.length !== sizes.length) {
@@ -103,12 +130,15 @@ function placesOf(fields: Texts, sizes: number[]) {
   if (kinds.length !== sizes.length) {
     throw new FileError(`the field 'kinds' names ${kinds.length} axes but there are ${sizes.length}.`);
   }
-  const every = sizes.map((_, axis) => axis), places = every.filter((axis) => PLACES.includes(kinds[axis]));
+  const every = sizes.map((_, axis) => axis),
+    places = every.filter((axis) => PLACES.includes(kinds[axis]));
   const other = every.filter((axis) => !places.slice(0, 3).includes(axis));
   if (other.some((axis) => sizes[axis] !== 1)) {
-    throw new FileError(`a volume has three axes in space but this file has (${sizes.map((size, k) =>
-      `${shownText(kinds[k])}: ${size}`).join(", ")}). Save one channel or one time point as a file of its own and ` +
-      "open that.");
+    throw new FileError(
+      `a volume has three axes in space but this file has (${sizes
+        .map((size, k) => `${shownText(kinds[k])}: ${size}`)
+        .join(", ")}). Save one channel or one time point as a file of its own and ` + "open that.",
+    );
   }
   return places.slice(0, 3);
 }
@@ -127,7 +157,8 @@ function vectorsOf(field: string, text: string): (number[] | null)[] {
  * @param expected bytes
  */
 async function beginningOf(blob: Blob, fields: Texts, end: number, expected: number) {
-  const encoding = fields.encoding.toLowerCase(), isPacked = ["gzip", "gz"].includes(encoding);
+  const encoding = fields.encoding.toLowerCase(),
+    isPacked = ["gzip", "gz"].includes(encoding);
   if (!isPacked && encoding !== "raw") {
     throw new FileError(`the encoding '${shownText(encoding)}' is not supported; save it as raw or gzip.`);
   }
@@ -166,8 +197,11 @@ function unitOfAxes(fields: Texts, axes: number[], notes: string[]) {
   const words = [...new TextDecoder().decode(bytes).matchAll(/"([^"]*)"|(\S+)/g)].map((found) => found[1] ?? found[2]);
   const wanted = fields.spaceunits === undefined ? axes.slice(0, 3) : words.slice(0, 3).map((_, k) => k);
   if (!wanted.length || Math.max(...wanted) >= words.length) {
-    throw new FileError(`the field '${fields.spaceunits === undefined ? "units" : "space units"}' names ${words.length
-    } units for ${axes.length} axes.`);
+    throw new FileError(
+      `the field '${fields.spaceunits === undefined ? "units" : "space units"}' names ${
+        words.length
+      } units for ${axes.length} axes.`,
+    );
   }
   const units = wanted.map((axis) => statedUnit(words[axis], notes));
   while (units.length < 3) units.push(units[0]);
@@ -175,23 +209,32 @@ function unitOfAxes(fields: Texts, axes: number[], notes: string[]) {
 }
 
 /** @param factors by which the numbers along x, y and z are multiplied */
-function placeOfVoxels(fields: Texts, axes: number[], dimension: number, factors: number[]): {affine: number[][] | null, spacing: Vector3, origin: Vector3, direction: Vector3[]} {
+function placeOfVoxels(
+  fields: Texts,
+  axes: number[],
+  dimension: number,
+  factors: number[],
+): { affine: number[][] | null; spacing: Vector3; origin: Vector3; direction: Vector3[] } {
   const space = (fields.space ?? "").toLowerCase();
   if (space && !Object.hasOwn(SPACES, space)) {
     throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
   }
   const signs = (SPACES[space] ?? [1, 1, 1]).map((sign, k) => sign * factors[k]);
   const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
-  const corner = (three("space origin", first === undefined ? [0, 0, 0] : first)
-    .map((x, k) => x * signs[k]) as Vector3);
-  const direction = ([[1, 0, 0], [0, 1, 0], [0, 0, 1]] as Vector3[]);
+  const corner = three("space origin", first === undefined ? [0, 0, 0] : first).map((x, k) => x * signs[k]) as Vector3;
+  const direction = [
+    [1, 0, 0],
+    [0, 1, 0],
+    [0, 0, 1],
+  ] as Vector3[];
   if (fields.spacedirections === undefined) {
     const { spacing, origin } = spacingsOf(fields, axes, dimension, factors);
     return { affine: null, spacing, origin: first === undefined ? origin : corner, direction };
   }
   const vectors = vectorsOf("space directions", fields.spacedirections);
   const columns = axes.map((axis) => three("space directions", vectors[axis]).map((x, k) => x * signs[k]));
-  while (columns.length < 3) { // a single picture: its normal, of length 1
+  while (columns.length < 3) {
+    // a single picture: its normal, of length 1
     const normal = columns.length === 2 ? cross(columns[0], columns[1]) : [0, 0, 0];
     const length = Math.hypot(...normal) || 1;
     columns.push(normal.map((x) => x / length));
@@ -213,11 +256,12 @@ function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: n
     const values = floatsOfText(shown, fields[name], dimension);
     return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3);
   };
-  const spacing = (perAxis("spacings", "spacings", 1) as Vector3), least = perAxis("axismins", "axis mins", 0);
+  const spacing = perAxis("spacings", "spacings", 1) as Vector3,
+    least = perAxis("axismins", "axis mins", 0);
   const centres = (fields.centers ?? fields.centerings ?? "").toLowerCase().split(/\s+/).filter(Boolean);
   // "axis min" is the border of a cell, or the place of a node.
   const first = least.map((low, k) => low + (centres[axes[k]] === "cell" ? spacing[k] / 2 : 0));
   const from = first.every(Number.isFinite) ? first : [0, 0, 0];
-  const scaled = (v: number[]) => (v.map((x, k) => x * factors[k]) as Vector3);
+  const scaled = (v: number[]) => v.map((x, k) => x * factors[k]) as Vector3;
   return { spacing: scaled(spacing), origin: scaled(from) };
 }

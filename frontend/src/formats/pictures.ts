@@ -16,7 +16,7 @@ export interface Photograph {
   /** whether Python reads the very same values */
   isExact: boolean;
   /** the picture in its colours, averaged over squares of so many pixels */
-  shown: {rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number, factor: number};
+  shown: { rgba: Uint8ClampedArray<ArrayBuffer>; width: number; height: number; factor: number };
 }
 
 /**
@@ -25,12 +25,13 @@ export interface Photograph {
 export function pictureSize(data: Uint8Array) {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (data.length >= 33 && view.getUint32(0) === 0x89504e47 && view.getUint32(4) === 0x0d0a1a0a) {
-    const text = new TextDecoder("latin1").decode(data.subarray(0, 2 ** 16)), [depth, colour] = data.subarray(24, 26);
+    const text = new TextDecoder("latin1").decode(data.subarray(0, 2 ** 16)),
+      [depth, colour] = data.subarray(24, 26);
     const isExact = depth <= 8 && [0, 2, 3].includes(colour) && !/tRNS|gAMA|iCCP|eXIf|cICP/.test(text);
     return { width: view.getUint32(16), height: view.getUint32(20), isExact };
   }
   if (data.length >= 4 && view.getUint16(0) === 0xffd8) {
-    for (let at = 2; at + 9 < data.length;) {
+    for (let at = 2; at + 9 < data.length; ) {
       const mark = view.getUint16(at);
       if (mark < 0xff00) break;
       const isFrame = mark >= 0xffc0 && mark <= 0xffcf && ![0xffc4, 0xffc8, 0xffcc].includes(mark);
@@ -48,7 +49,7 @@ export async function readPicture(blob: Blob, name: string): Promise<Photograph>
     if (width < 1 || height < 1 || width * height > MOST_PIXELS) {
       throw new FileError(`it has ${width} x ${height} pixels, and this page holds ${MOST_PIXELS}; make it smaller.`);
     }
-    return { ...await decoded(blob, name), isExact };
+    return { ...(await decoded(blob, name)), isExact };
   } catch (error) {
     if (error instanceof FileError) throw new FileError(`${shownText(name)}: ${error.message}`);
     throw error;
@@ -58,27 +59,52 @@ export async function readPicture(blob: Blob, name: string): Promise<Photograph>
 async function decoded(blob: Blob, name: string) {
   let bitmap: ImageBitmap;
   try {
-    bitmap = await createImageBitmap(blob, { colorSpaceConversion: "none", premultiplyAlpha: "none",
-      imageOrientation: "from-image" });
-  } catch { throw new FileError("the browser cannot read it; it is damaged or cut short."); }
-  const { width, height } = bitmap, canvas = Object.assign(document.createElement("canvas"), { width, height });
+    bitmap = await createImageBitmap(blob, {
+      colorSpaceConversion: "none",
+      premultiplyAlpha: "none",
+      imageOrientation: "from-image",
+    });
+  } catch {
+    throw new FileError("the browser cannot read it; it is damaged or cut short.");
+  }
+  const { width, height } = bitmap,
+    canvas = Object.assign(document.createElement("canvas"), { width, height });
   const context = canvas.getContext("2d", { willReadFrequently: true });
   if (!context) throw new FileError("there is not enough memory for it; make it smaller.");
   context.drawImage(bitmap, 0, 0);
   bitmap.close();
-  const rgba = context.getImageData(0, 0, width, height).data, values = new Uint8Array(width * height);
+  const rgba = context.getImageData(0, 0, width, height).data,
+    values = new Uint8Array(width * height);
   for (let k = 0; k < values.length; k++) {
     values[k] = (rgba[4 * k] * 19595 + rgba[4 * k + 1] * 38470 + rgba[4 * k + 2] * 7471 + 0x8000) >> 16;
   }
-  const grid = checkedGrid([1, height, width], [1, 1, 1], [0, 0, 0], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]);
-  const volume = { name: name.replace(/\.[^.]*$/, "") || name, grid, values, dtype: "uint8", isLabels: false, notes: [] };
+  const grid = checkedGrid(
+    [1, height, width],
+    [1, 1, 1],
+    [0, 0, 0],
+    [
+      [1, 0, 0],
+      [0, 1, 0],
+      [0, 0, 1],
+    ],
+  );
+  const volume = {
+    name: name.replace(/\.[^.]*$/, "") || name,
+    grid,
+    values,
+    dtype: "uint8",
+    isLabels: false,
+    notes: [],
+  };
   return { volume, shown: averaged(rgba, width, height) };
 }
 
 function averaged(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
   const factor = Math.max(1, Math.ceil(Math.max(width, height) / SHOWN));
   if (factor === 1) return { rgba, width, height, factor };
-  const w = Math.floor(width / factor), h = Math.floor(height / factor), out = new Uint8ClampedArray(4 * w * h);
+  const w = Math.floor(width / factor),
+    h = Math.floor(height / factor),
+    out = new Uint8ClampedArray(4 * w * h);
   for (let y = 0; y < h; y++) {
     for (let x = 0; x < w; x++) {
       for (let part = 0; part < 4; part++) {

@@ -18,12 +18,23 @@ export interface Work {
 
 export type VoxelType = "u1" | "i1" | "u2" | "i2" | "u4" | "i4" | "u8" | "i8" | "f4" | "f8";
 
-const ARRAYS: Record<VoxelType, any> = { u1: Uint8Array, i1: Int8Array, u2: Uint16Array, i2: Int16Array, u4: Uint32Array, i4: Int32Array,
-  u8: BigUint64Array, i8: BigInt64Array, f4: Float32Array, f8: Float64Array };
+const ARRAYS: Record<VoxelType, any> = {
+  u1: Uint8Array,
+  i1: Int8Array,
+  u2: Uint16Array,
+  i2: Int16Array,
+  u4: Uint32Array,
+  i4: Int32Array,
+  u8: BigUint64Array,
+  i8: BigInt64Array,
+  f4: Float32Array,
+  f8: Float64Array,
+};
 
 /** Text from a file made fit for a message. */
 export function shownText(text: unknown) {
-  const plain = String(text), cut = plain.length > 120 ? `${plain.slice(0, 120)}...` : plain;
+  const plain = String(text),
+    cut = plain.length > 120 ? `${plain.slice(0, 120)}...` : plain;
   return cut.replace(/[^\P{C}]/gu, "?");
 }
 
@@ -39,19 +50,23 @@ export function integersOf(field: string, text: string, count: number) {
 /** Numbers of a header's field; NaN and infinity are for the caller to refuse. */
 export function floatsOfText(field: string, text: string, count: number | null = null) {
   const words = text.split(/\s+/).filter(Boolean);
-  const isNumber = (word: string) =>
-    /^[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)$/i.test(word);
+  const isNumber = (word: string) => /^[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)$/i.test(word);
   if (words.length > 100 || (count !== null && words.length !== count) || !words.every(isNumber)) {
     throw new FileError(`the field '${field}' should be numbers but is '${shownText(text)}'.`);
   }
-  return words.map((word) => (/nan/i.test(word) ? Number.NaN
-    : /inf/i.test(word) ? (word.startsWith("-") ? -Infinity : Infinity) : Number(word)));
+  return words.map((word) =>
+    /nan/i.test(word) ? Number.NaN : /inf/i.test(word) ? (word.startsWith("-") ? -Infinity : Infinity) : Number(word),
+  );
 }
 
 export function shownBytes(count: number) {
   const units = ["bytes", "KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
-  let size = count, k = 0;
-  while (size >= 1024 && k < units.length - 1) { size /= 1024; k += 1; }
+  let size = count,
+    k = 0;
+  while (size >= 1024 && k < units.length - 1) {
+    size /= 1024;
+    k += 1;
+  }
   return `${k ? size.toFixed(1) : size} ${units[k]}`;
 }
 
@@ -63,14 +78,19 @@ export function volumeShape(sizes: number[], itemsize: number, notes: string[]):
   const real = [...sizes];
   while (real.length > 3 && real.at(-1) === 1) real.pop();
   if (real.length > 3) {
-    throw new FileError(`a volume has three axes but this file has ${real.length} (${real.join(" x ")}). Save one ` +
-      "time point or one channel as a file of its own and open that.");
+    throw new FileError(
+      `a volume has three axes but this file has ${real.length} (${real.join(" x ")}). Save one ` +
+        "time point or one channel as a file of its own and open that.",
+    );
   }
   if (sizes.length < 3) notes.push("a 2-D image was taken as a volume of one slice");
-  const [nx, ny, nz] = [...real, 1, 1], bytes = nx * ny * nz * itemsize;
+  const [nx, ny, nz] = [...real, 1, 1],
+    bytes = nx * ny * nz * itemsize;
   if (bytes > MOST_BYTES) {
-    throw new FileError(`its voxels (${real.join(" x ")}) take ${shownBytes(bytes)}, more than the ` +
-      `${shownBytes(MOST_BYTES)} that this page holds. Open it with deformnb app, or save it coarser.`);
+    throw new FileError(
+      `its voxels (${real.join(" x ")}) take ${shownBytes(bytes)}, more than the ` +
+        `${shownBytes(MOST_BYTES)} that this page holds. Open it with deformnb app, or save it coarser.`,
+    );
   }
   return [nz, ny, nx];
 }
@@ -86,22 +106,27 @@ export class ByteReader {
   constructor(blob: Blob, isPacked: boolean) {
     this.size = blob.size;
     this.isPacked = isPacked;
-    const stream = (blob.stream() as ReadableStream<Uint8Array<ArrayBuffer>>);
+    const stream = blob.stream() as ReadableStream<Uint8Array<ArrayBuffer>>;
     this.reader = (isPacked ? stream.pipeThrough(new DecompressionStream("gzip")) : stream).getReader();
     this.rest = new Uint8Array(0);
   }
 
   /** The next piece, null at the end. */
   async #next() {
-    if (this.rest.length) { const { rest } = this; this.rest = new Uint8Array(0); return rest; }
+    if (this.rest.length) {
+      const { rest } = this;
+      this.rest = new Uint8Array(0);
+      return rest;
+    }
     try {
       const { done, value } = await this.reader.read();
       return done ? null : value;
     } catch (error) {
       if (this.isPacked && /junk|trailing/i.test(`${error}`)) return null; // behind the end and its check sum
       if (!this.isPacked) throw new FileError(`it cannot be read (${shownText(error)}).`);
-      throw new FileError("it cannot be unpacked: it is damaged, cut short, or packed in several parts. Unpack it, " +
-        "and open that.");
+      throw new FileError(
+        "it cannot be unpacked: it is damaged, cut short, or packed in several parts. Unpack it, " + "and open that.",
+      );
     }
   }
 
@@ -128,7 +153,7 @@ export class ByteReader {
   }
 
   async skip(count: number) {
-    for (let left = count; left > 0;) {
+    for (let left = count; left > 0; ) {
       const piece = await this.#next();
       if (!piece) return;
       this.rest = piece.subarray(Math.min(left, piece.length));
@@ -142,10 +167,13 @@ export class ByteReader {
    * @param before bytes that were read
    */
   async voxels(type: VoxelType, isBig: boolean, count: number, before: number, work: Work) {
-    const bytes = count * Number(type[1]), most = this.isPacked ? this.size * MOST_PACKED : this.size - before;
+    const bytes = count * Number(type[1]),
+      most = this.isPacked ? this.size * MOST_PACKED : this.size - before;
     if (bytes > most) this.#cutShort(Math.max(0, most), bytes);
     let target: Uint8Array<ArrayBuffer>;
-    try { target = new Uint8Array(bytes); } catch {
+    try {
+      target = new Uint8Array(bytes);
+    } catch {
       throw new FileError(`there is not enough memory for its ${shownBytes(bytes)} of voxels; save it coarser.`);
     }
     const found = await this.fill(target, work);
@@ -158,11 +186,15 @@ export class ByteReader {
   }
 
   #cutShort(found: number, wanted: number): never {
-    throw new FileError(`its header announces ${shownBytes(wanted)} of voxels but the file holds at most ` +
-      `${shownBytes(found)}; it is cut short or its header is damaged.`);
+    throw new FileError(
+      `its header announces ${shownBytes(wanted)} of voxels but the file holds at most ` +
+        `${shownBytes(found)}; it is cut short or its header is damaged.`,
+    );
   }
 
-  async close() { await this.reader.cancel().catch(() => {}); }
+  async close() {
+    await this.reader.cancel().catch(() => {});
+  }
 }
 
 /** @param size of a number */

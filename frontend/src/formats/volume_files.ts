@@ -1,13 +1,12 @@
 // Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
 
+import type { Vector3 } from "../types.ts";
+import type { Grid } from "../volume/grid.ts";
 import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.ts";
 import { niftiHeader } from "./nifti.ts";
 import { nrrdHeader } from "./nrrd.ts";
-import { FileError, shownText } from "./reading.ts";
-
 import type { VoxelType, Work } from "./reading.ts";
-import type { Grid } from "../volume/grid.ts";
-import type { Vector3 } from "../types.ts";
+import { FileError, shownText } from "./reading.ts";
 
 /** All that is known of a file before any voxel is read. */
 export interface Header {
@@ -46,14 +45,36 @@ export interface Volume {
 }
 
 /** A row of deformnb/volume/known_spacings.json: a public volume whose files state a wrong spacing. */
-export type KnownSpacing = {title: string, shape: number[], dtype: string, sha256: string, header_spacing: number[], spacing: Vector3, reason: string};
+export type KnownSpacing = {
+  title: string;
+  shape: number[];
+  dtype: string;
+  sha256: string;
+  header_spacing: number[];
+  spacing: Vector3;
+  reason: string;
+};
 
-const FORMATS: Record<string, (blob: Blob) => Promise<Header>> = { ".nii": niftiHeader, ".nii.gz": niftiHeader, ".nrrd": nrrdHeader };
+const FORMATS: Record<string, (blob: Blob) => Promise<Header>> = {
+  ".nii": niftiHeader,
+  ".nii.gz": niftiHeader,
+  ".nrrd": nrrdHeader,
+};
 /** Suffixes of volumes. */
 export const VOLUME_SUFFIXES = Object.keys(FORMATS);
 
-const NAMES: Record<VoxelType, string> = { u1: "uint8", i1: "int8", u2: "uint16", i2: "int16", u4: "uint32", i4: "int32", u8: "uint64", i8: "int64",
-  f4: "float32", f8: "float64" };
+const NAMES: Record<VoxelType, string> = {
+  u1: "uint8",
+  i1: "int8",
+  u2: "uint16",
+  i2: "int16",
+  u4: "uint32",
+  i4: "int32",
+  u8: "uint64",
+  i8: "int64",
+  f4: "float32",
+  f8: "float64",
+};
 
 /** @param name of a file */
 export function volumeSuffix(name: string) {
@@ -61,11 +82,16 @@ export function volumeSuffix(name: string) {
 }
 
 /** A volume of a file. */
-export async function readVolume(blob: Blob, name: string, work: Work & {knownSpacings?: KnownSpacing[]} = {}): Promise<Volume> {
+export async function readVolume(
+  blob: Blob,
+  name: string,
+  work: Work & { knownSpacings?: KnownSpacing[] } = {},
+): Promise<Volume> {
   try {
     const suffix = volumeSuffix(name);
     if (!suffix) throw new FileError(`this is no kind of volume that is read here (${VOLUME_SUFFIXES.join(", ")}).`);
-    const header = await FORMATS[suffix](blob), grid = gridOf(header);
+    const header = await FORMATS[suffix](blob),
+      grid = gridOf(header);
     const { values, dtype } = loaded(await header.read(work), header);
     const { isLabels, notes } = header;
     const volume = { name: name.slice(0, -suffix.length) || name, grid, values, dtype, isLabels, notes };
@@ -91,16 +117,22 @@ function loaded(stored: any, { type, slope, intercept, notes }: Header) {
     for (let k = 0; k < values.length; k++) values[k] = Number(stored[k]) * slope + intercept;
     return { values, dtype: isWide ? "float64" : "float32" };
   }
-  if (!["u4", "i8", "u8"].includes(type)) return { values: (stored as Values), dtype: NAMES[type] };
-  let low = stored[0], high = stored[0];
-  for (const value of stored) { if (value < low) low = value; if (value > high) high = value; }
+  if (!["u4", "i8", "u8"].includes(type)) return { values: stored as Values, dtype: NAMES[type] };
+  let low = stored[0],
+    high = stored[0];
+  for (const value of stored) {
+    if (value < low) low = value;
+    if (value > high) high = value;
+  }
   const fits = low >= -(2 ** 31) && high < 2 ** 31;
   const values = fits ? new Int32Array(stored.length) : new Float64Array(stored.length);
   for (let k = 0; k < values.length; k++) {
     values[k] = Number(stored[k]);
     if (typeof stored[k] === "bigint" && BigInt(values[k]) !== stored[k]) {
-      throw new FileError(`voxels of type ${NAMES[type]} from ${low} to ${high}: neither int32 nor float64 holds all of ` +
-        "them exactly. Subtract an offset or number the labels anew first.");
+      throw new FileError(
+        `voxels of type ${NAMES[type]} from ${low} to ${high}: neither int32 nor float64 holds all of ` +
+          "them exactly. Subtract an offset or number the labels anew first.",
+      );
     }
   }
   const dtype = fits ? "int32" : "float64";
@@ -122,20 +154,29 @@ export async function voxelChecksum({ values, dtype, grid: { shape } }: Volume) 
     all.set(new Uint8Array(values.buffer, values.byteOffset, values.byteLength), about.length);
     const digest = new Uint8Array(await subtle.digest("SHA-256", all));
     return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
-  } catch { // not enough memory for the copy: the document goes without
+  } catch {
+    // not enough memory for the copy: the document goes without
     return null;
   }
 }
 
 async function withTrueSpacing(volume: Volume, known: KnownSpacing[]) {
   const { grid, dtype } = volume;
-  const likely = known.filter((row) => row.dtype === dtype && row.shape.every((n, k) => n === grid.shape[k])
-    && row.header_spacing.every((s, k) => Math.abs(s - grid.spacing[k]) <= 1e-5 * grid.spacing[k]));
+  const likely = known.filter(
+    (row) =>
+      row.dtype === dtype &&
+      row.shape.every((n, k) => n === grid.shape[k]) &&
+      row.header_spacing.every((s, k) => Math.abs(s - grid.spacing[k]) <= 1e-5 * grid.spacing[k]),
+  );
   const sha256 = likely.length ? await voxelChecksum(volume) : null;
   const row = likely.find((one) => one.sha256 === sha256);
   if (!row) return volume;
-  const note = `this is the ${row.title}: its file has a wrong spacing, and ${row.spacing.join(" x ")} was taken, ` +
+  const note =
+    `this is the ${row.title}: its file has a wrong spacing, and ${row.spacing.join(" x ")} was taken, ` +
     `after ${row.reason}`;
-  return { ...volume, grid: { ...checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction), unit: "mm" },
-    notes: [...volume.notes, note] };
+  return {
+    ...volume,
+    grid: { ...checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction), unit: "mm" },
+    notes: [...volume.notes, note],
+  };
 }

@@ -1,17 +1,18 @@
 // The base of small widgets whose value the user edits: their link to Python, theme and messages.
 // To Python: edit (seq, view, phase, value). From Python: done (seq, view), error (view, message).
 
-import type { Model, Vector2 } from "../types.ts";
-
 import { EditLink } from "../sync/edits.ts";
-import { pageElement, setText, SLACK, targetOf, treeOf } from "../ui/dom.ts";
+import type { Model, Vector2 } from "../types.ts";
+import { pageElement, SLACK, setText, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
 
 /** The index of the element to which an event was sent, or -1. */
-export function targetIndex(elements: Element[], event: Event) { return elements.indexOf(targetOf(event)); }
+export function targetIndex(elements: Element[], event: Event) {
+  return elements.indexOf(targetOf(event));
+}
 
 /**
  * The value of an attribute of what lies under the pointer within an element, or null. The place is looked up because
@@ -66,7 +67,11 @@ export class InputView {
     this.on("change:read_only", () => this.invalidate());
     this.on("msg:custom", (message) => this.message(message));
     this.observer.observe(this.root);
-    this.guard(() => { this.adopt(this.model.get("shown")); this.applyTheme(); this.draw(); });
+    this.guard(() => {
+      this.adopt(this.model.get("shown"));
+      this.applyTheme();
+      this.draw();
+    });
   }
 
   on(name: string, handler: (...given: any[]) => void) {
@@ -75,9 +80,16 @@ export class InputView {
     this.handlers.push([name, guarded]);
   }
 
-  listen<K extends keyof HTMLElementEventMap>(target: EventTarget, name: K, handler: (event: HTMLElementEventMap[K]) => void, options: AddEventListenerOptions = {}) {
-    target.addEventListener(name, (event) => this.guard(() => handler((event as HTMLElementEventMap[K]))),
-      { signal: this.closed.signal, ...options });
+  listen<K extends keyof HTMLElementEventMap>(
+    target: EventTarget,
+    name: K,
+    handler: (event: HTMLElementEventMap[K]) => void,
+    options: AddEventListenerOptions = {},
+  ) {
+    target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), {
+      signal: this.closed.signal,
+      ...options,
+    });
   }
 
   close() {
@@ -91,7 +103,9 @@ export class InputView {
 
   /** Run an action; an error in it is shown in the widget, which goes on. */
   guard<T>(action: () => T) {
-    try { return action(); } catch (error) {
+    try {
+      return action();
+    } catch (error) {
       console.error(error);
       this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
@@ -100,7 +114,9 @@ export class InputView {
 
   // ---- the model ----------------------------------------------------------------------------------------------------
 
-  get isReadOnly() { return Boolean(this.model.get("read_only")); }
+  get isReadOnly() {
+    return Boolean(this.model.get("read_only"));
+  }
 
   receive() {
     const shown = this.model.get("shown");
@@ -118,7 +134,9 @@ export class InputView {
     if (message?.type === "done") this.link.done(message.seq);
   }
 
-  move(value: object) { if (this.model.get("live")) this.link.move(value); }
+  move(value: object) {
+    if (this.model.get("live")) this.link.move(value);
+  }
 
   end(value: object) {
     this.showMessage("");
@@ -132,10 +150,16 @@ export class InputView {
     this.alert.hidden = text === "";
   }
 
-  announce(text: string) { setText(this.liveRegion, text); }
+  announce(text: string) {
+    setText(this.liveRegion, text);
+  }
 
   invalidate() {
-    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.guard(() => this.draw()); });
+    if (!this.frame)
+      this.frame = requestAnimationFrame(() => {
+        this.frame = 0;
+        this.guard(() => this.draw());
+      });
   }
 
   draw() {}
@@ -159,7 +183,7 @@ export interface DragHandler<T> {
  * returns whether there was one.
  */
 export function listenToDrags<T>(view: InputView, target: Element, handler: DragHandler<T>) {
-  let held: { grabbed: T, pointer: number, from: Vector2, isPress: boolean } | null = null;
+  let held: { grabbed: T; pointer: number; from: Vector2; isPress: boolean } | null = null;
   const drop = (isCancelled: boolean) => {
     if (!held) return;
     const { grabbed, isPress } = held;
@@ -167,9 +191,14 @@ export function listenToDrags<T>(view: InputView, target: Element, handler: Drag
     handler.drop(grabbed, isCancelled, isPress);
   };
   // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
-  view.listen(target, "touchstart", (event) => {
-    if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !view.isReadOnly) event.preventDefault();
-  }, { passive: false });
+  view.listen(
+    target,
+    "touchstart",
+    (event) => {
+      if (targetOf(event).closest(".dnb-cv-node, .dnb-cv-grip") && !view.isReadOnly) event.preventDefault();
+    },
+    { passive: false },
+  );
   view.listen(target, "pointerdown", (event) => {
     if (held || event.button !== 0) return;
     const grabbed = handler.press(event);

@@ -1,10 +1,9 @@
 // Three sliders with two ends each, which cut away what lies outside of a part of a view's box. They set the view's
 // trait `clip` in the front end, so a live view follows without the kernel.
 
-import type { Model } from "../types.ts";
-
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.ts";
+import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
 const CLIP_STEP = 0.01;
@@ -28,15 +27,24 @@ function openedTowards(direction: number[], axes: number[][]): number[][] {
 export class ClipSliders {
   model: Model;
   root: HTMLDivElement;
-  rows: { row: HTMLDivElement; from: HTMLSpanElement; track: HTMLDivElement; ends: HTMLInputElement[]; to: HTMLSpanElement; value: HTMLOutputElement; }[];
+  rows: {
+    row: HTMLDivElement;
+    from: HTMLSpanElement;
+    track: HTMLDivElement;
+    ends: HTMLInputElement[];
+    to: HTMLSpanElement;
+    value: HTMLOutputElement;
+  }[];
   whole: HTMLButtonElement;
   shown: () => void;
 
   /** @param model that of the view */
   constructor(parent: HTMLElement, model: Model) {
     this.model = model;
-    this.root = pageElement("div", "dnb-clip", parent,
-      { role: "group", "aria-label": "Part of the volume that is seen" });
+    this.root = pageElement("div", "dnb-clip", parent, {
+      role: "group",
+      "aria-label": "Part of the volume that is seen",
+    });
     this.rows = [0, 1, 2].map((axis) => this.#row(axis));
     const buttons = pageElement("div", "dnb-clip-buttons", this.root);
     this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
@@ -49,23 +57,39 @@ export class ClipSliders {
     this.show();
   }
 
-  get info(): VolumeInfo { return this.model.get("volume_info") ?? {}; }
+  get info(): VolumeInfo {
+    return this.model.get("volume_info") ?? {};
+  }
 
   /** A copy of the view's clip. */
-  get clip(): number[][] { return clipOf(this.model).map(([low, high]) => [low, high]); }
+  get clip(): number[][] {
+    return clipOf(this.model).map(([low, high]) => [low, high]);
+  }
 
   #row(axis: number) {
     const row = pageElement("div", "dnb-clip-row", this.root);
-    const from = pageElement("span", "dnb-clip-side", row), track = pageElement("div", "dnb-clip-track", row);
+    const from = pageElement("span", "dnb-clip-side", row),
+      track = pageElement("div", "dnb-clip-track", row);
     pageElement("div", "dnb-clip-rail", track);
     const ends = [0, 1].map((end) => {
-      const input = pageElement("input", "dnb-clip-end", track,
-        { type: "range", min: 0, max: 1, step: CLIP_STEP, ...OWN_KEYS });
+      const input = pageElement("input", "dnb-clip-end", track, {
+        type: "range",
+        min: 0,
+        max: 1,
+        step: CLIP_STEP,
+        ...OWN_KEYS,
+      });
       input.addEventListener("input", () => this.#moved(axis, end, Number(input.value)));
       return input;
     });
-    return { row, from, track, ends, to: pageElement("span", "dnb-clip-side", row),
-      value: pageElement("output", "dnb-clip-value", row) };
+    return {
+      row,
+      from,
+      track,
+      ends,
+      to: pageElement("span", "dnb-clip-side", row),
+      value: pageElement("output", "dnb-clip-value", row),
+    };
   }
 
   #button(parent: HTMLElement, text: string, title: string, action: () => void) {
@@ -76,8 +100,10 @@ export class ClipSliders {
   }
 
   #moved(axis: number, end: number, value: number) {
-    const { clip } = this, [low, high] = clip[axis];
-    clip[axis][end] = end ? Math.max(value, Math.min(1, low + THINNEST))
+    const { clip } = this,
+      [low, high] = clip[axis];
+    clip[axis][end] = end
+      ? Math.max(value, Math.min(1, low + THINNEST))
       : Math.min(value, Math.max(0, high - THINNEST));
     this.put(clip);
   }
@@ -92,12 +118,17 @@ export class ClipSliders {
   }
 
   show() {
-    const { clip, info: { axes } } = this;
+    const {
+      clip,
+      info: { axes },
+    } = this;
     this.root.classList.toggle("dnb-clip-idle", !axes);
     this.whole.disabled = !isClipped(clip);
     if (!axes) return;
     this.rows.forEach(({ from, to, track, ends, value }, axis) => {
-      const along = axisOf(axes, axis), sides = [sideOf(scaled(along, -1)), sideOf(along)], [low, high] = clip[axis];
+      const along = axisOf(axes, axis),
+        sides = [sideOf(scaled(along, -1)), sideOf(along)],
+        [low, high] = clip[axis];
       setText(from, sides[0]);
       setText(to, sides[1]);
       track.style.setProperty("--low", String(low));
@@ -106,8 +137,10 @@ export class ClipSliders {
       setText(value, words);
       ends.forEach((input, end) => {
         if (Number(input.value) !== clip[axis][end]) input.value = String(clip[axis][end]);
-        setAttributes(input, { "aria-label": `cut away from the ${sideWords(sides[end])}`,
-          "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent` });
+        setAttributes(input, {
+          "aria-label": `cut away from the ${sideWords(sides[end])}`,
+          "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent`,
+        });
       });
       // Where both ends lie together at the far side, only the lower one can be moved: it must lie above.
       track.classList.toggle("dnb-clip-far", low > 0.5);

@@ -1,9 +1,8 @@
 // The curve editor: f(z) over the depth, drawn by hand or given by a formula.
 
 import type { NodeRules } from "../maths/curves.ts";
-import type { Model } from "../types.ts";
-
 import { shownNumber } from "../maths/curves.ts";
+import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { CurvePlot } from "./curve_plot.ts";
 
@@ -26,18 +25,34 @@ class CurveEditorView extends CurvePlot {
     }
     const label = pageElement("label", "dnb-cv-formula", this.bar);
     pageElement("span", "", label).textContent = "f(z) =";
-    this.input = pageElement("input", "dnb-cv-input", label, { type: "text", maxlength: "200", spellcheck: "false",
-      autocomplete: "off", autocapitalize: "off", "aria-label": "formula of the curve", ...OWN_KEYS });
-    this.smoother = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button",
-      title: "Round the lines between nodes", ...OWN_KEYS });
+    this.input = pageElement("input", "dnb-cv-input", label, {
+      type: "text",
+      maxlength: "200",
+      spellcheck: "false",
+      autocomplete: "off",
+      autocapitalize: "off",
+      "aria-label": "formula of the curve",
+      ...OWN_KEYS,
+    });
+    this.smoother = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, {
+      type: "button",
+      title: "Round the lines between nodes",
+      ...OWN_KEYS,
+    });
     this.smoother.textContent = "Smooth";
     this.bar.append(this.pair);
     this.listen(this.chooser, "change", () => {
-      if (this.chooser.value) this.take(this.chooser.value); else this.invalidate();
+      if (this.chooser.value) this.take(this.chooser.value);
+      else this.invalidate();
     });
     this.listen(this.input, "change", () => this.take(this.input.value));
-    this.listen(this.input, "input", () => { this.isTyping = true; });
-    this.listen(this.input, "blur", () => { if (this.sent === undefined) this.isTyping = false; this.invalidate(); });
+    this.listen(this.input, "input", () => {
+      this.isTyping = true;
+    });
+    this.listen(this.input, "blur", () => {
+      if (this.sent === undefined) this.isTyping = false;
+      this.invalidate();
+    });
     this.listen(this.input, "keydown", (event) => {
       event.stopPropagation();
       if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
@@ -48,7 +63,7 @@ class CurveEditorView extends CurvePlot {
     this.start();
   }
 
-  adopt(shown: { nodes: number[][], samples: number[], smooth: boolean, formula: string | null }) {
+  adopt(shown: { nodes: number[][]; samples: number[]; smooth: boolean; formula: string | null }) {
     this.nodes = shown.nodes;
     this.samples = shown.samples.length ? shown.samples : null;
     this.isSmooth = shown.smooth;
@@ -64,7 +79,10 @@ class CurveEditorView extends CurvePlot {
 
   /** Send a formula. Only Python can read it: until it has answered, the old curve stays. */
   take(formula: string) {
-    if (this.isReadOnly || formula.trim() === "") { this.forget(); return; }
+    if (this.isReadOnly || formula.trim() === "") {
+      this.forget();
+      return;
+    }
     // Enter comes as a key and as a change.
     if ((!this.isTyping && formula === this.named) || formula === this.sent) return;
     this.settle();
@@ -96,23 +114,36 @@ class CurveEditorView extends CurvePlot {
     this.forget();
   }
 
-  value() { return { nodes: this.nodes, smooth: this.isSmooth }; }
+  value() {
+    return { nodes: this.nodes, smooth: this.isSmooth };
+  }
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  rules(): NodeRules { return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 }; }
+  rules(): NodeRules {
+    return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 };
+  }
 
   axes(): number[][] {
     const [low, high] = this.model.get("range");
     const seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
-    return [[0, 1], [Math.min(low, ...seen), Math.max(high, ...seen)]];
+    return [
+      [0, 1],
+      [Math.min(low, ...seen), Math.max(high, ...seen)],
+    ];
   }
 
-  placeTicks(low: number, high: number) { return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high); }
+  placeTicks(low: number, high: number) {
+    return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high);
+  }
 
-  endWords() { return ["0 front", "back 1"]; }
+  endWords() {
+    return ["0 front", "back 1"];
+  }
 
-  words(k: number) { return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`; }
+  words(k: number) {
+    return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`;
+  }
 
   describe() {
     super.describe();
@@ -122,18 +153,24 @@ class CurveEditorView extends CurvePlot {
       this.chooser.value = this.named;
       if (this.chooser.selectedIndex < 0) this.chooser.value = "";
     }
-    setAttributes(input, { placeholder: this.samples ? "values" : `${this.nodes.length} nodes`,
-      "aria-invalid": !this.alert.hidden });
+    setAttributes(input, {
+      placeholder: this.samples ? "values" : `${this.nodes.length} nodes`,
+      "aria-invalid": !this.alert.hidden,
+    });
     input.readOnly = this.chooser.disabled = isReadOnly;
-    setAttributes(this.smoother, { "aria-pressed": this.isSmooth && !this.samples,
-      "aria-disabled": isReadOnly || this.samples !== null });
+    setAttributes(this.smoother, {
+      "aria-pressed": this.isSmooth && !this.samples,
+      "aria-disabled": isReadOnly || this.samples !== null,
+    });
     if (this.samples) setText(this.facts, this.named ? "A formula" : "Values");
-    setText(this.note, isReadOnly ? "shown only"
-      : this.samples ? "drag a node to change it by hand" : "double click adds a node");
+    setText(
+      this.note,
+      isReadOnly ? "shown only" : this.samples ? "drag a node to change it by hand" : "double click adds a node",
+    );
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new CurveEditorView(model, el);
   return () => view.close();
 }

@@ -2,23 +2,35 @@
 // rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
 
 import type { NodeRules } from "../maths/curves.ts";
+import {
+  addedNode,
+  curveOfSamples,
+  curveThrough,
+  movedNode,
+  removedNode,
+  shownNumber,
+  ticksOf,
+} from "../maths/curves.ts";
 import type { Model } from "../types.ts";
-
-import { addedNode, curveOfSamples, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../maths/curves.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
-export const ARROWS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
+export const ARROWS: Record<string, number[]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, 1],
+  ArrowDown: [0, -1],
+};
 
 /** A drag of a node. */
 export interface NodeDrag {
   k: number;
   /** its place in pixels */
   from: number[];
-  before: { nodes: number[][], samples: number[] | null, named: string };
+  before: { nodes: number[][]; samples: number[] | null; named: string };
   /** whether nothing snaps */
   isFree: boolean;
 }
@@ -57,7 +69,10 @@ export class CurvePlot extends InputView {
   margins = PLOT;
   box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
   /** the ends of the axes */
-  view: number[][] = [[0, 1], [0, 1]];
+  view: number[][] = [
+    [0, 1],
+    [0, 1],
+  ];
 
   constructor(model: Model, el: HTMLElement, name: string) {
     super(model, el, name);
@@ -82,7 +97,9 @@ export class CurvePlot extends InputView {
     this.listen(this.svg, "dblclick", (event) => this.doubleClick(event));
     this.listen(this.svg, "contextmenu", (event) => this.contextMenu(event));
     this.listen(this.root, "keydown", (event) => this.key(event));
-    this.listen(this.root, "keyup", (event) => { if (ARROWS[event.key]) this.settle(); });
+    this.listen(this.root, "keyup", (event) => {
+      if (ARROWS[event.key]) this.settle();
+    });
     this.listen(this.svg, "focusout", () => this.settle());
   }
 
@@ -92,8 +109,12 @@ export class CurvePlot extends InputView {
   }
 
   #button(text: string, tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.pair,
-      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const button = pageElement("button", "dnb-cv-button", this.pair, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+    });
     button.textContent = text;
     this.listen(button, "click", action);
     return button;
@@ -102,7 +123,9 @@ export class CurvePlot extends InputView {
   // ---- the axes -----------------------------------------------------------------------------------------------------
 
   /** The rules of edits. */
-  rules(): NodeRules { return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
+  rules(): NodeRules {
+    return { x: [0, 1], y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 };
+  }
 
   /** The ends of the axes when nothing is dragged. */
   axes(): number[][] {
@@ -111,22 +134,36 @@ export class CurvePlot extends InputView {
   }
 
   /** The value that Python gets. */
-  value(): object { return { nodes: this.nodes }; }
+  value(): object {
+    return { nodes: this.nodes };
+  }
 
-  addChosen() { this.addAfter(this.chosen); }
+  addChosen() {
+    this.addAfter(this.chosen);
+  }
 
-  removeChosen() { this.remove(this.chosen); }
+  removeChosen() {
+    this.remove(this.chosen);
+  }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
   toPixel([x, y]: number[]): number[] {
-    const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
-    return [b.left + (x - x0) / (x1 - x0) * b.width, b.top + (1 - height ** this.power) * b.height];
+    const {
+        box: b,
+        view: [[x0, x1], [y0, y1]],
+      } = this,
+      height = Math.max(0, Math.min(1, (y - y0) / (y1 - y0)));
+    return [b.left + ((x - x0) / (x1 - x0)) * b.width, b.top + (1 - height ** this.power) * b.height];
   }
 
   toPlace([px, py]: number[]): number[] {
-    const { box: b, view: [[x0, x1], [y0, y1]] } = this, height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
-    return [x0 + (px - b.left) / b.width * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
+    const {
+        box: b,
+        view: [[x0, x1], [y0, y1]],
+      } = this,
+      height = Math.max(0, Math.min(1, 1 - (py - b.top) / b.height));
+    return [x0 + ((px - b.left) / b.width) * (x1 - x0), y0 + height ** (1 / this.power) * (y1 - y0)];
   }
 
   /**
@@ -148,9 +185,13 @@ export class CurvePlot extends InputView {
   }
 
   /** The node under the pointer. */
-  nodeAt(event: MouseEvent) { return numberUnder(event, this.svg, "data-node"); }
+  nodeAt(event: MouseEvent) {
+    return numberUnder(event, this.svg, "data-node");
+  }
 
-  curve() { return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth); }
+  curve() {
+    return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth);
+  }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -194,8 +235,14 @@ export class CurvePlot extends InputView {
   drop(grabbed: NodeDrag | PlotDrag, isCancelled: boolean, isClick: boolean) {
     if ("pan" in grabbed) return;
     this.isHeld = false;
-    if (isClick) { this.receive(); return; }
-    if (!isCancelled) { this.commit(); return; }
+    if (isClick) {
+      this.receive();
+      return;
+    }
+    if (!isCancelled) {
+      this.commit();
+      return;
+    }
     Object.assign(this, grabbed.before);
     // Whoever followed the movements must get the value at the end; Python's has not changed.
     if (this.model.get("live")) this.commit();
@@ -205,8 +252,12 @@ export class CurvePlot extends InputView {
 
   /** Move a node by an arrow key. */
   nudge(k: number, [dx, dy]: number[], isFar: boolean) {
-    const { step } = this.rules(), times = isFar ? 10 : 1, [[x0, x1]] = this.view, [x, y] = this.nodes[k];
-    const [px, py] = this.toPixel([x, y]), moved = this.toPlace([px, py - dy * times * this.box.height / 100]);
+    const { step } = this.rules(),
+      times = isFar ? 10 : 1,
+      [[x0, x1]] = this.view,
+      [x, y] = this.nodes[k];
+    const [px, py] = this.toPixel([x, y]),
+      moved = this.toPlace([px, py - (dy * times * this.box.height) / 100]);
     const place: number[] = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
@@ -231,7 +282,10 @@ export class CurvePlot extends InputView {
     if (this.isReadOnly) return;
     this.settle();
     const added = addedNode(this.nodes, place, this.rules());
-    if (!added) { this.showMessage("There is no room for another node here."); return; }
+    if (!added) {
+      this.showMessage("There is no room for another node here.");
+      return;
+    }
     const [nodes, chosen] = added;
     this.show(nodes, chosen);
     this.commit();
@@ -252,8 +306,9 @@ export class CurvePlot extends InputView {
     this.settle();
     const nodes = removedNode(this.nodes, k, this.rules());
     if (!nodes) {
-      this.showMessage(this.nodes.length <= 2 ? "A curve needs two nodes."
-        : "The outer nodes stay: the curve runs from end to end.");
+      this.showMessage(
+        this.nodes.length <= 2 ? "A curve needs two nodes." : "The outer nodes stay: the curve runs from end to end.",
+      );
       return;
     }
     const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
@@ -279,7 +334,11 @@ export class CurvePlot extends InputView {
 
   key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
-    if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
+    if (event.key === "Escape" && this.cancelDrag()) {
+      event.preventDefault();
+      event.stopPropagation();
+      return;
+    }
     const k = targetIndex(this.dots, event);
     if (k < 0 || this.isReadOnly) return;
     if (ARROWS[event.key]) this.nudge(k, ARROWS[event.key], event.shiftKey);
@@ -295,9 +354,12 @@ export class CurvePlot extends InputView {
   draw() {
     if (!this.nodes.length) return;
     if (!this.isHeld) this.view = this.axes();
-    const least = this.model.get("height") || 150, width = Math.max(160, this.stage.clientWidth || 360);
-    const { left, right, top, bottom } = this.margins, label = this.model.get("label") || "Curve";
-    const high = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width))), height = high + bottom - PLOT.bottom;
+    const least = this.model.get("height") || 150,
+      width = Math.max(160, this.stage.clientWidth || 360);
+    const { left, right, top, bottom } = this.margins,
+      label = this.model.get("label") || "Curve";
+    const high = Math.round(Math.max(least, Math.min(1.7 * least, 0.3 * width))),
+      height = high + bottom - PLOT.bottom;
     this.box = { left, top, width: width - left - right, height: height - top - bottom };
     setAttributes(this.svg, { viewBox: `0 0 ${width} ${height}`, height, "aria-label": `${label}. ${this.help()}` });
     this.bar.setAttribute("aria-label", label);
@@ -310,21 +372,26 @@ export class CurvePlot extends InputView {
     this.describe();
   }
 
-  help() { return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one."; }
+  help() {
+    return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one.";
+  }
 
   /** Draw what lies behind the curve. */
   drawBack() {}
 
   /** The curve in pixels, from edge to edge. */
   outline() {
-    const [[x0, x1]] = this.view, curve = this.curve(), { nodes } = this;
+    const [[x0, x1]] = this.view,
+      curve = this.curve(),
+      { nodes } = this;
     const at = (x: number) => this.toPixel([x, curve(x)]);
     /** The part of it that is seen. */
     const between = (from: number, to: number) => {
-      const a = Math.max(from, x0), b = Math.min(to, x1);
+      const a = Math.max(from, x0),
+        b = Math.min(to, x1);
       if (!(b > a)) return [];
-      const parts = Math.max(1, Math.ceil((b - a) / (x1 - x0) * this.box.width / 2));
-      const inner = Array.from({ length: parts - 1 }, (_, k) => at(a + (b - a) * (k + 1) / parts));
+      const parts = Math.max(1, Math.ceil((((b - a) / (x1 - x0)) * this.box.width) / 2));
+      const inner = Array.from({ length: parts - 1 }, (_, k) => at(a + ((b - a) * (k + 1)) / parts));
       return [...(a > from ? [at(a)] : []), ...inner, ...(b < to ? [at(b)] : [])];
     };
     if (this.samples) return [at(x0), ...between(x0, x1), at(x1)];
@@ -338,7 +405,9 @@ export class CurvePlot extends InputView {
   }
 
   drawAxes() {
-    const { left, top, width, height } = this.box, [[x0, x1], [y0, y1]] = this.view, layer = this.axesLayer;
+    const { left, top, width, height } = this.box,
+      [[x0, x1], [y0, y1]] = this.view,
+      layer = this.axesLayer;
     layer.replaceChildren();
     svgElement("rect", { class: "dnb-cv-frame", x: left, y: top, width, height }, layer);
     for (const y of this.ticks(y0, y1)) {
@@ -366,13 +435,21 @@ export class CurvePlot extends InputView {
   }
 
   /** The place of a node in words. */
-  words(k: number) { return this.nodes[k].join(", "); }
+  words(k: number) {
+    return this.nodes[k].join(", ");
+  }
 
-  tickText(y: number) { return shownNumber(y, this.view[1][1] - this.view[1][0]); }
+  tickText(y: number) {
+    return shownNumber(y, this.view[1][1] - this.view[1][0]);
+  }
 
-  placeTicks(low: number, high: number): number[] { return ticksOf(low, high, this.box.width / 70); }
+  placeTicks(low: number, high: number): number[] {
+    return ticksOf(low, high, this.box.width / 70);
+  }
 
-  ticks(low: number, high: number): number[] { return ticksOf(low, high, Math.max(2.5, this.box.height / 30)); }
+  ticks(low: number, high: number): number[] {
+    return ticksOf(low, high, Math.max(2.5, this.box.height / 30));
+  }
 
   write(x: number, y: number, text: string, anchor: string) {
     const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
@@ -382,21 +459,34 @@ export class CurvePlot extends InputView {
   drawNodes() {
     while (this.dots.length > this.nodes.length) this.dots.pop()?.remove();
     while (this.dots.length < this.nodes.length) {
-      const dot = svgElement("g", { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS },
-        this.frontLayer);
+      const dot = svgElement(
+        "g",
+        { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS },
+        this.frontLayer,
+      );
       svgElement("circle", { r: TOUCH_RADIUS, class: "dnb-cv-hit" }, dot);
       svgElement("circle", { r: 8.5, class: "dnb-cv-halo" }, dot);
       svgElement("circle", { r: 5, class: "dnb-cv-dot" }, dot);
-      this.listen(dot, "focus", () => { this.chosen = this.dots.indexOf(dot); this.invalidate(); });
+      this.listen(dot, "focus", () => {
+        this.chosen = this.dots.indexOf(dot);
+        this.invalidate();
+      });
       this.dots.push(dot);
     }
     const [, [y0, y1]] = this.view;
     this.chosen = Math.min(this.chosen, this.nodes.length - 1);
     this.nodes.forEach((node, k) => {
       const [x, y] = this.toPixel(node);
-      setAttributes(this.dots[k], { transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`, tabindex: 0,
-        "aria-label": `node ${k + 1} of ${this.nodes.length}`, "aria-valuetext": this.words(k),
-        "aria-valuenow": node[1], "aria-valuemin": y0, "aria-valuemax": y1, "aria-readonly": this.isReadOnly });
+      setAttributes(this.dots[k], {
+        transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`,
+        tabindex: 0,
+        "aria-label": `node ${k + 1} of ${this.nodes.length}`,
+        "aria-valuetext": this.words(k),
+        "aria-valuenow": node[1],
+        "aria-valuemin": y0,
+        "aria-valuemax": y1,
+        "aria-readonly": this.isReadOnly,
+      });
       this.dots[k].classList.toggle("dnb-cv-chosen", k === this.chosen);
     });
   }

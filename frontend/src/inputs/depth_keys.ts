@@ -10,7 +10,7 @@ const MOST_KEYS = 64;
 const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
 /** A drag of a key. */
-export type KeyDrag = { k: number, before: { knots: number[], selected: number } };
+export type KeyDrag = { k: number; before: { knots: number[]; selected: number } };
 
 class DepthKeysView extends InputView {
   bar: HTMLDivElement;
@@ -36,15 +36,18 @@ class DepthKeysView extends InputView {
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", this.bar);
     this.adder = this.#button("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
-    this.remover = this.#button("\u2212", "Remove the selected key (Del, or right click)",
-      () => this.remove(this.selected));
+    this.remover = this.#button("\u2212", "Remove the selected key (Del, or right click)", () =>
+      this.remove(this.selected),
+    );
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
     this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.stage);
     this.back = svgElement("g", { "aria-hidden": "true" }, this.svg);
     this.front = svgElement("g", {}, this.svg);
     this.root.append(this.alert);
     this.cancelDrag = listenToDrags(this, this.svg, this);
-    this.listen(this.svg, "dblclick", (event) => { if (this.keyAt(event) === null) this.add(this.depthOf(event)); });
+    this.listen(this.svg, "dblclick", (event) => {
+      if (this.keyAt(event) === null) this.add(this.depthOf(event));
+    });
     this.listen(this.svg, "contextmenu", (event) => {
       const k = this.keyAt(event);
       if (k === null || this.isReadOnly) return;
@@ -52,7 +55,9 @@ class DepthKeysView extends InputView {
       if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
     });
     this.listen(this.root, "keydown", (event) => this.key(event));
-    this.listen(this.root, "keyup", (event) => { if (STEPS[event.key]) this.settle(); });
+    this.listen(this.root, "keyup", (event) => {
+      if (STEPS[event.key]) this.settle();
+    });
     this.listen(this.svg, "focusout", () => this.settle());
     this.start();
   }
@@ -63,32 +68,45 @@ class DepthKeysView extends InputView {
   }
 
   #button(text: string, tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.bar,
-      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const button = pageElement("button", "dnb-cv-button", this.bar, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+    });
     button.textContent = text;
     this.listen(button, "click", action);
     return button;
   }
 
-  adopt({ knots, selected }: { knots: number[], selected: number }) {
+  adopt({ knots, selected }: { knots: number[]; selected: number }) {
     this.knots = knots;
     this.selected = Math.min(selected, knots.length - 1);
   }
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  toPixel(depth: number) { return BAR.left + depth * this.span; }
+  toPixel(depth: number) {
+    return BAR.left + depth * this.span;
+  }
 
-  depthOf(event: MouseEvent) { return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span; }
+  depthOf(event: MouseEvent) {
+    return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span;
+  }
 
   /** The key under the pointer. */
-  keyAt(event: MouseEvent) { return numberUnder(event, this.svg, "data-key"); }
+  keyAt(event: MouseEvent) {
+    return numberUnder(event, this.svg, "data-key");
+  }
 
-  get apart(): number { return this.model.get("least_apart"); }
+  get apart(): number {
+    return this.model.get("least_apart");
+  }
 
   /** These keys with the k-th one at another depth, as far as its neighbours let it. */
   moved(knots: number[], k: number, depth: number) {
-    const low = k > 0 ? knots[k - 1] + this.apart : 0, high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
+    const low = k > 0 ? knots[k - 1] + this.apart : 0,
+      high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
     if (low > high) return knots;
     const rounded = Math.round(depth * 200) / 200;
     return knots.map((knot, j) => (j === k ? Number(Math.max(low, Math.min(high, rounded)).toFixed(6)) : knot));
@@ -97,7 +115,9 @@ class DepthKeysView extends InputView {
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /** The value that Python gets. */
-  value(kind: string, index: number) { return { kind, index, knots: this.knots, selected: this.selected }; }
+  value(kind: string, index: number) {
+    return { kind, index, knots: this.knots, selected: this.selected };
+  }
 
   commit(kind: string, index: number) {
     this.isHeld = false;
@@ -126,8 +146,14 @@ class DepthKeysView extends InputView {
 
   drop({ k, before }: KeyDrag, isCancelled: boolean, isClick: boolean) {
     if (isCancelled) Object.assign(this, before);
-    if (!isClick && (!isCancelled || this.model.get("live"))) { this.commit("move", k); return; }
-    if (!isCancelled && k !== before.selected) { this.commit("select", k); return; }
+    if (!isClick && (!isCancelled || this.model.get("live"))) {
+      this.commit("move", k);
+      return;
+    }
+    if (!isCancelled && k !== before.selected) {
+      this.commit("select", k);
+      return;
+    }
     this.isHeld = false;
     this.receive();
     this.invalidate();
@@ -172,7 +198,9 @@ class DepthKeysView extends InputView {
 
   /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
   addBeside() {
-    const { knots, selected: k } = this, at = knots[k], before = k > 0 ? knots[k - 1] : null;
+    const { knots, selected: k } = this,
+      at = knots[k],
+      before = k > 0 ? knots[k - 1] : null;
     const after = knots[k + 1] ?? null;
     const left = before === null ? [0, at] : [(before + at) / 2, (at - before) / 2];
     const right = after === null ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
@@ -182,7 +210,10 @@ class DepthKeysView extends InputView {
   remove(k: number) {
     if (this.isReadOnly) return;
     this.settle();
-    if (this.knots.length === 1) { this.showMessage("One key stays: the picture that is edited."); return; }
+    if (this.knots.length === 1) {
+      this.showMessage("One key stays: the picture that is edited.");
+      return;
+    }
     const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
     this.knots = this.knots.filter((_, j) => j !== k);
     this.selected = Math.min(this.selected > k ? this.selected - 1 : this.selected, this.knots.length - 1);
@@ -198,27 +229,38 @@ class DepthKeysView extends InputView {
 
   key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
-    if (event.key === "Escape" && this.cancelDrag()) { event.preventDefault(); event.stopPropagation(); return; }
+    if (event.key === "Escape" && this.cancelDrag()) {
+      event.preventDefault();
+      event.stopPropagation();
+      return;
+    }
     const k = targetIndex(this.marks, event);
     if (k < 0 || this.isReadOnly) return;
     if (STEPS[event.key]) this.nudge(k, STEPS[event.key] * (event.shiftKey ? 0.1 : 0.01));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addBeside();
-    else if (event.key === "Enter" || event.key === " ") { this.settle(); this.select(k); }
-    else return;
+    else if (event.key === "Enter" || event.key === " ") {
+      this.settle();
+      this.select(k);
+    } else return;
     event.preventDefault();
     event.stopPropagation();
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  words(k: number) { return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`; }
+  words(k: number) {
+    return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`;
+  }
 
   draw() {
-    const width = Math.max(160, this.stage.clientWidth || 360), label = this.model.get("label") || "Keys";
+    const width = Math.max(160, this.stage.clientWidth || 360),
+      label = this.model.get("label") || "Keys";
     this.span = width - BAR.left - BAR.right;
-    setAttributes(this.svg, { viewBox: `0 0 ${width} ${BAR.height}`, "aria-label":
-      `${label}. Tab goes through the keys, Enter selects, arrows move, A adds, Delete removes.` });
+    setAttributes(this.svg, {
+      viewBox: `0 0 ${width} ${BAR.height}`,
+      "aria-label": `${label}. Tab goes through the keys, Enter selects, arrows move, A adds, Delete removes.`,
+    });
     this.root.classList.toggle("dnb-cv-read-only", this.isReadOnly);
     this.#drawBack();
     this.#drawMarks();
@@ -232,11 +274,14 @@ class DepthKeysView extends InputView {
   /** Draw the bar, and over it how much of each key there is at every depth. */
   #drawBack() {
     this.back.replaceChildren();
-    const { knots } = this, low = BAR.line - 14, top = low - BAR.hat;
+    const { knots } = this,
+      low = BAR.line - 14,
+      top = low - BAR.hat;
     knots.forEach((knot, k) => {
-      const x = this.toPixel(knot), name = `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`;
-      const left = k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}`
-        : `M${this.toPixel(0)} ${low}V${top}H${x}`;
+      const x = this.toPixel(knot),
+        name = `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`;
+      const left =
+        k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}` : `M${this.toPixel(0)} ${low}V${top}H${x}`;
       const right = k < knots.length - 1 ? `L${this.toPixel(knots[k + 1])} ${low}Z` : `H${this.toPixel(1)}V${low}Z`;
       svgElement("path", { class: name, d: left + right }, this.back);
     });
@@ -257,8 +302,19 @@ class DepthKeysView extends InputView {
   #drawMarks() {
     while (this.marks.length > this.knots.length) this.marks.pop()?.remove();
     while (this.marks.length < this.knots.length) {
-      const mark = svgElement("g", { class: "dnb-cv-node", "data-key": this.marks.length, role: "slider", tabindex: 0,
-        "aria-valuemin": 0, "aria-valuemax": 1, ...OWN_KEYS }, this.front);
+      const mark = svgElement(
+        "g",
+        {
+          class: "dnb-cv-node",
+          "data-key": this.marks.length,
+          role: "slider",
+          tabindex: 0,
+          "aria-valuemin": 0,
+          "aria-valuemax": 1,
+          ...OWN_KEYS,
+        },
+        this.front,
+      );
       svgElement("circle", { r: 13, class: "dnb-cv-hit" }, mark);
       svgElement("circle", { r: 12, class: "dnb-cv-halo" }, mark);
       svgElement("circle", { r: 8.5, class: "dnb-cv-dot" }, mark);
@@ -268,15 +324,19 @@ class DepthKeysView extends InputView {
     }
     this.knots.forEach((knot, k) => {
       const isSelected = k === this.selected;
-      setAttributes(this.marks[k], { transform: `translate(${this.toPixel(knot).toFixed(2)} ${BAR.line})`,
-        "aria-label": `key ${k + 1} of ${this.knots.length}${isSelected ? ", selected" : ""}`, "aria-valuenow": knot,
-        "aria-valuetext": `depth ${Number(knot.toFixed(3))}`, "aria-readonly": this.isReadOnly });
+      setAttributes(this.marks[k], {
+        transform: `translate(${this.toPixel(knot).toFixed(2)} ${BAR.line})`,
+        "aria-label": `key ${k + 1} of ${this.knots.length}${isSelected ? ", selected" : ""}`,
+        "aria-valuenow": knot,
+        "aria-valuetext": `depth ${Number(knot.toFixed(3))}`,
+        "aria-readonly": this.isReadOnly,
+      });
       this.marks[k].classList.toggle("dnb-cv-chosen", isSelected);
     });
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new DepthKeysView(model, el);
   return () => view.close();
 }

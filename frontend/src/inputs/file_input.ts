@@ -1,9 +1,8 @@
 // A button that uploads files, and a drop on the studio around it: one file after the other, in pieces that Python
 // requests. Messages to Python: begin, piece, cancel. Messages from Python: next, reading, done.
 
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-
 import type { Model } from "../types.ts";
+import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
 
@@ -29,7 +28,7 @@ class FileInputView {
   waiting: File[] = [];
 
   /** The upload under way. */
-  current: { id: string, file: File } | null = null;
+  current: { id: string; file: File } | null = null;
 
   depth = 0; // of the elements that a dragged file has entered
 
@@ -41,10 +40,16 @@ class FileInputView {
     this.model = model;
     this.host = el;
     this.root = pageElement("div", "dnb-file-input", el);
-    this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-fi-button", this.root,
-      { type: "button" });
-    this.chooser = pageElement("input", "dnb-fi-chooser", this.root, { type: "file", hidden: "", multiple: "",
-      tabindex: "-1", "aria-hidden": "true" });
+    this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-fi-button", this.root, {
+      type: "button",
+    });
+    this.chooser = pageElement("input", "dnb-fi-chooser", this.root, {
+      type: "file",
+      hidden: "",
+      multiple: "",
+      tabindex: "-1",
+      "aria-hidden": "true",
+    });
     this.state = pageElement("div", "dnb-fi-state", this.root, { hidden: "" });
     this.words = pageElement("span", "dnb-fi-words", this.state, { role: "status" });
     this.bar = pageElement("progress", "dnb-fi-bar", this.state, { max: 1, "aria-label": "share that is done" });
@@ -54,10 +59,14 @@ class FileInputView {
     const { signal } = this.closing;
     this.button.addEventListener("click", () => this.chooser.click(), { signal });
     this.stop.addEventListener("click", () => this.cancel(), { signal });
-    this.chooser.addEventListener("change", () => {
-      this.add([...(this.chooser.files ?? [])]);
-      this.chooser.value = ""; // the same file can be chosen again
-    }, { signal });
+    this.chooser.addEventListener(
+      "change",
+      () => {
+        this.add([...(this.chooser.files ?? [])]);
+        this.chooser.value = ""; // the same file can be chosen again
+      },
+      { signal },
+    );
     if (model.get("drops")) this.#takeDrops(signal);
     this.receive = (content: any) => this.#receive(content);
     this.draw = () => this.#draw();
@@ -87,24 +96,49 @@ class FileInputView {
   /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. */
   #takeDrops(signal: AbortSignal) {
     const options = { signal, capture: true };
-    const isOurs = (event: DragEvent) => hasFiles(event) && event.target instanceof Node
-      && Boolean(this.host.closest(".dnb-studio")?.contains(event.target));
-    const enter = (depth: number) => { this.depth = depth; this.veil.hidden = depth <= 0; };
-    window.addEventListener("dragenter", (event) => { if (isOurs(event)) enter(this.depth + 1); }, options);
-    window.addEventListener("dragleave", (event) => { if (isOurs(event)) enter(this.depth - 1); }, options);
-    window.addEventListener("dragover", (event) => {
-      if (!isOurs(event)) return;
-      event.preventDefault();
-      event.stopPropagation();
-      if (event.dataTransfer) event.dataTransfer.dropEffect = "copy";
-    }, options);
-    window.addEventListener("drop", (event) => {
-      enter(0);
-      if (!isOurs(event)) return;
-      event.preventDefault();
-      event.stopPropagation();
-      this.add([...(event.dataTransfer?.files ?? [])]);
-    }, options);
+    const isOurs = (event: DragEvent) =>
+      hasFiles(event) &&
+      event.target instanceof Node &&
+      Boolean(this.host.closest(".dnb-studio")?.contains(event.target));
+    const enter = (depth: number) => {
+      this.depth = depth;
+      this.veil.hidden = depth <= 0;
+    };
+    window.addEventListener(
+      "dragenter",
+      (event) => {
+        if (isOurs(event)) enter(this.depth + 1);
+      },
+      options,
+    );
+    window.addEventListener(
+      "dragleave",
+      (event) => {
+        if (isOurs(event)) enter(this.depth - 1);
+      },
+      options,
+    );
+    window.addEventListener(
+      "dragover",
+      (event) => {
+        if (!isOurs(event)) return;
+        event.preventDefault();
+        event.stopPropagation();
+        if (event.dataTransfer) event.dataTransfer.dropEffect = "copy";
+      },
+      options,
+    );
+    window.addEventListener(
+      "drop",
+      (event) => {
+        enter(0);
+        if (!isOurs(event)) return;
+        event.preventDefault();
+        event.stopPropagation();
+        this.add([...(event.dataTransfer?.files ?? [])]);
+      },
+      options,
+    );
   }
 
   // ---- uploads ------------------------------------------------------------------------------------------------------
@@ -116,7 +150,10 @@ class FileInputView {
 
   #begin() {
     const file = this.waiting.shift();
-    if (!file) { this.current = null; return; }
+    if (!file) {
+      this.current = null;
+      return;
+    }
     this.current = { id: crypto.getRandomValues(new Uint32Array(4)).join("-"), file };
     this.#show(`Uploading ${file.name} (${size(file.size)})`, 0);
     this.model.send({ type: "begin", id: this.current.id, name: file.name, size: file.size });
@@ -127,7 +164,19 @@ class FileInputView {
     if (this.current) this.model.send({ type: "cancel", id: this.current.id });
   }
 
-  async #receive({ type, id, offset, length, share }: { type: string, id: string, offset: number, length: number, share: number }) {
+  async #receive({
+    type,
+    id,
+    offset,
+    length,
+    share,
+  }: {
+    type: string;
+    id: string;
+    offset: number;
+    length: number;
+    share: number;
+  }) {
     const { current } = this;
     if (current?.id !== id) return; // of another page
     const { file } = current;
@@ -136,7 +185,8 @@ class FileInputView {
       try {
         const piece = await file.slice(offset, offset + length).arrayBuffer();
         this.model.send({ type: "piece", id, offset }, undefined, [piece]);
-      } catch { // a folder, or a file that has been changed since it was chosen
+      } catch {
+        // a folder, or a file that has been changed since it was chosen
         this.model.send({ type: "cancel", id });
         this.#end(`${file.name} cannot be read by the browser; choose a file that is no folder.`);
       }
@@ -150,7 +200,9 @@ class FileInputView {
     this.bar.hidden = this.stop.hidden = true;
     setText(this.words, message);
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => { if (!this.current) this.state.hidden = true; }, MESSAGE_TIME);
+    this.timer = setTimeout(() => {
+      if (!this.current) this.state.hidden = true;
+    }, MESSAGE_TIME);
     this.#begin();
   }
 
@@ -162,7 +214,7 @@ class FileInputView {
 }
 
 export default {
-  render({ model, el }: { model: Model, el: HTMLElement }) {
+  render({ model, el }: { model: Model; el: HTMLElement }) {
     const view = new FileInputView(model, el);
     return () => view.close();
   },

@@ -1,17 +1,21 @@
 // A grid on a drawing: its nodes are dragged to the parts of the body they belong to. Nodes that nobody has placed follow
 // the thin-plate spline through those that were, and the corners, over the regular grid.
 
-import type { Model, Point } from "../types.ts";
-
 import { newPoint } from "../maths/points.ts";
 import { rbfAt, rbfFit } from "../maths/rbf.ts";
+import type { Model, Point } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { InputView, listenToDrags, targetIndex } from "./base.ts";
 
-export type NodeDrag = { index: number, before: Grid };
-export type Grid = { nodes: number[][][], placed: number[] };
+export type NodeDrag = { index: number; before: Grid };
+export type Grid = { nodes: number[][][]; placed: number[] };
 
-const ARROWS: Record<string, [number, number]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const ARROWS: Record<string, [number, number]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 const STEP = 1 / 200; // of the picture's longer side, for an arrow key; Shift makes it five times as large
 const EDGE = 0.03; // around the picture, as a share of its longer side: nodes on its border are whole
 const MOST_UNDO = 100;
@@ -35,14 +39,19 @@ class GridDrawingView extends InputView {
 
   constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-grid-drawing");
-    this.svg = svgElement("svg", { class: "dnb-gd-svg", role: "group", preserveAspectRatio: "xMidYMid meet" }, this.root);
+    this.svg = svgElement(
+      "svg",
+      { class: "dnb-gd-svg", role: "group", preserveAspectRatio: "xMidYMid meet" },
+      this.root,
+    );
     this.image = svgElement("image", { preserveAspectRatio: "none", "aria-hidden": "true" }, this.svg);
     this.lines = svgElement("path", { class: "dnb-gd-line", "aria-hidden": "true" }, this.svg);
     this.nodes = svgElement("g", {}, this.svg);
     const bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.undo = this.#button(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.takeBack());
-    this.spread = this.#button(bar, "Spread evenly", "Let all nodes but the corners follow the corners again",
-      () => this.spreadEvenly());
+    this.spread = this.#button(bar, "Spread evenly", "Let all nodes but the corners follow the corners again", () =>
+      this.spreadEvenly(),
+    );
     this.note = pageElement("span", "dnb-gd-note", bar);
     this.root.append(this.alert);
     this.cancelDrag = listenToDrags(this, this.svg, this);
@@ -76,18 +85,26 @@ class GridDrawingView extends InputView {
     this.grid = { nodes, placed };
   }
 
-  get rows() { return this.grid.nodes.length; }
+  get rows() {
+    return this.grid.nodes.length;
+  }
 
-  get columns() { return this.grid.nodes[0]?.length ?? 0; }
+  get columns() {
+    return this.grid.nodes[0]?.length ?? 0;
+  }
 
-  get corners() { return [0, this.columns - 1, (this.rows - 1) * this.columns, this.rows * this.columns - 1]; }
+  get corners() {
+    return [0, this.columns - 1, (this.rows - 1) * this.columns, this.rows * this.columns - 1];
+  }
 
   /** CSS pixels to a unit of the picture. */
   get scale() {
     return this.svg.getScreenCTM()?.a || 1;
   }
 
-  placeOf(grid: Grid, index: number) { return grid.nodes[Math.floor(index / this.columns)][index % this.columns]; }
+  placeOf(grid: Grid, index: number) {
+    return grid.nodes[Math.floor(index / this.columns)][index % this.columns];
+  }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -105,14 +122,20 @@ class GridDrawingView extends InputView {
    * @param place of the node of that index, if it has moved
    */
   spline(before: Grid, placed: number[], index: number = -1, place: number[] | null = null) {
-    const { rows, columns } = this, knots = [...new Set([...this.corners, ...placed])];
-    const regular = (k: number) => [k % columns / (columns - 1), Math.floor(k / columns) / (rows - 1)];
-    const points: Point[] = knots.map((k, n) => newPoint(n, k === index && place ? place : this.placeOf(before, k), regular(k)));
+    const { rows, columns } = this,
+      knots = [...new Set([...this.corners, ...placed])];
+    const regular = (k: number) => [(k % columns) / (columns - 1), Math.floor(k / columns) / (rows - 1)];
+    const points: Point[] = knots.map((k, n) =>
+      newPoint(n, k === index && place ? place : this.placeOf(before, k), regular(k)),
+    );
     const fit = rbfFit(points, { kernel: "thin_plate", trend: "affine", support: 1 });
-    return before.nodes.map((row, i) => row.map((_, j) => {
-      const [u, v] = [j / (columns - 1), i / (rows - 1)], [da, db] = rbfAt(fit, u, v);
-      return [u + da, v + db];
-    }));
+    return before.nodes.map((row, i) =>
+      row.map((_, j) => {
+        const [u, v] = [j / (columns - 1), i / (rows - 1)],
+          [da, db] = rbfAt(fit, u, v);
+        return [u + da, v + db];
+      }),
+    );
   }
 
   edit(grid: Grid, before: Grid) {
@@ -143,7 +166,7 @@ class GridDrawingView extends InputView {
   press(event: PointerEvent): NodeDrag | null {
     if (this.isReadOnly) return null;
     const at = event.target instanceof Element ? event.target.closest(".dnb-cv-node") : null;
-    const index = at ? this.marks.indexOf((at as SVGGElement)) : -1;
+    const index = at ? this.marks.indexOf(at as SVGGElement) : -1;
     if (index < 0) return null;
     this.isHeld = true;
     this.current = index;
@@ -152,7 +175,8 @@ class GridDrawingView extends InputView {
   }
 
   drag({ index, before }: NodeDrag, [dx, dy]: [number, number]) {
-    const [a, b] = this.placeOf(before, index), { scale } = this;
+    const [a, b] = this.placeOf(before, index),
+      { scale } = this;
     this.grid = this.moved(before, index, this.inside([a + dx / scale, b + dy / scale]));
     this.move(this.grid);
     this.invalidate();
@@ -160,7 +184,8 @@ class GridDrawingView extends InputView {
 
   drop({ index, before }: NodeDrag, isCancelled: boolean, isClick: boolean) {
     this.isHeld = false;
-    if (isCancelled || isClick) this.grid = before; else this.edit(this.grid, before);
+    if (isCancelled || isClick) this.grid = before;
+    else this.edit(this.grid, before);
     if (!isCancelled && !isClick) this.announce(this.words(index));
     this.invalidate();
   }
@@ -172,8 +197,9 @@ class GridDrawingView extends InputView {
 
   key(event: KeyboardEvent) {
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.takeBack();
-    else if (event.key === "Escape") { if (!this.cancelDrag()) return; }
-    else if (ARROWS[event.key] && !event.ctrlKey && !event.metaKey) this.nudge(event);
+    else if (event.key === "Escape") {
+      if (!this.cancelDrag()) return;
+    } else if (ARROWS[event.key] && !event.ctrlKey && !event.metaKey) this.nudge(event);
     else return;
     event.preventDefault();
     event.stopPropagation();
@@ -181,10 +207,12 @@ class GridDrawingView extends InputView {
 
   /** With Alt an arrow goes to the next node, else it moves the one that has the focus. */
   nudge(event: KeyboardEvent) {
-    const index = targetIndex(this.marks, event), [di, dj] = ARROWS[event.key];
+    const index = targetIndex(this.marks, event),
+      [di, dj] = ARROWS[event.key];
     if (index < 0) return;
     if (event.altKey) {
-      const i = index % this.columns + di, j = Math.floor(index / this.columns) + dj;
+      const i = (index % this.columns) + di,
+        j = Math.floor(index / this.columns) + dj;
       if (i < 0 || j < 0 || i >= this.columns || j >= this.rows) return;
       this.current = i + j * this.columns;
       this.invalidate();
@@ -192,7 +220,8 @@ class GridDrawingView extends InputView {
       return;
     }
     if (this.isReadOnly) return;
-    const [a0, a1, b0, b1] = this.model.get("box"), [a, b] = this.placeOf(this.grid, index);
+    const [a0, a1, b0, b1] = this.model.get("box"),
+      [a, b] = this.placeOf(this.grid, index);
     const step = (event.shiftKey ? 5 : 1) * STEP * Math.max(a1 - a0, b1 - b0);
     this.edit(this.moved(this.grid, index, this.inside([a + di * step, b + dj * step])), this.grid);
     this.announce(this.words(index));
@@ -206,22 +235,34 @@ class GridDrawingView extends InputView {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   draw() {
-    const [a0, a1, b0, b1] = this.model.get("box"), { nodes, placed } = this.grid;
-    const edge = EDGE * Math.max(a1 - a0, b1 - b0), sides = [a0 - edge, b0 - edge, a1 - a0 + 2 * edge, b1 - b0 + 2 * edge];
+    const [a0, a1, b0, b1] = this.model.get("box"),
+      { nodes, placed } = this.grid;
+    const edge = EDGE * Math.max(a1 - a0, b1 - b0),
+      sides = [a0 - edge, b0 - edge, a1 - a0 + 2 * edge, b1 - b0 + 2 * edge];
     setAttributes(this.svg, { viewBox: sides.join(" "), "aria-label": this.model.get("label") });
     this.svg.style.maxHeight = `${this.model.get("height")}px`;
     setAttributes(this.image, { x: a0, y: b0, width: a1 - a0, height: b1 - b0 });
     const columns = nodes[0].map((_, j) => nodes.map((row) => row[j]));
-    setAttributes(this.lines, { d: [...nodes, ...columns]
-      .map((line) => `M${line.map(([a, b]) => `${a.toFixed(2)} ${b.toFixed(2)}`).join("L")}`).join("") });
-    const { corners } = this, radius = 1 / this.scale, count = this.rows * this.columns;
+    setAttributes(this.lines, {
+      d: [...nodes, ...columns]
+        .map((line) => `M${line.map(([a, b]) => `${a.toFixed(2)} ${b.toFixed(2)}`).join("L")}`)
+        .join(""),
+    });
+    const { corners } = this,
+      radius = 1 / this.scale,
+      count = this.rows * this.columns;
     for (const mark of this.marks.splice(count)) mark.remove();
     this.current = Math.min(this.current, count - 1);
     for (let k = 0; k < count; k++) {
-      const mark = this.marks[k] ?? this.#make(k), [a, b] = this.placeOf(this.grid, k);
+      const mark = this.marks[k] ?? this.#make(k),
+        [a, b] = this.placeOf(this.grid, k);
       const kind = corners.includes(k) ? " dnb-gd-corner" : placed.includes(k) ? " dnb-gd-placed" : "";
-      setAttributes(mark, { transform: `translate(${a} ${b}) scale(${radius})`, class: `dnb-cv-node${kind}`,
-        tabindex: k === this.current ? "0" : "-1", "aria-label": this.words(k) });
+      setAttributes(mark, {
+        transform: `translate(${a} ${b}) scale(${radius})`,
+        class: `dnb-cv-node${kind}`,
+        tabindex: k === this.current ? "0" : "-1",
+        "aria-label": this.words(k),
+      });
     }
     this.undo.disabled = this.isReadOnly || this.undone.length === 0;
     this.spread.disabled = this.isReadOnly || placed.every((k) => corners.includes(k));
@@ -238,7 +279,7 @@ class GridDrawingView extends InputView {
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new GridDrawingView(model, el);
   return () => view.close();
 }

@@ -34,7 +34,11 @@ const LONGEST_NAME = 100;
 /** A time in the zone of the front end, which may be another than Python's, as the language around it writes it. */
 function timeOfDay(seconds: number, place: Element) {
   const language = place.closest("[lang]")?.getAttribute("lang") || [];
-  return new Date(1000 * seconds).toLocaleTimeString(language, { hour: "2-digit", minute: "2-digit", second: "2-digit" });
+  return new Date(1000 * seconds).toLocaleTimeString(language, {
+    hour: "2-digit",
+    minute: "2-digit",
+    second: "2-digit",
+  });
 }
 
 class ItemListView {
@@ -85,11 +89,17 @@ class ItemListView {
     this.root.remove();
   }
 
-  get rows(): Row[] { return this.model.get("rows") || []; }
+  get rows(): Row[] {
+    return this.model.get("rows") || [];
+  }
 
-  get hasSwitches() { return this.model.get("switches") !== false; }
+  get hasSwitches() {
+    return this.model.get("switches") !== false;
+  }
 
-  get commands(): string[] { return this.model.get("commands") || []; }
+  get commands(): string[] {
+    return this.model.get("commands") || [];
+  }
 
   /** @param what the command */
   act(what: string, index: number, value: string | boolean | null = null) {
@@ -111,7 +121,9 @@ class ItemListView {
 
   #draw() {
     if (this.isNaming) return; // what is being written shall not go; drawn when it is done
-    const held = this.#focused(), { rows } = this, chosen = this.model.get("chosen");
+    const held = this.#focused(),
+      { rows } = this,
+      chosen = this.model.get("chosen");
     this.current = Math.max(0, Math.min(this.current, rows.length - 1));
     this.table.setAttribute("aria-label", this.model.get("label") || "List");
     this.table.classList.toggle("dnb-il-commanded", this.commands.length > 0);
@@ -133,7 +145,9 @@ class ItemListView {
   #show() {
     const line = this.body.rows[this.chosen];
     if (!line) return;
-    const head = this.head.offsetHeight, top = line.offsetTop - head, end = line.offsetTop + line.offsetHeight;
+    const head = this.head.offsetHeight,
+      top = line.offsetTop - head,
+      end = line.offsetTop + line.offsetHeight;
     if (top < this.root.scrollTop) this.root.scrollTop = top;
     else if (end > this.root.scrollTop + this.root.clientHeight) this.root.scrollTop = end - this.root.clientHeight;
   }
@@ -149,7 +163,8 @@ class ItemListView {
   }
 
   #row(row: Row, k: number, isChosen: boolean) {
-    const line = document.createElement("tr"), name = row.name || row.title || "";
+    const line = document.createElement("tr"),
+      name = row.name || row.title || "";
     line.className = `dnb-il-row${isChosen ? " dnb-il-chosen" : ""}${row.on ? "" : " dnb-il-off"}`;
     line.addEventListener("click", (event) => {
       if (!targetOf(event).closest("button, input")) this.act("choose", k);
@@ -164,9 +179,14 @@ class ItemListView {
     for (let depth = 0; depth < (row.indent || 0); depth += 1) {
       pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     }
-    const choose = pageElement("button", "dnb-il-choose", cell, { type: "button", "data-part": "choose",
-      title: row.tip || name, "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].filter(Boolean).join(", ")}`,
-      ...(isChosen ? { "aria-current": "true" } : {}), ...OWN_KEYS });
+    const choose = pageElement("button", "dnb-il-choose", cell, {
+      type: "button",
+      "data-part": "choose",
+      title: row.tip || name,
+      "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].filter(Boolean).join(", ")}`,
+      ...(isChosen ? { "aria-current": "true" } : {}),
+      ...OWN_KEYS,
+    });
     choose.textContent = name;
     choose.addEventListener("click", () => this.act("choose", k));
     choose.addEventListener("dblclick", () => this.#rename(k));
@@ -181,10 +201,18 @@ class ItemListView {
   }
 
   #switch(line: HTMLElement, row: Row, k: number, name: string) {
-    const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), { type: "checkbox",
-      "data-part": "switch", title: "Switch on or off", "aria-label": `${name} is on`, ...OWN_KEYS });
+    const on = pageElement("input", "dnb-il-switch", pageElement("td", "dnb-il-on", line), {
+      type: "checkbox",
+      "data-part": "switch",
+      title: "Switch on or off",
+      "aria-label": `${name} is on`,
+      ...OWN_KEYS,
+    });
     on.checked = row.on;
-    on.addEventListener("change", () => { this.act("switch", k, on.checked); on.checked = row.on; });
+    on.addEventListener("change", () => {
+      this.act("switch", k, on.checked);
+      on.checked = row.on;
+    });
   }
 
   #buttons(cell: HTMLElement, k: number, name: string) {
@@ -192,19 +220,28 @@ class ItemListView {
     for (const command of this.commands) {
       const [tip, path] = ROW_BUTTONS[command];
       const isOff = (command === "up" && k === 0) || (command === "down" && k === last);
-      const button = pageElement("button", "dnb-il-button", cell, { type: "button", title: tip, "data-part": command,
-        "aria-label": `${tip.split(" (")[0]} ${name}`, "aria-disabled": isOff, ...OWN_KEYS });
+      const button = pageElement("button", "dnb-il-button", cell, {
+        type: "button",
+        title: tip,
+        "data-part": command,
+        "aria-label": `${tip.split(" (")[0]} ${name}`,
+        "aria-disabled": isOff,
+        ...OWN_KEYS,
+      });
       svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
       button.addEventListener("click", () => (command === "rename" ? this.#rename(k) : this.act(command, k)));
     }
   }
 
-  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
+  #repaint() {
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
+  }
 
   // ---- keys and names -----------------------------------------------------------------------------------------------
 
   #key(event: KeyboardEvent) {
-    const target = targetOf(event), line = target.closest("tr");
+    const target = targetOf(event),
+      line = target.closest("tr");
     if (!line || this.isNaming) return;
     const k = [...this.body.rows].indexOf(line);
     const step = event.key === "ArrowUp" ? -1 : event.key === "ArrowDown" ? 1 : 0;
@@ -219,9 +256,16 @@ class ItemListView {
 
   #rename(k: number) {
     if (!this.commands.includes("rename") || this.isNaming || !this.rows[k]) return;
-    const cell = this.body.rows[k].querySelector(".dnb-il-name"), before = this.rows[k].name || "";
-    const input = pageElement("input", "dnb-il-input", null, { type: "text", maxlength: LONGEST_NAME,
-      spellcheck: "false", "aria-label": "Name", placeholder: this.rows[k].title || "", ...OWN_KEYS });
+    const cell = this.body.rows[k].querySelector(".dnb-il-name"),
+      before = this.rows[k].name || "";
+    const input = pageElement("input", "dnb-il-input", null, {
+      type: "text",
+      maxlength: LONGEST_NAME,
+      spellcheck: "false",
+      "aria-label": "Name",
+      placeholder: this.rows[k].title || "",
+      ...OWN_KEYS,
+    });
     input.value = before;
     this.isNaming = true;
     const end = (isTaken: boolean) => {
@@ -234,7 +278,10 @@ class ItemListView {
       this.#focus(k, "choose");
     };
     input.addEventListener("keydown", (event) => {
-      if (event.key === "Enter" || event.key === "Escape") { end(event.key === "Enter"); event.preventDefault(); }
+      if (event.key === "Enter" || event.key === "Escape") {
+        end(event.key === "Enter");
+        event.preventDefault();
+      }
       event.stopPropagation();
     });
     input.addEventListener("blur", () => end(true));
@@ -267,7 +314,7 @@ class ItemListView {
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new ItemListView(model, el);
   return () => view.close();
 }

@@ -8,9 +8,8 @@
 //
 // A view sets the traits time, is_playing, speed and loop: a few times a second while it plays, and exactly at rest.
 
-import type { Bus, Model, TimeDetail } from "../types.ts";
-
 import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
+import type { Bus, Model, TimeDetail } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { InputView } from "./base.ts";
 
@@ -41,10 +40,12 @@ export class PlayClock {
   }
 
   /** The moment from 0 to the duration; on the way back of a swing it falls while the position rises. */
-  get time() { return momentOf(this.position, this.duration, this.loop); }
+  get time() {
+    return momentOf(this.position, this.duration, this.loop);
+  }
 
   /** Change settings; what is undefined stays. */
-  set({ duration, speed, loop }: { duration?: number, speed?: number, loop?: string }) {
+  set({ duration, speed, loop }: { duration?: number; speed?: number; loop?: string }) {
     const time = this.time;
     if (speed !== undefined) this.speed = speed;
     if (loop !== undefined && loop !== this.loop) {
@@ -77,7 +78,9 @@ export class PlayClock {
     this.#changed();
   }
 
-  #next() { this.frame = this.frames.requestAnimationFrame((now) => this.tick(now)); }
+  #next() {
+    this.frame = this.frames.requestAnimationFrame((now) => this.tick(now));
+  }
 
   tick(now: number) {
     if (!this.isPlaying) return;
@@ -95,7 +98,9 @@ export class PlayClock {
     this.#changed();
   }
 
-  #changed() { this.publish({ time: this.time, isPlaying: this.isPlaying }); }
+  #changed() {
+    this.publish({ time: this.time, isPlaying: this.isPlaying });
+  }
 }
 
 function momentOf(position: number, duration: number, loop: string) {
@@ -116,7 +121,9 @@ function clockOf(bus: Bus) {
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 const LOOP_WORDS = { once: "once", loop: "loop", swing: "there and back" };
 const PLAYER_ICONS = {
-  first: "M4 3v10M12.5 3.5v9L6 8z", play: "M4.5 2.8v10.4L13 8z", pause: "M5 3v10M11 3v10",
+  first: "M4 3v10M12.5 3.5v9L6 8z",
+  play: "M4.5 2.8v10.4L13 8z",
+  pause: "M5 3v10M11 3v10",
   last: "M12 3v10M3.5 3.5v9L10 8z",
 };
 const KEY_NEAR = 1e-6; // seconds
@@ -159,8 +166,12 @@ class PlayerView extends InputView {
     this.play = this.#button(buttons, "play", "Play (Space)", () => this.toggle());
     this.play.classList.add("dnb-pl-play");
     this.next = this.#button(buttons, "last", "Next key frame (Page down)", () => this.toKey(1));
-    this.track = pageElement("div", "dnb-pl-track", bar,
-      { role: "slider", tabindex: 0, "aria-valuemin": 0, ...OWN_KEYS });
+    this.track = pageElement("div", "dnb-pl-track", bar, {
+      role: "slider",
+      tabindex: 0,
+      "aria-valuemin": 0,
+      ...OWN_KEYS,
+    });
     this.rail = pageElement("div", "dnb-pl-rail", this.track);
     this.done = pageElement("div", "dnb-pl-done", this.rail);
     this.diamonds = pageElement("div", "dnb-pl-marks", this.rail, { "aria-hidden": "true" });
@@ -172,10 +183,14 @@ class PlayerView extends InputView {
     this.loop.replaceChildren(...Object.entries(LOOP_WORDS).map(([value, text]) => new Option(text, value)));
     this.root.append(this.alert);
     listenToScrub(this, this.track);
-    this.listener = (event: CustomEvent<TimeDetail>) => { this.guard(() => this.moved(event.detail)); };
+    this.listener = (event: CustomEvent<TimeDetail>) => {
+      this.guard(() => this.moved(event.detail));
+    };
     this.bus.addEventListener("deformnb:time", this.listener);
     for (const name of ["duration", "speed", "loop"]) this.on(`change:${name}`, () => this.#take());
-    this.on("change:time", () => { if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time")); });
+    this.on("change:time", () => {
+      if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time"));
+    });
     this.on("change:is_playing", () => this.#run());
     this.on("change:marks", () => this.invalidate());
     this.listen(this.root, "keydown", (event) => this.key(event));
@@ -195,8 +210,12 @@ class PlayerView extends InputView {
   }
 
   #button(parent: HTMLElement, icon: "first" | "play" | "last", tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-pl-button", parent,
-      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const button = pageElement("button", "dnb-pl-button", parent, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+    });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
     svgElement("path", { d: PLAYER_ICONS[icon] }, svg);
     this.listen(button, "click", action);
@@ -211,10 +230,14 @@ class PlayerView extends InputView {
 
   // ---- the model ----------------------------------------------------------------------------------------------------
 
-  get duration(): number { return this.model.get("duration"); }
+  get duration(): number {
+    return this.model.get("duration");
+  }
 
   /** The times of the key frames. */
-  get keys(): number[] { return this.model.get("marks") || []; }
+  get keys(): number[] {
+    return this.model.get("marks") || [];
+  }
 
   #take() {
     const [duration, speed, loop] = ["duration", "speed", "loop"].map((name) => this.model.get(name));
@@ -223,7 +246,8 @@ class PlayerView extends InputView {
   }
 
   #run() {
-    if (this.model.get("is_playing")) this.clock.play(); else this.clock.pause();
+    if (this.model.get("is_playing")) this.clock.play();
+    else this.clock.pause();
     this.#send(true); // where there is nothing to play it stays paused
   }
 
@@ -237,13 +261,16 @@ class PlayerView extends InputView {
   #send(isAtRest: boolean) {
     if (this.clock.leader === null) this.clock.leader = this;
     if (this.clock.leader !== this) return;
-    const { time, isPlaying } = this.clock, now = performance.now(), pause = this.model.get("sync_ms");
+    const { time, isPlaying } = this.clock,
+      now = performance.now(),
+      pause = this.model.get("sync_ms");
     clearTimeout(this.later);
     if (!isAtRest && now - this.sent < pause) {
       this.later = setTimeout(() => this.guard(() => this.#send(true)), pause - (now - this.sent));
       return;
     }
-    const isNew = time !== this.model.get("time"), isTurned = isPlaying !== Boolean(this.model.get("is_playing"));
+    const isNew = time !== this.model.get("time"),
+      isTurned = isPlaying !== Boolean(this.model.get("is_playing"));
     if (!isNew && !isTurned) return;
     this.sent = now;
     this.lastTime = time;
@@ -261,7 +288,10 @@ class PlayerView extends InputView {
 
   // ---- what the user does -------------------------------------------------------------------------------------------
 
-  toggle() { if (this.clock.isPlaying) this.clock.pause(); else this.clock.play(); }
+  toggle() {
+    if (this.clock.isPlaying) this.clock.pause();
+    else this.clock.play();
+  }
 
   seek(time: number) {
     this.clock.pause();
@@ -273,7 +303,8 @@ class PlayerView extends InputView {
    * @param way 1 or -1
    */
   toKey(way: number) {
-    const { time } = this.clock, places = [...new Set([0, ...this.keys, this.duration])].sort((a, b) => a - b);
+    const { time } = this.clock,
+      places = [...new Set([0, ...this.keys, this.duration])].sort((a, b) => a - b);
     const found = way > 0 ? places.find((t) => t > time + KEY_NEAR) : places.findLast((t) => t < time - KEY_NEAR);
     if (found !== undefined) this.seek(found);
   }
@@ -283,7 +314,8 @@ class PlayerView extends InputView {
     this.isScrubbed = phase !== "end";
     if (phase === "start") this.clock.pause();
     // It snaps to a key frame that is nearer than six pixels.
-    const time = share * this.duration, reach = (6 / Math.max(1, this.rail.clientWidth)) * this.duration;
+    const time = share * this.duration,
+      reach = (6 / Math.max(1, this.rail.clientWidth)) * this.duration;
     const key = this.keys.find((t) => Math.abs(t - time) < reach);
     this.clock.seek(key ?? time);
     if (phase === "end") this.#send(true);
@@ -291,7 +323,9 @@ class PlayerView extends InputView {
 
   key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey || event.target instanceof HTMLSelectElement) return;
-    const isButton = event.target instanceof HTMLButtonElement, { time } = this.clock, step = this.model.get("step");
+    const isButton = event.target instanceof HTMLButtonElement,
+      { time } = this.clock,
+      step = this.model.get("step");
     if (event.key === " " && !isButton) this.toggle();
     else if (event.key === "ArrowRight" || event.key === "ArrowUp") this.seek(time + step * (event.shiftKey ? 10 : 1));
     else if (event.key === "ArrowLeft" || event.key === "ArrowDown") this.seek(time - step * (event.shiftKey ? 10 : 1));
@@ -307,7 +341,9 @@ class PlayerView extends InputView {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   draw() {
-    const { time, isPlaying } = this.clock, { duration, keys } = this, share = duration > 0 ? time / duration : 0;
+    const { time, isPlaying } = this.clock,
+      { duration, keys } = this,
+      share = duration > 0 ? time / duration : 0;
     const label = this.model.get("label") || "Animation";
     setAttributes(this.root, { "aria-label": label });
     this.rail.style.setProperty("--share", String(share));
@@ -316,9 +352,12 @@ class PlayerView extends InputView {
     this.play.querySelector("path")?.setAttribute("d", PLAYER_ICONS[isPlaying ? "pause" : "play"]);
     this.play.classList.toggle("dnb-pl-solid", !isPlaying);
     setText(this.read, `${time.toFixed(2)} / ${duration.toFixed(2)} s`);
-    setAttributes(this.track, { "aria-label": `${label}, time`, "aria-valuemax": duration,
+    setAttributes(this.track, {
+      "aria-label": `${label}, time`,
+      "aria-valuemax": duration,
       "aria-valuenow": Number(time.toFixed(3)),
-      "aria-valuetext": `${time.toFixed(2)} of ${duration.toFixed(2)} seconds` });
+      "aria-valuetext": `${time.toFixed(2)} of ${duration.toFixed(2)} seconds`,
+    });
     this.#drawMarks(keys, duration, time);
     this.#drawChoices();
   }
@@ -327,12 +366,14 @@ class PlayerView extends InputView {
     const shown = JSON.stringify([keys, duration]);
     if (shown !== this.markedFor) {
       this.markedFor = shown;
-      this.diamonds.replaceChildren(...keys.map((t, k) => {
-        const title = `key frame ${k + 1} at ${Number(t.toFixed(3))} s`;
-        const mark = pageElement("span", "dnb-pl-mark", null, { title });
-        mark.style.setProperty("--at", String(duration > 0 ? t / duration : 0));
-        return mark;
-      }));
+      this.diamonds.replaceChildren(
+        ...keys.map((t, k) => {
+          const title = `key frame ${k + 1} at ${Number(t.toFixed(3))} s`;
+          const mark = pageElement("span", "dnb-pl-mark", null, { title });
+          mark.style.setProperty("--at", String(duration > 0 ? t / duration : 0));
+          return mark;
+        }),
+      );
     }
     [...this.diamonds.children].forEach((mark, k) => {
       mark.classList.toggle("dnb-pl-here", Math.abs(keys[k] - time) < 1e-3);
@@ -340,7 +381,8 @@ class PlayerView extends InputView {
   }
 
   #drawChoices() {
-    const speed = this.model.get("speed"), speeds = [...new Set([...SPEEDS, speed])].sort((a, b) => a - b);
+    const speed = this.model.get("speed"),
+      speeds = [...new Set([...SPEEDS, speed])].sort((a, b) => a - b);
     if (this.speed.dataset.all !== speeds.join()) {
       this.speed.dataset.all = speeds.join();
       this.speed.replaceChildren(...speeds.map((s) => new Option(`${s} \u00d7`, String(s))));
@@ -367,7 +409,7 @@ function listenToScrub(view: PlayerView, track: HTMLElement) {
   view.listen(track, "pointermove", (event) => {
     if (event.pointerId === pointer) view.scrubbed(share(event), "move");
   });
-  for (const name of (["pointerup", "pointercancel"] as const)) {
+  for (const name of ["pointerup", "pointercancel"] as const) {
     view.listen(track, name, (event) => {
       if (event.pointerId !== pointer) return;
       pointer = null;
@@ -376,7 +418,7 @@ function listenToScrub(view: PlayerView, track: HTMLElement) {
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new PlayerView(model, el);
   return () => view.close();
 }

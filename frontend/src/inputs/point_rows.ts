@@ -33,26 +33,73 @@ export interface Column {
 }
 
 export function pointColumns(dim: number): Column[] {
-  const axes = AXES[dim] ?? AXES[2], unit = "in the volume's unit", number = ("number" as const);
+  const axes = AXES[dim] ?? AXES[2],
+    unit = "in the volume's unit",
+    number = "number" as const;
   return [
     { key: "id", title: "Id", kind: "fact", width: "52px", tip: "Number of the point; never given twice" },
     { key: "name", title: "Name", kind: "text", width: "minmax(80px, 1fr)", tip: "Name of the point" },
-    { key: "active", title: "On", kind: "check", width: "42px",
-      tip: "A point that is off keeps its place and takes no part in the fit" },
-    { key: "locked", title: "Lock", kind: "check", width: "48px",
-      tip: "A locked point stays where it is until it is unlocked" },
-    ...axes.map((axis, k) => ({ key: `source_${axis}`, field: "source", axis: k, title: `from ${axis}`, kind: number,
-      at: k, width: "minmax(54px, 92px)", tip: `Source, ${axis}: where the feature is, ${unit}` })),
-    ...axes.map((axis, k) => ({ key: `target_${axis}`, field: "target", axis: k, title: `to ${axis}`, kind: number,
-      at: dim + k, width: "minmax(54px, 92px)", tip: `Target, ${axis}: where it shall go, ${unit}` })),
+    {
+      key: "active",
+      title: "On",
+      kind: "check",
+      width: "42px",
+      tip: "A point that is off keeps its place and takes no part in the fit",
+    },
+    {
+      key: "locked",
+      title: "Lock",
+      kind: "check",
+      width: "48px",
+      tip: "A locked point stays where it is until it is unlocked",
+    },
+    ...axes.map((axis, k) => ({
+      key: `source_${axis}`,
+      field: "source",
+      axis: k,
+      title: `from ${axis}`,
+      kind: number,
+      at: k,
+      width: "minmax(54px, 92px)",
+      tip: `Source, ${axis}: where the feature is, ${unit}`,
+    })),
+    ...axes.map((axis, k) => ({
+      key: `target_${axis}`,
+      field: "target",
+      axis: k,
+      title: `to ${axis}`,
+      kind: number,
+      at: dim + k,
+      width: "minmax(54px, 92px)",
+      tip: `Target, ${axis}: where it shall go, ${unit}`,
+    })),
     { key: "drag", title: "Drag", kind: "fact", width: "minmax(56px, 80px)", tip: `How far it is dragged, ${unit}` },
-    { key: "weight", title: "Weight", kind: "number", at: 2 * dim, width: "64px",
-      tip: "How much the point counts beside others. It matters only with smoothing" },
-    { key: "radius", title: "Radius", kind: "number", at: 2 * dim + 1, width: "64px",
-      tip: `How far this point reaches, ${unit}; empty: as far as all (Support, under Interpolation)` },
-    { key: "error", title: "Off by", kind: "fact", at: 2 * dim + 2, width: "minmax(64px, 80px)",
-      tip: `How far all other points would miss this one (leave-one-out error), ${unit}. ! marks a point that ` +
-        "disagrees with its neighbours" },
+    {
+      key: "weight",
+      title: "Weight",
+      kind: "number",
+      at: 2 * dim,
+      width: "64px",
+      tip: "How much the point counts beside others. It matters only with smoothing",
+    },
+    {
+      key: "radius",
+      title: "Radius",
+      kind: "number",
+      at: 2 * dim + 1,
+      width: "64px",
+      tip: `How far this point reaches, ${unit}; empty: as far as all (Support, under Interpolation)`,
+    },
+    {
+      key: "error",
+      title: "Off by",
+      kind: "fact",
+      at: 2 * dim + 2,
+      width: "minmax(64px, 80px)",
+      tip:
+        `How far all other points would miss this one (leave-one-out error), ${unit}. ! marks a point that ` +
+        "disagrees with its neighbours",
+    },
     { key: "go", title: "", kind: "go", width: "34px", tip: "Show the point in the picture" },
   ];
 }
@@ -61,17 +108,21 @@ export function pointColumns(dim: number): Column[] {
 const WANTED = ["name", "go", "active", "target", "drag", "source", "error", "locked", "id", "weight", "radius"];
 
 /** The least width of a column in CSS pixels. */
-export function leastWidth({ width }: Column) { return Number(width.match(/(\d+)px/)?.[1]); }
+export function leastWidth({ width }: Column) {
+  return Number(width.match(/(\d+)px/)?.[1]);
+}
 
 /**
  * The columns that have room, in their order; the coordinates of a place together or not at all.
  * @param room CSS pixels
  */
 export function fittingColumns(columns: Column[], room: number) {
-  const kept = new Set(), sum = (some: Column[]) => some.reduce((all, column) => all + leastWidth(column), 0);
+  const kept = new Set(),
+    sum = (some: Column[]) => some.reduce((all, column) => all + leastWidth(column), 0);
   let left = room;
   for (const wanted of WANTED) {
-    const group = columns.filter(({ key, field }) => (field ?? key) === wanted), width = sum(group);
+    const group = columns.filter(({ key, field }) => (field ?? key) === wanted),
+      width = sum(group);
     if (width > left && kept.size) continue;
     left -= width;
     for (const column of group) kept.add(column);
@@ -86,14 +137,22 @@ function bytesOf(view: DataView | null | undefined) {
 /** All points of a model, or null while its traits do not fit together yet. */
 export function readPoints(model: Model): TableRow[] | null {
   const ids: number[] = model.get("ids") ?? [];
-  const names = model.get("names") ?? [], dim = model.get("dim"), width = 2 * dim + 3;
-  const numbers = bytesOf(model.get("numbers")), flags = new Uint8Array(bytesOf(model.get("flags")));
+  const names = model.get("names") ?? [],
+    dim = model.get("dim"),
+    width = 2 * dim + 3;
+  const numbers = bytesOf(model.get("numbers")),
+    flags = new Uint8Array(bytesOf(model.get("flags")));
   const isWhole = names.length === ids.length && flags.length === ids.length;
   if (!isWhole || numbers.byteLength !== 8 * width * ids.length) return null;
   const all = new Float64Array(numbers);
-  return ids.map((id, k) => ({ id, name: names[k], active: Boolean(flags[k] & FLAGS.active),
-    locked: Boolean(flags[k] & FLAGS.locked), suspect: Boolean(flags[k] & FLAGS.suspect),
-    numbers: all.subarray(k * width, (k + 1) * width) }));
+  return ids.map((id, k) => ({
+    id,
+    name: names[k],
+    active: Boolean(flags[k] & FLAGS.active),
+    locked: Boolean(flags[k] & FLAGS.locked),
+    suspect: Boolean(flags[k] & FLAGS.suspect),
+    numbers: all.subarray(k * width, (k + 1) * width),
+  }));
 }
 
 function dragOf(p: TableRow, dim: number) {
@@ -105,11 +164,13 @@ function dragOf(p: TableRow, dim: number) {
 /** The value of a cell, for its order and its text. */
 export function cellValue(p: TableRow, { key, at }: Column, dim: number) {
   if (key === "drag") return dragOf(p, dim);
-  return at === undefined ? p[(key as "id" | "name" | "active" | "locked")] : p.numbers[at];
+  return at === undefined ? p[key as "id" | "name" | "active" | "locked"] : p.numbers[at];
 }
 
 /** The text of a value while it is edited, with all digits; empty for no number. */
-export function editedText(value: string | number | boolean) { return Number.isNaN(value) ? "" : String(value); }
+export function editedText(value: string | number | boolean) {
+  return Number.isNaN(value) ? "" : String(value);
+}
 
 export function shownNumber(value: number) {
   if (Number.isNaN(value)) return "";
@@ -122,10 +183,12 @@ export function shownNumber(value: number) {
 export function orderedPoints(points: TableRow[], column: Column | undefined, isDown: boolean, dim: number) {
   const places = points.map((_, k) => k);
   if (!column) return places;
-  const values = points.map((p) => cellValue(p, column, dim)), sign = isDown ? -1 : 1;
+  const values = points.map((p) => cellValue(p, column, dim)),
+    sign = isDown ? -1 : 1;
   const isNothing = (v: string | number | boolean) => v === "" || Number.isNaN(v);
   return places.sort((i, j) => {
-    const p = values[i], q = values[j];
+    const p = values[i],
+      q = values[j];
     if (isNothing(p) || isNothing(q)) return Number(isNothing(p)) - Number(isNothing(q)) || i - j;
     const isText = typeof p === "string" && typeof q === "string";
     return sign * (isText ? p.localeCompare(q, undefined, { numeric: true }) : Number(p) - Number(q)) || i - j;

@@ -4,14 +4,23 @@
 // edits: {type: "act", view, seq, what, ids, field, axis, value}, and is answered {type: "done", view, seq, ok}.
 // While the editor drags points, their rows follow it without Python (sync/bus.js).
 
-import type { Bus, Model, PointsDetail } from "../types.ts";
-import type { Column, TableRow } from "./point_rows.ts";
-
 import { busOf } from "../sync/bus.ts";
+import type { Bus, Model, PointsDetail } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
-import { AXES, cellValue, editedText, fittingColumns, leastWidth,
-  orderedPoints, pointColumns, pointsAsCsv, readPoints, shownNumber } from "./point_rows.ts";
+import type { Column, TableRow } from "./point_rows.ts";
+import {
+  AXES,
+  cellValue,
+  editedText,
+  fittingColumns,
+  leastWidth,
+  orderedPoints,
+  pointColumns,
+  pointsAsCsv,
+  readPoints,
+  shownNumber,
+} from "./point_rows.ts";
 
 const ROW_HEIGHT = 26;
 const SPARE_ROWS = 4; // drawn above and below those in sight
@@ -25,8 +34,12 @@ const TABLE_BUTTONS: [string, string, string, boolean][] = [
   ["lock", "Lock", "Lock the selected points where they are, or unlock them", true],
   ["remove", "Delete", "Delete the selected points (Del)", true],
   ["copy", "Copy", "Copy the selected points, or all, as CSV text (Ctrl+C)", false],
-  ["paste", "Paste", "Take points from CSV text (Ctrl+V): rows with a known id change that point, others are added",
-    false],
+  [
+    "paste",
+    "Paste",
+    "Take points from CSV text (Ctrl+V): rows with a known id change that point, others are added",
+    false,
+  ],
 ];
 
 class PointsTableView {
@@ -59,7 +72,7 @@ class PointsTableView {
   frame = 0;
   reading = 0; // a timer
   /** requests without an answer, by seq */
-  waiting: Map<number, { what: string, ids: number[], key: string }> = new Map();
+  waiting: Map<number, { what: string; ids: number[]; key: string }> = new Map();
   dim = 0;
   columns: Column[] = [];
   points: TableRow[] = [];
@@ -71,9 +84,9 @@ class PointsTableView {
   live: Map<number, Float64Array> = new Map();
   /** elements of the rows in sight, by id */
   rows: Map<number, HTMLElement> = new Map();
-  sort: { key: string | null, isDown: boolean } = { key: null, isDown: false };
+  sort: { key: string | null; isDown: boolean } = { key: null, isDown: false };
   /** the marked cell; no id for the headings */
-  active: { id: number | null, key: string } = { id: null, key: "name" };
+  active: { id: number | null; key: string } = { id: null, key: "name" };
   /** the one cell that Tab reaches */
   reached: HTMLElement | null = null;
   lastRank = 0;
@@ -87,14 +100,27 @@ class PointsTableView {
     this.selected = new Set(model.get("selected"));
     this.root = pageElement("div", "dnb-points-table", el, { role: "group", "aria-label": "Control points" });
     this.bar = pageElement("div", "dnb-pt-bar", this.root);
-    this.place = pageElement("input", "dnb-pt-place", this.bar, { type: "text", spellcheck: "false",
-      autocomplete: "off", "aria-label": "Coordinates of a new point", ...OWN_KEYS });
-    this.addButton = this.#button("add", "Add",
-      "Add a point at these coordinates of the picture; nothing moves until it is dragged");
+    this.place = pageElement("input", "dnb-pt-place", this.bar, {
+      type: "text",
+      spellcheck: "false",
+      autocomplete: "off",
+      "aria-label": "Coordinates of a new point",
+      ...OWN_KEYS,
+    });
+    this.addButton = this.#button(
+      "add",
+      "Add",
+      "Add a point at these coordinates of the picture; nothing moves until it is dragged",
+    );
     this.buttons = new Map(TABLE_BUTTONS.map(([name, words, tip]) => [name, this.#button(name, words, tip)]));
     this.pasting = pageElement("div", "dnb-pt-pasting", this.root, { hidden: "" });
-    this.text = pageElement("textarea", "dnb-pt-rows", this.pasting, { rows: "4", spellcheck: "false",
-      "aria-label": "Rows of points as CSV text", placeholder: "Paste rows here", ...OWN_KEYS });
+    this.text = pageElement("textarea", "dnb-pt-rows", this.pasting, {
+      rows: "4",
+      spellcheck: "false",
+      "aria-label": "Rows of points as CSV text",
+      placeholder: "Paste rows here",
+      ...OWN_KEYS,
+    });
     this.take = this.#button("take", "Take these points", "Add or change the points of this text", this.pasting);
     this.drop = this.#button("drop", "Cancel", "Take nothing (Esc)", this.pasting);
     this.grid = pageElement("div", "dnb-pt-grid", this.root, { role: "grid", "aria-multiselectable": "true" });
@@ -107,23 +133,37 @@ class PointsTableView {
     this.liveRegion = pageElement("span", "dnb-pt-said", this.status, { role: "status" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
 
-    this.handlers = [["msg:custom", (content) => this.#answered(content)],
-      ["change:uid", () => this.follow()], ["change:smoothing_on", () => this.invalidate()],
+    this.handlers = [
+      ["msg:custom", (content) => this.#answered(content)],
+      ["change:uid", () => this.follow()],
+      ["change:smoothing_on", () => this.invalidate()],
       ["change:read_only", () => this.invalidate()],
-      ["change:selected", () => { this.takeSelection(this.model.get("selected")); }]];
+      [
+        "change:selected",
+        () => {
+          this.takeSelection(this.model.get("selected"));
+        },
+      ],
+    ];
     for (const name of ["ids", "names", "flags", "numbers", "dim"]) {
       this.handlers.push([`change:${name}`, () => this.#readSoon()]);
     }
     for (const [name, handler] of this.handlers) model.on(name, handler);
     const { signal } = this.closed;
-    const on = <K extends keyof HTMLElementEventMap>(target: HTMLElement, name: K, handler: (event: HTMLElementEventMap[K]) => void) => target.addEventListener(name, handler, { signal });
+    const on = <K extends keyof HTMLElementEventMap>(
+      target: HTMLElement,
+      name: K,
+      handler: (event: HTMLElementEventMap[K]) => void,
+    ) => target.addEventListener(name, handler, { signal });
     on(this.scroller, "scroll", () => this.invalidate());
     on(this.grid, "keydown", (event) => this.key(event));
     on(this.grid, "click", (event) => this.#click(event));
     on(this.grid, "dblclick", (event) => this.#doubleClick(event));
     on(this.grid, "change", (event) => this.#changed(event));
     on(this.grid, "focusin", (event) => this.#focused(event));
-    on(this.grid, "copy", (event) => { if (!targetOf(event).closest("input")) this.#copyInto(event); });
+    on(this.grid, "copy", (event) => {
+      if (!targetOf(event).closest("input")) this.#copyInto(event);
+    });
     on(this.grid, "paste", (event) => this.#pasted(event));
     on(this.place, "keydown", (event) => {
       if (event.key === "Enter") this.run("add");
@@ -151,10 +191,16 @@ class PointsTableView {
   }
 
   #button(name: string, text: string, tip: string, parent: HTMLElement = this.bar) {
-    const made = pageElement("button", "dnb-pt-button", parent,
-      { type: "button", title: tip, "data-act": name, ...OWN_KEYS });
+    const made = pageElement("button", "dnb-pt-button", parent, {
+      type: "button",
+      title: tip,
+      "data-act": name,
+      ...OWN_KEYS,
+    });
     made.textContent = text;
-    made.addEventListener("click", () => { if (made.getAttribute("aria-disabled") !== "true") this.run(name); });
+    made.addEventListener("click", () => {
+      if (made.getAttribute("aria-disabled") !== "true") this.run(name);
+    });
     return made;
   }
 
@@ -171,9 +217,13 @@ class PointsTableView {
     this.root.remove();
   }
 
-  get isReadOnly() { return Boolean(this.model.get("read_only")); }
+  get isReadOnly() {
+    return Boolean(this.model.get("read_only"));
+  }
 
-  #repaint() { this.root.classList.toggle("dnb-dark", this.theme.isDark); }
+  #repaint() {
+    this.root.classList.toggle("dnb-dark", this.theme.isDark);
+  }
 
   // ---- the points ---------------------------------------------------------------------------------------------------
 
@@ -184,7 +234,8 @@ class PointsTableView {
   }
 
   read() {
-    const points = readPoints(this.model), dim = this.model.get("dim");
+    const points = readPoints(this.model),
+      dim = this.model.get("dim");
     if (!points) return;
     if (dim !== this.dim) {
       this.dim = dim;
@@ -199,10 +250,16 @@ class PointsTableView {
 
   /** Show the columns that have room; more where the table gets wider. */
   #chooseColumns() {
-    const { clientWidth } = this.scroller, all = pointColumns(this.dim), before = this.columns;
+    const { clientWidth } = this.scroller,
+      all = pointColumns(this.dim),
+      before = this.columns;
     if (this.root.querySelector(".dnb-pt-writing")) return; // what is being written shall not go
     const columns = clientWidth ? fittingColumns(all, clientWidth) : all;
-    if (columns.length === before.length && columns.every(({ key, tip }, k) => key === before[k].key && tip === before[k].tip)) return;
+    if (
+      columns.length === before.length &&
+      columns.every(({ key, tip }, k) => key === before[k].key && tip === before[k].tip)
+    )
+      return;
     this.columns = columns;
     for (const row of this.rows.values()) row.remove();
     this.rows.clear();
@@ -214,7 +271,12 @@ class PointsTableView {
   /** Sort the points. */
   arrange() {
     const { key, isDown } = this.sort;
-    this.order = orderedPoints(this.points, this.columns.find((column) => column.key === key), isDown, this.dim);
+    this.order = orderedPoints(
+      this.points,
+      this.columns.find((column) => column.key === key),
+      isDown,
+      this.dim,
+    );
     this.ranks = new Map(this.order.map((k, rank) => [this.points[k].id, rank]));
     this.draw();
   }
@@ -256,7 +318,9 @@ class PointsTableView {
   // ---- selection ----------------------------------------------------------------------------------------------------
 
   /** The selected points, else that of the marked cell. */
-  chosenIds() { return this.selected.size ? [...this.selected] : this.active.id === null ? [] : [this.active.id]; }
+  chosenIds() {
+    return this.selected.size ? [...this.selected] : this.active.id === null ? [] : [this.active.id];
+  }
 
   select(ids: number[]) {
     this.selected = new Set(ids);
@@ -278,7 +342,8 @@ class PointsTableView {
   }
 
   choose(rank: number, isToggled: boolean, isRange: boolean) {
-    const id = this.points[this.order[rank]]?.id, from = this.rankOf(this.anchor);
+    const id = this.points[this.order[rank]]?.id,
+      from = this.rankOf(this.anchor);
     if (id === undefined) return;
     if (isRange && from >= 0) {
       const [low, high] = [Math.min(from, rank), Math.max(from, rank)];
@@ -294,11 +359,16 @@ class PointsTableView {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   invalidate() {
-    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.draw(); });
+    if (!this.frame)
+      this.frame = requestAnimationFrame(() => {
+        this.frame = 0;
+        this.draw();
+      });
   }
 
   draw() {
-    const { points, order } = this, height = this.scroller.clientHeight || 200;
+    const { points, order } = this,
+      height = this.scroller.clientHeight || 200;
     const first = Math.max(0, Math.floor(this.scroller.scrollTop / ROW_HEIGHT) - SPARE_ROWS);
     const end = Math.min(order.length, first + Math.ceil(height / ROW_HEIGHT) + 2 * SPARE_ROWS);
     const held = this.isFocused();
@@ -307,14 +377,20 @@ class PointsTableView {
     for (let k = first; k < end; k += 1) wanted.set(points[order[k]].id, k);
     const { id: active } = this.active; // the row that holds the focus stays, wherever it is
     if (held && active !== null && this.rankOf(active) >= 0) wanted.set(active, this.rankOf(active));
-    for (const [id, row] of this.rows) if (!wanted.has(id)) { row.remove(); this.rows.delete(id); }
+    for (const [id, row] of this.rows)
+      if (!wanted.has(id)) {
+        row.remove();
+        this.rows.delete(id);
+      }
     this.body.style.height = `${order.length * ROW_HEIGHT}px`;
     this.grid.setAttribute("aria-rowcount", String(order.length + 1));
-    [...wanted].sort((p, q) => p[1] - q[1]).forEach(([id, k], place) => {
-      const row = this.rows.get(id) ?? this.#row(id);
-      if (this.body.children[place] !== row) this.body.insertBefore(row, this.body.children[place] ?? null);
-      this.#fill(row, points[order[k]], k);
-    });
+    [...wanted]
+      .sort((p, q) => p[1] - q[1])
+      .forEach(([id, k], place) => {
+        const row = this.rows.get(id) ?? this.#row(id);
+        if (this.body.children[place] !== row) this.body.insertBefore(row, this.body.children[place] ?? null);
+        this.#fill(row, points[order[k]], k);
+      });
     this.#drawHead();
     this.reach();
     if (held && !this.isFocused()) this.focusCell(); // a row that was moved has lost it
@@ -324,10 +400,18 @@ class PointsTableView {
   #makeHead() {
     this.head.replaceChildren();
     this.columns.forEach((column, k) => {
-      const cell = pageElement("div", `dnb-pt-cell dnb-pt-head-cell dnb-pt-${column.kind}`, this.head,
-        { role: "columnheader", "aria-colindex": k + 1, "data-key": column.key, title: column.tip });
-      const button = pageElement("button", "dnb-pt-sort", cell, { type: "button", tabindex: "-1", ...OWN_KEYS,
-        "aria-label": `${column.title || "Go to"}: ${column.tip}. Sort` });
+      const cell = pageElement("div", `dnb-pt-cell dnb-pt-head-cell dnb-pt-${column.kind}`, this.head, {
+        role: "columnheader",
+        "aria-colindex": k + 1,
+        "data-key": column.key,
+        title: column.tip,
+      });
+      const button = pageElement("button", "dnb-pt-sort", cell, {
+        type: "button",
+        tabindex: "-1",
+        ...OWN_KEYS,
+        "aria-label": `${column.title || "Go to"}: ${column.tip}. Sort`,
+      });
       pageElement("span", "", button).textContent = column.title;
       pageElement("span", "dnb-pt-way", button, { "aria-hidden": "true" });
       button.addEventListener("click", () => this.sortBy(column.key));
@@ -342,7 +426,9 @@ class PointsTableView {
   #drawHead() {
     const { key, isDown } = this.sort;
     this.columns.forEach((column, k) => {
-      const cell = this.head.children[k], isSorted = column.key === key, way = cell.querySelector(".dnb-pt-way");
+      const cell = this.head.children[k],
+        isSorted = column.key === key,
+        way = cell.querySelector(".dnb-pt-way");
       setAttributes(cell, { "aria-sort": isSorted ? (isDown ? "descending" : "ascending") : "none" });
       if (way) setText(way, isSorted ? (isDown ? "\u25be" : "\u25b4") : "");
     });
@@ -352,13 +438,20 @@ class PointsTableView {
     const row = document.createElement("div");
     setAttributes(row, { class: "dnb-pt-row", role: "row", "data-id": id });
     this.columns.forEach((column, k) => {
-      const cell = pageElement("div", `dnb-pt-cell dnb-pt-${column.kind}`, row,
-        { role: "gridcell", "aria-colindex": k + 1, "data-key": column.key });
+      const cell = pageElement("div", `dnb-pt-cell dnb-pt-${column.kind}`, row, {
+        role: "gridcell",
+        "aria-colindex": k + 1,
+        "data-key": column.key,
+      });
       if (column.kind === "check") {
         pageElement("input", "dnb-pt-box", cell, { type: "checkbox", tabindex: "-1", ...OWN_KEYS });
       } else if (column.kind === "go") {
-        const button = pageElement("button", "dnb-pt-go", cell,
-          { type: "button", tabindex: "-1", title: column.tip, ...OWN_KEYS });
+        const button = pageElement("button", "dnb-pt-go", cell, {
+          type: "button",
+          tabindex: "-1",
+          title: column.tip,
+          ...OWN_KEYS,
+        });
         svgElement("path", { d: GO_ICON }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
       } else setAttributes(cell, { tabindex: "-1", ...OWN_KEYS });
     });
@@ -367,14 +460,18 @@ class PointsTableView {
   }
 
   #fill(row: HTMLElement, p: TableRow, rank: number) {
-    const isSelected = this.selected.has(p.id), who = p.name || `point ${p.id}`, { live } = this;
+    const isSelected = this.selected.has(p.id),
+      who = p.name || `point ${p.id}`,
+      { live } = this;
     row.style.top = `${rank * ROW_HEIGHT}px`;
     row.className = `dnb-pt-row${isSelected ? " dnb-pt-selected" : ""}${p.active ? "" : " dnb-pt-off"}`;
     setAttributes(row, { "aria-rowindex": rank + 2, "aria-selected": isSelected });
     this.columns.forEach((column, k) => {
-      const cell = (row.children[k] as HTMLElement), moved = live.get(p.id);
+      const cell = row.children[k] as HTMLElement,
+        moved = live.get(p.id);
       if (column.kind === "check") {
-        const box = (cell.firstChild as HTMLInputElement), isSet = cellValue(p, column, this.dim) === true;
+        const box = cell.firstChild as HTMLInputElement,
+          isSet = cellValue(p, column, this.dim) === true;
         if (box.checked !== isSet) box.checked = isSet;
         setAttributes(box, { "aria-label": `${who}: ${column.key === "active" ? "on" : "locked"}` });
       } else if (column.kind === "go") setAttributes(cell.children[0], { "aria-label": `Show ${who} in the picture` });
@@ -385,14 +482,18 @@ class PointsTableView {
   }
 
   #text(cell: HTMLElement, column: Column, p: TableRow) {
-    const value = cellValue(p, column, this.dim), isNumber = typeof value === "number" && column.key !== "id";
+    const value = cellValue(p, column, this.dim),
+      isNumber = typeof value === "number" && column.key !== "id";
     const isSuspect = column.key === "error" && p.suspect;
     const isFixed = p.locked && column.axis !== undefined;
     const text = isNumber ? shownNumber(value) : String(value);
     setText(cell, `${isSuspect ? "! " : ""}${text}`);
     cell.classList.toggle("dnb-pt-suspect", isSuspect);
-    const tip = isSuspect ? "This point disagrees with its neighbours: look whether it was put where it belongs"
-      : isNumber || column.key === "name" ? editedText(value) : "";
+    const tip = isSuspect
+      ? "This point disagrees with its neighbours: look whether it was put where it belongs"
+      : isNumber || column.key === "name"
+        ? editedText(value)
+        : "";
     if (cell.title !== tip) cell.title = tip;
     const isEditable = column.kind === "text" || column.kind === "number";
     setAttributes(cell, { "aria-readonly": !isEditable || isFixed });
@@ -405,7 +506,9 @@ class PointsTableView {
   // ---- the marked cell ----------------------------------------------------------------------------------------------
 
   /** The place of a point in the order, or -1. */
-  rankOf(id: number | null) { return id === null ? -1 : this.ranks.get(id) ?? -1; }
+  rankOf(id: number | null) {
+    return id === null ? -1 : (this.ranks.get(id) ?? -1);
+  }
 
   /** The element of a cell that can have the focus; no id for the headings. */
   cellOf(id: number | null, key: string): HTMLElement | null {
@@ -414,9 +517,13 @@ class PointsTableView {
     return cell?.querySelector("input.dnb-pt-box, button") ?? cell ?? null;
   }
 
-  isFocused() { return this.grid.contains(treeOf(this.root).activeElement); }
+  isFocused() {
+    return this.grid.contains(treeOf(this.root).activeElement);
+  }
 
-  focusCell() { this.cellOf(this.active.id, this.active.key)?.focus({ preventScroll: true }); }
+  focusCell() {
+    this.cellOf(this.active.id, this.active.key)?.focus({ preventScroll: true });
+  }
 
   /** Let Tab reach one cell only; arrows go to the others. */
   reach() {
@@ -442,7 +549,9 @@ class PointsTableView {
 
   /** Scroll to a row by the table's own scroll bar: scrollIntoView would move the whole page. */
   show(rank: number) {
-    const box = this.scroller, top = rank * ROW_HEIGHT, seen = box.clientHeight - this.head.offsetHeight;
+    const box = this.scroller,
+      top = rank * ROW_HEIGHT,
+      seen = box.clientHeight - this.head.offsetHeight;
     if (top < box.scrollTop) box.scrollTop = top;
     else if (top + ROW_HEIGHT > box.scrollTop + seen) box.scrollTop = top + ROW_HEIGHT - seen;
   }
@@ -454,19 +563,26 @@ class PointsTableView {
    * @param first the text instead of the old value
    */
   write(id: number, key: string, first: string | null = null) {
-    const column = this.columns.find((c) => c.key === key), p = this.points[this.order[this.rankOf(id)]];
+    const column = this.columns.find((c) => c.key === key),
+      p = this.points[this.order[this.rankOf(id)]];
     if (!p || !column || !["text", "number"].includes(column.kind) || this.isReadOnly) return;
     if (p.locked && column.axis !== undefined) {
       this.showMessage(`${p.name || `Point ${p.id}`} is locked. Unlock it to move it.`);
       return;
     }
     this.mark(this.rankOf(id), key, false);
-    const cell = this.cellOf(id, key), before = editedText(cellValue(p, column, this.dim));
+    const cell = this.cellOf(id, key),
+      before = editedText(cellValue(p, column, this.dim));
     if (!cell) return;
-    const input = pageElement("input", "dnb-pt-input", null, { type: "text", spellcheck: "false", autocomplete: "off",
+    const input = pageElement("input", "dnb-pt-input", null, {
+      type: "text",
+      spellcheck: "false",
+      autocomplete: "off",
       maxlength: column.kind === "text" ? 80 : 40,
       "aria-label": `${column.tip.split(":")[0]} of ${p.name || `point ${p.id}`}`,
-      ...(column.key === "radius" ? { placeholder: "as all" } : {}), ...OWN_KEYS });
+      ...(column.key === "radius" ? { placeholder: "as all" } : {}),
+      ...OWN_KEYS,
+    });
     input.value = first ?? before;
     cell.classList.add("dnb-pt-writing");
     cell.replaceChildren(input);
@@ -489,7 +605,8 @@ class PointsTableView {
     event.stopPropagation();
     if (event.isComposing || !["Enter", "Escape", "Tab"].includes(event.key)) return;
     event.preventDefault();
-    const rank = this.rankOf(id), editable = this.columns.filter((c) => c.kind === "text" || c.kind === "number");
+    const rank = this.rankOf(id),
+      editable = this.columns.filter((c) => c.kind === "text" || c.kind === "number");
     const next = editable.findIndex((c) => c.key === key) + (event.shiftKey ? -1 : 1);
     end(event.key !== "Escape");
     if (event.key === "Enter" && !event.shiftKey && rank + 1 < this.order.length) this.mark(rank + 1, key);
@@ -506,7 +623,9 @@ class PointsTableView {
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   key(event: KeyboardEvent) {
-    const target = targetOf(event), rank = this.rankOf(this.active.id), command = event.ctrlKey || event.metaKey;
+    const target = targetOf(event),
+      rank = this.rankOf(this.active.id),
+      command = event.ctrlKey || event.metaKey;
     if (event.altKey || target.closest(".dnb-pt-input") || !this.grid.contains(target)) return;
     if (!(command ? this.#commandKey(event, rank) : this.#plainKey(event, rank))) return;
     event.preventDefault();
@@ -517,23 +636,40 @@ class PointsTableView {
   #commandKey({ key, shiftKey }: KeyboardEvent, rank: number) {
     const last = this.order.length - 1;
     switch (key.length === 1 ? key.toLowerCase() : key) {
-      case "Home": this.mark(0, this.columns[0].key); break;
-      case "End": this.mark(last, this.columns[this.columns.length - 1].key); break;
-      case "a": this.select(this.points.map((p) => p.id)); break;
-      case "z": this.act(shiftKey ? "redo" : "undo"); break;
-      case "y": this.act("redo"); break;
-      case " ": this.choose(rank, true, false); break;
-      default: return false;
+      case "Home":
+        this.mark(0, this.columns[0].key);
+        break;
+      case "End":
+        this.mark(last, this.columns[this.columns.length - 1].key);
+        break;
+      case "a":
+        this.select(this.points.map((p) => p.id));
+        break;
+      case "z":
+        this.act(shiftKey ? "redo" : "undo");
+        break;
+      case "y":
+        this.act("redo");
+        break;
+      case " ":
+        this.choose(rank, true, false);
+        break;
+      default:
+        return false;
     }
     return true;
   }
 
   /** Returns whether a key is one of the table. */
   #plainKey(event: KeyboardEvent, rank: number) {
-    const { key, shiftKey } = event, { active, columns } = this, at = columns.findIndex((c) => c.key === active.key);
-    const rows = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2), { kind } = columns[at];
+    const { key, shiftKey } = event,
+      { active, columns } = this,
+      at = columns.findIndex((c) => c.key === active.key);
+    const rows = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2),
+      { kind } = columns[at];
     const ways: Record<string, number> = { ArrowUp: -1, ArrowDown: 1, PageUp: -rows, PageDown: rows };
-    const up = ways[key], side = key === "ArrowLeft" ? -1 : key === "ArrowRight" ? 1 : 0;
+    const up = ways[key],
+      side = key === "ArrowLeft" ? -1 : key === "ArrowRight" ? 1 : 0;
     const isBox = kind === "check" || kind === "go" || rank < 0;
     if (up) {
       const to = key.startsWith("Page") ? Math.max(0, rank + up) : rank + up;
@@ -541,7 +677,8 @@ class PointsTableView {
       if (shiftKey && to >= 0) this.choose(this.rankOf(this.active.id), false, true);
     } else if (side) this.mark(rank, columns[Math.max(0, Math.min(at + side, columns.length - 1))].key);
     else if (key === "Home" || key === "End") this.mark(rank, columns[key === "Home" ? 0 : columns.length - 1].key);
-    else if (isBox && (key === " " || (key === "Enter" && kind !== "check"))) return false; // the button's own
+    else if (isBox && (key === " " || (key === "Enter" && kind !== "check")))
+      return false; // the button's own
     else if ((key === "Enter" || key === "F2") && !isBox && active.id !== null) this.write(active.id, active.key);
     else if (key === " ") this.choose(rank, true, false);
     else if (key === "Delete") this.act("remove", this.chosenIds());
@@ -555,21 +692,27 @@ class PointsTableView {
   // ---- the mouse ----------------------------------------------------------------------------------------------------
 
   #cellAt(event: Event) {
-    const cell = targetOf(event).closest(".dnb-pt-cell[data-key]"), row = cell?.closest(".dnb-pt-row[data-id]");
+    const cell = targetOf(event).closest(".dnb-pt-cell[data-key]"),
+      row = cell?.closest(".dnb-pt-row[data-id]");
     return cell && row ? { id: Number(row.getAttribute("data-id")), key: String(cell.getAttribute("data-key")) } : null;
   }
 
   #focused(event: FocusEvent) {
-    const at = this.#cellAt(event), head = at ? null : targetOf(event).closest(".dnb-pt-head-cell");
+    const at = this.#cellAt(event),
+      head = at ? null : targetOf(event).closest(".dnb-pt-head-cell");
     if (at) this.active = at;
     else if (head) this.active = { id: null, key: String(head.getAttribute("data-key")) };
     this.reach();
   }
 
   #click(event: MouseEvent) {
-    const at = this.#cellAt(event), target = targetOf(event);
+    const at = this.#cellAt(event),
+      target = targetOf(event);
     if (!at || target.closest(".dnb-pt-input")) return;
-    if (at.key === "go") { if (target.closest("button")) this.act("look", [at.id]); return; }
+    if (at.key === "go") {
+      if (target.closest("button")) this.act("look", [at.id]);
+      return;
+    }
     if (target.closest(".dnb-pt-box")) return;
     this.choose(this.rankOf(at.id), event.ctrlKey || event.metaKey, event.shiftKey);
   }
@@ -580,7 +723,8 @@ class PointsTableView {
   }
 
   #changed(event: Event) {
-    const at = this.#cellAt(event), box = event.target;
+    const at = this.#cellAt(event),
+      box = event.target;
     if (!at || !(box instanceof HTMLInputElement) || !box.classList.contains("dnb-pt-box")) return;
     this.act("cell", [at.id], { field: at.key, axis: 0, value: box.checked }, at.key);
     box.checked = !box.checked; // as Python holds it, until it answers
@@ -606,7 +750,12 @@ class PointsTableView {
    * Request an action of Python.
    * @param key the place of a refusal: a column, "place" or "text"
    */
-  act(what: string, ids: number[] = [], { field = "", axis = 0, value = null }: { field?: string, axis?: number, value?: string | boolean | null } = {}, key: string = "") {
+  act(
+    what: string,
+    ids: number[] = [],
+    { field = "", axis = 0, value = null }: { field?: string; axis?: number; value?: string | boolean | null } = {},
+    key: string = "",
+  ) {
     this.seq += 1;
     if (what !== "seen") this.showMessage("");
     this.waiting.set(this.seq, { what, ids, key });
@@ -619,7 +768,10 @@ class PointsTableView {
     this.waiting.delete(seq);
     if (text) this.showMessage(text);
     if (ok && request.key === "place") this.place.value = "";
-    if (ok && request.key === "text") { this.text.value = ""; this.#openPasting(false); }
+    if (ok && request.key === "text") {
+      this.text.value = "";
+      this.#openPasting(false);
+    }
     if (!ok && request.ids.length) this.refuse(request.ids[0], request.key);
     if (request.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
     if (request.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
@@ -627,7 +779,10 @@ class PointsTableView {
 
   /** Copy by the browser's command: without https there is no other clipboard. */
   #copyNow() {
-    const once = (event: ClipboardEvent) => { event.stopPropagation(); this.#copyInto(event); };
+    const once = (event: ClipboardEvent) => {
+      event.stopPropagation();
+      this.#copyInto(event);
+    };
     document.addEventListener("copy", once, { capture: true });
     const isDone = document.execCommand("copy");
     document.removeEventListener("copy", once, { capture: true });
@@ -649,15 +804,21 @@ class PointsTableView {
 
   // ---- words --------------------------------------------------------------------------------------------------------
 
-  showMessage(text: string) { setText(this.liveRegion, text); }
+  showMessage(text: string) {
+    setText(this.liveRegion, text);
+  }
 
   describe() {
     const { points, selected } = this;
     const count: (n: number, one: string, more: string) => string = (n, one, more) => `${n} ${n === 1 ? one : more}`;
-    const suspects = points.filter((p) => p.suspect).length, chosen = points.filter((p) => selected.has(p.id)).length;
-    const facts = [count(points.length, "point", "points"), ...(chosen ? [`${chosen} selected`] : []),
+    const suspects = points.filter((p) => p.suspect).length,
+      chosen = points.filter((p) => selected.has(p.id)).length;
+    const facts = [
+      count(points.length, "point", "points"),
+      ...(chosen ? [`${chosen} selected`] : []),
       ...(suspects ? [count(suspects, "disagrees with its neighbours", "disagree with their neighbours")] : []),
-      ...(this.model.get("smoothing_on") ? [] : ["weights matter only with smoothing, which is off"])];
+      ...(this.model.get("smoothing_on") ? [] : ["weights matter only with smoothing, which is off"]),
+    ];
     const hidden = pointColumns(this.dim).length - this.columns.length;
     if (hidden > 0) facts.push(`${count(hidden, "column", "columns")} more where the table is wider`);
     setText(this.facts, facts.join(" \u00b7 "));
@@ -669,7 +830,7 @@ class PointsTableView {
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new PointsTableView(model, el);
   return () => view.close();
 }

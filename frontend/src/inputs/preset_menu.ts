@@ -1,8 +1,7 @@
 // Menu of the presets of colours and opacities, with a picture of this very volume in the colours of each.
 
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
-
 import type { Model } from "../types.ts";
+import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
 const TRAITS = ["value", "disabled", "thumbnails"];
 const PICTURE = 64; // CSS pixels
@@ -18,7 +17,7 @@ class PresetMenuView {
   root: HTMLDivElement;
   button: HTMLButtonElement;
   list: HTMLDivElement;
-  options: Map<string, { option: HTMLButtonElement; picture: HTMLImageElement; }>;
+  options: Map<string, { option: HTMLButtonElement; picture: HTMLImageElement }>;
   draw: () => void;
 
   constructor(model: Model, el: HTMLElement) {
@@ -28,7 +27,11 @@ class PresetMenuView {
     this.root = pageElement("div", "dnb-preset-menu", el, OWN_KEYS);
     this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });
     // In the browser's top layer, since the row over the volume cuts off what is higher than itself.
-    this.list = pageElement("div", "dnb-pm-list", this.root, { role: "listbox", "aria-label": "Preset", popover: "auto" });
+    this.list = pageElement("div", "dnb-pm-list", this.root, {
+      role: "listbox",
+      "aria-label": "Preset",
+      popover: "auto",
+    });
     const presets: [string, string][] = Object.entries(model.get("presets") ?? {});
     this.options = new Map(presets.map(([name, tip]) => [name, this.#option(name, tip)]));
     this.button.addEventListener("click", () => this.#open(), { signal });
@@ -47,7 +50,12 @@ class PresetMenuView {
   }
 
   #option(name: string, tip: string) {
-    const option = pageElement("button", "dnb-pm-option", this.list, { type: "button", role: "option", title: tip, tabindex: -1 });
+    const option = pageElement("button", "dnb-pm-option", this.list, {
+      type: "button",
+      role: "option",
+      title: tip,
+      tabindex: -1,
+    });
     const picture = pageElement("img", "", option, { alt: "", width: PICTURE, height: PICTURE, draggable: "false" });
     pageElement("span", "", option).textContent = labelOf(name);
     option.addEventListener("click", () => this.#choose(name), { signal: this.closing.signal });
@@ -56,14 +64,17 @@ class PresetMenuView {
 
   #open() {
     this.list.showPopover();
-    const { left, bottom } = this.button.getBoundingClientRect(), { offsetWidth, offsetHeight } = this.list;
+    const { left, bottom } = this.button.getBoundingClientRect(),
+      { offsetWidth, offsetHeight } = this.list;
     this.list.style.left = `${Math.max(EDGE, Math.min(left, innerWidth - offsetWidth - EDGE))}px`;
     this.list.style.top = `${Math.max(EDGE, Math.min(bottom + EDGE, innerHeight - offsetHeight - EDGE))}px`;
     const first = this.options.get(this.model.get("value")) ?? [...this.options.values()][0];
     first?.option.focus({ preventScroll: true });
   }
 
-  #hide() { if (this.list.matches(":popover-open")) this.list.hidePopover(); }
+  #hide() {
+    if (this.list.matches(":popover-open")) this.list.hidePopover();
+  }
 
   #choose(name: string) {
     this.#hide();
@@ -74,8 +85,16 @@ class PresetMenuView {
 
   /** Arrows go from one to the next, round and round. Enter and space choose, Esc closes: the browser does both. */
   #key(event: KeyboardEvent) {
-    const all = [...this.options.values()].map(({ option }) => option), at = all.findIndex((option) => option.matches(":focus"));
-    const next: Record<string, number> = { ArrowDown: at + 1, ArrowRight: at + 1, ArrowUp: at - 1, ArrowLeft: at - 1, Home: 0, End: -1 };
+    const all = [...this.options.values()].map(({ option }) => option),
+      at = all.findIndex((option) => option.matches(":focus"));
+    const next: Record<string, number> = {
+      ArrowDown: at + 1,
+      ArrowRight: at + 1,
+      ArrowUp: at - 1,
+      ArrowLeft: at - 1,
+      Home: 0,
+      End: -1,
+    };
     if (event.key !== "Tab") event.stopPropagation(); // the page around has its own keys
     if (!(event.key in next)) return;
     event.preventDefault();
@@ -83,21 +102,27 @@ class PresetMenuView {
   }
 
   #draw() {
-    const { model } = this, value = model.get("value"), pictures = model.get("thumbnails") ?? {};
+    const { model } = this,
+      value = model.get("value"),
+      pictures = model.get("thumbnails") ?? {};
     const isOpen = this.list.matches(":popover-open");
     setText(this.button, labelOf(value));
-    setAttributes(this.button, { "aria-label": `Preset: ${labelOf(value)}`, "aria-expanded": isOpen,
-      title: "Colours and opacities of the volume, each as it shows this one" });
+    setAttributes(this.button, {
+      "aria-label": `Preset: ${labelOf(value)}`,
+      "aria-expanded": isOpen,
+      title: "Colours and opacities of the volume, each as it shows this one",
+    });
     this.button.disabled = Boolean(model.get("disabled"));
     for (const [name, { option, picture }] of this.options) {
       setAttributes(option, { "aria-selected": name === value });
-      if (pictures[name]) picture.src = pictures[name]; else picture.removeAttribute("src");
+      if (pictures[name]) picture.src = pictures[name];
+      else picture.removeAttribute("src");
     }
   }
 }
 
 export default {
-  render({ model, el }: { model: Model, el: HTMLElement }) {
+  render({ model, el }: { model: Model; el: HTMLElement }) {
     const view = new PresetMenuView(model, el);
     return () => view.close();
   },

@@ -16,11 +16,15 @@ const RESTORE_BUTTONS: [string, string, string][] = [
 ];
 const SURE = "Delete for good?";
 const SURE_FOR = 5000; // ms in which a second click deletes
-const GONE: Record<string, string> = { autorestarting: "was restarted", restarting: "was restarted", dead: "has died",
-  terminating: "was stopped" };
+const GONE: Record<string, string> = {
+  autorestarting: "was restarted",
+  restarting: "was restarted",
+  dead: "has died",
+  terminating: "was stopped",
+};
 
 /** A signal of Lumino. */
-export type StatusSignal = { connect?: (slot: StatusSlot) => void, disconnect?: (slot: StatusSlot) => void };
+export type StatusSignal = { connect?: (slot: StatusSlot) => void; disconnect?: (slot: StatusSlot) => void };
 export type StatusSlot = (kernel: unknown, status: string) => void;
 export type NotebookModel = Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } };
 
@@ -44,16 +48,23 @@ class RestoreBarView {
     this.root = pageElement("div", "dnb-restore", el, { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
     this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {
-      const button = pageElement("button", `dnb-restore-button dnb-restore-${what}`, this.root,
-        { type: "button", title: tip, ...OWN_KEYS });
+      const button = pageElement("button", `dnb-restore-button dnb-restore-${what}`, this.root, {
+        type: "button",
+        title: tip,
+        ...OWN_KEYS,
+      });
       button.textContent = text;
       button.addEventListener("click", () => this.#act(what, button));
       return button;
     });
     this.draw = () => this.#draw();
-    this.answered = (content: any) => { if (content.type === "done") this.#wait(false); };
+    this.answered = (content: any) => {
+      if (content.type === "done") this.#wait(false);
+    };
     this.died = () => this.#gone("restarting");
-    this.changed = (_kernel, status) => { if (GONE[status]) this.#gone(status); };
+    this.changed = (_kernel, status) => {
+      if (GONE[status]) this.#gone(status);
+    };
     for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
     model.on("comm_live_update", this.died);
@@ -94,7 +105,8 @@ class RestoreBarView {
 
   #draw() {
     clearTimeout(this.timer);
-    const offer = this.model.get("offer") || "", written = this.model.get("written");
+    const offer = this.model.get("offer") || "",
+      written = this.model.get("written");
     const found = written ? ` What was written by itself at ${written} is offered then, or stands under History.` : "";
     setText(this.text, this.fate ? `The kernel ${this.fate}: run the cell again.${found}` : offer);
     this.buttons.forEach((button, k) => {
@@ -108,7 +120,7 @@ class RestoreBarView {
 }
 
 export default {
-  render({ model, el }: { model: NotebookModel, el: HTMLElement }) {
+  render({ model, el }: { model: NotebookModel; el: HTMLElement }) {
     const view = new RestoreBarView(model, el);
     return () => view.close();
   },

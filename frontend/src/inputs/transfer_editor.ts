@@ -1,13 +1,12 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
 
 import type { NodeRules } from "../maths/curves.ts";
-import type { Model } from "../types.ts";
-import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
-
 import { lineAt, shownNumber } from "../maths/curves.ts";
+import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
 import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
-import { ARROWS, CurvePlot, pathOf, PLOT } from "./curve_plot.ts";
+import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
+import { ARROWS, CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
 
 /** A value and its red, green and blue, from 0 to 1. */
 export type ColorStop = number[];
@@ -15,7 +14,7 @@ export type ColorStop = number[];
 export type WindowPart = "level" | "low" | "high";
 
 /** A state before a drag. */
-export type Kept = { nodes: number[][], colors: ColorStop[], named: string };
+export type Kept = { nodes: number[][]; colors: ColorStop[]; named: string };
 
 // ---- the part of the axis of values that is seen, and the window (no DOM) -------------------------------------------
 
@@ -26,14 +25,22 @@ const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the 
  * The seen part of the axis, zoomed by a factor about a value and kept within the whole axis; null where all of it is
  * seen.
  */
-export function zoomedAxis([low, high]: number[], [first, last]: number[], factor: number, at: number): number[] | null {
-  const span = last - first, width = Math.max(FINEST * span, (high - low) / factor);
+export function zoomedAxis(
+  [low, high]: number[],
+  [first, last]: number[],
+  factor: number,
+  at: number,
+): number[] | null {
+  const span = last - first,
+    width = Math.max(FINEST * span, (high - low) / factor);
   if (width >= span * (1 - 1e-9)) return null;
-  return keptInside([at - (at - low) * width / (high - low), width], [first, last]);
+  return keptInside([at - ((at - low) * width) / (high - low), width], [first, last]);
 }
 
 /** The seen part of the axis, moved and kept within the whole axis. */
-export function pannedAxis([low, high]: number[], whole: number[], by: number) { return keptInside([low + by, high - low], whole); }
+export function pannedAxis([low, high]: number[], whole: number[], by: number) {
+  return keptInside([low + by, high - low], whole);
+}
 
 /** @param part its low end and its width */
 function keptInside([low, width]: number[], [first, last]: number[]): number[] {
@@ -43,7 +50,7 @@ function keptInside([low, width]: number[], [first, last]: number[]): number[] {
 
 /** A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly. */
 export function stretchedValue(value: number, [first, last]: number[], [low, high]: number[]) {
-  return value === last ? high : Math.min(high, low + (value - first) / (last - first) * (high - low));
+  return value === last ? high : Math.min(high, low + ((value - first) / (last - first)) * (high - low));
 }
 
 /** The window of a transfer function, from its first value to its last. */
@@ -53,7 +60,13 @@ export function windowOf(nodes: number[][], stops: ColorStop[]): number[] {
 }
 
 /** A window after a drag of one end or of the whole ("level"): at least so wide, and within limits. */
-export function movedWindow([low, high]: number[], part: WindowPart, by: number, least: number, [first, last]: number[]): number[] {
+export function movedWindow(
+  [low, high]: number[],
+  part: WindowPart,
+  by: number,
+  least: number,
+  [first, last]: number[],
+): number[] {
   if (part === "low") return [Math.max(Math.min(first, low), Math.min(high - least, low + by)), high];
   if (part === "high") return [low, Math.min(Math.max(last, high), Math.max(low + least, high + by))];
   const shift = Math.max(Math.min(first - low, 0), Math.min(Math.max(last - high, 0), by));
@@ -66,7 +79,13 @@ const STRIP = { top: 28, height: 12 }; // CSS pixels, from the floor of the plot
 const PIN = "M0 -1L6 6V15.5H-6V6Z";
 
 export function hexOf(rgb: number[]) {
-  return `#${rgb.map((v) => Math.round(255 * Math.max(0, Math.min(1, v))).toString(16).padStart(2, "0")).join("")}`;
+  return `#${rgb
+    .map((v) =>
+      Math.round(255 * Math.max(0, Math.min(1, v)))
+        .toString(16)
+        .padStart(2, "0"),
+    )
+    .join("")}`;
 }
 
 export function rgbOf(hex: string): number[] {
@@ -76,7 +95,11 @@ export function rgbOf(hex: string): number[] {
 
 /** Red, green and blue at a value, linear between stops. */
 export function colorAt(stops: ColorStop[], value: number): number[] {
-  const part = (c: 1 | 2 | 3) => lineAt(stops.map((stop) => [stop[0], stop[c]]), value);
+  const part = (c: 1 | 2 | 3) =>
+    lineAt(
+      stops.map((stop) => [stop[0], stop[c]]),
+      value,
+    );
   return [part(1), part(2), part(3)];
 }
 
@@ -90,7 +113,8 @@ export function movedStop(stops: ColorStop[], k: number, value: number, [first, 
 
 /** Stops with another one that changes no colour, and its index. */
 export function addedStop(stops: ColorStop[], value: number): [ColorStop[], number] {
-  const index = stops.findIndex((stop) => stop[0] > value), k = index < 0 ? stops.length : index;
+  const index = stops.findIndex((stop) => stop[0] > value),
+    k = index < 0 ? stops.length : index;
   return [[...stops.slice(0, k), [value, ...colorAt(stops, value)], ...stops.slice(k)], k];
 }
 
@@ -127,26 +151,37 @@ class ColorStops {
     // The browser's own input of a colour, for the bar.
     this.picker = pageElement("input", "dnb-cv-color", null, { type: "color", ...OWN_KEYS });
     view.listen(this.picker, "input", () => this.#recolour());
-    view.listen(this.picker, "change", () => { this.#recolour(); this.#picked(); });
+    view.listen(this.picker, "change", () => {
+      this.#recolour();
+      this.#picked();
+    });
     view.listen(this.picker, "blur", () => this.#picked());
   }
 
-  get stops() { return this.view.colors; }
+  get stops() {
+    return this.view.colors;
+  }
 
   /** The value that Python gets. */
-  value() { return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) }; }
+  value() {
+    return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) };
+  }
 
   words(k: number) {
     const [value, ...rgb] = this.stops[k];
     return `value ${this.view.shownValue(value)}, colour ${hexOf(rgb)}`;
   }
 
-  facts() { return `Colour ${this.chosen + 1} of ${this.stops.length}: ${this.words(this.chosen)}`; }
+  facts() {
+    return `Colour ${this.chosen + 1} of ${this.stops.length}: ${this.words(this.chosen)}`;
+  }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /** The index of the stop under the pointer. */
-  #at(event: MouseEvent) { return numberUnder(event, this.group, "data-stop"); }
+  #at(event: MouseEvent) {
+    return numberUnder(event, this.group, "data-stop");
+  }
 
   #show(stops: ColorStop[], chosen: number = this.chosen) {
     this.chosen = chosen;
@@ -159,7 +194,8 @@ class ColorStops {
   }
 
   press(event: PointerEvent) {
-    const { view } = this, k = view.isReadOnly ? null : this.#at(event);
+    const { view } = this,
+      k = view.isReadOnly ? null : this.#at(event);
     if (k === null) return null;
     view.settle();
     this.grips[k].focus({ preventScroll: true });
@@ -168,13 +204,16 @@ class ColorStops {
     return { k, from: view.toPixel([this.stops[k][0], 0])[0], before: view.kept() };
   }
 
-  drag({ k, from, before }: { k: number, from: number, before: Kept }, [dx]: number[]) {
-    const { view } = this, [value] = view.tidy(view.toPlace([from + dx, 0]));
+  drag({ k, from, before }: { k: number; from: number; before: Kept }, [dx]: number[]) {
+    const { view } = this,
+      [value] = view.tidy(view.toPlace([from + dx, 0]));
     this.#show(movedStop(before.colors, k, value, view.range), k);
     view.move(this.value());
   }
 
-  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) { this.view.dropped(this, before, isCancelled, isClick); }
+  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) {
+    this.view.dropped(this, before, isCancelled, isClick);
+  }
 
   nudge(k: number, by: number) {
     const { view } = this;
@@ -188,7 +227,10 @@ class ColorStops {
     const { view } = this;
     if (view.isReadOnly) return;
     view.settle();
-    if (this.stops.length >= view.rules().most) { view.showMessage("There is no room for another colour."); return; }
+    if (this.stops.length >= view.rules().most) {
+      view.showMessage("There is no room for another colour.");
+      return;
+    }
     this.#show(...addedStop(this.stops, value));
     view.choose(this);
     view.commitOf(this);
@@ -198,26 +240,39 @@ class ColorStops {
 
   /** Between a stop and the next, or where there is more room on the other side of the last. */
   addChosen() {
-    const { stops, view } = this, k = this.chosen, next = stops[k + 1]?.[0] ?? view.range[1];
+    const { stops, view } = this,
+      k = this.chosen,
+      next = stops[k + 1]?.[0] ?? view.range[1];
     const at = k === stops.length - 1 && next - stops[k][0] <= 0 && k > 0 ? stops[k - 1][0] : next;
     this.add((stops[k][0] + at) / 2);
   }
 
-  get canRemove() { return this.stops.length > 1; }
+  get canRemove() {
+    return this.stops.length > 1;
+  }
 
   remove(k: number) {
     const { view } = this;
     if (view.isReadOnly) return;
     view.settle();
-    if (!this.canRemove) { view.showMessage("One colour stays."); return; }
+    if (!this.canRemove) {
+      view.showMessage("One colour stays.");
+      return;
+    }
     const hadFocus = this.group.contains(treeOf(view.root).activeElement);
-    this.#show(this.stops.filter((_, j) => j !== k), Math.min(k, this.stops.length - 2));
+    this.#show(
+      this.stops.filter((_, j) => j !== k),
+      Math.min(k, this.stops.length - 2),
+    );
     view.commitOf(this);
-    if (hadFocus) this.#focus(); else view.draw();
+    if (hadFocus) this.#focus();
+    else view.draw();
     view.announce(`removed; ${this.stops.length} colours are left`);
   }
 
-  removeChosen() { this.remove(this.chosen); }
+  removeChosen() {
+    this.remove(this.chosen);
+  }
 
   #focus() {
     this.view.draw();
@@ -227,8 +282,13 @@ class ColorStops {
   #doubleClick(event: MouseEvent) {
     event.preventDefault();
     event.stopPropagation();
-    const k = this.#at(event), { view } = this;
-    if (k !== null) { this.choose(k); this.pick(); return; }
+    const k = this.#at(event),
+      { view } = this;
+    if (k !== null) {
+      this.choose(k);
+      this.pick();
+      return;
+    }
     this.add(view.tidy(view.toPlace(view.pointOf(event)))[0]);
   }
 
@@ -237,11 +297,16 @@ class ColorStops {
     if (this.view.isReadOnly) return;
     this.view.draw();
     this.picker.focus({ preventScroll: true });
-    try { this.picker.showPicker(); } catch { /* only a click of the user may: Enter opens them */ }
+    try {
+      this.picker.showPicker();
+    } catch {
+      /* only a click of the user may: Enter opens them */
+    }
   }
 
   #recolour() {
-    const { view } = this, [r, g, b] = rgbOf(this.picker.value);
+    const { view } = this,
+      [r, g, b] = rgbOf(this.picker.value);
     if (view.isReadOnly || hexOf(this.stops[this.chosen].slice(1)) === this.picker.value) return;
     this.isPicking = view.isHeld = true;
     this.#show(this.stops.map((stop, j) => (j === this.chosen ? [stop[0], r, g, b] : stop)));
@@ -257,14 +322,18 @@ class ColorStops {
 
   /** Returns whether the key is one of the stops. */
   key(event: KeyboardEvent) {
-    const k = targetIndex(this.grips, event), { view } = this;
+    const k = targetIndex(this.grips, event),
+      { view } = this;
     if (k < 0 || view.isReadOnly) return false;
     const step = ARROWS[event.key];
     if (step) this.nudge(k, (step[0] + step[1]) * view.valueStep(event.shiftKey));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addChosen();
-    else if (event.key === "Enter" || event.key === " ") { view.settle(); this.choose(k); this.pick(); }
-    else return false;
+    else if (event.key === "Enter" || event.key === " ") {
+      view.settle();
+      this.choose(k);
+      this.pick();
+    } else return false;
     return true;
   }
 
@@ -272,7 +341,9 @@ class ColorStops {
 
   /** @param floor of the plot, in pixels */
   draw(floor: number) {
-    const { view } = this, { left, width } = view.box, top = floor + STRIP.top;
+    const { view } = this,
+      { left, width } = view.box,
+      top = floor + STRIP.top;
     this.chosen = Math.min(this.chosen, this.stops.length - 1);
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     setAttributes(this.strip, { x: left, y: top, width });
@@ -281,10 +352,19 @@ class ColorStops {
     while (this.grips.length < this.stops.length) this.grips.push(this.#grip(this.grips.length));
     const [first, last] = view.range;
     this.stops.forEach(([value, ...rgb], k) => {
-      const [x] = view.toPixel([value, 0]), grip = this.grips[k], isChosen = k === this.chosen;
-      setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top + STRIP.height})`, tabindex: 0,
-        "aria-label": `colour ${k + 1} of ${this.stops.length}`, "aria-valuetext": this.words(k),
-        "aria-valuenow": value, "aria-valuemin": first, "aria-valuemax": last, "aria-readonly": view.isReadOnly });
+      const [x] = view.toPixel([value, 0]),
+        grip = this.grips[k],
+        isChosen = k === this.chosen;
+      setAttributes(grip, {
+        transform: `translate(${x.toFixed(2)} ${top + STRIP.height})`,
+        tabindex: 0,
+        "aria-label": `colour ${k + 1} of ${this.stops.length}`,
+        "aria-valuetext": this.words(k),
+        "aria-valuenow": value,
+        "aria-valuemin": first,
+        "aria-valuemax": last,
+        "aria-readonly": view.isReadOnly,
+      });
       grip.querySelector(".dnb-cv-pin")?.setAttribute("fill", hexOf(rgb));
       grip.classList.toggle("dnb-cv-chosen", isChosen && view.row === this);
       grip.style.display = view.isSeen(value) ? "" : "none";
@@ -300,23 +380,29 @@ class ColorStops {
     svgElement("path", { class: "dnb-cv-pin", d: PIN }, grip);
     const tip = "Drag; double click or Enter: another colour; right click or Del: remove";
     svgElement("title", {}, grip).textContent = tip;
-    view.listen(grip, "focus", () => { if (!view.isHeld) this.choose(this.grips.indexOf(grip)); });
+    view.listen(grip, "focus", () => {
+      if (!view.isHeld) this.choose(this.grips.indexOf(grip));
+    });
     return grip;
   }
 
   #drawPicker() {
-    const { picker, view } = this, [value, ...rgb] = this.stops[this.chosen], hex = hexOf(rgb);
+    const { picker, view } = this,
+      [value, ...rgb] = this.stops[this.chosen],
+      hex = hexOf(rgb);
     if (!this.isPicking && picker.value !== hex) picker.value = hex;
     picker.disabled = view.isReadOnly;
-    setAttributes(picker, { title: "Another colour for the chosen stop",
-      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${view.shownValue(value)}` });
+    setAttributes(picker, {
+      title: "Another colour for the chosen stop",
+      "aria-label": `Colour of stop ${this.chosen + 1} of ${this.stops.length}, at ${view.shownValue(value)}`,
+    });
   }
 }
 
 // ---- the window: a bar from the first value to the last, whose drags take all nodes and colours along ---------------
 
 const BAR_AT = { top: 64, height: 12 }; // CSS pixels, from the floor of the plot
-const WINDOW_PARTS = (["level", "low", "high"] as const);
+const WINDOW_PARTS = ["level", "low", "high"] as const;
 const NARROWEST = 1 / 1000; // of the values of the volume
 
 class WindowBar {
@@ -324,7 +410,7 @@ class WindowBar {
   group: SVGGElement;
   title: SVGTextElement;
   rail: SVGPathElement;
-  grips: { level: SVGGElement; low: SVGGElement; high: SVGGElement; };
+  grips: { level: SVGGElement; low: SVGGElement; high: SVGGElement };
   cancelDrag: () => boolean;
 
   part: WindowPart = "level";
@@ -335,8 +421,11 @@ class WindowBar {
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Window";
     this.rail = svgElement("path", { class: "dnb-cv-rail", "aria-hidden": "true" }, this.group);
-    this.grips = { level: this.#grip("level", "level: all values"), low: this.#grip("low", "low end"),
-      high: this.#grip("high", "high end") };
+    this.grips = {
+      level: this.#grip("level", "level: all values"),
+      low: this.#grip("low", "low end"),
+      high: this.#grip("high", "high end"),
+    };
     this.cancelDrag = listenToDrags(view, this.group, this);
     view.listen(this.group, "dblclick", (event) => {
       event.preventDefault();
@@ -345,7 +434,9 @@ class WindowBar {
     });
   }
 
-  get window() { return windowOf(this.view.nodes, this.view.colors); }
+  get window() {
+    return windowOf(this.view.nodes, this.view.colors);
+  }
 
   /** Limits of either end: as far again as the values of the volume reach. */
   get limits(): number[] {
@@ -365,11 +456,15 @@ class WindowBar {
   }
 
   /** The value that Python gets. */
-  value() { return { window: this.window }; }
+  value() {
+    return { window: this.window };
+  }
 
   facts() {
-    const [low, high] = this.window, { view } = this;
-    const level = view.shownValue((low + high) / 2), width = view.shownValue(high - low);
+    const [low, high] = this.window,
+      { view } = this;
+    const level = view.shownValue((low + high) / 2),
+      width = view.shownValue(high - low);
     return `Window ${view.shownValue(low)} to ${view.shownValue(high)}: level ${level}, width ${width}`;
   }
 
@@ -387,14 +482,17 @@ class WindowBar {
   }
 
   /** Stretch nodes and colours to a window. */
-  #show({ nodes, colors }: { nodes: number[][], colors: ColorStop[] }, to: number[]) {
+  #show({ nodes, colors }: { nodes: number[][]; colors: ColorStop[] }, to: number[]) {
     const from = windowOf(nodes, colors);
-    this.view.changed({ nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
-      colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]) });
+    this.view.changed({
+      nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
+      colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]),
+    });
   }
 
   press(event: PointerEvent) {
-    const { view } = this, part = view.isReadOnly || this.isFlat ? null : this.#at(event);
+    const { view } = this,
+      part = view.isReadOnly || this.isFlat ? null : this.#at(event);
     if (part === null) return null;
     view.settle();
     this.grips[part].focus({ preventScroll: true });
@@ -403,15 +501,20 @@ class WindowBar {
     return { part, before: view.kept() };
   }
 
-  drag({ part, before }: { part: WindowPart, before: Kept }, [dx]: number[]) {
-    const { view } = this, [[x0, x1]] = view.view, [low, high] = windowOf(before.nodes, before.colors);
-    const end = part === "high" ? high : low, to = end + dx / view.box.width * (x1 - x0);
+  drag({ part, before }: { part: WindowPart; before: Kept }, [dx]: number[]) {
+    const { view } = this,
+      [[x0, x1]] = view.view,
+      [low, high] = windowOf(before.nodes, before.colors);
+    const end = part === "high" ? high : low,
+      to = end + (dx / view.box.width) * (x1 - x0);
     const by = view.tidy([to, 0], true, false)[0] - end;
     this.#show(before, movedWindow([low, high], part, by, this.least, this.limits));
     view.move(this.value());
   }
 
-  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) { this.view.dropped(this, before, isCancelled, isClick); }
+  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) {
+    this.view.dropped(this, before, isCancelled, isClick);
+  }
 
   nudge(part: WindowPart, by: number) {
     const { view } = this;
@@ -424,22 +527,38 @@ class WindowBar {
 
   /** Returns whether the key is one of the window. */
   key(event: KeyboardEvent) {
-    const { view } = this, part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
+    const { view } = this,
+      part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
     if (!part || view.isReadOnly) return false;
     const step = ARROWS[event.key];
     if (step) this.nudge(part, (step[0] + step[1]) * view.valueStep(event.shiftKey));
-    else if (event.key === "Enter" || event.key === " ") { view.settle(); view.zoomToWindow(); }
-    else return false;
+    else if (event.key === "Enter" || event.key === " ") {
+      view.settle();
+      view.zoomToWindow();
+    } else return false;
     return true;
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   #grip(part: WindowPart, text: string) {
-    const { view } = this, grip = svgElement("g", { class: `dnb-cv-grip dnb-cv-${part}`, "data-window": part,
-      role: "slider", tabindex: 0, "aria-label": `window, ${text}`, ...OWN_KEYS }, this.group);
-    const tip = part === "level" ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
-      : "Drag: all nodes and colours are stretched";
+    const { view } = this,
+      grip = svgElement(
+        "g",
+        {
+          class: `dnb-cv-grip dnb-cv-${part}`,
+          "data-window": part,
+          role: "slider",
+          tabindex: 0,
+          "aria-label": `window, ${text}`,
+          ...OWN_KEYS,
+        },
+        this.group,
+      );
+    const tip =
+      part === "level"
+        ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
+        : "Drag: all nodes and colours are stretched";
     svgElement("title", {}, grip).textContent = tip;
     if (part === "level") {
       svgElement("rect", { class: "dnb-cv-hit", y: -6, height: BAR_AT.height + 12 }, grip);
@@ -450,24 +569,38 @@ class WindowBar {
       svgElement("rect", { class: "dnb-cv-end", x: -4, y: -3, width: 8, height: BAR_AT.height + 6, rx: 3 }, grip);
       svgElement("path", { class: "dnb-cv-notch", d: `M-1 1.5v9M1 1.5v9` }, grip);
     }
-    view.listen(grip, "focus", () => { if (!view.isHeld) this.choose(part); });
+    view.listen(grip, "focus", () => {
+      if (!view.isHeld) this.choose(part);
+    });
     return grip;
   }
 
   /** @param floor of the plot, in pixels */
   draw(floor: number) {
-    const { view } = this, { left, width } = view.box, top = floor + BAR_AT.top, [low, high] = this.window;
+    const { view } = this,
+      { left, width } = view.box,
+      top = floor + BAR_AT.top,
+      [low, high] = this.window;
     const inside = (value: number) => Math.max(left, Math.min(left + width, view.toPixel([value, 0])[0]));
-    const from = inside(low), to = inside(high), middle = (low + high) / 2;
+    const from = inside(low),
+      to = inside(high),
+      middle = (low + high) / 2;
     setAttributes(this.title, { x: left - 11, y: top + 10 });
     this.rail.setAttribute("d", `M${left} ${top + BAR_AT.height / 2}h${width}`);
     const [first, last] = this.limits;
     const places = { level: { value: middle, x: from }, low: { value: low, x: from }, high: { value: high, x: to } };
     for (const part of WINDOW_PARTS) {
-      const grip = this.grips[part], { value, x } = places[part];
-      setAttributes(grip, { transform: `translate(${x.toFixed(2)} ${top})`, "aria-valuenow": value,
-        "aria-valuemin": first, "aria-valuemax": last, "aria-valuetext": view.shownValue(value),
-        "aria-readonly": view.isReadOnly, "aria-disabled": this.isFlat });
+      const grip = this.grips[part],
+        { value, x } = places[part];
+      setAttributes(grip, {
+        transform: `translate(${x.toFixed(2)} ${top})`,
+        "aria-valuenow": value,
+        "aria-valuemin": first,
+        "aria-valuemax": last,
+        "aria-valuetext": view.shownValue(value),
+        "aria-readonly": view.isReadOnly,
+        "aria-disabled": this.isFlat,
+      });
       grip.classList.toggle("dnb-cv-chosen", view.row === this && this.part === part);
       grip.classList.toggle("dnb-cv-beyond", part !== "level" && !view.isSeen(value));
     }
@@ -483,7 +616,7 @@ const THUMBNAIL = 56; // CSS pixels
 class PresetButtons {
   view: TransferEditorView;
   group: HTMLDivElement;
-  buttons: Record<string, {button: HTMLButtonElement, picture: HTMLImageElement}>;
+  buttons: Record<string, { button: HTMLButtonElement; picture: HTMLImageElement }>;
 
   constructor(view: TransferEditorView) {
     this.view = view;
@@ -492,8 +625,12 @@ class PresetButtons {
     this.buttons = {};
     for (const [name, tip] of Object.entries<string>(view.model.get("presets") ?? {})) {
       const button = pageElement("button", "dnb-cv-preset", this.group, { type: "button", title: tip, ...OWN_KEYS });
-      const picture = pageElement("img", "dnb-cv-thumbnail", button,
-        { alt: "", width: THUMBNAIL, height: THUMBNAIL, draggable: "false" });
+      const picture = pageElement("img", "dnb-cv-thumbnail", button, {
+        alt: "",
+        width: THUMBNAIL,
+        height: THUMBNAIL,
+        draggable: "false",
+      });
       pageElement("span", "", button).textContent = name;
       view.listen(button, "click", () => view.take(name));
       this.buttons[name] = { button, picture };
@@ -504,7 +641,8 @@ class PresetButtons {
   showPictures() {
     const pictures = this.view.model.get("thumbnails") ?? {};
     for (const [name, { picture }] of Object.entries(this.buttons)) {
-      if (pictures[name]) picture.src = pictures[name]; else picture.removeAttribute("src");
+      if (pictures[name]) picture.src = pictures[name];
+      else picture.removeAttribute("src");
     }
   }
 
@@ -558,9 +696,12 @@ class TransferEditorView extends CurvePlot {
     this.presets = new PresetButtons(this);
     this.resetter = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button", ...OWN_KEYS });
     this.resetter.textContent = "Reset";
-    this.listen(this.resetter, "click", () => { if (this.back && !this.named) this.take(this.back); });
+    this.listen(this.resetter, "click", () => {
+      if (this.back && !this.named) this.take(this.back);
+    });
     pageElement("span", "dnb-cv-space", this.bar);
-    const name = `dnb-${this.link.id}`, defs = svgElement("defs", {}, this.svg);
+    const name = `dnb-${this.link.id}`,
+      defs = svgElement("defs", {}, this.svg);
     this.gradient = svgElement("linearGradient", { id: name, gradientUnits: "userSpaceOnUse", y1: 0, y2: 0 }, defs);
     this.hole = svgElement("rect", {}, svgElement("clipPath", { id: `${name}-hole` }, defs));
     this.bars = svgElement("path", { class: "dnb-cv-bars" }, this.backLayer);
@@ -576,10 +717,16 @@ class TransferEditorView extends CurvePlot {
     this.farther = this.#button("out", "Zoom out (\u2212)", () => this.zoomBy(0.5));
     this.wholer = this.#button("all", "Show all values (0)", () => this.zoomTo(null));
     this.power = model.get("power") || 1;
-    this.on("change:histogram", () => { this.zoom = null; this.invalidate(); });
+    this.on("change:histogram", () => {
+      this.zoom = null;
+      this.invalidate();
+    });
     this.on("change:thumbnails", () => this.presets.showPictures());
     for (const name of ["height", "power"]) {
-      this.on(`change:${name}`, () => { this.power = model.get("power"); this.invalidate(); });
+      this.on(`change:${name}`, () => {
+        this.power = model.get("power");
+        this.invalidate();
+      });
     }
     this.listen(this.svg, "wheel", (event) => this.wheel(event), { passive: false });
     this.start();
@@ -591,16 +738,23 @@ class TransferEditorView extends CurvePlot {
   }
 
   #button(icon: "in" | "out" | "all", tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.bar,
-      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
-    const drawn = svgElement("svg", { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true",
-      focusable: "false" }, button);
+    const button = pageElement("button", "dnb-cv-button", this.bar, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+    });
+    const drawn = svgElement(
+      "svg",
+      { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" },
+      button,
+    );
     svgElement("path", { d: VALUE_ICONS[icon] }, drawn);
     this.listen(button, "click", action);
     return button;
   }
 
-  adopt(shown: { nodes: number[][], colors: ColorStop[], preset: string, range: number[], back: string }) {
+  adopt(shown: { nodes: number[][]; colors: ColorStop[]; preset: string; range: number[]; back: string }) {
     this.nodes = shown.nodes;
     this.colors = shown.colors;
     this.named = shown.preset;
@@ -611,7 +765,10 @@ class TransferEditorView extends CurvePlot {
   }
 
   take(preset: string) {
-    if (this.isReadOnly) { this.invalidate(); return; }
+    if (this.isReadOnly) {
+      this.invalidate();
+      return;
+    }
     this.settle();
     this.named = preset;
     this.end({ preset });
@@ -648,7 +805,10 @@ class TransferEditorView extends CurvePlot {
 
   /** End a drag of a row. */
   dropped(row: ColorStops | WindowBar, before: Kept, isCancelled: boolean, isClick: boolean) {
-    if (!isCancelled && !isClick) { this.commitOf(row); return; }
+    if (!isCancelled && !isClick) {
+      this.commitOf(row);
+      return;
+    }
     this.isHeld = false;
     Object.assign(this, before);
     // Whoever followed the movements must get the value at the end; Python's has not changed.
@@ -678,26 +838,42 @@ class TransferEditorView extends CurvePlot {
 
   press(event: PointerEvent): NodeDrag | PlotDrag | null {
     const grabbed = super.press(event);
-    if (grabbed !== null) { this.choose(null); return grabbed; }
-    const [x, y] = this.pointOf(event), { left, top, width, height } = this.box;
+    if (grabbed !== null) {
+      this.choose(null);
+      return grabbed;
+    }
+    const [x, y] = this.pointOf(event),
+      { left, top, width, height } = this.box;
     const isInside = x > left && x < left + width && y > top && y < top + height;
     return this.zoom && isInside && targetOf(event).closest(".dnb-cv-grip") === null ? { pan: this.zoom } : null;
   }
 
   drag(grabbed: NodeDrag | PlotDrag, by: number[]) {
-    if (!("pan" in grabbed)) { super.drag(grabbed, by); return; }
+    if (!("pan" in grabbed)) {
+      super.drag(grabbed, by);
+      return;
+    }
     const [low, high] = grabbed.pan;
-    this.zoomTo(pannedAxis(grabbed.pan, this.whole, -by[0] / this.box.width * (high - low)));
+    this.zoomTo(pannedAxis(grabbed.pan, this.whole, (-by[0] / this.box.width) * (high - low)));
   }
 
-  addChosen() { if (this.row === this.stops) this.stops.addChosen(); else super.addChosen(); }
+  addChosen() {
+    if (this.row === this.stops) this.stops.addChosen();
+    else super.addChosen();
+  }
 
-  removeChosen() { if (this.row === this.stops) this.stops.removeChosen(); else super.removeChosen(); }
+  removeChosen() {
+    if (this.row === this.stops) this.stops.removeChosen();
+    else super.removeChosen();
+  }
 
   key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey) return;
     const isEscaped = event.key === "Escape" && this.rows.some((row) => row.cancelDrag());
-    if (!isEscaped && !this.rows.some((row) => row.key(event)) && !this.#zoomKey(event)) { super.key(event); return; }
+    if (!isEscaped && !this.rows.some((row) => row.key(event)) && !this.#zoomKey(event)) {
+      super.key(event);
+      return;
+    }
     event.preventDefault();
     event.stopPropagation();
   }
@@ -711,7 +887,8 @@ class TransferEditorView extends CurvePlot {
   }
 
   isSeen(value: number) {
-    const [[low, high]] = this.view, slack = 1e-9 * (high - low);
+    const [[low, high]] = this.view,
+      slack = 1e-9 * (high - low);
     return value >= low - slack && value <= high + slack;
   }
 
@@ -730,7 +907,9 @@ class TransferEditorView extends CurvePlot {
   }
 
   zoomToWindow() {
-    const [low, high] = this.window.window, room = 0.1 * (high - low), whole = this.whole;
+    const [low, high] = this.window.window,
+      room = 0.1 * (high - low),
+      whole = this.whole;
     if (!(high > low)) return;
     this.zoomTo(zoomedAxis([Math.max(whole[0], low - room), Math.min(whole[1], high + room)], whole, 1, low));
   }
@@ -753,13 +932,18 @@ class TransferEditorView extends CurvePlot {
 
   /** Zoom. The wheel scrolls the page until the user works in here. */
   wheel(event: WheelEvent) {
-    const isCommand = event.ctrlKey || event.metaKey, isFocused = this.root.contains(treeOf(this.root).activeElement);
-    if (!isCommand && !isFocused) { this.hint("Click here, or hold Ctrl, to zoom with the wheel"); return; }
+    const isCommand = event.ctrlKey || event.metaKey,
+      isFocused = this.root.contains(treeOf(this.root).activeElement);
+    if (!isCommand && !isFocused) {
+      this.hint("Click here, or hold Ctrl, to zoom with the wheel");
+      return;
+    }
     if (!this.zoom && event.deltaY >= 0 && !isCommand) return; // all is seen: let the page scroll
     event.preventDefault();
-    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [[low, high]] = this.view;
+    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1,
+      [[low, high]] = this.view;
     if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
-      const by = event.deltaX * lines / this.box.width * (high - low);
+      const by = ((event.deltaX * lines) / this.box.width) * (high - low);
       if (this.zoom) this.zoomTo(pannedAxis(this.zoom, this.whole, by));
       return;
     }
@@ -771,15 +955,26 @@ class TransferEditorView extends CurvePlot {
   hint(text: string) {
     this.hinted = text;
     clearTimeout(this.hintTimer);
-    this.hintTimer = setTimeout(() => this.guard(() => { this.hinted = ""; this.invalidate(); }), 2500);
+    this.hintTimer = setTimeout(
+      () =>
+        this.guard(() => {
+          this.hinted = "";
+          this.invalidate();
+        }),
+      2500,
+    );
     this.invalidate();
   }
 
   // ---- what is on the plot ------------------------------------------------------------------------------------------
 
-  rules(): NodeRules { return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 }; }
+  rules(): NodeRules {
+    return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 };
+  }
 
-  axes(): number[][] { return [this.zoom ?? this.whole, [0, 1]]; }
+  axes(): number[][] {
+    return [this.zoom ?? this.whole, [0, 1]];
+  }
 
   /** The same, kept within what is seen; the ends of the window may leave it. */
   tidy([x, y]: number[], isFree: boolean = false, isInside: boolean = true): number[] {
@@ -790,20 +985,23 @@ class TransferEditorView extends CurvePlot {
   /** The step of an arrow key along the axis of values. */
   valueStep(isFar: boolean) {
     const [[low, high]] = this.view;
-    return (isFar ? 10 : 1) * (high - low) / 200;
+    return ((isFar ? 10 : 1) * (high - low)) / 200;
   }
 
   ticks() {
     if (this.power === 1) return super.ticks(0, 1);
     let last = Infinity;
     return [0, 0.001, 0.01, 0.1, 0.5, 1].filter((alpha) => {
-      const at = this.toPixel([this.range[0], alpha])[1], isFar = last - at >= 13;
+      const at = this.toPixel([this.range[0], alpha])[1],
+        isFar = last - at >= 13;
       if (isFar) last = at;
       return isFar;
     });
   }
 
-  tickText(alpha: number) { return String(alpha); }
+  tickText(alpha: number) {
+    return String(alpha);
+  }
 
   shownValue(value: number) {
     const [[low, high]] = this.view;
@@ -816,13 +1014,17 @@ class TransferEditorView extends CurvePlot {
   }
 
   help() {
-    return "Tab goes through the nodes, the colours below and the window of all, arrows move them, A adds one, " +
-      "Delete removes one, Enter recolours; plus and minus zoom.";
+    return (
+      "Tab goes through the nodes, the colours below and the window of all, arrows move them, A adds one, " +
+      "Delete removes one, Enter recolours; plus and minus zoom."
+    );
   }
 
   drawBack() {
-    const { left, top, width, height } = this.box, { low, high, heights } = this.model.get("histogram");
-    const floor = top + height, each = (high - low) / heights.length;
+    const { left, top, width, height } = this.box,
+      { low, high, heights } = this.model.get("histogram");
+    const floor = top + height,
+      each = (high - low) / heights.length;
     const x = (value: number) => this.toPixel([value, 0])[0];
     const edge = (k: number) => Math.max(left, Math.min(left + width, x(Math.min(high, low + k * each)))).toFixed(2);
     const together = Math.max(1, Math.ceil(LEAST_BAR / (x(each) - x(0)))); // finer bars are seen when zoomed
@@ -833,13 +1035,20 @@ class TransferEditorView extends CurvePlot {
     }
     this.bars.setAttribute("d", `M${edge(0)} ${floor}${steps.join("")}V${floor}Z`);
     const outline = this.outline();
-    const [from] = outline[0], [to] = outline[outline.length - 1];
+    const [from] = outline[0],
+      [to] = outline[outline.length - 1];
     this.area.setAttribute("d", `${pathOf(outline)}L${to} ${floor}L${from} ${floor}Z`);
-    const first = x(this.colors[0][0]), last = x(this.colors[this.colors.length - 1][0]);
+    const first = x(this.colors[0][0]),
+      last = x(this.colors[this.colors.length - 1][0]);
     setAttributes(this.gradient, { x1: first, x2: last });
-    this.gradient.replaceChildren(...this.colors.map(([value, ...rgb]) => svgElement("stop", {
-      offset: last > first ? (x(value) - first) / (last - first) : 0,
-      "stop-color": `rgb(${rgb.map((v) => Math.round(255 * v)).join(" ")})` })));
+    this.gradient.replaceChildren(
+      ...this.colors.map(([value, ...rgb]) =>
+        svgElement("stop", {
+          offset: last > first ? (x(value) - first) / (last - first) : 0,
+          "stop-color": `rgb(${rgb.map((v) => Math.round(255 * v)).join(" ")})`,
+        }),
+      ),
+    );
     setAttributes(this.hole, { x: left, y: top - 2, width, height: height + 4 });
     for (const row of this.rows) row.draw(floor);
   }
@@ -855,16 +1064,24 @@ class TransferEditorView extends CurvePlot {
   describe() {
     super.describe();
     if (this.row) setText(this.facts, this.row.facts());
-    const { isReadOnly, row, stops, back, named } = this, isAtStops = row === stops;
+    const { isReadOnly, row, stops, back, named } = this,
+      isAtStops = row === stops;
     if (isAtStops) setAttributes(this.remover, { "aria-disabled": isReadOnly || !stops.canRemove });
     const what = isAtStops ? "colour" : "node";
-    setAttributes(this.adder, { title: `Add a ${what} after the chosen one (A, or double click)`,
-      "aria-label": `Add a ${what}` });
-    setAttributes(this.remover, { title: `Remove the chosen ${what} (Del, or right click)`,
-      "aria-label": `Remove the chosen ${what}` });
-    const isOwn = !named, again = back ? `the preset ${back}` : "a preset";
-    setAttributes(this.resetter, { "aria-disabled": isReadOnly || !isOwn || !back,
-      title: `Take ${again} again: undo does not apply to colours and opacities` });
+    setAttributes(this.adder, {
+      title: `Add a ${what} after the chosen one (A, or double click)`,
+      "aria-label": `Add a ${what}`,
+    });
+    setAttributes(this.remover, {
+      title: `Remove the chosen ${what} (Del, or right click)`,
+      "aria-label": `Remove the chosen ${what}`,
+    });
+    const isOwn = !named,
+      again = back ? `the preset ${back}` : "a preset";
+    setAttributes(this.resetter, {
+      "aria-disabled": isReadOnly || !isOwn || !back,
+      title: `Take ${again} again: undo does not apply to colours and opacities`,
+    });
     this.presets.show(named, isReadOnly);
     setAttributes(this.farther, { "aria-disabled": !this.zoom });
     setAttributes(this.wholer, { "aria-disabled": !this.zoom });
@@ -872,7 +1089,8 @@ class TransferEditorView extends CurvePlot {
   }
 
   #remarks() {
-    const { note } = this.model.get("histogram"), { hinted, zoom, named, back, isReadOnly } = this;
+    const { note } = this.model.get("histogram"),
+      { hinted, zoom, named, back, isReadOnly } = this;
     if (hinted) return hinted;
     if (isReadOnly) return "shown only";
     if (zoom) return "zoomed: drag the plot to move along, 0 shows all";
@@ -881,7 +1099,7 @@ class TransferEditorView extends CurvePlot {
   }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const view = new TransferEditorView(model, el);
   return () => view.close();
 }

@@ -5,13 +5,13 @@
 // it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
-import { newPoint } from "./points.ts";
-
 import type { Point } from "../types.ts";
+import { newPoint } from "./points.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
 const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are set anew around the brush
-const BRUSH_CARRIES = 0.6, BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
+const BRUSH_CARRIES = 0.6,
+  BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
 const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is taken instead of a new one
 const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to another
 const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
@@ -32,7 +32,9 @@ function nextStroke(points: Point[]) {
   return Math.max(0, ...numbers) + 1;
 }
 
-function distanceTo(p: Point, [a, b]: number[]) { return Math.hypot(p.target[0] - a, p.target[1] - b); }
+function distanceTo(p: Point, [a, b]: number[]) {
+  return Math.hypot(p.target[0] - a, p.target[1] - b);
+}
 
 /** The distance to the nearest active point. */
 function gapTo(points: Point[], place: number[]) {
@@ -65,7 +67,26 @@ export class Stroke {
    * sourceAt(points): a function of places that returns the source of what is seen there, null for nothing; box: of the
    * picture; reach: of points, 0 for everywhere; settle(place): moves a new place, such as to the axis of a mirror.
    */
-  constructor(points: Point[], middle: number[], radius: number, { tool, id, sourceAt, box, reach = 0, settle = (place) => place }: { tool: string, id: number, sourceAt: (points: Point[]) => (place: number[]) => number[] | null, box: number[], reach?: number, settle?: (place: number[]) => number[] }) {
+  constructor(
+    points: Point[],
+    middle: number[],
+    radius: number,
+    {
+      tool,
+      id,
+      sourceAt,
+      box,
+      reach = 0,
+      settle = (place) => place,
+    }: {
+      tool: string;
+      id: number;
+      sourceAt: (points: Point[]) => (place: number[]) => number[] | null;
+      box: number[];
+      reach?: number;
+      settle?: (place: number[]) => number[];
+    },
+  ) {
     this.points = points;
     this.middle = [...middle];
     this.radius = radius;
@@ -83,8 +104,10 @@ export class Stroke {
     this.held = null;
     this.isBegun = false;
     this.lead = 0; // the side of a mirror that decides, for mirroredEdit
-    const taken = points.filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
-      .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle)).at(0);
+    const taken = points
+      .filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
+      .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle))
+      .at(0);
     this.lockedBy = taken?.locked ? taken : null;
     this.source = () => null;
     if (this.lockedBy) return;
@@ -95,13 +118,18 @@ export class Stroke {
     this.#surround(true);
   }
 
-  get name() { return `${this.tool === "move" ? "move" : this.swell < 0 ? "shrink" : "grow"} ${this.number}`; }
+  get name() {
+    return `${this.tool === "move" ? "move" : this.swell < 0 ? "shrink" : "grow"} ${this.number}`;
+  }
 
-  get isPossible() { return this.lockedBy === null && this.isBegun; }
+  get isPossible() {
+    return this.lockedBy === null && this.isBegun;
+  }
 
   /** Add a point that holds what is seen at a place; its id, or null where it is not needed. */
   #add(there: number[], room: number) {
-    const place = this.settle(there), [a0, a1, b0, b1] = this.box;
+    const place = this.settle(there),
+      [a0, a1, b0, b1] = this.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
     if (!isInside || gapTo(this.points, place) < room * this.radius) return null;
     const source = this.source(place);
@@ -113,7 +141,8 @@ export class Stroke {
 
   #ring(share: number, room: number, turn: number = 0) {
     for (let k = 0; k < BRUSH_RING; k++) {
-      const angle = turn + 2 * Math.PI * (k + 0.5) / BRUSH_RING, r = share * this.radius;
+      const angle = turn + (2 * Math.PI * (k + 0.5)) / BRUSH_RING,
+        r = share * this.radius;
       this.#add([this.middle[0] + r * Math.cos(angle), this.middle[1] + r * Math.sin(angle)], room);
     }
   }
@@ -122,13 +151,15 @@ export class Stroke {
   #surround(isFirst: boolean) {
     BRUSH_RINGS.forEach((share, k) => {
       if (this.reach > 0 && share >= 2 && this.reach <= share * this.radius) return;
-      this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), k * Math.PI / BRUSH_RING);
+      this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), (k * Math.PI) / BRUSH_RING);
     });
     if (!isFirst || (this.reach > 0 && this.reach < 4 * this.radius)) return;
-    const [a0, a1, b0, b1] = this.box, room = Math.hypot(a1 - a0, b1 - b0) / 6 / this.radius;
-    for (const u of [0, 0.5, 1]) for (const v of [0, 0.5, 1]) {
-      if (u !== 0.5 || v !== 0.5) this.#add([a0 + u * (a1 - a0), b0 + v * (b1 - b0)], Math.max(1, room));
-    }
+    const [a0, a1, b0, b1] = this.box,
+      room = Math.hypot(a1 - a0, b1 - b0) / 6 / this.radius;
+    for (const u of [0, 0.5, 1])
+      for (const v of [0, 0.5, 1]) {
+        if (u !== 0.5 || v !== 0.5) this.#add([a0 + u * (a1 - a0), b0 + v * (b1 - b0)], Math.max(1, room));
+      }
   }
 
   // ---- the flow -----------------------------------------------------------------------------------------------------
@@ -136,7 +167,9 @@ export class Stroke {
   #flow(by: (p: Point, x: number, y: number, share: number) => number[]) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
-      const x = p.target[0] - this.middle[0], y = p.target[1] - this.middle[1], t = Math.hypot(x, y) / this.radius;
+      const x = p.target[0] - this.middle[0],
+        y = p.target[1] - this.middle[1],
+        t = Math.hypot(x, y) / this.radius;
       return t < 1 || p.id === this.held ? { ...p, target: by(p, x, y, p.id === this.held ? 1 : brushFalloff(t)) } : p;
     });
   }
@@ -146,10 +179,12 @@ export class Stroke {
    * after a while the brush moves faster than what it holds, which stays behind.
    */
   move(place: number[]) {
-    const way = [place[0] - this.middle[0], place[1] - this.middle[1]], length = Math.hypot(...way);
+    const way = [place[0] - this.middle[0], place[1] - this.middle[1]],
+      length = Math.hypot(...way);
     const count = Math.ceil(length / (BRUSH_STEP * this.radius) - 1e-9);
     for (let k = 0; k < count; k++) {
-      const da = way[0] / count, db = way[1] / count;
+      const da = way[0] / count,
+        db = way[1] / count;
       const hold = Math.max(BRUSH_SLIPS, Math.min(1, 1 - (this.done / this.radius - BRUSH_CARRIES)));
       if (hold < 1) this.held = null;
       this.#flow((p, _x, _y, share) => [p.target[0] + hold * share * da, p.target[1] + hold * share * db]);
@@ -165,11 +200,13 @@ export class Stroke {
 
   /** Grow what lies in the brush (by a positive logarithm of its scale) or shrink it. */
   grow(swell: number) {
-    const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)), by = wanted - this.swell;
-    const count = Math.ceil(Math.abs(by) / BRUSH_STEP - 1e-9), was = this.name;
+    const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)),
+      by = wanted - this.swell;
+    const count = Math.ceil(Math.abs(by) / BRUSH_STEP - 1e-9),
+      was = this.name;
     for (let k = 0; k < count; k++) {
       this.#flow((p, x, y, share) => {
-        const factor = p.id === this.held ? 1 : Math.exp(share * by / count);
+        const factor = p.id === this.held ? 1 : Math.exp((share * by) / count);
         return [this.middle[0] + factor * x, this.middle[1] + factor * y];
       });
     }

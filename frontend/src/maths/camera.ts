@@ -4,11 +4,19 @@
 import type { Vector3 } from "../types.ts";
 
 export const dot: (a: number[], b: number[]) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-export const cross: (a: number[], b: number[]) => Vector3 = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+export const cross: (a: number[], b: number[]) => Vector3 = (a, b) => [
+  a[1] * b[2] - a[2] * b[1],
+  a[2] * b[0] - a[0] * b[2],
+  a[0] * b[1] - a[1] * b[0],
+];
 export const scaled: (a: number[], k: number) => Vector3 = ([x, y, z], k) => [x * k, y * k, z * k];
 export const added: (a: number[], b: number[]) => Vector3 = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-export const unitVector: (a: number[]) => Vector3 | null = (a) => { const n = Math.hypot(...a); return n > 1e-9 ? scaled(a, 1 / n) : null; };
-const rotated: (a: number[], side: number[], angle: number) => Vector3 = (a, side, angle) => added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
+export const unitVector: (a: number[]) => Vector3 | null = (a) => {
+  const n = Math.hypot(...a);
+  return n > 1e-9 ? scaled(a, 1 / n) : null;
+};
+const rotated: (a: number[], side: number[], angle: number) => Vector3 = (a, side, angle) =>
+  added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
 const SEEN = 1.02; // a small margin around the box, as in the still pictures
 const LEAST_SEEN = 0.1; // share of the box, or of the view, that stays in view
@@ -30,7 +38,9 @@ export class Camera {
     this.#straighten();
   }
 
-  get right() { return cross(this.direction, this.up); }
+  get right() {
+    return cross(this.direction, this.up);
+  }
 
   #straighten() {
     this.direction = unitVector(this.direction) || [0, 1, 0];
@@ -43,7 +53,8 @@ export class Camera {
    * Look along a direction; without an up vector, up is towards the head, or the front in views from above or below.
    */
   look(direction: number[], up?: number[] | null) {
-    const [x, y, z] = direction, [u, v, w] = up ?? (Math.abs(z) > 0.999 * Math.hypot(x, y, z) ? [0, -1, 0] : [0, 0, 1]);
+    const [x, y, z] = direction,
+      [u, v, w] = up ?? (Math.abs(z) > 0.999 * Math.hypot(x, y, z) ? [0, -1, 0] : [0, 0, 1]);
     this.direction = [x, y, z];
     this.up = [u, v, w];
     this.#straighten();
@@ -68,7 +79,9 @@ export class Camera {
   /** The height of the view, a length in space, at which all corners (vectors from the middle) are visible. */
   fit(corners: number[][], aspect: number) {
     const right = this.right;
-    let a = 0, b = 0, far = 0;
+    let a = 0,
+      b = 0,
+      far = 0;
     for (const corner of corners) {
       a = Math.max(a, Math.abs(dot(corner, right)));
       b = Math.max(b, Math.abs(dot(corner, this.up)));
@@ -82,7 +95,8 @@ export class Camera {
    * tenth of it.
    */
   keepInView(corners: number[][], aspect: number) {
-    const height = this.height / 2, halves = [height * aspect, height];
+    const height = this.height / 2,
+      halves = [height * aspect, height];
     [this.right, this.up].forEach((axis, i) => {
       const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
       const most = half + halves[i] - 2 * LEAST_SEEN * Math.min(half, halves[i]);
@@ -97,7 +111,10 @@ export class Camera {
    */
   inFrame([first, second, third]: number[][], middle: number[], aspect: number) {
     const turned: (v: number[]) => Vector3 = (v) => [dot(first, v), dot(second, v), dot(third, v)];
-    const right = turned(this.right), up = turned(this.up), ahead = turned(this.direction), half = this.height / 2;
+    const right = turned(this.right),
+      up = turned(this.up),
+      ahead = turned(this.direction),
+      half = this.height / 2;
     const eye = added(middle, added(scaled(right, this.pan[0]), scaled(up, this.pan[1])));
     return { eye, right: scaled(right, half * aspect), up: scaled(up, half), ahead, bend: this.bend / this.height };
   }
@@ -105,7 +122,11 @@ export class Camera {
 
 /** The side of a patient that a direction in space leads to, one or two letters: "L", "PS". */
 export function sideOf(vector: number[]) {
-  const names = [["L", "R"], ["P", "A"], ["S", "I"]];
+  const names = [
+    ["L", "R"],
+    ["P", "A"],
+    ["S", "I"],
+  ];
   const order = [0, 1, 2].sort((i, j) => Math.abs(vector[j]) - Math.abs(vector[i]));
   const [first, second] = order.map((i) => names[i][vector[i] < 0 ? 1 : 0]);
   return Math.abs(vector[order[1]]) > 0.45 ? first + second : first;

@@ -7,7 +7,7 @@ export type Node = number[];
  * The limits of edits. step: to which x is rounded, 0 for none; isPinned: the outer nodes keep their x; gap: the least
  * distance of two nodes in x; most: nodes.
  */
-export type NodeRules = { x: number[], y: number[], step: number, isPinned: boolean, gap: number, most: number };
+export type NodeRules = { x: number[]; y: number[]; step: number; isPinned: boolean; gap: number; most: number };
 
 /** The value at x of straight lines between the nodes. */
 export function lineAt(nodes: Node[], x: number) {
@@ -17,7 +17,7 @@ export function lineAt(nodes: Node[], x: number) {
   let k = last;
   while (nodes[k][0] > x) k -= 1;
   const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]];
-  return y0 + (y1 - y0) * (x - x0) / (x1 - x0);
+  return y0 + ((y1 - y0) * (x - x0)) / (x1 - x0);
 }
 
 /**
@@ -33,7 +33,8 @@ function slopesOf(nodes: Node[]) {
   }
   const inner: (k: number) => number = (k) => {
     if (rise[k - 1] * rise[k] <= 0) return 0;
-    const w1 = 2 * step[k] + step[k - 1], w2 = step[k] + 2 * step[k - 1];
+    const w1 = 2 * step[k] + step[k - 1],
+      w2 = step[k] + 2 * step[k - 1];
     return (w1 + w2) / (w1 / rise[k - 1] + w2 / rise[k]);
   };
   const outer: (h0: number, h1: number, d0: number, d1: number) => number = (h0, h1, d0, d1) => {
@@ -51,13 +52,17 @@ function slopesOf(nodes: Node[]) {
 /** A function of x: straight lines or monotone cubics through the nodes. */
 export function curveThrough(nodes: Node[], isSmooth: boolean = false): (x: number) => number {
   if (!isSmooth || nodes.length < 3) return (x) => lineAt(nodes, x);
-  const slopes = slopesOf(nodes), last = nodes.length - 1;
+  const slopes = slopesOf(nodes),
+    last = nodes.length - 1;
   return (x) => {
     if (x <= nodes[0][0]) return nodes[0][1];
     if (x >= nodes[last][0]) return nodes[last][1];
     let k = last;
     while (nodes[k][0] > x) k -= 1;
-    const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]], h = x1 - x0, t = (x - x0) / h, s = 1 - t;
+    const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]],
+      h = x1 - x0,
+      t = (x - x0) / h,
+      s = 1 - t;
     return s * s * (1 + 2 * t) * y0 + t * t * (1 + 2 * s) * y1 + h * t * s * (s * slopes[k] - t * slopes[k + 1]);
   };
 }
@@ -66,7 +71,8 @@ export function curveThrough(nodes: Node[], isSmooth: boolean = false): (x: numb
 export function curveOfSamples(samples: ArrayLike<number>): (x: number) => number {
   const last = samples.length - 1;
   return (x) => {
-    const at = Math.max(0, Math.min(1, x)) * last, k = Math.min(last - 1, Math.floor(at));
+    const at = Math.max(0, Math.min(1, x)) * last,
+      k = Math.min(last - 1, Math.floor(at));
     return samples[k] + (samples[k + 1] - samples[k]) * (at - k);
   };
 }
@@ -76,9 +82,12 @@ export function movedNode(nodes: Node[], k: number, [x, y]: number[], rules: Nod
   const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
   const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
-  const isOuter = k === 0 || k === nodes.length - 1, stays = (rules.isPinned && isOuter) || before > after;
-  const to = [stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)),
-    Math.max(rules.y[0], Math.min(rules.y[1], y))];
+  const isOuter = k === 0 || k === nodes.length - 1,
+    stays = (rules.isPinned && isOuter) || before > after;
+  const to = [
+    stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)),
+    Math.max(rules.y[0], Math.min(rules.y[1], y)),
+  ];
   return nodes.map((node, j) => (j === k ? to : node));
 }
 
@@ -87,7 +96,8 @@ export function addedNode(nodes: Node[], [x, y]: number[], rules: NodeRules): [n
   if (nodes.length >= rules.most) return null;
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
-  const index = nodes.findIndex((node) => node[0] > at), k = index < 0 ? nodes.length : index;
+  const index = nodes.findIndex((node) => node[0] > at),
+    k = index < 0 ? nodes.length : index;
   const gap = Math.max(rules.gap, 1e-12 * (rules.x[1] - rules.x[0]));
   if (nodes.slice(Math.max(0, k - 1), k + 1).some((node) => Math.abs(node[0] - at) < gap)) return null;
   const node = [at, Math.max(rules.y[0], Math.min(rules.y[1], y))];
@@ -102,7 +112,9 @@ export function removedNode(nodes: Node[], k: number, rules: NodeRules) {
 
 /** Round numbers in [low, high], about `count` of them. */
 export function ticksOf(low: number, high: number, count: number) {
-  const rough = (high - low) / Math.max(1, count), power = 10 ** Math.floor(Math.log10(rough)), found = [];
+  const rough = (high - low) / Math.max(1, count),
+    power = 10 ** Math.floor(Math.log10(rough)),
+    found = [];
   const step = [1, 2, 5].map((m) => m * power).find((s) => s >= rough * 0.999) ?? 10 * power;
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) found.push(k * step || 0);
   return found;

@@ -2,13 +2,12 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
+import type { Fit, LayeredFit, Raster, RbfFit } from "../types.ts";
 import { NEARLY_FOLDED } from "./constants.ts";
 import { placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";
 import { fieldWithSlope } from "./warp_map.ts";
-
-import type { Fit, LayeredFit, Raster, RbfFit } from "../types.ts";
 
 /** a place and det J there */
 export type Probe = [a: number, b: number, det: number];
@@ -26,18 +25,24 @@ function detOf(fit: Fit, a: number, b: number, work: Float64Array) {
   return work[2] * work[5] - work[3] * work[4];
 }
 
-const DET_WORK = new Float64Array(6), DET_SEEN = [0, 0, 1, 0];
+const DET_WORK = new Float64Array(6),
+  DET_SEEN = [0, 0, 1, 0];
 
 /** det J of what is seen at a place. */
 function detAt(layered: LayeredFit, a: number, b: number) {
   if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0].fit, a, b, DET_WORK) : 1;
-  const [,, opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
+  const [, , opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
   return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k].fit, a, b, DET_WORK) : NaN;
 }
 
 /** det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap. */
 export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Array | null = null) {
-  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = raster, dets = out ?? new Float64Array(nv * nu);
+  const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    } = raster,
+    dets = out ?? new Float64Array(nv * nu);
   const one = layered.regions.length ? null : layered.fits[0]?.fit;
   if (one && !one.rigid && !one.stages && !one.forward && !one.sampled) return rbfDetsOnRaster(one, raster, dets);
   for (let i = 0, n = 0; i < nv; i++) {
@@ -51,21 +56,44 @@ export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Ar
  * rbfOnRaster.
  */
 function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin }: Raster, dets: Float64Array) {
-  const { support: r, centers: x, coefficients: alpha, scales, linear: [[m00, m01], [m10, m11]], count, quadratic } = fit;
-  const { slope, compact } = RBF_KERNELS[fit.kernel], step = du / r, p0 = (origin[0] - fit.origin[0]) / r;
+  const {
+    support: r,
+    centers: x,
+    coefficients: alpha,
+    scales,
+    linear: [[m00, m01], [m10, m11]],
+    count,
+    quadratic,
+  } = fit;
+  const { slope, compact } = RBF_KERNELS[fit.kernel],
+    step = du / r,
+    p0 = (origin[0] - fit.origin[0]) / r;
   const row = new Float64Array(4 * nu);
   for (let i = 0; i < nv; i++) {
     const q = (origin[1] + i * dv - fit.origin[1]) / r;
-    for (let k = 0; k < 4 * nu; k += 4) { row[k] = m00; row[k + 1] = m01; row[k + 2] = m10; row[k + 3] = m11; }
+    for (let k = 0; k < 4 * nu; k += 4) {
+      row[k] = m00;
+      row[k + 1] = m01;
+      row[k + 2] = m10;
+      row[k + 3] = m11;
+    }
     if (quadratic) for (let k = 0; k < nu; k++) row.set(rbfLinearAt(fit, p0 + k * step, q).flat(), 4 * k);
     for (let c = 0, j = 0; c < count; c++, j += 2) {
-      const au = alpha[j], av = alpha[j + 1], w = scales ? scales[c] * scales[c] : 1, dq = q - x[j + 1], dq2 = dq * dq;
+      const au = alpha[j],
+        av = alpha[j + 1],
+        w = scales ? scales[c] * scales[c] : 1,
+        dq = q - x[j + 1],
+        dq2 = dq * dq;
       if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
       const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
       const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
       const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
       for (let k = first; k <= last; k++) {
-        const dp = p0 + k * step - x[j], g = 2 * w * slope((dp * dp + dq2) * w), gu = au * g, gv = av * g, at = 4 * k;
+        const dp = p0 + k * step - x[j],
+          g = 2 * w * slope((dp * dp + dq2) * w),
+          gu = au * g,
+          gv = av * g,
+          at = 4 * k;
         row[at] += gu * dp;
         row[at + 1] += gu * dq;
         row[at + 2] += gv * dp;
@@ -73,7 +101,7 @@ function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], orig
       }
     }
     for (let k = 0, n = nu * i; k < 4 * nu; k += 4, n++) {
-      dets[n] = (1 + row[k] / r) * (1 + row[k + 3] / r) - row[k + 1] * row[k + 2] / (r * r);
+      dets[n] = (1 + row[k] / r) * (1 + row[k + 3] / r) - (row[k + 1] * row[k + 2]) / (r * r);
     }
   }
   return dets;
@@ -86,10 +114,13 @@ function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], orig
 export function probesOf(layered: LayeredFit, most: number = 2e5) {
   const found: Probe[] = [];
   for (const { fit } of layered.fits) {
-    const one = fit.blend?.fits.findLast(Boolean) ?? fit, last = one.stages ? one.stages[one.stages.length - 1] : one;
-    const { count: n, support: r, origin } = last, x = last.forward ? forwardTargets(last.forward) : last.centers;
+    const one = fit.blend?.fits.findLast(Boolean) ?? fit,
+      last = one.stages ? one.stages[one.stages.length - 1] : one;
+    const { count: n, support: r, origin } = last,
+      x = last.forward ? forwardTargets(last.forward) : last.centers;
     const look: (p: number, q: number) => void = (p, q) => {
-      const a = origin[0] + p * r, b = origin[1] + q * r;
+      const a = origin[0] + p * r,
+        b = origin[1] + q * r;
       found.push([a, b, detOf(fit, a, b, DET_WORK)]);
     };
     for (let k = 0; k < n; k++) look(x[2 * k], x[2 * k + 1]);
@@ -102,7 +133,8 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
       }
       FOLD_RINGS.forEach((share, ring) => {
         for (let d = 0; d < directions; d++) {
-          const angle = 2 * Math.PI * (d + ring / 3) / directions, way = share * Math.sqrt(near);
+          const angle = (2 * Math.PI * (d + ring / 3)) / directions,
+            way = share * Math.sqrt(near);
           look(x[2 * k] + way * Math.cos(angle), x[2 * k + 1] + way * Math.sin(angle));
         }
       });
@@ -120,41 +152,78 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
  * @param nodes of each side of the lattice
  * @param isTissue at a place; default everywhere
  */
-export function foldsOf(layered: LayeredFit, box: number[], nodes: number, probes: Probe[] = probesOf(layered), isTissue: (a: number, b: number) => boolean = () => true) {
-  const [a0, a1, b0, b1] = box, da = (a1 - a0) / (nodes - 1), db = (b1 - b0) / (nodes - 1);
+export function foldsOf(
+  layered: LayeredFit,
+  box: number[],
+  nodes: number,
+  probes: Probe[] = probesOf(layered),
+  isTissue: (a: number, b: number) => boolean = () => true,
+) {
+  const [a0, a1, b0, b1] = box,
+    da = (a1 - a0) / (nodes - 1),
+    db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
-  let least = Infinity, place = [(a0 + a1) / 2, (b0 + b1) / 2], folded = 0, inAir = 0;
+  let least = Infinity,
+    place = [(a0 + a1) / 2, (b0 + b1) / 2],
+    folded = 0,
+    inAir = 0;
   for (let n = 0; n < dets.length; n++) {
-    const at = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db], isFold = dets[n] <= 0;
+    const at = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db],
+      isFold = dets[n] <= 0;
     const counts = !(dets[n] <= NEARLY_FOLDED) || isTissue(at[0], at[1]);
     if (isFold && counts) folded += 1;
     else if (isFold) inAir += 1;
-    if (counts && dets[n] < least) { least = dets[n]; place = at; }
+    if (counts && dets[n] < least) {
+      least = dets[n];
+      place = at;
+    }
   }
   for (const [a, b, det] of probes) {
     if (!(det < least && a >= a0 && a <= a1 && b >= b0 && b <= b1)) continue;
-    if (det > NEARLY_FOLDED || isTissue(a, b)) { least = det; place = [a, b]; }
-    else if (det <= 0) inAir ||= 1; // between the nodes
+    if (det > NEARLY_FOLDED || isTissue(a, b)) {
+      least = det;
+      place = [a, b];
+    } else if (det <= 0) inAir ||= 1; // between the nodes
   }
-  const isMoved = least !== 1 && Number.isFinite(least), step = Math.max(da, db) / 2;
+  const isMoved = least !== 1 && Number.isFinite(least),
+    step = Math.max(da, db) / 2;
   const end = isMoved ? downhill(layered, box, { least, place }, step, isTissue) : { least, place };
-  return { least: Number.isFinite(end.least) ? end.least : 1, place: end.place, share: folded / (nodes * nodes),
-    air: inAir / (nodes * nodes) };
+  return {
+    least: Number.isFinite(end.least) ? end.least : 1,
+    place: end.place,
+    share: folded / (nodes * nodes),
+    air: inAir / (nodes * nodes),
+  };
 }
 
 /**
  * From a place in a box to the least det J nearby, never out of the box.
  * @param isTissue where alone a fold counts
  */
-function downhill(layered: LayeredFit, [a0, a1, b0, b1]: number[], start: { least: number, place: number[] }, step: number, isTissue: (a: number, b: number) => boolean) {
+function downhill(
+  layered: LayeredFit,
+  [a0, a1, b0, b1]: number[],
+  start: { least: number; place: number[] },
+  step: number,
+  isTissue: (a: number, b: number) => boolean,
+) {
   let { least, place } = start;
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
     let better = null;
-    for (const [u, v] of [[h, 0], [-h, 0], [0, h], [0, -h]]) {
-      const a = place[0] + u, b = place[1] + v;
+    for (const [u, v] of [
+      [h, 0],
+      [-h, 0],
+      [0, h],
+      [0, -h],
+    ]) {
+      const a = place[0] + u,
+        b = place[1] + v;
       if (a < a0 || a > a1 || b < b0 || b > b1) continue;
       const det = detAt(layered, a, b);
-      if (det < least && (det > NEARLY_FOLDED || isTissue(a, b))) { least = det; better = [a, b]; }
+      if (det < least && (det > NEARLY_FOLDED || isTissue(a, b))) {
+        least = det;
+        better = [a, b];
+      }
     }
     if (better) place = better;
     else h /= 2;
@@ -168,15 +237,36 @@ function downhill(layered: LayeredFit, [a0, a1, b0, b1]: number[], start: { leas
  * The part of a square [x, x + s] x [y, y + t] where values at its corners (nw, ne, se, sw), linear along the sides,
  * are below a level: adds its polygon to `fill`, and the piece of the level's line in it to `edge`.
  */
-function clippedCell(x: number, y: number, s: number, t: number, nw: number, ne: number, se: number, sw: number, level: number, fill: Polygon[] | null, edge: Segment[]) {
-  const corners = [[x, y, nw], [x + s, y, ne], [x + s, y + t, se], [x, y + t, sw]];
+function clippedCell(
+  x: number,
+  y: number,
+  s: number,
+  t: number,
+  nw: number,
+  ne: number,
+  se: number,
+  sw: number,
+  level: number,
+  fill: Polygon[] | null,
+  edge: Segment[],
+) {
+  const corners = [
+    [x, y, nw],
+    [x + s, y, ne],
+    [x + s, y + t, se],
+    [x, y + t, sw],
+  ];
   const polygon: Polygon = [];
   const ends: number[] = [];
   for (let k = 0; k < 4; k++) {
-    const [px, py, p] = corners[k], [qx, qy, q] = corners[(k + 1) % 4], isIn = p <= level;
+    const [px, py, p] = corners[k],
+      [qx, qy, q] = corners[(k + 1) % 4],
+      isIn = p <= level;
     if (isIn) polygon.push(px, py);
-    if (isIn === (q <= level)) continue;
-    const f = (level - p) / (q - p), cx = px + f * (qx - px), cy = py + f * (qy - py);
+    if (isIn === q <= level) continue;
+    const f = (level - p) / (q - p),
+      cx = px + f * (qx - px),
+      cy = py + f * (qy - py);
     polygon.push(cx, cy);
     ends.push(cx, cy);
   }
@@ -192,20 +282,36 @@ const notFolded: (det: number) => number = (det) => (Number.isNaN(det) ? 1 : det
  * begin or end, or with a probe that folds, are refined as far as the number of evaluations allows.
  * @param most evaluations of a kernel
  */
-export function foldPieces(layered: LayeredFit, raster: Raster, dets: ArrayLike<number>, probes: Probe[], most: number) {
-  const { shape: [rows, columns], spacing: [da, db], origin: [a0, b0] } = raster, hit = new Set(), near = [];
+export function foldPieces(
+  layered: LayeredFit,
+  raster: Raster,
+  dets: ArrayLike<number>,
+  probes: Probe[],
+  most: number,
+) {
+  const {
+      shape: [rows, columns],
+      spacing: [da, db],
+      origin: [a0, b0],
+    } = raster,
+    hit = new Set(),
+    near = [];
   const fill: Polygon[] = [];
   const edge: Segment[] = [];
   for (const [a, b, det] of probes) {
-    const j = Math.floor((a - a0) / da), i = Math.floor((b - b0) / db);
+    const j = Math.floor((a - a0) / da),
+      i = Math.floor((b - b0) / db);
     if (det <= 0 && i >= 0 && j >= 0 && i < rows - 1 && j < columns - 1) hit.add(i * columns + j);
   }
   for (let i = 0; i + 1 < rows; i++) {
     let run = -1;
     for (let j = 0; j < columns; j++) {
-      const n = i * columns + j, isCell = j + 1 < columns;
+      const n = i * columns + j,
+        isCell = j + 1 < columns;
       const corners = isCell ? [dets[n], dets[n + 1], dets[n + columns + 1], dets[n + columns]].map(notFolded) : [1];
-      const low = Math.min(...corners), high = Math.max(...corners), air = 0.5 * (high - low);
+      const low = Math.min(...corners),
+        high = Math.max(...corners),
+        air = 0.5 * (high - low);
       const isWhole = isCell && high + air < 0 && !hit.has(n);
       if (isWhole && run < 0) run = j;
       if (!isWhole && run >= 0) {
@@ -241,16 +347,25 @@ export class Runs {
 
   add(row: number, column: number) {
     const run = this.open.get(row);
-    if (run && run[1] === column) { run[1] += 1; return; }
+    if (run && run[1] === column) {
+      run[1] += 1;
+      return;
+    }
     if (run) this.#close(row, run);
     this.open.set(row, [column, column + 1]);
   }
 
-  end() { for (const [row, run] of this.open) this.#close(row, run); }
+  end() {
+    for (const [row, run] of this.open) this.#close(row, run);
+  }
 
   #close(row: number, [first, last]: number[]) {
-    const [a0, b0] = this.origin, [da, db] = this.spacing, top = b0 + row * db, bottom = b0 + (row + 1) * db;
-    const left = a0 + first * da, right = a0 + last * da;
+    const [a0, b0] = this.origin,
+      [da, db] = this.spacing,
+      top = b0 + row * db,
+      bottom = b0 + (row + 1) * db;
+    const left = a0 + first * da,
+      right = a0 + last * da;
     this.fill.push([left, top, right, top, right, bottom, left, bottom]);
   }
 }
@@ -259,8 +374,18 @@ export class Runs {
  * The folds in one cell, from a finer lattice.
  * @param parts of the side of the cell
  */
-function finePieces(layered: LayeredFit, { spacing: [da, db], origin: [a0, b0] }: Raster, i: number, j: number, parts: number, { fill, edge, runs }: { fill: Polygon[], edge: Segment[], runs: Runs }) {
-  const side = parts + 1, values = new Float64Array(side * side), s = da / parts, t = db / parts;
+function finePieces(
+  layered: LayeredFit,
+  { spacing: [da, db], origin: [a0, b0] }: Raster,
+  i: number,
+  j: number,
+  parts: number,
+  { fill, edge, runs }: { fill: Polygon[]; edge: Segment[]; runs: Runs },
+) {
+  const side = parts + 1,
+    values = new Float64Array(side * side),
+    s = da / parts,
+    t = db / parts;
   let least = Infinity;
   for (let v = 0; v < side; v++) {
     for (let u = 0; u < side; u++) {
@@ -277,7 +402,8 @@ function finePieces(layered: LayeredFit, { spacing: [da, db], origin: [a0, b0] }
         runs.add(i * parts + v, j * parts + u);
         continue;
       }
-      const x = a0 + (j + u / parts) * da, y = b0 + (i + v / parts) * db;
+      const x = a0 + (j + u / parts) * da,
+        y = b0 + (i + v / parts) * db;
       clippedCell(x, y, s, t, values[n], values[n + 1], values[n + side + 1], values[n + side], 0, fill, edge);
     }
   }
@@ -292,8 +418,19 @@ export function contourOf(values: ArrayLike<number>, [rows, columns]: number[], 
   for (let i = 0; i + 1 < rows; i++) {
     for (let j = 0; j + 1 < columns; j++) {
       const n = i * columns + j;
-      clippedCell(j, i, 1, 1, values[n], values[n + 1], values[n + columns + 1], values[n + columns], level, null,
-        edge);
+      clippedCell(
+        j,
+        i,
+        1,
+        1,
+        values[n],
+        values[n + 1],
+        values[n + columns + 1],
+        values[n + columns],
+        level,
+        null,
+        edge,
+      );
     }
   }
   return edge;

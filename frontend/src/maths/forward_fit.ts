@@ -2,12 +2,16 @@
 // x + F(x) = y, and for a place y of the result the place x of the input by Newton's method. A place is certain where
 // the residual vanishes to rounding and F does not fold at x.
 
-import { rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport, RBF_KERNELS } from "./rbf.ts";
-
 import type { Fit, FitSettings, Lattice, Point, Raster, RbfFit } from "../types.ts";
+import { RBF_KERNELS, rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport } from "./rbf.ts";
 
-const AIM = 1e-12, FOUND = 1e-9, MOST_STEPS = 50, SHORTEST_STEP = 1e-4; // as deformnb.rbf.forward has them
-const SEEDS = [0, 0, 64, 16], AROUND = 0.5, TRIED = 4;
+const AIM = 1e-12,
+  FOUND = 1e-9,
+  MOST_STEPS = 50,
+  SHORTEST_STEP = 1e-4; // as deformnb.rbf.forward has them
+const SEEDS = [0, 0, 64, 16],
+  AROUND = 0.5,
+  TRIED = 4;
 const NEAR_STEP = 0.02; // of a pixel: a residual that one step of Newton's method squares
 
 /** Points with sources and targets exchanged. */
@@ -16,10 +20,17 @@ export function turnedPoints(points: Point[]) {
 }
 
 /** The inverse of the fit from sources to targets; in space with dim 3. */
-export function forwardFit(points: Point[], settings: FitSettings & { previous?: Fit | null } = {}, dim: number = 2): Fit {
-  const strength = settings.strength ?? 1, support = rbfSupport(turnedPoints(points), settings);
-  const dragged = strength === 1 ? points : points.map((p) => ({ ...p,
-    target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
+export function forwardFit(
+  points: Point[],
+  settings: FitSettings & { previous?: Fit | null } = {},
+  dim: number = 2,
+): Fit {
+  const strength = settings.strength ?? 1,
+    support = rbfSupport(turnedPoints(points), settings);
+  const dragged =
+    strength === 1
+      ? points
+      : points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
   const previous = settings.previous?.forward ?? null;
   const forward = rbfFit(turnedPoints(dragged), { ...settings, strength: 1, support, previous }, dim);
   return { ...forward, forward };
@@ -27,14 +38,21 @@ export function forwardFit(points: Point[], settings: FitSettings & { previous?:
 
 /** Whether F moves nothing. */
 function isStill({ count, coefficients, linear, constant, quadratic }: RbfFit) {
-  return count === 0 || (coefficients.every((v) => v === 0) && constant.every((v) => v === 0) && !quadratic &&
-    linear.every((row) => row.every((v) => v === 0)));
+  return (
+    count === 0 ||
+    (coefficients.every((v) => v === 0) &&
+      constant.every((v) => v === 0) &&
+      !quadratic &&
+      linear.every((row) => row.every((v) => v === 0)))
+  );
 }
 
 /** x + F(x) and its derivative row by row, of a plain fit: `out` gets dim + dim * dim numbers. */
 function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Float64Array) {
   const { support: r, origin, centers, coefficients: alpha, count, scales, linear, constant, quadratic } = fit;
-  const dim = constant.length, p = origin.map((o, k) => (x[k] - o) / r), { profile, slope } = RBF_KERNELS[fit.kernel];
+  const dim = constant.length,
+    p = origin.map((o, k) => (x[k] - o) / r),
+    { profile, slope } = RBF_KERNELS[fit.kernel];
   const m = rbfLinearAt3(fit, p);
   for (let i = 0; i < dim; i++) {
     out[i] = constant[i] + (quadratic ? rbfQuadraticAt(quadratic[i], p) : 0);
@@ -44,11 +62,16 @@ function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Float64Array) {
     }
   }
   for (let c = 0, j = 0; c < count; c++, j += dim) {
-    const dp = p[0] - centers[j], dq = p[1] - centers[j + 1], dr = dim > 2 ? p[2] - centers[j + 2] : 0;
-    const w = scales ? scales[c] * scales[c] : 1, s = (dp * dp + dq * dq + dr * dr) * w;
-    const phi = profile(s), g = 2 * w * slope(s);
+    const dp = p[0] - centers[j],
+      dq = p[1] - centers[j + 1],
+      dr = dim > 2 ? p[2] - centers[j + 2] : 0;
+    const w = scales ? scales[c] * scales[c] : 1,
+      s = (dp * dp + dq * dq + dr * dr) * w;
+    const phi = profile(s),
+      g = 2 * w * slope(s);
     for (let i = 0; i < dim; i++) {
-      const a = alpha[j + i], at = dim + dim * i;
+      const a = alpha[j + i],
+        at = dim + dim * i;
       out[i] += a * phi;
       out[at] += a * g * dp;
       out[at + 1] += a * g * dq;
@@ -65,8 +88,9 @@ function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Float64Array) {
 function rbfLinearAt3(fit: RbfFit, p: number[]) {
   const { quadratic, linear } = fit;
   if (!quadratic || p.length === 2) return rbfLinearAt(fit, p[0], p[1]);
-  return linear.map((row, i) => row.map((value, k) => (
-    value + 2 * quadratic[i][k].reduce((sum, h, l) => sum + h * p[l], 0))));
+  return linear.map((row, i) =>
+    row.map((value, k) => value + 2 * quadratic[i][k].reduce((sum, h, l) => sum + h * p[l], 0)),
+  );
 }
 
 /** The determinant of the derivative that mapAndSlope has left, and its adjugate in `out`. */
@@ -101,20 +125,23 @@ export interface Inverse {
   /** the inverse of the derivative at each source */
   slopes: number[][];
   isStill: boolean;
-  lattice: { nodes: Float64Array, ends: Float64Array } | null;
+  lattice: { nodes: Float64Array; ends: Float64Array } | null;
 }
 
 const inverses: WeakMap<RbfFit, Inverse> = new WeakMap();
 
-const T = new Float64Array(12), ADJUGATE = new Float64Array(9);
+const T = new Float64Array(12),
+  ADJUGATE = new Float64Array(9);
 
 function inverseOf(fit: RbfFit): Inverse {
   const known = inverses.get(fit);
   if (known) return known;
-  const dim = fit.constant.length, { origin, support, centers, count } = fit;
+  const dim = fit.constant.length,
+    { origin, support, centers, count } = fit;
   const sources = Array.from({ length: count }, (_, c) => origin.map((o, k) => o + support * centers[dim * c + k]));
   const signs: number[] = [];
-  const targets = ([] as number[][]), slopes = ([] as number[][]);
+  const targets = [] as number[][],
+    slopes = [] as number[][];
   for (const x of sources) {
     mapAndSlope(fit, x, T);
     const det = adjugateOf(T, dim, ADJUGATE);
@@ -123,19 +150,30 @@ function inverseOf(fit: RbfFit): Inverse {
     const isFlat = !(Math.abs(det) >= 1e-6 * columns);
     targets.push(Array.from(T.subarray(0, dim)));
     signs.push(Math.sign(det));
-    slopes.push(Array.from({ length: dim * dim }, (_, n) => (
-      isFlat ? Number(n % (dim + 1) === 0) : ADJUGATE[n] / det)));
+    slopes.push(
+      Array.from({ length: dim * dim }, (_, n) => (isFlat ? Number(n % (dim + 1) === 0) : ADJUGATE[n] / det)),
+    );
   }
-  const all = [...sources, ...targets], sides = origin.map((_, k) => sideOf(all, k));
-  const made = { dim, sources, targets, slopes, isStill: isStill(fit), lattice: null,
-    size: Math.hypot(...sides) || support, sign: Math.sign(signs.reduce((sum, s) => sum + s, 0)) || 1,
-    middle: origin.map((_, k) => targets.reduce((sum, y) => sum + y[k], 0) / Math.max(1, count)) };
+  const all = [...sources, ...targets],
+    sides = origin.map((_, k) => sideOf(all, k));
+  const made = {
+    dim,
+    sources,
+    targets,
+    slopes,
+    isStill: isStill(fit),
+    lattice: null,
+    size: Math.hypot(...sides) || support,
+    sign: Math.sign(signs.reduce((sum, s) => sum + s, 0)) || 1,
+    middle: origin.map((_, k) => targets.reduce((sum, y) => sum + y[k], 0) / Math.max(1, count)),
+  };
   inverses.set(fit, made);
   return made;
 }
 
 function sideOf(places: number[][], k: number) {
-  let low = Infinity, high = -Infinity;
+  let low = Infinity,
+    high = -Infinity;
   for (const place of places) {
     low = Math.min(low, place[k]);
     high = Math.max(high, place[k]);
@@ -146,13 +184,18 @@ function sideOf(places: number[][], k: number) {
 /** Places of the input around the sources, and where they come to. */
 function latticeOf(fit: RbfFit, inverse: Inverse) {
   if (inverse.lattice) return inverse.lattice;
-  const { dim, sources, size } = inverse, n = SEEDS[dim], sides = sources[0].map((_, k) => sideOf(sources, k));
-  const reach = AROUND * Math.max(Math.hypot(...sides), 1e-3 * size), total = n ** dim;
+  const { dim, sources, size } = inverse,
+    n = SEEDS[dim],
+    sides = sources[0].map((_, k) => sideOf(sources, k));
+  const reach = AROUND * Math.max(Math.hypot(...sides), 1e-3 * size),
+    total = n ** dim;
   const low = sides.map((_, k) => sources.reduce((least, x) => Math.min(least, x[k]), Infinity) - reach);
-  const nodes = new Float64Array(dim * total), ends = new Float64Array(dim * total), x = new Float64Array(dim);
+  const nodes = new Float64Array(dim * total),
+    ends = new Float64Array(dim * total),
+    x = new Float64Array(dim);
   for (let i = 0; i < total; i++) {
     for (let k = 0; k < dim; k++) {
-      x[k] = low[k] + (sides[k] + 2 * reach) * (Math.floor(i / n ** (dim - 1 - k)) % n) / (n - 1);
+      x[k] = low[k] + ((sides[k] + 2 * reach) * (Math.floor(i / n ** (dim - 1 - k)) % n)) / (n - 1);
     }
     nodes.set(x, dim * i);
     mapAndSlope(fit, x, T);
@@ -162,7 +205,8 @@ function latticeOf(fit: RbfFit, inverse: Inverse) {
   return inverse.lattice;
 }
 
-const TRIAL = new Float64Array(3), STEP = new Float64Array(3);
+const TRIAL = new Float64Array(3),
+  STEP = new Float64Array(3);
 
 /** Damped Newton steps from x, in place; the residual that is left. `t` gets what mapAndSlope leaves at x. */
 function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: number, t: Float64Array) {
@@ -173,15 +217,19 @@ function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: n
     if (!(Math.abs(det) > 0)) break;
     for (let i = 0; i < dim; i++) {
       STEP[i] = 0;
-      for (let k = 0; k < dim; k++) STEP[i] += ADJUGATE[dim * i + k] * (y[k] - t[k]) / det;
+      for (let k = 0; k < dim; k++) STEP[i] += (ADJUGATE[dim * i + k] * (y[k] - t[k])) / det;
     }
-    let share = 1, better = Infinity;
+    let share = 1,
+      better = Infinity;
     for (; share > SHORTEST_STEP; share /= 2) {
       for (let i = 0; i < dim; i++) TRIAL[i] = x[i] + share * STEP[i];
       better = residual(fit, y, TRIAL, t);
       if (better < error) break;
     }
-    if (!(better < error)) { residual(fit, y, x, t); break; }
+    if (!(better < error)) {
+      residual(fit, y, x, t);
+      break;
+    }
     for (let i = 0; i < dim; i++) x[i] = TRIAL[i];
     error = better;
   }
@@ -202,14 +250,17 @@ function isCertain({ dim, size, middle, sign }: Inverse, y: ArrayLike<number>, e
   return error <= FOUND * Math.max(size, distance(y, middle)) && adjugateOf(t, dim, ADJUGATE) * sign > 0;
 }
 
-const BEST = new Float64Array(3), BEST_T = new Float64Array(12), AT = new Float64Array(3);
+const BEST = new Float64Array(3),
+  BEST_T = new Float64Array(12),
+  AT = new Float64Array(3);
 
 /**
  * The place x of the input that comes to y, in `x`, and what mapAndSlope leaves there, in `t`; whether it is certain.
  * Where it is not, x is the best place known.
  */
 export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Float64Array) {
-  const inverse = inverseOf(fit), { dim } = inverse;
+  const inverse = inverseOf(fit),
+    { dim } = inverse;
   if (inverse.isStill) {
     for (let k = 0; k < dim; k++) x[k] = y[k];
     mapAndSlope(fit, x, t);
@@ -218,9 +269,17 @@ export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, 
   let least = Infinity;
   for (const start of starts(fit, inverse, y)) {
     AT.set(start);
-    const at = AT.subarray(0, dim), error = newton(fit, y, at, AIM * inverse.size, t);
-    if (isCertain(inverse, y, error, t)) { x.set(at); return true; }
-    if (error < least) { least = error; BEST.set(at); BEST_T.set(t); }
+    const at = AT.subarray(0, dim),
+      error = newton(fit, y, at, AIM * inverse.size, t);
+    if (isCertain(inverse, y, error, t)) {
+      x.set(at);
+      return true;
+    }
+    if (error < least) {
+      least = error;
+      BEST.set(at);
+      BEST_T.set(t);
+    }
   }
   for (let k = 0; k < dim; k++) x[k] = Number.isFinite(least) ? BEST[k] : y[k];
   t.set(BEST_T.subarray(0, t.length));
@@ -233,13 +292,18 @@ export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, 
 function* starts(fit: RbfFit, inverse: Inverse, y: ArrayLike<number>) {
   const { dim, sources, targets, slopes } = inverse;
   let near = 0;
-  targets.forEach((target, c) => { if (distance(target, y) < distance(targets[near], y)) near = c; });
-  yield sources[near].map((value, i) => value + sources[near].reduce((sum, _, k) => (
-    sum + slopes[near][dim * i + k] * (y[k] - targets[near][k])), 0));
+  targets.forEach((target, c) => {
+    if (distance(target, y) < distance(targets[near], y)) near = c;
+  });
+  yield sources[near].map(
+    (value, i) =>
+      value + sources[near].reduce((sum, _, k) => sum + slopes[near][dim * i + k] * (y[k] - targets[near][k]), 0),
+  );
   mapAndSlope(fit, y, T);
   yield sources[near].map((_, k) => 2 * y[k] - T[k]);
   yield Array.from(y);
-  const { nodes, ends } = latticeOf(fit, inverse), far = new Float64Array(TRIED).fill(Infinity);
+  const { nodes, ends } = latticeOf(fit, inverse),
+    far = new Float64Array(TRIED).fill(Infinity);
   const best = new Int32Array(TRIED);
   for (let i = 0; i < ends.length; i += dim) {
     const d = distance(y, ends.subarray(i, i + dim));
@@ -261,7 +325,9 @@ export function forwardTargets(fit: RbfFit) {
   return Float64Array.from(inverseOf(fit).targets.flatMap((y) => y.map((value, k) => (value - origin[k]) / support)));
 }
 
-const X = new Float64Array(3), SLOPE = new Float64Array(12), PLACE = new Float64Array(2);
+const X = new Float64Array(3),
+  SLOPE = new Float64Array(12),
+  PLACE = new Float64Array(2);
 
 /** The backward displacement at a place of the picture. */
 export function forwardAt(fit: RbfFit, a: number, b: number): [number, number] {
@@ -275,7 +341,8 @@ export function forwardAt(fit: RbfFit, a: number, b: number): [number, number] {
 export function forwardWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
   PLACE[0] = a;
   PLACE[1] = b;
-  const isFound = placeBefore(fit, PLACE, X, SLOPE), det = adjugateOf(SLOPE, 2, ADJUGATE);
+  const isFound = placeBefore(fit, PLACE, X, SLOPE),
+    det = adjugateOf(SLOPE, 2, ADJUGATE);
   out[0] = X[0];
   out[1] = X[1];
   for (let k = 0; k < 4; k++) out[2 + k] = isFound ? ADJUGATE[k] / det : 0;
@@ -296,12 +363,26 @@ export function forwardEnd(fit: RbfFit, a: number, b: number, at: Float64Array) 
  * @param step along the first axis
  * @param first place of a row
  */
-function alongRows(fit: RbfFit, count: number, step: number, first: (row: number) => number[], rows: number, out: Float32Array) {
-  const inverse = inverseOf(fit), { dim } = inverse;
-  if (inverse.isStill) { out.fill(0, 0, dim * count * rows); return; }
-  const x = new Float64Array(dim), t = new Float64Array(dim + dim * dim), near = NEAR_STEP * step;
+function alongRows(
+  fit: RbfFit,
+  count: number,
+  step: number,
+  first: (row: number) => number[],
+  rows: number,
+  out: Float32Array,
+) {
+  const inverse = inverseOf(fit),
+    { dim } = inverse;
+  if (inverse.isStill) {
+    out.fill(0, 0, dim * count * rows);
+    return;
+  }
+  const x = new Float64Array(dim),
+    t = new Float64Array(dim + dim * dim),
+    near = NEAR_STEP * step;
   for (let row = 0, n = 0; row < rows; row++) {
-    const y = first(row), start = y[0];
+    const y = first(row),
+      start = y[0];
     let isGood = false;
     for (let j = 0; j < count; j++, n += dim) {
       y[0] = start + j * step;
@@ -317,26 +398,41 @@ function alongRows(fit: RbfFit, count: number, step: number, first: (row: number
  * that is not enough.
  * @param t as mapAndSlope has left it
  */
-function stepped(fit: RbfFit, { dim, sign }: Inverse, y: ArrayLike<number>, x: Float64Array, t: Float64Array, near: number, step: number) {
+function stepped(
+  fit: RbfFit,
+  { dim, sign }: Inverse,
+  y: ArrayLike<number>,
+  x: Float64Array,
+  t: Float64Array,
+  near: number,
+  step: number,
+) {
   let det = adjugateOf(t, dim, ADJUGATE);
-  for (let i = 0; i < dim; i++) x[i] += ADJUGATE[dim * i] * step / det;
+  for (let i = 0; i < dim; i++) x[i] += (ADJUGATE[dim * i] * step) / det;
   if (!(residual(fit, y, x, t) <= near)) return false;
   det = adjugateOf(t, dim, ADJUGATE);
   if (!(det * sign > 0)) return false;
   for (let i = 0; i < dim; i++) {
-    for (let k = 0; k < dim; k++) x[i] += ADJUGATE[dim * i + k] * (y[k] - t[k]) / det;
+    for (let k = 0; k < dim; k++) x[i] += (ADJUGATE[dim * i + k] * (y[k] - t[k])) / det;
   }
   return true;
 }
 
 /** Displacements at the pixels of a raster, as of rbfOnRaster. */
-export function forwardOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }: Raster, map: Float32Array) {
+export function forwardOnRaster(
+  fit: RbfFit,
+  { shape: [nv, nu], spacing: [du, dv], origin: [a, b] }: Raster,
+  map: Float32Array,
+) {
   alongRows(fit, nu, du, (row) => [a, b + row * dv], nv, map);
   return map;
 }
 
 /** Displacements at the nodes of a lattice in space, as of rbfOnLattice. */
-export function forwardOnLattice(fit: RbfFit, { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }: Lattice) {
+export function forwardOnLattice(
+  fit: RbfFit,
+  { shape: [nx, ny, nz], spacing: [dx, dy, dz], origin: [x, y, z] }: Lattice,
+) {
   const map = new Float32Array(nx * ny * nz * 3);
   alongRows(fit, nx, dx, (row) => [x, y + (row % ny) * dy, z + Math.floor(row / ny) * dz], ny * nz, map);
   return map;

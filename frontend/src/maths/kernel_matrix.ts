@@ -9,7 +9,13 @@ const MOST_NUMBERS = 2 ** 24; // of all of them, if they are as large as the lat
  * What a matrix is made of: places (n x dim), the support radius, what is added to the diagonal, and null or the support
  * radii of the centres' own.
  */
-export type Centres = { kernel: string, radius: number, places: Float64Array, nugget: ArrayLike<number>, radii: ArrayLike<number> | null };
+export type Centres = {
+  kernel: string;
+  radius: number;
+  places: Float64Array;
+  nugget: ArrayLike<number>;
+  radii: ArrayLike<number> | null;
+};
 
 /** The latest first. */
 const kept: KernelMatrix[] = [];
@@ -21,10 +27,14 @@ const kept: KernelMatrix[] = [];
  */
 export function kernelMatrix(centres: Centres, profile: (s: number) => number) {
   const n = centres.nugget.length;
-  let best = null, fewest = n / 2;
+  let best = null,
+    fewest = n / 2;
   for (const matrix of kept) {
     const moved = matrix.profile === profile ? matrix.movedIn(centres, fewest) : null;
-    if (moved && (moved.length < fewest || !best)) { best = { matrix, moved }; fewest = moved.length; }
+    if (moved && (moved.length < fewest || !best)) {
+      best = { matrix, moved };
+      fewest = moved.length;
+    }
     if (fewest === 0) break;
   }
   const matrix = best?.matrix ?? new KernelMatrix(n, centres, profile);
@@ -65,7 +75,8 @@ class KernelMatrix {
    * The centres that are others than here, null if those are more than a number or the matrix is of another kind.
    */
   movedIn(now: Centres, most: number) {
-    const { n, dim, centres: old } = this, found = [];
+    const { n, dim, centres: old } = this,
+      found = [];
     const isOther = old.kernel !== now.kernel || old.radius !== now.radius || !old.radii !== !now.radii;
     if (isOther || now.nugget.length !== n || now.places.length !== old.places.length) return null;
     for (let k = 0; k < n; k++) {
@@ -83,17 +94,28 @@ class KernelMatrix {
     this.centres = centres;
     if (moved.length === 0) return;
     const isMoved = new Set(moved);
-    this.factored = Math.min(this.factored, this.order.findIndex((k) => isMoved.has(k)));
+    this.factored = Math.min(
+      this.factored,
+      this.order.findIndex((k) => isMoved.has(k)),
+    );
     this.order = [...this.order.filter((k) => !isMoved.has(k)), ...moved];
     for (const k of moved) this.#evaluate(k, this.n);
   }
 
   /** Evaluate row and column i up to a number of centres. */
   #evaluate(i: number, count: number) {
-    const { n, dim, phi, profile, centres: { places, radius, nugget, radii } } = this, own = radii ? radii[i] : radius;
+    const {
+        n,
+        dim,
+        phi,
+        profile,
+        centres: { places, radius, nugget, radii },
+      } = this,
+      own = radii ? radii[i] : radius;
     for (let j = 0; j < count; j++) {
       const r = radii ? radii[j] : radius;
-      let s = 0, t = 0;
+      let s = 0,
+        t = 0;
       for (let c = 0; c < dim; c++) {
         const step = places[dim * i + c] - places[dim * j + c];
         s += (step / r) ** 2;
@@ -108,7 +130,9 @@ class KernelMatrix {
   /** The solution of a positive definite system with m right-hand sides (n x m); NaN where it is not definite. */
   solve(rhs: Float64Array, m: number) {
     this.#complete();
-    const { n, order, factor: l } = this, out = new Float64Array(n * m), x = new Float64Array(n);
+    const { n, order, factor: l } = this,
+      out = new Float64Array(n * m),
+      x = new Float64Array(n);
     for (let c = 0; c < m; c++) {
       for (let i = 0; i < n; i++) x[i] = (rhs[order[i] * m + c] - dot(l, i * n, x, 0, i)) / l[i * n + i];
       for (let i = n - 1; i >= 0; i--) {
@@ -126,7 +150,8 @@ class KernelMatrix {
     if (this.factor.length === 0) this.factor = new Float64Array(n * n);
     const l = this.factor;
     for (let i = this.factored; i < n; i++) {
-      const row = i * n, from = order[i] * n;
+      const row = i * n,
+        from = order[i] * n;
       for (let j = 0; j < i; j++) l[row + j] = (phi[from + order[j]] - dot(l, row, l, j * n, j)) / l[j * n + j];
       l[row + i] = Math.sqrt(phi[from + order[i]] - dot(l, row, l, row, i));
     }
@@ -136,7 +161,11 @@ class KernelMatrix {
 
 /** The sum of products of so many numbers of two arrays, from a place in each. */
 function dot(a: Float64Array, p: number, b: Float64Array, q: number, count: number) {
-  let s = 0, t = 0, u = 0, v = 0, k = 0; // four sums: one would wait for itself at each term
+  let s = 0,
+    t = 0,
+    u = 0,
+    v = 0,
+    k = 0; // four sums: one would wait for itself at each term
   for (; k + 3 < count; k += 4) {
     s += a[p + k] * b[q + k];
     t += a[p + k + 1] * b[q + k + 1];

@@ -8,15 +8,25 @@ export function samePoints(p: unknown, q: unknown) {
 
 /** Any list of point-like objects as full points; other objects are left out. */
 export function cleanPoints(list: any): Point[] {
-  const good: (place: any) => boolean = (place) => Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
+  const good: (place: any) => boolean = (place) =>
+    Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
   const seen = new Set();
-  return (Array.isArray(list) ? list : []).filter((p) => {
-    if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;
-    seen.add(p.id);
-    return true;
-  }).map((p) => ({ id: p.id, name: String(p.name ?? ""), source: [...p.source], target: [...p.target],
-    active: p.active !== false, weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1,
-    locked: p.locked === true, radius: Number.isFinite(p.radius) && p.radius > 0 ? p.radius : null }));
+  return (Array.isArray(list) ? list : [])
+    .filter((p) => {
+      if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;
+      seen.add(p.id);
+      return true;
+    })
+    .map((p) => ({
+      id: p.id,
+      name: String(p.name ?? ""),
+      source: [...p.source],
+      target: [...p.target],
+      active: p.active !== false,
+      weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1,
+      locked: p.locked === true,
+      radius: Number.isFinite(p.radius) && p.radius > 0 ? p.radius : null,
+    }));
 }
 
 /** The points with these ids changed. */
@@ -29,15 +39,24 @@ export function changed(points: Point[], ids: number[], change: (point: Point) =
 export function movedPoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
   const by: (place: number[]) => number[] = ([a, b]) => [a + da, b + db];
   return changed(points, ids, (p) => ({
-    source: what === "target" ? p.source : by(p.source), target: what === "source" ? p.target : by(p.target) }));
+    source: what === "target" ? p.source : by(p.source),
+    target: what === "source" ? p.target : by(p.target),
+  }));
 }
 
 /** A point, its fields in the order in which Python sends them: lists are compared as text. */
-export function newPoint(id: number, source: ArrayLike<number> & Iterable<number>, target: ArrayLike<number> & Iterable<number>, name: string = ""): Point {
+export function newPoint(
+  id: number,
+  source: ArrayLike<number> & Iterable<number>,
+  target: ArrayLike<number> & Iterable<number>,
+  name: string = "",
+): Point {
   return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
 }
 
-export function addedPoint(points: Point[], id: number, source: number[], target: number[]) { return [...points, newPoint(id, source, target)]; }
+export function addedPoint(points: Point[], id: number, source: number[], target: number[]) {
+  return [...points, newPoint(id, source, target)];
+}
 
 export function removedPoints(points: Point[], ids: number[]) {
   const gone = new Set(ids);
@@ -50,13 +69,15 @@ export function renamedPoint(points: Point[], id: number, name: string) {
 
 /** On if all chosen are off, else off: one press always does something visible. */
 export function switchedPoints(points: Point[], ids: number[]) {
-  const chosen = new Set(ids), some = points.some((p) => chosen.has(p.id) && p.active);
+  const chosen = new Set(ids),
+    some = points.some((p) => chosen.has(p.id) && p.active);
   return changed(points, ids, () => ({ active: !some }));
 }
 
 /** Locked if some of the chosen are not yet, else free. */
 export function lockedPoints(points: Point[], ids: number[]) {
-  const chosen = new Set(ids), isFree = points.some((p) => chosen.has(p.id) && !p.locked);
+  const chosen = new Set(ids),
+    isFree = points.some((p) => chosen.has(p.id) && !p.locked);
   return changed(points, ids, () => ({ locked: isFree }));
 }
 
@@ -83,14 +104,23 @@ export function nextId(points: Point[], least: number) {
  */
 export function cleanShapes<K extends ShapeKind>(list: any, what: K, old: Shapes[ShapeKind] = []): Shapes[K] {
   const known = new Map(old.map(({ region }) => [JSON.stringify(region), region]));
-  const clean: any[] = (Array.isArray(list) ? list : []).filter((shape) => shape?.region?.kind).map((shape) => {
-    const plain = plainRegion(shape.region), region = known.get(JSON.stringify(plain)) ?? plain;
-    const kept = { name: String(shape.name ?? ""), enabled: shape.enabled !== false };
-    if (what === "cuts") return { ...kept, region };
-    const { weight, reach, motion, pivot } = shape;
-    return { ...kept, weight: weight ?? "saturated", reach: reach ?? null, motion: motion ?? null,
-      ...(pivot && { pivot }), region };
-  });
+  const clean: any[] = (Array.isArray(list) ? list : [])
+    .filter((shape) => shape?.region?.kind)
+    .map((shape) => {
+      const plain = plainRegion(shape.region),
+        region = known.get(JSON.stringify(plain)) ?? plain;
+      const kept = { name: String(shape.name ?? ""), enabled: shape.enabled !== false };
+      if (what === "cuts") return { ...kept, region };
+      const { weight, reach, motion, pivot } = shape;
+      return {
+        ...kept,
+        weight: weight ?? "saturated",
+        reach: reach ?? null,
+        motion: motion ?? null,
+        ...(pivot && { pivot }),
+        region,
+      };
+    });
   return clean;
 }
 
@@ -107,7 +137,9 @@ function plainRegion(region: RegionData): RegionData {
   return { kind, shape, spacing, origin, bits };
 }
 
-export function sameShapes(p: unknown, q: unknown) { return p === q || JSON.stringify(p) === JSON.stringify(q); }
+export function sameShapes(p: unknown, q: unknown) {
+  return p === q || JSON.stringify(p) === JSON.stringify(q);
+}
 
 // ---- points rotated and scaled about their middle, and the rim of a single one -------------------------------------
 // A point alone has nothing to rotate; three still ones around it, its rim, are rotated instead.
@@ -128,38 +160,47 @@ export function middleOf(points: { target: number[] }[]): Vector2 {
 
 /** Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place. */
 export function turnedPoints(points: Point[], ids: number[], about: number[], angle: number, factor: number = 1) {
-  const c = factor * Math.cos(angle), s = factor * Math.sin(angle);
+  const c = factor * Math.cos(angle),
+    s = factor * Math.sin(angle);
   return changed(points, ids, (p) => {
-    const x = p.target[0] - about[0], y = p.target[1] - about[1];
+    const x = p.target[0] - about[0],
+      y = p.target[1] - about[1];
     return { target: [about[0] + c * x - s * y, about[1] + s * x + c * y] };
   });
 }
 
 /** The angle and the factor of a key, one of which does nothing. */
-export function turnOfKey(way: number, { isLarge, isScale }: { isLarge?: boolean, isScale?: boolean }): Vector2 {
+export function turnOfKey(way: number, { isLarge, isScale }: { isLarge?: boolean; isScale?: boolean }): Vector2 {
   const step = TURN_STEPS[isLarge ? 1 : 0] * way;
-  return isScale ? [0, (1 + Math.abs(step) / 100) ** Math.sign(step)] : [step * Math.PI / 180, 1];
+  return isScale ? [0, (1 + Math.abs(step) / 100) ** Math.sign(step)] : [(step * Math.PI) / 180, 1];
 }
 
 /**
  * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift goes in steps.
  */
-export function turnOfDrag([x, y]: number[], to: number[], event: { altKey: boolean, shiftKey: boolean }): Vector2 {
+export function turnOfDrag([x, y]: number[], to: number[], event: { altKey: boolean; shiftKey: boolean }): Vector2 {
   if (event.altKey) {
     const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
     return [0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor];
   }
-  const angle = Math.atan2(x * to[1] - y * to[0], x * to[0] + y * to[1]), step = Math.PI / 12;
+  const angle = Math.atan2(x * to[1] - y * to[0], x * to[0] + y * to[1]),
+    step = Math.PI / 12;
   return [event.shiftKey ? step * Math.round(angle / step) : angle, 1];
 }
 
-function rimName(pin: Point) { return `${pin.name || `point ${pin.id}`} rim`; }
+function rimName(pin: Point) {
+  return `${pin.name || `point ${pin.id}`} rim`;
+}
 
 /** The rim that a point has already, three at most: the nearest ones of that name. */
 export function rimOf(points: Point[], pin: Point) {
-  const name = rimName(pin), [x, y] = pin.source;
+  const name = rimName(pin),
+    [x, y] = pin.source;
   const away: (p: Point) => number = (p) => Math.hypot(p.source[0] - x, p.source[1] - y);
-  return points.filter((p) => p.name === name && p.id !== pin.id).sort((p, q) => away(p) - away(q)).slice(0, 3);
+  return points
+    .filter((p) => p.name === name && p.id !== pin.id)
+    .sort((p, q) => away(p) - away(q))
+    .slice(0, 3);
 }
 
 /** Those points, and the rims of those that have one. */
@@ -174,17 +215,26 @@ export function withRims(points: Point[], ids: number[]) {
  * @param id of the first new point
  * @param sourceAt null where nothing is
  */
-export function rimmedPoints(points: Point[], pin: Point, distance: number, id: number, sourceAt: (place: number[]) => number[] | null) {
+export function rimmedPoints(
+  points: Point[],
+  pin: Point,
+  distance: number,
+  id: number,
+  sourceAt: (place: number[]) => number[] | null,
+) {
   const others = points.filter((p) => p.active && p.id !== pin.id);
-  const placesFrom: (start: number) => number[][] = (start) => [0, 1, 2].map((k) => {
-    const angle = start + k * 2 * Math.PI / 3;
-    return [pin.target[0] + distance * Math.cos(angle), pin.target[1] + distance * Math.sin(angle)];
-  });
-  const room: (places: number[][]) => number = (places) => Math.min(...places.flatMap(([a, b]) => others.map(
-    (p) => Math.hypot(p.target[0] - a, p.target[1] - b))), distance);
-  const tried = Array.from({ length: RIM_ANGLES },
-    (_, k) => placesFrom(-Math.PI / 2 + k * 2 * Math.PI / 3 / RIM_ANGLES));
-  const best = tried.reduce((p, q) => (room(q) > room(p) + 1e-9 * distance ? q : p)), made = [...points];
+  const placesFrom: (start: number) => number[][] = (start) =>
+    [0, 1, 2].map((k) => {
+      const angle = start + (k * 2 * Math.PI) / 3;
+      return [pin.target[0] + distance * Math.cos(angle), pin.target[1] + distance * Math.sin(angle)];
+    });
+  const room: (places: number[][]) => number = (places) =>
+    Math.min(...places.flatMap(([a, b]) => others.map((p) => Math.hypot(p.target[0] - a, p.target[1] - b))), distance);
+  const tried = Array.from({ length: RIM_ANGLES }, (_, k) =>
+    placesFrom(-Math.PI / 2 + (k * 2 * Math.PI) / 3 / RIM_ANGLES),
+  );
+  const best = tried.reduce((p, q) => (room(q) > room(p) + 1e-9 * distance ? q : p)),
+    made = [...points];
   for (const target of best) {
     const source = sourceAt(target);
     if (source) made.push(newPoint(id + made.length - points.length, source, target, rimName(pin)));
@@ -194,7 +244,9 @@ export function rimmedPoints(points: Point[], pin: Point, distance: number, id: 
 
 // ---- mirror symmetry: an edit of a point is also done to its partner on the other side of an axis ------------------
 
-function mirrorNormal({ normal, axis }: Mirror) { return normal ?? (axis === "a" ? [1, 0] : [0, 1]); }
+function mirrorNormal({ normal, axis }: Mirror) {
+  return normal ?? (axis === "a" ? [1, 0] : [0, 1]);
+}
 
 /** The distance of a place on the positive side. */
 function awayFrom(mirror: Mirror, place: number[]) {
@@ -202,9 +254,13 @@ function awayFrom(mirror: Mirror, place: number[]) {
 }
 
 /** A place, moved along the normal. */
-function acrossBy(mirror: Mirror, place: number[], way: number) { return mirrorNormal(mirror).map((n, k) => place[k] + way * n); }
+function acrossBy(mirror: Mirror, place: number[], way: number) {
+  return mirrorNormal(mirror).map((n, k) => place[k] + way * n);
+}
 
-function mirrorPlace(mirror: Mirror, place: number[]) { return acrossBy(mirror, place, -2 * awayFrom(mirror, place)); }
+function mirrorPlace(mirror: Mirror, place: number[]) {
+  return acrossBy(mirror, place, -2 * awayFrom(mirror, place));
+}
 
 /** 1 or -1 for the side of the axis on which a place lies, 0 within `near` of it. */
 export function mirrorSide(mirror: Mirror, place: number[], near: number) {
@@ -213,17 +269,25 @@ export function mirrorSide(mirror: Mirror, place: number[], near: number) {
 }
 
 /** The nearest place on the axis. */
-export function onAxis(mirror: Mirror, place: number[]) { return acrossBy(mirror, place, -awayFrom(mirror, place)); }
+export function onAxis(mirror: Mirror, place: number[]) {
+  return acrossBy(mirror, place, -awayFrom(mirror, place));
+}
 
-export function distance(p: number[], q: number[]) { return Math.hypot(...p.map((value, k) => value - q[k])); }
+export function distance(p: number[], q: number[]) {
+  return Math.hypot(...p.map((value, k) => value - q[k]));
+}
 
 /** The point whose source lies where the mirror shows that of `p`, or null. */
 function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
   const place = mirrorPlace(mirror, p.source);
-  let best = null, least = near;
+  let best = null,
+    least = near;
   for (const q of points) {
     const away = distance(q.source, place);
-    if (q.id !== p.id && away <= least) { best = q; least = away; }
+    if (q.id !== p.id && away <= least) {
+      best = q;
+      least = away;
+    }
   }
   return best;
 }
@@ -241,8 +305,24 @@ function keptOnSide(mirror: Mirror, place: number[], side: number, near: number)
  * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
  * new point takes hold of it there, and moves nothing, also where the two sides have been deformed in different ways.
  */
-export function mirroredEdit(mirror: Mirror, before: Point[], after: Point[], { near, id, lead = 0, seenAt = () => null }: { near: { axis: number, partner: number }, id: number, lead?: number, seenAt?: (source: number[]) => number[] | null }) {
-  const was = new Map(before.map((p) => [p.id, p])), result = new Map(after.map((p) => [p.id, p]));
+export function mirroredEdit(
+  mirror: Mirror,
+  before: Point[],
+  after: Point[],
+  {
+    near,
+    id,
+    lead = 0,
+    seenAt = () => null,
+  }: {
+    near: { axis: number; partner: number };
+    id: number;
+    lead?: number;
+    seenAt?: (source: number[]) => number[] | null;
+  },
+) {
+  const was = new Map(before.map((p) => [p.id, p])),
+    result = new Map(after.map((p) => [p.id, p]));
   const moved = after.filter((p) => !isUnmoved(was.get(p.id), p));
   const first = moved.map((p) => mirrorSide(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
   const leads = lead || first;
@@ -252,12 +332,20 @@ export function mirroredEdit(mirror: Mirror, before: Point[], after: Point[], { 
     const partner = partnerOf(mirror, before, p, near.partner);
     if (partner && !partner.locked) result.delete(partner.id);
   }
-  const handled = new Set(), isLed = moved.some((p) => !was.has(p.id) && sideNow(p) === leads);
+  const handled = new Set(),
+    isLed = moved.some((p) => !was.has(p.id) && sideNow(p) === leads);
   for (const p of [...moved].sort((p, q) => Number(sideNow(q) === leads) - Number(sideNow(p) === leads))) {
-    const side = sideNow(p), old = was.get(p.id);
+    const side = sideNow(p),
+      old = was.get(p.id);
     if (handled.has(p.id) || !result.has(p.id)) continue;
-    if (side === 0) { result.set(p.id, centredPoint(mirror, p, old)); continue; }
-    if (side !== leads && !old && isLed) { result.delete(p.id); continue; } // its partner is on its way
+    if (side === 0) {
+      result.set(p.id, centredPoint(mirror, p, old));
+      continue;
+    }
+    if (side !== leads && !old && isLed) {
+      result.delete(p.id);
+      continue;
+    } // its partner is on its way
     const kept = { ...p, target: keptOnSide(mirror, p.target, side, near.axis) };
     result.set(p.id, kept);
     const partner = partnerOf(mirror, before, old ?? p, near.partner);
@@ -277,9 +365,13 @@ function heldPlace({ target }: Point, seen: number[] | null, near: number) {
   return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 
-function hasMoved(p: Point, q: Point) { return !samePoints(p.source, q.source) || !samePoints(p.target, q.target); }
+function hasMoved(p: Point, q: Point) {
+  return !samePoints(p.source, q.source) || !samePoints(p.target, q.target);
+}
 
-function isUnmoved(p: Point | undefined, q: Point) { return p !== undefined && !hasMoved(p, q) && p.active === q.active; }
+function isUnmoved(p: Point | undefined, q: Point) {
+  return p !== undefined && !hasMoved(p, q) && p.active === q.active;
+}
 
 /** A point whose places are moved to the axis. */
 function centredPoint(mirror: Mirror, p: Point, old?: Point) {
@@ -289,7 +381,8 @@ function centredPoint(mirror: Mirror, p: Point, old?: Point) {
 
 /** The point on the other side: the partner, or a new one with this id. */
 function mirroredPoint(mirror: Mirror, p: Point, old: Point | undefined, partner: Point | null, id: number) {
-  const target = mirrorPlace(mirror, p.target), source = mirrorPlace(mirror, p.source);
+  const target = mirrorPlace(mirror, p.target),
+    source = mirrorPlace(mirror, p.source);
   if (partner === null) return { ...p, id, name: old ? "" : p.name, source, target, locked: false };
   const isSame = old && samePoints(old.source, p.source);
   return { ...partner, active: p.active, source: isSame ? partner.source : source, target };

@@ -8,22 +8,41 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
-import { LARGEST_SHAPE } from "./constants.ts";
-
 import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData } from "../types.ts";
+import { LARGEST_SHAPE } from "./constants.ts";
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
 
 function maskRegion(data: MaskData): Region {
-  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = data, isSet = maskPixels(data);
-  const outside = boxDistances(isSet, nv, nu, du, dv), inside = boxDistances(isSet.map((v) => 1 - v), nv, nu, du, dv);
+  const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    } = data,
+    isSet = maskPixels(data);
+  const outside = boxDistances(isSet, nv, nu, du, dv),
+    inside = boxDistances(
+      isSet.map((v) => 1 - v),
+      nv,
+      nu,
+      du,
+      dv,
+    );
   const signed = outside.map((value, k) => (isSet[k] ? -inside[k] : value));
   const distance: (a: number, b: number) => number = (a, b) => {
-    const u = (a - a0) / du, v = (b - b0) / dv;
-    const p = Math.max(0, Math.min(nu - 1, u)), q = Math.max(0, Math.min(nv - 1, v));
-    const i = Math.min(Math.floor(q), Math.max(0, nv - 2)), j = Math.min(Math.floor(p), Math.max(0, nu - 2));
-    const s = p - j, t = q - i, at = i * nu + j, east = nu > 1 ? 1 : 0, south = nv > 1 ? nu : 0;
-    const top = signed[at] + s * (signed[at + east] - signed[at]), low = at + south;
+    const u = (a - a0) / du,
+      v = (b - b0) / dv;
+    const p = Math.max(0, Math.min(nu - 1, u)),
+      q = Math.max(0, Math.min(nv - 1, v));
+    const i = Math.min(Math.floor(q), Math.max(0, nv - 2)),
+      j = Math.min(Math.floor(p), Math.max(0, nu - 2));
+    const s = p - j,
+      t = q - i,
+      at = i * nu + j,
+      east = nu > 1 ? 1 : 0,
+      south = nv > 1 ? nu : 0;
+    const top = signed[at] + s * (signed[at + east] - signed[at]),
+      low = at + south;
     const value = top + t * (signed[low] + s * (signed[low + east] - signed[low]) - top);
     return u === p && v === q ? value : value + Math.hypot((u - p) * du, (v - q) * dv);
   };
@@ -32,7 +51,8 @@ function maskRegion(data: MaskData): Region {
 
 /** The pixels of a mask, 0 or 1. */
 export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
-  const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))), out = new Uint8Array(nv * nu);
+  const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))),
+    out = new Uint8Array(nv * nu);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3] >> (7 - (k & 7))) & 1;
   return out;
 }
@@ -47,7 +67,10 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
   const above = new Int32Array(nv * nu); // the row of the nearest set pixel in the same column, -1 for none
   for (let j = 0; j < nu; j++) {
     let last = -1;
-    for (let i = 0; i < nv; i++) { if (isSet[i * nu + j]) last = i; above[i * nu + j] = last; }
+    for (let i = 0; i < nv; i++) {
+      if (isSet[i * nu + j]) last = i;
+      above[i * nu + j] = last;
+    }
     last = -1;
     for (let i = nv - 1; i >= 0; i--) {
       if (isSet[i * nu + j]) last = i;
@@ -55,7 +78,8 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
       if (last >= 0 && (up < 0 || last - i < i - up)) above[i * nu + j] = last;
     }
   }
-  const feet = new Int32Array(nu), from = new Float64Array(nu + 1);
+  const feet = new Int32Array(nu),
+    from = new Float64Array(nu + 1);
   for (let i = 0; i < nv; i++) {
     const height: (j: number) => number = (j) => ((above[i * nu + j] - i) * dv) ** 2;
     const row = i * nu;
@@ -85,15 +109,20 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
 
 // ---- zlib: a browser inflates only in promises, and a picture is drawn now ------------------------------------------
 
-const INFLATE_LENGTHS = [3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131,
-  163, 195, 227, 258];
-const INFLATE_DISTANCES = [1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537,
-  2049, 3073, 4097, 6145, 8193, 12289, 16385, 24577];
+const INFLATE_LENGTHS = [
+  3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 15, 17, 19, 23, 27, 31, 35, 43, 51, 59, 67, 83, 99, 115, 131, 163, 195, 227, 258,
+];
+const INFLATE_DISTANCES = [
+  1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537, 2049, 3073, 4097, 6145,
+  8193, 12289, 16385, 24577,
+];
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
 /** The data in a stream of zlib (RFC 1950, 1951). */
 export function inflated(bytes: Uint8Array) {
-  let at = 16, out = new Uint8Array(1 << 14), size = 0; // at: in bits; a header of two bytes comes first
+  let at = 16,
+    out = new Uint8Array(1 << 14),
+    size = 0; // at: in bits; a header of two bytes comes first
   const take: (n: number) => number = (n) => {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
@@ -103,10 +132,14 @@ export function inflated(bytes: Uint8Array) {
     return value;
   };
   const put: (value: number) => void = (value) => {
-    if (size === out.length) { const more = new Uint8Array(2 * size); more.set(out); out = more; }
+    if (size === out.length) {
+      const more = new Uint8Array(2 * size);
+      more.set(out);
+      out = more;
+    }
     out[size++] = value;
   };
-  for (let isLast = 0; !isLast;) {
+  for (let isLast = 0; !isLast; ) {
     isLast = take(1);
     const kind = take(2);
     if (kind === 0) {
@@ -119,9 +152,14 @@ export function inflated(bytes: Uint8Array) {
     if (kind === 3) throw new Error("a mask is not packed as zlib does");
     const [symbols, distances] = kind === 1 ? fixedCodes() : sentCodes(take);
     for (let symbol = symbols(take); symbol !== 256; symbol = symbols(take)) {
-      if (symbol < 256) { put(symbol); continue; }
-      const s = symbol - 257, length = INFLATE_LENGTHS[s] + (s < 8 || s === 28 ? 0 : take((s >> 2) - 1));
-      const d = distances(take), back = INFLATE_DISTANCES[d] + (d < 4 ? 0 : take((d >> 1) - 1));
+      if (symbol < 256) {
+        put(symbol);
+        continue;
+      }
+      const s = symbol - 257,
+        length = INFLATE_LENGTHS[s] + (s < 8 || s === 28 ? 0 : take((s >> 2) - 1));
+      const d = distances(take),
+        back = INFLATE_DISTANCES[d] + (d < 4 ? 0 : take((d >> 1) - 1));
       for (let k = 0; k < length; k++) put(out[size - back]);
     }
   }
@@ -133,11 +171,17 @@ export type Take = (n: number) => number;
 
 /** A reader of the Huffman code whose symbols have these numbers of bits. */
 function codeReader(lengths: number[]): (take: Take) => number {
-  const counts = new Array(16).fill(0), table = new Map();
+  const counts = new Array(16).fill(0),
+    table = new Map();
   for (const n of lengths) if (n) counts[n] += 1;
   const next = [0];
-  for (let n = 1, code = 0; n < 16; n++) { code = (code + (counts[n - 1] ?? 0)) << 1; next[n] = code; }
-  lengths.forEach((n, symbol) => { if (n) table.set((n << 16) | next[n]++, symbol); });
+  for (let n = 1, code = 0; n < 16; n++) {
+    code = (code + (counts[n - 1] ?? 0)) << 1;
+    next[n] = code;
+  }
+  lengths.forEach((n, symbol) => {
+    if (n) table.set((n << 16) | next[n]++, symbol);
+  });
   return (take) => {
     for (let n = 1, code = 0; n < 16; n++) {
       code = (code << 1) | take(1);
@@ -154,7 +198,10 @@ function fixedCodes() {
 }
 
 function sentCodes(take: Take) {
-  const literals = take(5) + 257, distances = take(5) + 1, count = take(4) + 4, first = new Array(19).fill(0);
+  const literals = take(5) + 257,
+    distances = take(5) + 1,
+    count = take(4) + 4,
+    first = new Array(19).fill(0);
   for (let k = 0; k < count; k++) first[INFLATE_ORDER[k]] = take(3);
   const lengths: number[] = [];
   const read = codeReader(first);
@@ -162,7 +209,11 @@ function sentCodes(take: Take) {
     const symbol = read(take);
     if (symbol < 16) lengths.push(symbol);
     else {
-      const [bits, least] = [[2, 3], [3, 3], [7, 11]][symbol - 16];
+      const [bits, least] = [
+        [2, 3],
+        [3, 3],
+        [7, 11],
+      ][symbol - 16];
       const value = symbol === 16 ? lengths[lengths.length - 1] : 0;
       for (let n = take(bits) + least; n > 0; n--) lengths.push(value);
     }
@@ -172,11 +223,12 @@ function sentCodes(take: Take) {
 
 // ---- any region -----------------------------------------------------------------------------------------------------
 
-
 const regionsMade: WeakMap<RegionData, Region> = new WeakMap();
 
 /** The signed distance to a region's boundary, negative inside. */
-export function regionDistance(data: RegionData) { return regionOf(data).distance; }
+export function regionDistance(data: RegionData) {
+  return regionOf(data).distance;
+}
 
 /** A region made ready for use, once for each object of data. */
 export function regionOf(data: RegionData) {
@@ -195,7 +247,9 @@ function newRegion(data: RegionData) {
 }
 
 function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }: HalfSpaceData): Region {
-  const length = Math.hypot(na, nb), u = na / length, v = nb / length;
+  const length = Math.hypot(na, nb),
+    u = na / length,
+    v = nb / length;
   const distance: (a: number, b: number) => number = (a, b) => (a - pa) * u + (b - pb) * v;
   return { kind, distance, near: () => distance };
 }
@@ -208,19 +262,45 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }: HalfSpaceD
  * is nearest.
  */
 function outlineEdges({ kind, vertices }: OutlineData) {
-  const isClosed = kind === "polygon", corners = withoutTwins(vertices, isClosed), n = corners.length;
-  const count = isClosed ? n : n - 1, turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
+  const isClosed = kind === "polygon",
+    corners = withoutTwins(vertices, isClosed),
+    n = corners.length;
+  const count = isClosed ? n : n - 1,
+    turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
   const data = new Float64Array(12 * count);
   const normal: (j: number) => number[] = (j) => {
-    const p = corners[j], q = corners[(j + 1) % n], length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
-    return [-turn * (q[1] - p[1]) / length, turn * (q[0] - p[0]) / length];
+    const p = corners[j],
+      q = corners[(j + 1) % n],
+      length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
+    return [(-turn * (q[1] - p[1])) / length, (turn * (q[0] - p[0])) / length];
   };
   for (let j = 0; j < count; j++) {
-    const p = corners[j], q = corners[(j + 1) % n], own = normal(j), dx = q[0] - p[0], dy = q[1] - p[1];
-    const isFirst = !isClosed && j === 0, isLast = !isClosed && j === count - 1;
-    const before = isFirst ? own : normal((j + n - 1) % n), after = isLast ? own : normal((j + 1) % n);
-    data.set([p[0], p[1], dx, dy, isFirst ? -Infinity : 0, isLast ? Infinity : 1, own[0], own[1],
-      own[0] + before[0], own[1] + before[1], own[0] + after[0], own[1] + after[1]], 12 * j);
+    const p = corners[j],
+      q = corners[(j + 1) % n],
+      own = normal(j),
+      dx = q[0] - p[0],
+      dy = q[1] - p[1];
+    const isFirst = !isClosed && j === 0,
+      isLast = !isClosed && j === count - 1;
+    const before = isFirst ? own : normal((j + n - 1) % n),
+      after = isLast ? own : normal((j + 1) % n);
+    data.set(
+      [
+        p[0],
+        p[1],
+        dx,
+        dy,
+        isFirst ? -Infinity : 0,
+        isLast ? Infinity : 1,
+        own[0],
+        own[1],
+        own[0] + before[0],
+        own[1] + before[1],
+        own[0] + after[0],
+        own[1] + after[1],
+      ],
+      12 * j,
+    );
   }
   return { count, data };
 }
@@ -242,32 +322,51 @@ function signedArea(corners: number[][]) {
 }
 
 function outlineRegion(data: OutlineData): Region {
-  const edges = outlineEdges(data), all = Int32Array.from({ length: edges.count }, (_, k) => k);
+  const edges = outlineEdges(data),
+    all = Int32Array.from({ length: edges.count }, (_, k) => k);
   const toEdges: (some: Int32Array) => Region["distance"] = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
-  const distance = toEdges(all), opening = data.kind === "line" && data.stops?.some(Boolean) ? openingOf(data) : null;
-  return { kind: data.kind, distance, edges: edges.count, ...(opening && { opening }), near: (a, b, radius) => {
-    const far = Math.abs(distance(a, b)) + 2 * radius;
-    const some = all.filter((j) => edgeDistance(edges.data, j, a, b) <= far);
-    return some.length === all.length ? distance : toEdges(some);
-  } };
+  const distance = toEdges(all),
+    opening = data.kind === "line" && data.stops?.some(Boolean) ? openingOf(data) : null;
+  return {
+    kind: data.kind,
+    distance,
+    edges: edges.count,
+    ...(opening && { opening }),
+    near: (a, b, radius) => {
+      const far = Math.abs(distance(a, b)) + 2 * radius;
+      const some = all.filter((j) => edgeDistance(edges.data, j, a, b) <= far);
+      return some.length === all.length ? distance : toEdges(some);
+    },
+  };
 }
 
 /**
  * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
  */
 function openingOf({ vertices, stops = [] }: LineData): NonNullable<Region["opening"]> {
-  const corners = withoutTwins(vertices, false), n = corners.length;
+  const corners = withoutTwins(vertices, false),
+    n = corners.length;
   const way: (p: number[], q: number[]) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
   for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
-  const ends = [[corners[1], corners[0]], [corners[n - 2], corners[n - 1]]].filter((_, k) => stops[k])
-    .map(([from, tip]) => { const [ea, eb] = tip.map((v, c) => 2 * (v - from[c]) / way(from, tip) / whole);
-      return { ea, eb, at: tip[0] * ea + tip[1] * eb }; });
+  const ends = [
+    [corners[1], corners[0]],
+    [corners[n - 2], corners[n - 1]],
+  ]
+    .filter((_, k) => stops[k])
+    .map(([from, tip]) => {
+      const [ea, eb] = tip.map((v, c) => (2 * (v - from[c])) / way(from, tip) / whole);
+      return { ea, eb, at: tip[0] * ea + tip[1] * eb };
+    });
   return (a, b, out) => {
-    let w = 1, wa = 0, wb = 0;
+    let w = 1,
+      wa = 0,
+      wb = 0;
     for (let k = 0; k < ends.length; k++) {
-      const { ea, eb, at } = ends[k], t = Math.max(0, Math.min(1, at - a * ea - b * eb));
-      const s = t * t * (3 - 2 * t), slope = 6 * t * (1 - t);
+      const { ea, eb, at } = ends[k],
+        t = Math.max(0, Math.min(1, at - a * ea - b * eb));
+      const s = t * t * (3 - 2 * t),
+        slope = 6 * t * (1 - t);
       wa = wa * s - w * slope * ea;
       wb = wb * s - w * slope * eb;
       w *= s;
@@ -280,25 +379,49 @@ function openingOf({ vertices, stops = [] }: LineData): NonNullable<Region["open
 }
 
 function edgeDistance(e: Float64Array, j: number, a: number, b: number) {
-  const k = 12 * j, dx = e[k + 2], dy = e[k + 3], pa = a - e[k], pb = b - e[k + 1];
+  const k = 12 * j,
+    dx = e[k + 2],
+    dy = e[k + 3],
+    pa = a - e[k],
+    pb = b - e[k + 1];
   const t = Math.max(e[k + 4], Math.min(e[k + 5], (pa * dx + pb * dy) / (dx * dx + dy * dy)));
   return Math.hypot(pa - t * dx, pb - t * dy);
 }
 
 function outlineDistance(e: Float64Array, some: Int32Array, a: number, b: number) {
-  let best = Infinity, at = 0, where = 0;
+  let best = Infinity,
+    at = 0,
+    where = 0;
   for (let i = 0; i < some.length; i++) {
-    const k = 12 * some[i], dx = e[k + 2], dy = e[k + 3], pa = a - e[k], pb = b - e[k + 1];
+    const k = 12 * some[i],
+      dx = e[k + 2],
+      dy = e[k + 3],
+      pa = a - e[k],
+      pb = b - e[k + 1];
     let t = (pa * dx + pb * dy) / (dx * dx + dy * dy);
     if (t < e[k + 4]) t = e[k + 4];
     else if (t > e[k + 5]) t = e[k + 5];
-    const ra = pa - t * dx, rb = pb - t * dy, d = ra * ra + rb * rb;
-    if (d < best) { best = d; at = k; where = t; }
+    const ra = pa - t * dx,
+      rb = pb - t * dy,
+      d = ra * ra + rb * rb;
+    if (d < best) {
+      best = d;
+      at = k;
+      where = t;
+    }
   }
   // The nearest place is an edge, or one of its corners: then the sum of the normals that meet there decides.
-  let na = e[at + 6], nb = e[at + 7], from = 0;
-  if (where <= 0 && e[at + 4] === 0) { na = e[at + 8]; nb = e[at + 9]; }
-  else if (where >= 1 && e[at + 5] === 1) { na = e[at + 10]; nb = e[at + 11]; from = 1; }
+  let na = e[at + 6],
+    nb = e[at + 7],
+    from = 0;
+  if (where <= 0 && e[at + 4] === 0) {
+    na = e[at + 8];
+    nb = e[at + 9];
+  } else if (where >= 1 && e[at + 5] === 1) {
+    na = e[at + 10];
+    nb = e[at + 11];
+    from = 1;
+  }
   const side = (a - e[at] - from * e[at + 2]) * na + (b - e[at + 1] - from * e[at + 3]) * nb;
   return side < 0 ? -Math.sqrt(best) : Math.sqrt(best);
 }
@@ -311,19 +434,22 @@ export function regionFault(data: RegionData) {
     return data.normal[0] !== 0 || data.normal[1] !== 0 ? "" : "Give the line two different places.";
   }
   if (data.kind === "mask") return "";
-  const isClosed = data.kind === "polygon", corners = withoutTwins(data.vertices, isClosed);
+  const isClosed = data.kind === "polygon",
+    corners = withoutTwins(data.vertices, isClosed);
   if (isClosed && corners.length < 3) return "A closed shape needs three corners.";
   if (corners.length < 2) return "A line needs two places.";
   if (corners.length > LARGEST_SHAPE) return `A shape has at most ${LARGEST_SHAPE} corners.`;
   if (isClosed && signedArea(corners) === 0) return "This shape has no area.";
   if (!crossing(corners, isClosed)) return "";
-  return isClosed ? "This outline crosses itself, so it has no inside."
+  return isClosed
+    ? "This outline crosses itself, so it has no inside."
     : "This line crosses itself, or its straight continuation does, so it does not part the picture in two.";
 }
 
 /** Whether two edges that are no neighbours meet; the ends of an open line continue without end. */
 export function crossing(corners: number[][], isClosed: boolean) {
-  const n = corners.length, count = isClosed ? n : n - 1;
+  const n = corners.length,
+    count = isClosed ? n : n - 1;
   for (let i = 0; i < count; i++) {
     for (let j = i + 1; j < count; j++) {
       const isNext = j === i + 1 || (isClosed && i === 0 && j === count - 1);
@@ -341,25 +467,36 @@ function reachOf(j: number, isClosed: boolean, count: number) {
 }
 
 function edgesMeet(corners: number[][], i: number, j: number, isClosed: boolean, count: number) {
-  const n = corners.length, [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
-  const d = [q[0] - p[0], q[1] - p[1]], e = [s[0] - r[0], s[1] - r[1]], g = [r[0] - p[0], r[1] - p[1]];
-  const [low, high] = reachOf(i, isClosed, count), [from, to] = reachOf(j, isClosed, count);
+  const n = corners.length,
+    [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
+  const d = [q[0] - p[0], q[1] - p[1]],
+    e = [s[0] - r[0], s[1] - r[1]],
+    g = [r[0] - p[0], r[1] - p[1]];
+  const [low, high] = reachOf(i, isClosed, count),
+    [from, to] = reachOf(j, isClosed, count);
   const det = d[0] * e[1] - d[1] * e[0];
-  if (Math.abs(det) > 1e-9 * Math.hypot(...d) * Math.hypot(...e)) { // rounding lets parallel ends meet far away
-    const t = (g[0] * e[1] - g[1] * e[0]) / det, u = (g[0] * d[1] - g[1] * d[0]) / det;
+  if (Math.abs(det) > 1e-9 * Math.hypot(...d) * Math.hypot(...e)) {
+    // rounding lets parallel ends meet far away
+    const t = (g[0] * e[1] - g[1] * e[0]) / det,
+      u = (g[0] * d[1] - g[1] * d[0]) / det;
     return t >= low && t <= high && u >= from && u <= to;
   }
   if (g[0] * d[1] - g[1] * d[0] !== 0) return false; // side by side
-  const along: (v: number[]) => number = (v) => ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
-  const a = along(r), b = along(s), rise = Math.sign(b - a);
+  const along: (v: number[]) => number = (v) =>
+    ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
+  const a = along(r),
+    b = along(s),
+    rise = Math.sign(b - a);
   const ends = [from === -Infinity ? -rise * Infinity : a, to === Infinity ? rise * Infinity : b];
   return Math.max(...ends) >= low && Math.min(...ends) <= high;
 }
 
 /** Whether neighbours meet in more than their corner: the second goes straight back over the first. */
 function turnsBack(corners: number[][], i: number, j: number, count: number) {
-  const n = corners.length, [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
+  const n = corners.length,
+    [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
   const [p, q, r] = [corners[f], corners[(f + 1) % n], corners[(g + 1) % n]];
-  const d = [q[0] - p[0], q[1] - p[1]], e = [r[0] - q[0], r[1] - q[1]];
+  const d = [q[0] - p[0], q[1] - p[1]],
+    e = [r[0] - q[0], r[1] - q[1]];
   return d[0] * e[1] - d[1] * e[0] === 0 && d[0] * e[0] + d[1] * e[1] < 0;
 }

@@ -1,41 +1,60 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
+import type { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.ts";
 import { MOST_STAGES, SAME_MOTION } from "./constants.ts";
 import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
 import {
-  rbfAt, rbfCheckPoints, rbfCheckSettings, RbfError, rbfFit, rbfKernelOf, rbfLabel, rbfOnRaster, rbfSupport,
+  RbfError,
+  rbfAt,
+  rbfCheckPoints,
+  rbfCheckSettings,
+  rbfFit,
+  rbfKernelOf,
+  rbfLabel,
+  rbfOnRaster,
+  rbfSupport,
 } from "./rbf.ts";
 import { regionDistance } from "./regions.ts";
 import { sampledAt, sampledOnRaster } from "./sampled_fit.ts";
 import { placeMoved } from "./shapes.ts";
 
-import type { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.ts";
-
 // ---- fits beside rigid parts ----------------------------------------------------------------------------------------
 
-
 const RIGID_WEIGHTS: Record<string, (value: number) => number> = {
-  saturated: (value) => { const t = Math.max(0, Math.min(1, value)); return t * t * t * (t * (6 * t - 15) + 10); },
+  saturated: (value) => {
+    const t = Math.max(0, Math.min(1, value));
+    return t * t * t * (t * (6 * t - 15) + 10);
+  },
   distance: (value) => Math.max(0, value),
 };
 
-export function partLabel(part: PartData) { return part.name ? `the rigid part "${part.name}"` : "a rigid part"; }
+export function partLabel(part: PartData) {
+  return part.name ? `the rigid part "${part.name}"` : "a rigid part";
+}
 
 /** A motion done t times along one screw, backward: from where tissue is to where it was. */
 function backwardMotion(motion: Motion, t: number) {
   if (!motion) return { m: [1, 0, 0, 1], s: [0, 0], isStill: true };
-  const path: (angle: number) => number[] = (angle) => (Math.abs(angle) < 1e-4 ? [1 - angle * angle / 6, angle / 2]
-    : [Math.sin(angle) / angle, (1 - Math.cos(angle)) / angle]);
-  const [[c, minus], [s]] = motion.matrix, turn = Math.atan2((s - minus) / 2, c);
-  let shift = motion.shift, angle = turn;
+  const path: (angle: number) => number[] = (angle) =>
+    Math.abs(angle) < 1e-4
+      ? [1 - (angle * angle) / 6, angle / 2]
+      : [Math.sin(angle) / angle, (1 - Math.cos(angle)) / angle];
+  const [[c, minus], [s]] = motion.matrix,
+    turn = Math.atan2((s - minus) / 2, c);
+  let shift = motion.shift,
+    angle = turn;
   if (t !== 1) {
-    const [p, q] = path(turn), size = p * p + q * q, [x, y] = shift;
-    const rate = [t * (p * x + q * y) / size, t * (p * y - q * x) / size], [u, v] = path(t * turn);
+    const [p, q] = path(turn),
+      size = p * p + q * q,
+      [x, y] = shift;
+    const rate = [(t * (p * x + q * y)) / size, (t * (p * y - q * x)) / size],
+      [u, v] = path(t * turn);
     angle = t * turn;
     shift = [u * rate[0] - v * rate[1], v * rate[0] + u * rate[1]];
   }
-  const e = Math.cos(angle), f = Math.sin(angle);
+  const e = Math.cos(angle),
+    f = Math.sin(angle);
   return { m: [e, f, -f, e], s: [-e * shift[0] - f * shift[1], f * shift[0] - e * shift[1]], isStill: false };
 }
 
@@ -44,7 +63,8 @@ function backwardMotion(motion: Motion, t: number) {
  */
 export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Array | number[]) {
   const { length } = rigid;
-  let w = 1, least = Infinity;
+  let w = 1,
+    least = Infinity;
   for (const part of rigid) {
     const { m, s } = part.back;
     part.pa = part.back.isStill ? a : m[0] * a + m[1] * b + s[0];
@@ -54,8 +74,14 @@ export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Ar
     least = Math.min(least, part.d);
   }
   out[2] = w;
-  if (length === 1) { out[0] = rigid[0].pa - a; out[1] = rigid[0].pb - b; return out; }
-  let total = 0, da = 0, db = 0;
+  if (length === 1) {
+    out[0] = rigid[0].pa - a;
+    out[1] = rigid[0].pb - b;
+    return out;
+  }
+  let total = 0,
+    da = 0,
+    db = 0;
   for (const part of rigid) {
     const share = part.d > least ? (least / part.d) ** 2 : 1;
     total += share;
@@ -68,26 +94,41 @@ export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Ar
 }
 
 function readyParts(parts: PartData[] | undefined, strength: number): ReadyPart[] {
-  return (parts ?? []).filter((part) => part.enabled !== false).map((part) => ({ part, scale: 1,
-    back: backwardMotion(part.motion ?? null, strength), distance: regionDistance(part.region),
-    step: RIGID_WEIGHTS[part.weight ?? "saturated"], pa: 0, pb: 0, d: 0 }));
+  return (parts ?? [])
+    .filter((part) => part.enabled !== false)
+    .map((part) => ({
+      part,
+      scale: 1,
+      back: backwardMotion(part.motion ?? null, strength),
+      distance: regionDistance(part.region),
+      step: RIGID_WEIGHTS[part.weight ?? "saturated"],
+      pa: 0,
+      pb: 0,
+      d: 0,
+    }));
 }
 
 /** The points dragged `strength` times as far; those that a part carries go as far as it does then. */
 function draggedPoints(points: Point[], strength: number, parts: PartData[] = []) {
   if (strength === 1) return points;
-  const turning = parts.filter((part) => part.motion), near = turning.length ? SAME_MOTION * sizeOf(points) : 0;
-  const whole = readyParts(turning, 1), scaled = readyParts(turning, strength);
+  const turning = parts.filter((part) => part.motion),
+    near = turning.length ? SAME_MOTION * sizeOf(points) : 0;
+  const whole = readyParts(turning, 1),
+    scaled = readyParts(turning, strength);
   return points.map((p) => {
     const k = p.active === false ? -1 : whole.findLastIndex((part) => isCarried(part, p, near));
-    return { ...p, target: k >= 0 ? forward(scaled[k], p.source)
-      : p.source.map((value, c) => value + strength * (p.target[c] - value)) };
+    return {
+      ...p,
+      target:
+        k >= 0 ? forward(scaled[k], p.source) : p.source.map((value, c) => value + strength * (p.target[c] - value)),
+    };
   });
 }
 
 /** Where a part takes a place. */
 function forward({ back: { m, s } }: ReadyPart, [a, b]: number[]) {
-  const x = a - s[0], y = b - s[1];
+  const x = a - s[0],
+    y = b - s[1];
   return [m[0] * x + m[2] * y, m[1] * x + m[3] * y];
 }
 
@@ -108,25 +149,36 @@ export function heldPoints(points: Point[], parts: PartData[], strength: number 
  * require what it does, go on with it.
  */
 export function carriedPoints(points: Point[], before: PartData, after: PartData) {
-  const [ready] = readyParts([before], 1), near = SAME_MOTION * sizeOf(points);
+  const [ready] = readyParts([before], 1),
+    near = SAME_MOTION * sizeOf(points);
   if (!ready) return points;
-  return points.map((p) => (p.active !== false && isCarried(ready, p, near)
-    ? { ...p, target: placeMoved(after.motion, p.source) } : p));
+  return points.map((p) =>
+    p.active !== false && isCarried(ready, p, near) ? { ...p, target: placeMoved(after.motion, p.source) } : p,
+  );
 }
 
 /** The diagonal of the box of all sources and targets; 0 without points. */
 function sizeOf(points: Point[]) {
   const all = points.flatMap((p) => [p.source, p.target]);
-  return points.length ? Math.hypot(...[0, 1].map((k) => {
-    let low = Infinity, high = -Infinity;
-    for (const p of all) { low = Math.min(low, p[k]); high = Math.max(high, p[k]); }
-    return high - low;
-  })) : 0;
+  return points.length
+    ? Math.hypot(
+        ...[0, 1].map((k) => {
+          let low = Infinity,
+            high = -Infinity;
+          for (const p of all) {
+            low = Math.min(low, p[k]);
+            high = Math.max(high, p[k]);
+          }
+          return high - low;
+        }),
+      )
+    : 0;
 }
 
 /** Whether a point lies in a part, and how far what it requires is from what the part does. */
 function heldBy({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b] }: Point) {
-  const x = m[0] * a + m[1] * b + s[0], y = m[2] * a + m[3] * b + s[1];
+  const x = m[0] * a + m[1] * b + s[0],
+    y = m[2] * a + m[3] * b + s[1];
   return { isIn: distance(x, y) <= 0, gap: Math.hypot(source[0] - x, source[1] - y) };
 }
 
@@ -134,7 +186,7 @@ function heldBy({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b
 function sortedPoints(points: Point[], ready: ReadyPart[]) {
   const free: Point[] = [];
   const notes: string[] = [];
-  const refused: { point: Point, part: PartData }[] = [];
+  const refused: { point: Point; part: PartData }[] = [];
   const size = sizeOf(points);
   for (const p of points) {
     if (p.active === false) continue;
@@ -145,8 +197,9 @@ function sortedPoints(points: Point[], ready: ReadyPart[]) {
       free.push(p);
       const torn = ready.find((r) => r.distance(p.source[0], p.source[1]) < 0);
       if (torn) {
-        notes.push(`${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen ` +
-          "twice");
+        notes.push(
+          `${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen ` + "twice",
+        );
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {
       notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0].r.part)}, which holds it already`);
@@ -156,29 +209,50 @@ function sortedPoints(points: Point[], ready: ReadyPart[]) {
 }
 
 /** The fit of control points beside rigid parts; without parts as rbfFit. */
-export function rigidFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null } = {}): Fit {
-  const strength = settings.strength ?? 1, ready = readyParts(parts, strength);
+export function rigidFit(
+  points: Point[],
+  parts: PartData[] | undefined,
+  settings: FitSettings & { previous?: Fit | null } = {},
+): Fit {
+  const strength = settings.strength ?? 1,
+    ready = readyParts(parts, strength);
   if (!ready.length) return rbfFit(points, settings);
-  rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0, strength,
-    settings.support ?? null);
+  rbfCheckSettings(
+    rbfKernelOf(settings),
+    settings.trend ?? "affine",
+    settings.smoothing ?? 0,
+    strength,
+    settings.support ?? null,
+  );
   rbfCheckPoints(points);
-  const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready), out = [0, 0, 1];
+  const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready),
+    out = [0, 0, 1];
   if (refused.length) {
     const [{ point, part }] = refused;
     const held = part.motion ? "has a motion of its own" : "is fixed";
-    throw new RbfError(`${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
-      "change the part.");
+    throw new RbfError(
+      `${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
+        "change the part.",
+    );
   }
   for (const r of ready) r.scale = partScale(r, free);
   const required = free.map((p) => {
-    const [x, y] = p.target, [da, db, w] = partsAt(ready, x, y, out);
-    return { ...p, source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w],
-      weight: (p.weight ?? 1) * w * w };
+    const [x, y] = p.target,
+      [da, db, w] = partsAt(ready, x, y, out);
+    return {
+      ...p,
+      source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w],
+      weight: (p.weight ?? 1) * w * w,
+    };
   });
   const isRaw = ready.some(({ part }) => part.weight === "distance");
-  const base = rbfFit(required, { ...settings, strength: 1, trend: isRaw ? "none" : settings.trend ?? "affine",
+  const base = rbfFit(required, {
+    ...settings,
+    strength: 1,
+    trend: isRaw ? "none" : (settings.trend ?? "affine"),
     support: rbfSupport(points, settings),
-    previous: settings.previous?.base ?? settings.previous ?? null });
+    previous: settings.previous?.base ?? settings.previous ?? null,
+  });
   return { ...base, base, rigid: ready, notes: [...notes, ...base.notes] };
 }
 
@@ -202,8 +276,13 @@ export function isStill(fit: Fit): boolean {
   if (fit.stages) return fit.stages.every(isStill);
   if (fit.rigid && !fit.rigid.every(({ back }) => back.isStill)) return false;
   const { count, coefficients, linear, constant, quadratic } = fit.base ?? fit;
-  return count === 0 || (coefficients.every((v) => v === 0) && constant.every((v) => v === 0) &&
-    !quadratic && linear.every((row) => row.every((v) => v === 0)));
+  return (
+    count === 0 ||
+    (coefficients.every((v) => v === 0) &&
+      constant.every((v) => v === 0) &&
+      !quadratic &&
+      linear.every((row) => row.every((v) => v === 0)))
+  );
 }
 
 /** The backward displacement at a place, of any fit. */
@@ -222,7 +301,9 @@ export function fieldAt(fit: Fit, a: number, b: number): Vector2 {
 
 /** The displacements at the pixels of a raster, of any fit, as of rbfOnRaster. */
 export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null = null): Float32Array {
-  const [nv, nu] = raster.shape, map = out ?? new Float32Array(nv * nu * 2), plain = fit.base ?? fit;
+  const [nv, nu] = raster.shape,
+    map = out ?? new Float32Array(nv * nu * 2),
+    plain = fit.base ?? fit;
   const { sampled } = fit;
   if (sampled) return sampledOnRaster(sampled, raster, map, (a, b) => fieldAt(sampled.fit, a, b));
   if (fit.blend) return blendOnRaster(fit.blend, raster, map);
@@ -231,7 +312,9 @@ export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null
   if (fit.rigid && plain.count === 0) map.fill(0, 0, nv * nu * 2);
   else rbfOnRaster(plain, raster, map);
   if (!fit.rigid) return map;
-  const [du, dv] = raster.spacing, [a0, b0] = raster.origin, parts = PARTS_WORK;
+  const [du, dv] = raster.spacing,
+    [a0, b0] = raster.origin,
+    parts = PARTS_WORK;
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
       partsAt(fit.rigid, a0 + j * du, b0 + i * dv, parts);
@@ -246,27 +329,50 @@ export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null
 // The points go from source to target in equal parts, and the maps follow one another: a place of the result is looked
 // up in the last stage first.
 
-
 /** The fit of control points in `settings.stages` stages; with one as rigidFit. */
-export function stagedFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null } = {}): Fit {
+export function stagedFit(
+  points: Point[],
+  parts: PartData[] | undefined,
+  settings: FitSettings & { previous?: Fit | null } = {},
+): Fit {
   const count = settings.stages ?? 1;
   checkDirection(settings.direction ?? "backward", parts);
   if (count === 1) return directedFit(points, parts, settings);
   checkStages(count, parts);
-  rbfCheckSettings(rbfKernelOf(settings), settings.trend ?? "affine", settings.smoothing ?? 0,
-    settings.strength ?? 1, settings.support ?? null);
+  rbfCheckSettings(
+    rbfKernelOf(settings),
+    settings.trend ?? "affine",
+    settings.smoothing ?? 0,
+    settings.strength ?? 1,
+    settings.support ?? null,
+  );
   rbfCheckPoints(points);
   // The same for all stages: that of the points as dragged, at full strength.
   const support = rbfSupport(settings.direction === "forward" ? turnedPoints(points) : points, settings);
   const dragged = draggedPoints(points, settings.strength ?? 1);
-  const stages = Array.from({ length: count }, (_, k) => stageFit(partOfWay(dragged, k + 1, count), parts,
-    { ...settings, strength: 1, support, previous: null }, k + 1, count));
-  return { ...stages[count - 1], stages, count: stages.reduce((sum, fit) => sum + fit.count, 0),
-    notes: [...new Set(stages.flatMap((fit) => fit.notes))] };
+  const stages = Array.from({ length: count }, (_, k) =>
+    stageFit(
+      partOfWay(dragged, k + 1, count),
+      parts,
+      { ...settings, strength: 1, support, previous: null },
+      k + 1,
+      count,
+    ),
+  );
+  return {
+    ...stages[count - 1],
+    stages,
+    count: stages.reduce((sum, fit) => sum + fit.count, 0),
+    notes: [...new Set(stages.flatMap((fit) => fit.notes))],
+  };
 }
 
 /** The fit in the direction of the settings, in one stage. */
-function directedFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null }) {
+function directedFit(
+  points: Point[],
+  parts: PartData[] | undefined,
+  settings: FitSettings & { previous?: Fit | null },
+) {
   return settings.direction === "forward" ? forwardFit(points, settings) : rigidFit(points, parts, settings);
 }
 
@@ -276,8 +382,10 @@ function checkDirection(direction: string, parts: PartData[] | undefined) {
   }
   const part = direction === "forward" ? (parts ?? []).find((one) => one.enabled !== false) : null;
   if (part) {
-    throw new RbfError(`${partLabel(part)} cannot be held beside a fit forward; set the direction of the step to ` +
-      "backward, or switch the part off.");
+    throw new RbfError(
+      `${partLabel(part)} cannot be held beside a fit forward; set the direction of the step to ` +
+        "backward, or switch the part off.",
+    );
   }
 }
 
@@ -287,8 +395,10 @@ function checkStages(count: number, parts: PartData[] | undefined) {
   }
   const moving = (parts ?? []).find((part) => part.enabled !== false && (part.motion ?? null) !== null);
   if (moving) {
-    throw new RbfError(`${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, ` +
-      "switch it off, or set the stages of the step back to 1.");
+    throw new RbfError(
+      `${partLabel(moving)} has a motion of its own, which is not done in stages; hold it still, ` +
+        "switch it off, or set the stages of the step back to 1.",
+    );
   }
 }
 
@@ -301,7 +411,13 @@ function partOfWay(points: Point[], j: number, count: number) {
 }
 
 /** The fit of stage j, with its number in error messages. */
-function stageFit(points: Point[], parts: PartData[] | undefined, settings: FitSettings & { previous?: Fit | null }, j: number, count: number) {
+function stageFit(
+  points: Point[],
+  parts: PartData[] | undefined,
+  settings: FitSettings & { previous?: Fit | null },
+  j: number,
+  count: number,
+) {
   try {
     return directedFit(points, parts, settings);
   } catch (error) {
@@ -311,7 +427,8 @@ function stageFit(points: Point[], parts: PartData[] | undefined, settings: FitS
 }
 
 function stagedAt(stages: Fit[], a: number, b: number): Vector2 {
-  let x = a, y = b;
+  let x = a,
+    y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
     const [da, db] = fieldAt(stages[k], x, y);
     x += da;
@@ -321,7 +438,10 @@ function stagedAt(stages: Fit[], a: number, b: number): Vector2 {
 }
 
 function stagedOnRaster(stages: Fit[], raster: Raster, map: Float32Array) {
-  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin, before = stages.slice(0, -1);
+  const [nv, nu] = raster.shape,
+    [du, dv] = raster.spacing,
+    [a0, b0] = raster.origin,
+    before = stages.slice(0, -1);
   fieldOnRaster(stages[stages.length - 1], raster, map); // row by row, as far as its kernel reaches
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
@@ -335,19 +455,24 @@ function stagedOnRaster(stages: Fit[], raster: Raster, map: Float32Array) {
 
 // ---- fits blended at the tips of cuts that stop ---------------------------------------------------------------------
 
-const TIP_MOVES = new Float64Array(16), TIP_OPENING = new Float64Array(3);
+const TIP_MOVES = new Float64Array(16),
+  TIP_OPENING = new Float64Array(3);
 
 /** The moves of the fits of a blend, two numbers each, become one: the first two numbers. */
 function blendMoves({ openings }: TipBlend, moves: Float64Array, a: number, b: number) {
-  const x = a + moves[0], y = b + moves[1]; // where the tissue comes from without these cuts
+  const x = a + moves[0],
+    y = b + moves[1]; // where the tissue comes from without these cuts
   for (let k = openings.length - 1; k >= 0; k--) {
-    const w = openings[k](x, y, TIP_OPENING)[0], half = 2 << k;
+    const w = openings[k](x, y, TIP_OPENING)[0],
+      half = 2 << k;
     for (let j = 0; j < half; j++) moves[j] += w * (moves[j + half] - moves[j]);
   }
 }
 
 function blendAt(blend: TipBlend, a: number, b: number): Vector2 {
-  blend.fits.forEach((fit, k) => { TIP_MOVES.set(fit ? fieldAt(fit, a, b) : NO_WAY, 2 * k); });
+  blend.fits.forEach((fit, k) => {
+    TIP_MOVES.set(fit ? fieldAt(fit, a, b) : NO_WAY, 2 * k);
+  });
   blendMoves(blend, TIP_MOVES, a, b);
   return [TIP_MOVES[0], TIP_MOVES[1]];
 }
@@ -355,10 +480,11 @@ function blendAt(blend: TipBlend, a: number, b: number): Vector2 {
 const NO_WAY = [0, 0];
 
 /** Maps of the fits that several regions blend, while the same raster is sampled. */
-const sharedMaps: WeakMap<Fit, { raster: Raster, map: Float32Array }> = new WeakMap();
+const sharedMaps: WeakMap<Fit, { raster: Raster; map: Float32Array }> = new WeakMap();
 
 function sharedMap(fit: Fit, raster: Raster, like: Float32Array) {
-  const known = sharedMaps.get(fit), size = 2 * raster.shape[0] * raster.shape[1];
+  const known = sharedMaps.get(fit),
+    size = 2 * raster.shape[0] * raster.shape[1];
   if (known && known.raster === raster && known.map.constructor === like.constructor) return known.map;
   const map = fieldOnRaster(fit, raster, like.slice(0, size));
   sharedMaps.set(fit, { raster, map });
@@ -366,14 +492,21 @@ function sharedMap(fit: Fit, raster: Raster, like: Float32Array) {
 }
 
 function blendOnRaster(blend: TipBlend, raster: Raster, map: Float32Array) {
-  const [nv, nu] = raster.shape, [du, dv] = raster.spacing, [a0, b0] = raster.origin;
-  const maps = blend.fits.map((fit) => (fit ? sharedMap(fit, raster, map) : null)), v = TIP_MOVES;
+  const [nv, nu] = raster.shape,
+    [du, dv] = raster.spacing,
+    [a0, b0] = raster.origin;
+  const maps = blend.fits.map((fit) => (fit ? sharedMap(fit, raster, map) : null)),
+    v = TIP_MOVES;
   const count = maps.length;
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
       for (let k = 0; k < count; k++) {
         const one = maps[k];
-        if (!one) { v[2 * k] = 0; v[2 * k + 1] = 0; continue; }
+        if (!one) {
+          v[2 * k] = 0;
+          v[2 * k + 1] = 0;
+          continue;
+        }
         v[2 * k] = one[n];
         v[2 * k + 1] = one[n + 1];
       }

@@ -14,14 +14,18 @@ const FEWEST_NODES = 4; // of a side
  */
 export function sampledFits(layered: LayeredFit, raster: Raster, values: ArrayLike<number>[]): LayeredFit {
   if (Math.min(...raster.shape) < FEWEST_NODES) return layered;
-  const sampled: (one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number] = (one, k) => ({ ...one, fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } } });
+  const sampled: (one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number] = (one, k) => ({
+    ...one,
+    fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } },
+  });
   const fits = layered.fits.map(sampled);
   const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
   return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, cost) };
 }
 
 /** Weights of four nodes, then those of the slope, along each side. */
-const ACROSS = new Float64Array(8), DOWN = new Float64Array(8);
+const ACROSS = new Float64Array(8),
+  DOWN = new Float64Array(8);
 
 /**
  * The first of four nodes around a place, in units of the nodes, and their weights; -1 beyond the outermost nodes.
@@ -29,7 +33,8 @@ const ACROSS = new Float64Array(8), DOWN = new Float64Array(8);
  */
 function nodesAround(place: number, count: number, w: Float64Array) {
   if (!(place >= 0 && place <= count - 1)) return -1;
-  const cell = Math.min(count - 2, Math.floor(place)), t = place - cell;
+  const cell = Math.min(count - 2, Math.floor(place)),
+    t = place - cell;
   w[0] = t * (-0.5 + t * (1 - 0.5 * t));
   w[1] = 1 + t * t * (-2.5 + 1.5 * t);
   w[2] = t * (0.5 + t * (2 - 1.5 * t));
@@ -38,29 +43,63 @@ function nodesAround(place: number, count: number, w: Float64Array) {
   w[5] = t * (-5 + 4.5 * t);
   w[6] = 0.5 + t * (4 - 4.5 * t);
   w[7] = t * (-1 + 1.5 * t);
-  for (const at of [0, 4]) { // a node beyond the rim is 3 p - 3 q + r of those within
+  for (const at of [0, 4]) {
+    // a node beyond the rim is 3 p - 3 q + r of those within
     const [p, q, r, s] = [w[at], w[at + 1], w[at + 2], w[at + 3]];
-    if (cell === 0) { w[at] = q + 3 * p; w[at + 1] = r - 3 * p; w[at + 2] = s + p; w[at + 3] = 0; }
-    if (cell === count - 2) { w[at] = 0; w[at + 1] = p + s; w[at + 2] = q - 3 * s; w[at + 3] = r + 3 * s; }
+    if (cell === 0) {
+      w[at] = q + 3 * p;
+      w[at + 1] = r - 3 * p;
+      w[at + 2] = s + p;
+      w[at + 3] = 0;
+    }
+    if (cell === count - 2) {
+      w[at] = 0;
+      w[at + 1] = p + s;
+      w[at + 2] = q - 3 * s;
+      w[at + 3] = r + 3 * s;
+    }
   }
   return Math.max(0, Math.min(count - 4, cell - 1));
 }
 
 /** y + D(y) and its Jacobian at (a, b), as of fieldWithSlope; false beyond the raster. */
-export function sampledWithSlope({ raster: { shape: [nv, nu], spacing: [du, dv], origin }, values }: Sampled, a: number, b: number, out: Float64Array) {
-  const j = nodesAround((a - origin[0]) / du, nu, ACROSS), i = nodesAround((b - origin[1]) / dv, nv, DOWN);
+export function sampledWithSlope(
+  {
+    raster: {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin,
+    },
+    values,
+  }: Sampled,
+  a: number,
+  b: number,
+  out: Float64Array,
+) {
+  const j = nodesAround((a - origin[0]) / du, nu, ACROSS),
+    i = nodesAround((b - origin[1]) / dv, nv, DOWN);
   if (i < 0 || j < 0) return false;
-  let u = 0, v = 0, ua = 0, va = 0, ub = 0, vb = 0;
+  let u = 0,
+    v = 0,
+    ua = 0,
+    va = 0,
+    ub = 0,
+    vb = 0;
   for (let row = 0; row < 4; row++) {
-    let p = 0, q = 0, pa = 0, qa = 0;
+    let p = 0,
+      q = 0,
+      pa = 0,
+      qa = 0;
     for (let column = 0, n = 2 * ((i + row) * nu + j); column < 4; column++, n += 2) {
-      const w = ACROSS[column], slope = ACROSS[4 + column];
+      const w = ACROSS[column],
+        slope = ACROSS[4 + column];
       p += w * values[n];
       q += w * values[n + 1];
       pa += slope * values[n];
       qa += slope * values[n + 1];
     }
-    const w = DOWN[row], slope = DOWN[4 + row];
+    const w = DOWN[row],
+      slope = DOWN[4 + row];
     u += w * p;
     v += w * q;
     ua += w * pa;
@@ -88,23 +127,37 @@ export function sampledAt(sampled: Sampled, a: number, b: number): Vector2 | nul
  * The displacements at the pixels of another raster, as of fieldOnRaster.
  * @param exactly the displacement beyond the nodes
  */
-export function sampledOnRaster({ raster: nodes, values }: Sampled, { shape: [rows, columns], spacing: [du, dv], origin }: Raster, out: Float32Array,
-  exactly: (a: number, b: number) => Vector2) {
-  const [nv, nu] = nodes.shape, across = new Float64Array(4 * columns), first = new Int32Array(columns);
+export function sampledOnRaster(
+  { raster: nodes, values }: Sampled,
+  { shape: [rows, columns], spacing: [du, dv], origin }: Raster,
+  out: Float32Array,
+  exactly: (a: number, b: number) => Vector2,
+) {
+  const [nv, nu] = nodes.shape,
+    across = new Float64Array(4 * columns),
+    first = new Int32Array(columns);
   for (let j = 0; j < columns; j++) {
     first[j] = nodesAround((origin[0] + j * du - nodes.origin[0]) / nodes.spacing[0], nu, ACROSS);
     across.set(ACROSS.subarray(0, 4), 4 * j);
   }
   const line = new Float64Array(2 * nu); // of the nodes, at the row's place down
   for (let i = 0, n = 0; i < rows; i++) {
-    const b = origin[1] + i * dv, top = nodesAround((b - nodes.origin[1]) / nodes.spacing[1], nv, DOWN);
+    const b = origin[1] + i * dv,
+      top = nodesAround((b - nodes.origin[1]) / nodes.spacing[1], nv, DOWN);
     for (let m = 0, at = 2 * nu * top; top >= 0 && m < 2 * nu; m++, at++) {
-      line[m] = DOWN[0] * values[at] + DOWN[1] * values[at + 2 * nu] + DOWN[2] * values[at + 4 * nu]
-        + DOWN[3] * values[at + 6 * nu];
+      line[m] =
+        DOWN[0] * values[at] +
+        DOWN[1] * values[at + 2 * nu] +
+        DOWN[2] * values[at + 4 * nu] +
+        DOWN[3] * values[at + 6 * nu];
     }
     for (let j = 0; j < columns; j++, n += 2) {
-      if (top < 0 || first[j] < 0) { [out[n], out[n + 1]] = exactly(origin[0] + j * du, b); continue; }
-      let u = 0, v = 0;
+      if (top < 0 || first[j] < 0) {
+        [out[n], out[n + 1]] = exactly(origin[0] + j * du, b);
+        continue;
+      }
+      let u = 0,
+        v = 0;
       for (let k = 0, m = 2 * first[j]; k < 4; k++, m += 2) {
         u += across[4 * j + k] * line[m];
         v += across[4 * j + k] * line[m + 1];

@@ -1,10 +1,18 @@
 // Edits of cuts and rigid parts as plain data. Pure functions; no edit changes an object it was given.
 
+import type {
+  HalfSpaceData,
+  MaskData,
+  Motion,
+  OutlineData,
+  PartData,
+  RegionData,
+  ShapeData,
+  ShapeKind,
+  Vector2,
+} from "../types.ts";
 import { shownLength } from "./numbers.ts";
 import { maskPixels } from "./regions.ts";
-
-import type { HalfSpaceData, MaskData, Motion, OutlineData, PartData, RegionData, ShapeData } from "../types.ts";
-import type { ShapeKind, Vector2 } from "../types.ts";
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
@@ -20,7 +28,8 @@ export function withShape<S extends ShapeData>(shapes: S[], index: number, chang
  */
 export function followedShape(before: ShapeData[], after: ShapeData[], index: number) {
   if (before[index] === undefined) return null;
-  const texts = after.map((shape) => JSON.stringify(shape)), was = before.map((shape) => JSON.stringify(shape));
+  const texts = after.map((shape) => JSON.stringify(shape)),
+    was = before.map((shape) => JSON.stringify(shape));
   const places = texts.flatMap((text, k) => (text === was[index] ? [k] : []));
   if (places.length) return places.reduce((p, q) => (Math.abs(q - index) < Math.abs(p - index) ? q : p));
   const isChanged = before.length === after.length && texts.every((text, k) => (text === was[k]) === (k !== index));
@@ -42,8 +51,12 @@ export function shapeRecord(shape: ShapeData) {
  */
 export function cornersOf(region: RegionData, reach: number): number[][] {
   if (region.kind === "half_space") {
-    const [a, b] = region.point, [na, nb] = region.normal;
-    return [[a - nb * reach, b + na * reach], [a + nb * reach, b - na * reach]];
+    const [a, b] = region.point,
+      [na, nb] = region.normal;
+    return [
+      [a - nb * reach, b + na * reach],
+      [a + nb * reach, b - na * reach],
+    ];
   }
   return region.vertices ?? [];
 }
@@ -54,12 +67,17 @@ export function movedCorner(region: RegionData, k: number, place: number[], reac
   if (region.kind !== "half_space") {
     return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
   }
-  const other = cornersOf(region, reach)[1 - k], [p, q] = k === 0 ? [place, other] : [other, place];
+  const other = cornersOf(region, reach)[1 - k],
+    [p, q] = k === 0 ? [place, other] : [other, place];
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]);
   if (length === 0) return region;
-  const along = [(q[0] - p[0]) / length, (q[1] - p[1]) / length], way = k === 0 ? reach : -reach;
-  return { kind: "half_space", point: [place[0] + way * along[0], place[1] + way * along[1]],
-    normal: [-along[1], along[0]] };
+  const along = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
+    way = k === 0 ? reach : -reach;
+  return {
+    kind: "half_space",
+    point: [place[0] + way * along[0], place[1] + way * along[1]],
+    normal: [-along[1], along[0]],
+  };
 }
 
 /** The region with a new corner between corner k and the next one. */
@@ -98,7 +116,8 @@ export function stopsAt(region: RegionData, k: number) {
 /** The region of a cut that stops at its corner k, or does not; null where the corner is no end of a line. */
 export function withStop(region: RegionData, k: number, isStop: boolean): RegionData | null {
   if (region.kind !== "line" || stopsAt(region, k) === null) return null;
-  const { kind, vertices, stops = [false, false] } = region, next = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
+  const { kind, vertices, stops = [false, false] } = region,
+    next = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
   return { kind, vertices, ...(next.some(Boolean) && { stops: next }) };
 }
 
@@ -115,20 +134,29 @@ export function placesAlong(vertices: number[][], count: number, isClosed: boole
  * @param box [a0, a1, b0, b1]
  */
 export function openingPlaces(vertices: number[][], [a0, a1, b0, b1]: number[]) {
-  const first = vertices[0], last = vertices[vertices.length - 1], chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
+  const first = vertices[0],
+    last = vertices[vertices.length - 1],
+    chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
   const { place: middle, way } = alongLine(vertices, 0.5);
-  const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way, half = chord / 2 || 1;
-  const low = [a0, b0], high = [a1, b1];
+  const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way,
+    half = chord / 2 || 1;
+  const low = [a0, b0],
+    high = [a1, b1];
   /** Towards a side, u being the way across, and no farther than the box. */
-  const room: (way: number[]) => number = (across) => Math.min(...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w
-    : w < 0 ? (low[c] - middle[c]) / w : Infinity)));
-  const at: (along: number, across: number) => number[] = (along, across) => [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map(
-    (x, c) => Math.min(high[c], Math.max(low[c], x)));
-  const pulled: { from: number[], to: number[] }[] = [];
+  const room: (way: number[]) => number = (across) =>
+    Math.min(
+      ...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w : w < 0 ? (low[c] - middle[c]) / w : Infinity)),
+    );
+  const at: (along: number, across: number) => number[] = (along, across) =>
+    [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map((x, c) =>
+      Math.min(high[c], Math.max(low[c], x)),
+    );
+  const pulled: { from: number[]; to: number[] }[] = [];
   const held = [at(-1.4 * half, 0), at(1.4 * half, 0)];
   for (const side of [-1, 1]) {
     const reach = Math.min(1.2 * half, 0.9 * room([-side * v, side * u]));
-    const from = side * Math.min(0.12 * half, 0.2 * reach), to = from + side * Math.min(0.42 * half, 0.45 * reach);
+    const from = side * Math.min(0.12 * half, 0.2 * reach),
+      to = from + side * Math.min(0.42 * half, 0.45 * reach);
     pulled.push({ from: at(0, from), to: at(0, to) });
     held.push(at(0, side * reach), at(-0.95 * half, 0.85 * side * reach), at(0.95 * half, 0.85 * side * reach));
   }
@@ -141,9 +169,12 @@ export function openingPlaces(vertices: number[][], [a0, a1, b0, b1]: number[]) 
  */
 function alongLine(vertices: number[][], share: number) {
   const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k][0], b - vertices[k][1]));
-  let left = share * lengths.reduce((sum, length) => sum + length, 0), k = 0;
+  let left = share * lengths.reduce((sum, length) => sum + length, 0),
+    k = 0;
   while (k < lengths.length - 1 && left > lengths[k]) left -= lengths[k++];
-  const [p, q] = [vertices[k], vertices[k + 1]], length = lengths[k] || 1, way = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
+  const [p, q] = [vertices[k], vertices[k + 1]],
+    length = lengths[k] || 1,
+    way = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
   return { place: [p[0] + left * way[0], p[1] + left * way[1]], way };
 }
 
@@ -152,19 +183,26 @@ function alongLine(vertices: number[][], share: number) {
 // shifted. The pivot is a place of the region, before the motion.
 
 /** The motion of a shape; null of a cut, and of a part that is fixed or switched off. */
-export function motionOf(shape: ShapeData) { return "motion" in shape && shape.enabled ? shape.motion : null; }
+export function motionOf(shape: ShapeData) {
+  return "motion" in shape && shape.enabled ? shape.motion : null;
+}
 
 /** Where a motion takes a place. */
 export function placeMoved(motion: Motion, [a, b]: number[]): Vector2 {
   if (!motion) return [a, b];
-  const { matrix: [[c, d], [e, f]], shift: [s, t] } = motion;
+  const {
+    matrix: [[c, d], [e, f]],
+    shift: [s, t],
+  } = motion;
   return [c * a + d * b + s, e * a + f * b + t];
 }
 
 /** A direction as it was before a motion. */
 export function wayBefore(motion: Motion, [a, b]: number[]): Vector2 {
   if (!motion) return [a, b];
-  const { matrix: [[c, d], [e, f]] } = motion;
+  const {
+    matrix: [[c, d], [e, f]],
+  } = motion;
   return [c * a + e * b, d * a + f * b];
 }
 
@@ -178,12 +216,24 @@ export function placeBefore(motion: Motion, [a, b]: number[]) {
 const maskMiddles: WeakMap<MaskData, Vector2> = new WeakMap();
 
 function maskMiddle(mask: MaskData): Vector2 {
-  const { shape: [nv, nu], spacing: [du, dv], origin: [a0, b0] } = mask, isSet = maskPixels(mask);
-  let count = 0, columns = 0, rows = 0;
+  const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a0, b0],
+    } = mask,
+    isSet = maskPixels(mask);
+  let count = 0,
+    columns = 0,
+    rows = 0;
   for (let i = 0; i < nv; i++) {
-    for (let j = 0; j < nu; j++) if (isSet[i * nu + j]) { count += 1; columns += j; rows += i; }
+    for (let j = 0; j < nu; j++)
+      if (isSet[i * nu + j]) {
+        count += 1;
+        columns += j;
+        rows += i;
+      }
   }
-  return [a0 + du * columns / (count || 1), b0 + dv * rows / (count || 1)];
+  return [a0 + (du * columns) / (count || 1), b0 + (dv * rows) / (count || 1)];
 }
 
 /** The middle of a region, as of widgets/studio/panels/shapes.py. */
@@ -194,9 +244,12 @@ export function middleOfRegion(region: RegionData): number[] {
     maskMiddles.set(region, middle);
     return middle;
   }
-  let a = 0, b = 0, sum = 0;
+  let a = 0,
+    b = 0,
+    sum = 0;
   region.vertices.forEach(([p, q], k, all) => {
-    const [r, s] = all[(k + 1) % all.length], cross = p * s - r * q;
+    const [r, s] = all[(k + 1) % all.length],
+      cross = p * s - r * q;
     a += (p + r) * cross;
     b += (q + s) * cross;
     sum += cross;
@@ -205,47 +258,77 @@ export function middleOfRegion(region: RegionData): number[] {
 }
 
 /** The place about which a part is turned, before its motion. */
-export function pivotOf(part: PartData) { return part.pivot ?? middleOfRegion(part.region); }
+export function pivotOf(part: PartData) {
+  return part.pivot ?? middleOfRegion(part.region);
+}
 
 /** The motion of a part as an angle about its pivot, in radians, and a shift. */
 export function turnAndShift(part: PartData) {
-  const { motion } = part, [a, b] = pivotOf(part), [x, y] = placeMoved(motion, [a, b]);
+  const { motion } = part,
+    [a, b] = pivotOf(part),
+    [x, y] = placeMoved(motion, [a, b]);
   return { angle: motion ? Math.atan2(motion.matrix[1][0], motion.matrix[0][0]) : 0, shift: [x - a, y - b] };
 }
 
 /** A part turned by an angle and shifted, whatever its motion was. */
 export function partTurned(part: PartData, angle: number, [da, db]: number[]): PartData {
-  const [a, b] = pivotOf(part), c = Math.cos(angle), s = Math.sin(angle);
-  return { ...part, motion: { matrix: [[c, -s], [s, c]], shift: [a + da - c * a + s * b, b + db - s * a - c * b] } };
+  const [a, b] = pivotOf(part),
+    c = Math.cos(angle),
+    s = Math.sin(angle);
+  return {
+    ...part,
+    motion: {
+      matrix: [
+        [c, -s],
+        [s, c],
+      ],
+      shift: [a + da - c * a + s * b, b + db - s * a - c * b],
+    },
+  };
 }
 
 /** "moved 12, -3.5, turned 15\u00b0"; "" of a part that is where it was. */
 export function motionWords(part: PartData) {
-  const { angle, shift } = turnAndShift(part), degrees = shownLength(angle * 180 / Math.PI);
+  const { angle, shift } = turnAndShift(part),
+    degrees = shownLength((angle * 180) / Math.PI);
   const by = shift.map(shownLength).map((text) => text.replace(/^-0$/, "0"));
-  return [by.some((text) => text !== "0") ? `moved ${by.join(", ")}` : "",
-    Number(degrees) !== 0 ? `turned ${degrees}\u00b0` : ""].filter(Boolean).join(", ");
+  return [
+    by.some((text) => text !== "0") ? `moved ${by.join(", ")}` : "",
+    Number(degrees) !== 0 ? `turned ${degrees}\u00b0` : "",
+  ]
+    .filter(Boolean)
+    .join(", ");
 }
 
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
 /** The half plane on the other side of the line from p to q than a place. */
 export function fixedSideThrough(p: number[], q: number[], place: number[]): HalfSpaceData {
-  const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1, n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
+  const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1,
+    n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;
-  return { kind: "half_space", point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
-    normal: n.map((v) => (isTowards ? v : -v) + 0) };
+  return {
+    kind: "half_space",
+    point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
+    normal: n.map((v) => (isTowards ? v : -v) + 0),
+  };
 }
 
 /** The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
 export function simplified(path: number[][], tolerance: number): number[][] {
   if (path.length < 3) return path;
-  const [p, q] = [path[0], path[path.length - 1]], d = [q[0] - p[0], q[1] - p[1]], size = d[0] * d[0] + d[1] * d[1];
-  let far = -1, at = 0;
+  const [p, q] = [path[0], path[path.length - 1]],
+    d = [q[0] - p[0], q[1] - p[1]],
+    size = d[0] * d[0] + d[1] * d[1];
+  let far = -1,
+    at = 0;
   path.forEach(([a, b], k) => {
     const t = size ? Math.max(0, Math.min(1, ((a - p[0]) * d[0] + (b - p[1]) * d[1]) / size)) : 0;
     const away = Math.hypot(a - p[0] - t * d[0], b - p[1] - t * d[1]);
-    if (away > far) { far = away; at = k; }
+    if (away > far) {
+      far = away;
+      at = k;
+    }
   });
   if (far <= tolerance) return [p, q];
   return [...simplified(path.slice(0, at + 1), tolerance).slice(0, -1), ...simplified(path.slice(at), tolerance)];
@@ -253,9 +336,16 @@ export function simplified(path: number[][], tolerance: number): number[][] {
 
 // ---- words ----------------------------------------------------------------------------------------------------------
 
-export function shapeName(shape: { name: string }, what: ShapeKind, index: number) { return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`; }
+export function shapeName(shape: { name: string }, what: ShapeKind, index: number) {
+  return shape.name || `${SHAPE_NAMES[what]} ${index + 1}`;
+}
 
-const REGION_WORDS: Record<string, string> = { line: "open line", polygon: "closed line", half_space: "half plane", mask: "mask" };
+const REGION_WORDS: Record<string, string> = {
+  line: "open line",
+  polygon: "closed line",
+  half_space: "half plane",
+  mask: "mask",
+};
 
 /** Where a cut stops, in words. */
 function stopWords([first, last]: boolean[]) {
@@ -264,10 +354,19 @@ function stopWords([first, last]: boolean[]) {
 
 /** The label of a shape for screen readers. */
 export function shapeLabel(shape: ShapeData, what: ShapeKind, index: number) {
-  const { region } = shape, corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
-  const sort = SHAPE_NAMES[what], name = shape.name ? ` ${shape.name}` : "";
+  const { region } = shape,
+    corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
+  const sort = SHAPE_NAMES[what],
+    name = shape.name ? ` ${shape.name}` : "";
   const stops = region.kind === "line" && region.stops ? stopWords(region.stops) : "";
   const motion = "motion" in shape ? motionWords(shape) : "";
-  return [`${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}`, `${REGION_WORDS[region.kind]}${corners}`,
-    stops, motion, shape.enabled ? "" : "switched off"].filter(Boolean).join(", ");
+  return [
+    `${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}`,
+    `${REGION_WORDS[region.kind]}${corners}`,
+    stops,
+    motion,
+    shape.enabled ? "" : "switched off",
+  ]
+    .filter(Boolean)
+    .join(", ");
 }

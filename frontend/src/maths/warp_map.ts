@@ -1,15 +1,22 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
+import type { Fit, LayeredFit, RbfFit, TipBlend } from "../types.ts";
 import { marginOf, regionKey } from "./cuts.ts";
 import { forwardEnd, forwardWithSlope } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.ts";
 import { fieldAt, partsAt } from "./rigid_stages.ts";
 import { sampledWithSlope } from "./sampled_fit.ts";
 
-import type { Fit, LayeredFit, RbfFit, TipBlend } from "../types.ts";
-
-export const NO_CUTS: LayeredFit = { fits: [], regions: [], rule: "source", fit: null, byKey: new Map(), notes: [],
-  count: 0, hasRest: false };
+export const NO_CUTS: LayeredFit = {
+  fits: [],
+  regions: [],
+  rule: "source",
+  fit: null,
+  byKey: new Map(),
+  notes: [],
+  count: 0,
+  hasRest: false,
+};
 
 const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
 
@@ -21,14 +28,20 @@ export function fieldWithSlope(fit: Fit, a: number, b: number, out: Float64Array
   if (fit.forward) return forwardWithSlope(fit.forward, a, b, out);
   const { rigid, base } = fit;
   if (!rigid || !base) return mapWithSlope(fit, a, b, out);
-  const h = 1e-5 * base.support, [at, east, west, south, north] = PARTS_AROUND, d = 1 / (2 * h);
+  const h = 1e-5 * base.support,
+    [at, east, west, south, north] = PARTS_AROUND,
+    d = 1 / (2 * h);
   partsAt(rigid, a, b, at);
   partsAt(rigid, a + h, b, east);
   partsAt(rigid, a - h, b, west);
   partsAt(rigid, a, b + h, south);
   partsAt(rigid, a, b - h, north);
   mapWithSlope(base, a, b, out);
-  const w = at[2], u = out[0] - a, v = out[1] - b, wa = d * (east[2] - west[2]), wb = d * (south[2] - north[2]);
+  const w = at[2],
+    u = out[0] - a,
+    v = out[1] - b,
+    wa = d * (east[2] - west[2]),
+    wb = d * (south[2] - north[2]);
   out[0] = a + at[0] + w * u;
   out[1] = b + at[1] + w * v;
   out[2] = 1 + d * (east[0] - west[0]) + w * (out[2] - 1) + wa * u;
@@ -43,7 +56,12 @@ const STAGE_WORK = new Float64Array(6);
 /** The same of stages, by the chain rule: the last comes first. */
 function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array) {
   const t = STAGE_WORK;
-  let m00 = 1, m01 = 0, m10 = 0, m11 = 1, x = a, y = b;
+  let m00 = 1,
+    m01 = 0,
+    m10 = 0,
+    m11 = 1,
+    x = a,
+    y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
     fieldWithSlope(stages[k], x, y, t);
     [x, y] = t;
@@ -54,7 +72,8 @@ function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array)
   return out;
 }
 
-const TIP_WORK = Array.from({ length: 8 }, () => new Float64Array(6)), TIP_OPENING = new Float64Array(3);
+const TIP_WORK = Array.from({ length: 8 }, () => new Float64Array(6)),
+  TIP_OPENING = new Float64Array(3);
 
 /** The same of fits blended at the tips of cuts, by the product rule. */
 function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out: Float64Array) {
@@ -64,10 +83,15 @@ function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out:
   });
   const [x, y, j00, j01, j10, j11] = TIP_WORK[0];
   for (let k = openings.length - 1; k >= 0; k--) {
-    const [w, wx, wy] = openings[k](x, y, TIP_OPENING), half = 1 << k;
-    const wa = wx * j00 + wy * j10, wb = wx * j01 + wy * j11;
+    const [w, wx, wy] = openings[k](x, y, TIP_OPENING),
+      half = 1 << k;
+    const wa = wx * j00 + wy * j10,
+      wb = wx * j01 + wy * j11;
     for (let j = 0; j < half; j++) {
-      const p = TIP_WORK[j], q = TIP_WORK[j + half], u = q[0] - p[0], v = q[1] - p[1];
+      const p = TIP_WORK[j],
+        q = TIP_WORK[j + half],
+        u = q[0] - p[0],
+        v = q[1] - p[1];
       for (let i = 0; i < 6; i++) p[i] += w * (q[i] - p[i]);
       p[2] += u * wa;
       p[3] += u * wb;
@@ -81,18 +105,25 @@ function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out:
 
 /** The same of a plain fit, in one pass over the centres. */
 function mapWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
-  const r = fit.support, p = (a - fit.origin[0]) / r, q = (b - fit.origin[1]) / r;
+  const r = fit.support,
+    p = (a - fit.origin[0]) / r,
+    q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
   const { profile, slope } = RBF_KERNELS[fit.kernel];
-  let u = linear[0][0] * p + linear[0][1] * q + constant[0], v = linear[1][0] * p + linear[1][1] * q + constant[1];
+  let u = linear[0][0] * p + linear[0][1] * q + constant[0],
+    v = linear[1][0] * p + linear[1][1] * q + constant[1];
   let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
   if (fit.quadratic) {
     u += rbfQuadraticAt(fit.quadratic[0], [p, q]);
     v += rbfQuadraticAt(fit.quadratic[1], [p, q]);
   }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j], dq = q - x[j + 1], w = scales ? scales[k] * scales[k] : 1;
-    const s = (dp * dp + dq * dq) * w, phi = profile(s), g = 2 * w * slope(s);
+    const dp = p - x[j],
+      dq = q - x[j + 1],
+      w = scales ? scales[k] * scales[k] : 1;
+    const s = (dp * dp + dq * dq) * w,
+      phi = profile(s),
+      g = 2 * w * slope(s);
     u += alpha[j] * phi;
     v += alpha[j + 1] * phi;
     j00 += alpha[j] * g * dp;
@@ -135,11 +166,16 @@ function newtonInverse(fit: Fit, a: number, b: number, at: Float64Array, toleran
   fieldWithSlope(fit, at[0], at[1], t);
   let error = Math.hypot(t[0] - a, t[1] - b);
   for (let turn = 0; turn < 12 && error > tolerance; turn++) {
-    const det = t[2] * t[5] - t[3] * t[4], ea = a - t[0], eb = b - t[1];
+    const det = t[2] * t[5] - t[3] * t[4],
+      ea = a - t[0],
+      eb = b - t[1];
     if (!(Math.abs(det) > 1e-9)) return false;
-    const sa = (t[5] * ea - t[3] * eb) / det, sb = (t[2] * eb - t[4] * ea) / det;
-    const a0 = at[0], b0 = at[1];
-    let share = 1, better = Infinity;
+    const sa = (t[5] * ea - t[3] * eb) / det,
+      sb = (t[2] * eb - t[4] * ea) / det;
+    const a0 = at[0],
+      b0 = at[1];
+    let share = 1,
+      better = Infinity;
     for (let halvings = 0; halvings < 6; halvings++, share /= 2) {
       fieldWithSlope(fit, a0 + share * sa, b0 + share * sb, t);
       better = Math.hypot(t[0] - a, t[1] - b);
@@ -159,15 +195,17 @@ function newtonInverse(fit: Fit, a: number, b: number, at: Float64Array, toleran
  * @param cells along its longer side
  */
 function gridLines(box: number[], cells: number) {
-  const [a0, a1, b0, b1] = box, size = Math.max(a1 - a0, b1 - b0) / cells;
-  const across = Math.max(1, Math.round((a1 - a0) / size)), down = Math.max(1, Math.round((b1 - b0) / size));
+  const [a0, a1, b0, b1] = box,
+    size = Math.max(a1 - a0, b1 - b0) / cells;
+  const across = Math.max(1, Math.round((a1 - a0) / size)),
+    down = Math.max(1, Math.round((b1 - b0) / size));
   const lines = [];
   for (let k = 0; k <= across; k++) {
-    const a = a0 + (a1 - a0) * k / across;
+    const a = a0 + ((a1 - a0) * k) / across;
     lines.push({ from: [a, b0], to: [a, b1], pieces: down, isEdge: k === 0 || k === across });
   }
   for (let k = 0; k <= down; k++) {
-    const b = b0 + (b1 - b0) * k / down;
+    const b = b0 + ((b1 - b0) * k) / down;
     lines.push({ from: [a0, b], to: [a1, b], pieces: across, isEdge: k === 0 || k === down });
   }
   return lines;
@@ -175,7 +213,8 @@ function gridLines(box: number[], cells: number) {
 
 /** Move a place along with its image, by the last result of fieldWithSlope. */
 export function follow(at: Float64Array, da: number, db: number, [, , j00, j01, j10, j11]: Float64Array) {
-  const det = j00 * j11 - j01 * j10, isFlat = !(Math.abs(det) > 1e-3);
+  const det = j00 * j11 - j01 * j10,
+    isFlat = !(Math.abs(det) > 1e-3);
   at[0] += isFlat ? da : (j11 * da - j01 * db) / det;
   at[1] += isFlat ? db : (j00 * db - j10 * da) / det;
 }
@@ -191,10 +230,18 @@ export function deformedGrid(layered: LayeredFit, box: number[], cells: number, 
     const runs: number[][] = [];
     for (const { first, last, k } of piecesOfLine(layered, from, to, n)) {
       const count = Math.max(1, Math.ceil((last - first) * n - 1e-9));
-      traceLine(layered, k, (j) => {
-        const t = first + (last - first) * j / count;
-        return [from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t];
-      }, count, tolerance, work, runs);
+      traceLine(
+        layered,
+        k,
+        (j) => {
+          const t = first + ((last - first) * j) / count;
+          return [from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t];
+        },
+        count,
+        tolerance,
+        work,
+        runs,
+      );
     }
     return { runs, isEdge };
   });
@@ -205,14 +252,19 @@ export function deformedGrid(layered: LayeredFit, box: number[], cells: number, 
  */
 function piecesOfLine(layered: LayeredFit, from: number[], to: number[], n: number) {
   if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
-  const keyAt: (t: number) => number = (t) => regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
-  const found: { first: number, last: number, k: number }[] = [];
-  let first = 0, key = keyAt(0);
-  const end: (last: number) => void = (last) => { found.push({ first, last, k: layered.byKey.get(key) ?? -1 }); };
+  const keyAt: (t: number) => number = (t) =>
+    regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
+  const found: { first: number; last: number; k: number }[] = [];
+  let first = 0,
+    key = keyAt(0);
+  const end: (last: number) => void = (last) => {
+    found.push({ first, last, k: layered.byKey.get(key) ?? -1 });
+  };
   for (let i = 1; i <= n; i++) {
     const next = keyAt(i / n);
     if (next === key) continue;
-    let low = (i - 1) / n, high = i / n;
+    let low = (i - 1) / n,
+      high = i / n;
     for (let turn = 0; turn < 14; turn++) {
       const middle = (low + high) / 2;
       if (keyAt(middle) === key) low = middle;
@@ -231,12 +283,26 @@ function piecesOfLine(layered: LayeredFit, from: number[], to: number[], n: numb
  * the slope there, so that Newton's method has a step to do at most.
  * @param place of the line, j from 0 to count
  */
-function traceLine(layered: LayeredFit, k: number, place: (j: number) => number[], count: number, tolerance: number, work: Float64Array, runs: number[][]) {
-  const fit = k < 0 ? null : layered.fits[k].fit, at = new Float64Array(2), hasCuts = layered.regions.length > 0;
+function traceLine(
+  layered: LayeredFit,
+  k: number,
+  place: (j: number) => number[],
+  count: number,
+  tolerance: number,
+  work: Float64Array,
+  runs: number[][],
+) {
+  const fit = k < 0 ? null : layered.fits[k].fit,
+    at = new Float64Array(2),
+    hasCuts = layered.regions.length > 0;
   let run: number[] | null = null;
   let before = place(0);
   const find: (x: number, y: number) => boolean = (x, y) => {
-    if (!fit) { at[0] = x; at[1] = y; return true; }
+    if (!fit) {
+      at[0] = x;
+      at[1] = y;
+      return true;
+    }
     if (run) follow(at, x - before[0], y - before[1], work);
     else startFrom(fit, x, y, at);
     if (mapInverse(fit, x, y, at, tolerance, work)) return true;
@@ -244,18 +310,24 @@ function traceLine(layered: LayeredFit, k: number, place: (j: number) => number[
     at[1] = y;
     return mapInverse(fit, x, y, at, tolerance, work);
   };
-  const begin = (places: number[]) => { runs.push(places); return places; };
+  const begin = (places: number[]) => {
+    runs.push(places);
+    return places;
+  };
   for (let j = 0; j <= count; j++) {
     const [x, y] = place(j);
     const isSeen = find(x, y) && (!hasCuts || isSeenFrom(layered, k, at[0], at[1]));
     // Where other tissue begins to cover the line, it is followed to the very place.
     if (hasCuts && j > 0 && isSeen !== (run !== null) && fit) {
-      let low = j - 1, high = j;
+      let low = j - 1,
+        high = j;
       let edge: number[] = []; // the last place that is seen
-      const kept = run, [a, b] = at;
+      const kept = run,
+        [a, b] = at;
       run = null;
       for (let turn = 0; turn < 6; turn++) {
-        const middle = (low + high) / 2, [p, q] = place(middle);
+        const middle = (low + high) / 2,
+          [p, q] = place(middle);
         const isGood = find(p, q) && isSeenFrom(layered, k, at[0], at[1]);
         if (isGood) edge = [at[0], at[1]];
         if (isGood === isSeen) high = middle;
@@ -278,7 +350,8 @@ function traceLine(layered: LayeredFit, k: number, place: (j: number) => number[
 
 /** Whether a place of the result shows what fit k (-1: what does not move) has brought there. */
 function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
-  const own = regionKey(layered, a, b), at = layered.byKey.get(own) ?? -1;
+  const own = regionKey(layered, a, b),
+    at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
   if (at < 0) return true; // what does not move is covered by what comes
   const [da, db] = fieldAt(layered.fits[at].fit, a, b);
@@ -299,24 +372,42 @@ export function gridShape([a0, a1, b0, b1]: number[], cells: number) {
  * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of a node that is not seen is meaningless.
  */
 export function gridPlaces(layered: LayeredFit | null, box: number[], cells: number, tolerance: number) {
-  const [a0, a1, b0, b1] = box, [across, down] = gridShape(box, cells), columns = across + 1, rows = down + 1;
-  const count = columns * rows, source = new Float64Array(2 * count), target = new Float64Array(2 * count);
-  const isSeen = new Uint8Array(count), work = new Float64Array(6), at = new Float64Array(2);
+  const [a0, a1, b0, b1] = box,
+    [across, down] = gridShape(box, cells),
+    columns = across + 1,
+    rows = down + 1;
+  const count = columns * rows,
+    source = new Float64Array(2 * count),
+    target = new Float64Array(2 * count);
+  const isSeen = new Uint8Array(count),
+    work = new Float64Array(6),
+    at = new Float64Array(2);
   const { regions } = layered ?? NO_CUTS;
   /** the fit of the node before, whose slope is in `work` */
   let last: Fit | null = null;
   for (let n = 0; n < count; n++) {
-    const x = a0 + (a1 - a0) * (n % columns) / across, y = b0 + (b1 - b0) * Math.floor(n / columns) / down;
+    const x = a0 + ((a1 - a0) * (n % columns)) / across,
+      y = b0 + ((b1 - b0) * Math.floor(n / columns)) / down;
     source.set([x, y], 2 * n);
-    const k = fitFrom(layered, x, y), fit = layered?.fits[k]?.fit ?? null;
+    const k = fitFrom(layered, x, y),
+      fit = layered?.fits[k]?.fit ?? null;
     let isFound = true;
-    if (!fit) { at[0] = x; at[1] = y; }
-    else {
+    if (!fit) {
+      at[0] = x;
+      at[1] = y;
+    } else {
       if (last === fit && n % columns > 0) follow(at, x - source[2 * n - 2], y - source[2 * n - 1], work);
       else startFrom(fit, x, y, at);
       isFound = mapInverse(fit, x, y, at, tolerance, work);
-      if (!isFound) { startFrom(fit, x, y, at); isFound = mapInverse(fit, x, y, at, tolerance, work); }
-      if (!isFound) { at[0] = x; at[1] = y; isFound = mapInverse(fit, x, y, at, tolerance, work); }
+      if (!isFound) {
+        startFrom(fit, x, y, at);
+        isFound = mapInverse(fit, x, y, at, tolerance, work);
+      }
+      if (!isFound) {
+        at[0] = x;
+        at[1] = y;
+        isFound = mapInverse(fit, x, y, at, tolerance, work);
+      }
     }
     last = isFound ? fit : null;
     isSeen[n] = isFound && (!layered || !regions.length || isSeenFrom(layered, k, at[0], at[1])) ? 1 : 0;
@@ -327,17 +418,22 @@ export function gridPlaces(layered: LayeredFit | null, box: number[], cells: num
 
 /** The number of the fit of the region of a place, -1 for none. */
 function fitFrom(layered: LayeredFit | null, x: number, y: number) {
-  return layered?.fits.length ? layered.byKey.get(regionKey(layered, x, y)) ?? -1 : -1;
+  return layered?.fits.length ? (layered.byKey.get(regionKey(layered, x, y)) ?? -1) : -1;
 }
 
 /** The place where the tissue of a place is seen, null where it is not. */
 export function placeSeen(layered: LayeredFit | null, [x, y]: number[], tolerance: number) {
-  const k = fitFrom(layered, x, y), at = new Float64Array(2);
+  const k = fitFrom(layered, x, y),
+    at = new Float64Array(2);
   if (!layered || k < 0) return [x, y];
   const { fit } = layered.fits[k];
   startFrom(fit, x, y, at);
   let isFound = mapInverse(fit, x, y, at, tolerance);
-  if (!isFound) { at[0] = x; at[1] = y; isFound = mapInverse(fit, x, y, at, tolerance); }
+  if (!isFound) {
+    at[0] = x;
+    at[1] = y;
+    isFound = mapInverse(fit, x, y, at, tolerance);
+  }
   return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [...at] : null;
 }
 
@@ -352,19 +448,30 @@ function startFrom(fit: Fit, x: number, y: number, at: Float64Array) {
  * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where
  * the map folds or the node is not seen.
  */
-export function strainsAt(layered: LayeredFit | null, { source, target, isSeen }: { source: Float64Array, target: Float64Array, isSeen: Uint8Array }) {
-  const count = isSeen.length, stretch = new Float64Array(2 * count).fill(NaN), angle = new Float64Array(count);
+export function strainsAt(
+  layered: LayeredFit | null,
+  { source, target, isSeen }: { source: Float64Array; target: Float64Array; isSeen: Uint8Array },
+) {
+  const count = isSeen.length,
+    stretch = new Float64Array(2 * count).fill(NaN),
+    angle = new Float64Array(count);
   const work = new Float64Array(6);
   for (let n = 0; n < count; n++) {
     if (!isSeen[n]) continue;
     const k = fitFrom(layered, source[2 * n], source[2 * n + 1]);
-    if (!layered || k < 0) { stretch.fill(1, 2 * n, 2 * n + 2); continue; }
+    if (!layered || k < 0) {
+      stretch.fill(1, 2 * n, 2 * n + 2);
+      continue;
+    }
     fieldWithSlope(layered.fits[k].fit, target[2 * n], target[2 * n + 1], work);
-    const [,, j00, j01, j10, j11] = work;
+    const [, , j00, j01, j10, j11] = work;
     if (!(j00 * j11 - j01 * j10 > 0)) continue;
     // The map is backward: tissue is stretched by 1 / s where s^2 are the eigenvalues of J^T J.
-    const p = j00 * j00 + j10 * j10, q = j00 * j01 + j10 * j11, r = j01 * j01 + j11 * j11;
-    const mean = (p + r) / 2, spread = Math.hypot((p - r) / 2, q);
+    const p = j00 * j00 + j10 * j10,
+      q = j00 * j01 + j10 * j11,
+      r = j01 * j01 + j11 * j11;
+    const mean = (p + r) / 2,
+      spread = Math.hypot((p - r) / 2, q);
     stretch[2 * n] = 1 / Math.sqrt(Math.max(mean - spread, 1e-12 * mean));
     stretch[2 * n + 1] = 1 / Math.sqrt(mean + spread);
     angle[n] = Math.atan2(2 * q, p - r) / 2 + Math.PI / 2;
@@ -374,7 +481,10 @@ export function strainsAt(layered: LayeredFit | null, { source, target, isSeen }
 
 /** A plain factor by which the longest arm is nearly a cell long. */
 export function strainGain({ stretch }: { stretch: Float64Array }) {
-  const known = [...stretch].filter(Number.isFinite).map((s) => Math.abs(s - 1)).sort((p, q) => p - q);
+  const known = [...stretch]
+    .filter(Number.isFinite)
+    .map((s) => Math.abs(s - 1))
+    .sort((p, q) => p - q);
   const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 0;
   return most > 1e-9 ? plainNumber(Math.min(1e4, LONGEST_ARM / most)) : 1;
 }

@@ -1,65 +1,98 @@
 // The editor in space: three linked pictures of a volume with the same points.
 // To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
 
-import type { Model, PaneInfo, Point, PointsDetail } from "../types.ts";
-import type { Change } from "../sync/edits.ts";
-import type { ToolEntry } from "../ui/toolbar.ts";
-import type { Line, PaneData } from "./pane.ts";
-
 import { EditorDrawing, initialize } from "../editor/base.ts";
 import { NEARLY_FOLDED } from "../maths/constants.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.ts";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import { MOST_CHARACTERS, RestingTrait, } from "../sync/edits.ts";
+import type { Change } from "../sync/edits.ts";
+import { MOST_CHARACTERS, RestingTrait } from "../sync/edits.ts";
+import type { Model, PaneInfo, Point, PointsDetail } from "../types.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import type { ToolEntry } from "../ui/toolbar.ts";
 import { Toolbar } from "../ui/toolbar.ts";
+import type { Line, PaneData } from "./pane.ts";
 import { SpacePane } from "./pane.ts";
 import { SpacePointTools } from "./point_tools.ts";
 import { PaneGestures, spaceKey } from "./pointer.ts";
 
 const LEAST_HEIGHT = 140; // CSS pixels of a picture
-const SPACE_FOLD_TIP = "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
+const SPACE_FOLD_TIP =
+  "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
   "the volume folds over itself";
 const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
-const SPACE_PROJECTIONS: Record<string, string> = { slice: "Slices", mip: "Maximum (MIP)", composite: "Composite", shaded: "Shaded" };
+const SPACE_PROJECTIONS: Record<string, string> = {
+  slice: "Slices",
+  mip: "Maximum (MIP)",
+  composite: "Composite",
+  shaded: "Shaded",
+};
 
 const SPACE_GROUPS: ToolEntry[][] = [
-  [["add", "Add", "Add points: click where", true],
+  [
+    ["add", "Add", "Add points: click where", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points", false, "selection"],
     ["rename", "Rename", "Name the selected point", false, "one"],
     ["switch", "On/off", "Switch the selected points on or off", false, "selection"],
     ["lock", "Lock", "Lock the selected points, or free them", true, "selection"],
-    ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"]],
-  [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
-  [["go", "Go to", "Bring the slices to the selected point", false, "one"],
-    ["compare", "Before", "Show the volume as it was", true]],
-  [["zoom-out", "", "Zoom out"], ["zoom-in", "", "Zoom in"], ["fit", "Fit", "Show the whole pictures"]],
-  [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
+    ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"],
+  ],
+  [
+    ["undo", "Undo", "Undo", false, "past"],
+    ["redo", "Redo", "Redo", false, "future"],
+  ],
+  [
+    ["go", "Go to", "Bring the slices to the selected point", false, "one"],
+    ["compare", "Before", "Show the volume as it was", true],
+  ],
+  [
+    ["zoom-out", "", "Zoom out"],
+    ["zoom-in", "", "Zoom in"],
+    ["fit", "Fit", "Show the whole pictures"],
+  ],
+  [
+    ["more", "More", "More tools", false],
+    ["help", "Keys", "Keys and gestures", true],
+  ],
 ];
 
 const SPACE_MORE: ToolEntry[][] = [
-  [["mirror", "Mirror", "Do the same on both sides of a plane", true],
+  [
+    ["mirror", "Mirror", "Do the same on both sides of a plane", true],
     ["mirror-axis", "Mirror another way", "Lay the plane of the mirror across the next axis", false],
-    ["snap", "Snap to a lattice", "Targets keep to the nodes of a lattice", true]],
-  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left in the picture", false,
-    "points_selected"],
-    ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right in the picture", false,
-      "points_selected"]],
+    ["snap", "Snap to a lattice", "Targets keep to the nodes of a lattice", true],
+  ],
+  [
+    [
+      "turn-left",
+      "Turn left by 15\u00b0",
+      "Turn the selected points to the left in the picture",
+      false,
+      "points_selected",
+    ],
+    [
+      "turn-right",
+      "Turn right by 15\u00b0",
+      "Turn the selected points to the right in the picture",
+      false,
+      "points_selected",
+    ],
+  ],
 ];
 
 /**
  * Remarks of Python: the least det J and the share of the volume that folds, the place where it folds most, a sentence.
  */
-export type Facts = { folds?: [number, number] | null, worst?: number[] | null, note?: string, isBad?: boolean };
+export type Facts = { folds?: [number, number] | null; worst?: number[] | null; note?: string; isBad?: boolean };
 
 /** A request for other pictures. */
-export type ViewRequest = { cursor?: number[], projection?: string, original?: boolean };
+export type ViewRequest = { cursor?: number[]; projection?: string; original?: boolean };
 
 export class SpaceEditorView extends EditorDrawing {
   host: HTMLElement;
@@ -91,7 +124,7 @@ export class SpaceEditorView extends EditorDrawing {
   isSelecting = false;
   isSpaceDown = false;
   /** the point that is being named */
-  renamed: { id: number, pane: SpacePane } | null = null;
+  renamed: { id: number; pane: SpacePane } | null = null;
   facts: Facts = {};
   shownCount = 0; // of the messages with pictures
   /** the places that were sent */
@@ -120,8 +153,10 @@ export class SpaceEditorView extends EditorDrawing {
     this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     const group = pageElement("div", "dnb-ed-group", null);
     this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]);
-    this.chooser = pageElement("select", "dnb-sp-select", group,
-      { "aria-label": "What the pictures show", ...OWN_KEYS });
+    this.chooser = pageElement("select", "dnb-sp-select", group, {
+      "aria-label": "What the pictures show",
+      ...OWN_KEYS,
+    });
     for (const [name, title] of Object.entries(SPACE_PROJECTIONS)) {
       pageElement("option", "", this.chooser, { value: name }).textContent = title;
     }
@@ -130,12 +165,22 @@ export class SpaceEditorView extends EditorDrawing {
     this.gestures = this.pictures.map((pane) => new PaneGestures(this, pane));
     const veil = pageElement("div", "dnb-ed-veil", this.row);
     this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" });
-    this.input = pageElement("input", "dnb-ed-input", this.row, { type: "text", maxlength: "80", hidden: "",
-      "aria-label": "name of the point", ...OWN_KEYS });
+    this.input = pageElement("input", "dnb-ed-input", this.row, {
+      type: "text",
+      maxlength: "80",
+      hidden: "",
+      "aria-label": "name of the point",
+      ...OWN_KEYS,
+    });
     this.row.append(this.tip, this.alert);
-    this.help = new HelpPanel(this.row, this.root, () => this.pictures[0].stage.focus({ preventScroll: true }),
-      SPACE_EDITOR_KEYS);
-    const status = pageElement("div", "dnb-ed-status", this.root), state = pageElement("div", "dnb-ed-state", status);
+    this.help = new HelpPanel(
+      this.row,
+      this.root,
+      () => this.pictures[0].stage.focus({ preventScroll: true }),
+      SPACE_EDITOR_KEYS,
+    );
+    const status = pageElement("div", "dnb-ed-status", this.root),
+      state = pageElement("div", "dnb-ed-state", status);
     this.factsLine = pageElement("span", "dnb-ed-facts", state);
     this.foldFact = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", status);
@@ -145,7 +190,10 @@ export class SpaceEditorView extends EditorDrawing {
     this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
     this.#followModel();
     this.#followPage();
-    this.guard(() => { this.layout(); this.showWaiting(); });
+    this.guard(() => {
+      this.layout();
+      this.showWaiting();
+    });
     model.send({ type: "hello", view: this.id });
     this.#expectPictures();
   }
@@ -158,7 +206,9 @@ export class SpaceEditorView extends EditorDrawing {
       this.#ends.push(() => model.off(name, guarded));
     };
     on("msg:custom", (message, buffers) => this.message(message, buffers ?? []));
-    on("change:selected", () => { if (!this.selection.isAhead) this.select(model.get("selected"), false); });
+    on("change:selected", () => {
+      if (!this.selection.isAhead) this.select(model.get("selected"), false);
+    });
     on("change:cursor", () => this.receiveCursor());
     on("change:panes", () => this.setPanes());
     on("change:theme", () => this.applyTheme());
@@ -179,8 +229,12 @@ export class SpaceEditorView extends EditorDrawing {
 
   #followPage() {
     const { signal } = this.closed;
-    const listen = <K extends keyof HTMLElementEventMap>(target: EventTarget, name: K, handler: (event: HTMLElementEventMap[K]) => void) => target.addEventListener(
-      name, (event) => this.guard(() => handler((event as HTMLElementEventMap[K]))), { signal });
+    const listen = <K extends keyof HTMLElementEventMap>(
+      target: EventTarget,
+      name: K,
+      handler: (event: HTMLElementEventMap[K]) => void,
+    ) =>
+      target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), { signal });
     listen(this.chooser, "change", () => this.look({ projection: this.chooser.value }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
@@ -223,22 +277,31 @@ export class SpaceEditorView extends EditorDrawing {
     this.root.classList.toggle("dnb-sp-viewer", this.isViewer);
     const isFilling = Boolean(this.model.get("fill"));
     this.root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
-    if (isFilling) { this.#fillBox(); this.drawNow(); return; }
+    if (isFilling) {
+      this.#fillBox();
+      this.drawNow();
+      return;
+    }
     const widths = this.pictures.map((pane) => Math.max(100, pane.stage.clientWidth || 260));
-    const wanted = this.panes.map(({ box: [a0, a1, b0, b1] }, k) => widths[k] * (b1 - b0) / (a1 - a0));
+    const wanted = this.panes.map(({ box: [a0, a1, b0, b1] }, k) => (widths[k] * (b1 - b0)) / (a1 - a0));
     const most = this.model.get("height");
     const height = Math.round(Math.max(LEAST_HEIGHT, Math.min(most, Math.max(...wanted))));
-    this.pictures.forEach((pane, k) => { pane.layout(widths[k], height); });
+    this.pictures.forEach((pane, k) => {
+      pane.layout(widths[k], height);
+    });
     this.drawNow();
   }
 
   /** Lay the pictures out in as many columns as show them largest. */
   #fillBox() {
-    const { clientWidth, clientHeight } = this.row, count = this.panes.length;
+    const { clientWidth, clientHeight } = this.row,
+      count = this.panes.length;
     const above = Math.max(0, ...this.pictures.map(({ root, stage }) => root.offsetHeight - stage.offsetHeight));
     const sizes = this.panes.map((_, k) => {
-      const columns = k + 1, rows = Math.ceil(count / columns);
-      const width = Math.max(60, clientWidth / columns), height = Math.max(60, clientHeight / rows - above);
+      const columns = k + 1,
+        rows = Math.ceil(count / columns);
+      const width = Math.max(60, clientWidth / columns),
+        height = Math.max(60, clientHeight / rows - above);
       const scales = this.panes.map(({ box: [a0, a1, b0, b1] }) => Math.min(width / (a1 - a0), height / (b1 - b0)));
       return { columns, height, scale: Math.min(...scales) };
     });
@@ -253,37 +316,58 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   describe() {
-    const { points, selected, facts, model } = this, off = points.filter((p) => !p.active).length;
+    const { points, selected, facts, model } = this,
+      off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
-    const chosen = one ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
-      : selected.size ? `${selected.size} selected` : "";
+    const chosen = one
+      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      : selected.size
+        ? `${selected.size} selected`
+        : "";
     if (this.isViewer) {
       setText(this.notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
       return;
     }
-    setText(this.factsLine, points.length ? [count, chosen].filter(Boolean).join(" \u00b7 ")
-      : "No points yet: four or more in space bend the volume, one moves it");
+    setText(
+      this.factsLine,
+      points.length
+        ? [count, chosen].filter(Boolean).join(" \u00b7 ")
+        : "No points yet: four or more in space bend the volume, one moves it",
+    );
     this.#describeFolds(points.length ? facts.folds : null);
     setText(this.notes, facts.note || this.#advice());
     this.notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
     this.notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
     this.chooser.value = model.get("projection");
-    const pressed = Object.entries({ add: this.isAdding, select: this.isSelecting, mirror: this.pointTools.mirror.on,
-      snap: this.pointTools.snap > 0, compare: model.get("shows_original"), help: this.help.isOpen,
-      lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)) });
-    this.toolbar.update({ count: points.length, selected: selected.size, past: this.sender.canStep("undo"),
-      future: this.sender.canStep("redo"), steps: model.get("history") ?? {},
-      pressed: pressed.filter(([, is]) => is).map(([name]) => name), readOnly: this.isLocked });
+    const pressed = Object.entries({
+      add: this.isAdding,
+      select: this.isSelecting,
+      mirror: this.pointTools.mirror.on,
+      snap: this.pointTools.snap > 0,
+      compare: model.get("shows_original"),
+      help: this.help.isOpen,
+      lock: selected.size > 0 && points.every((p) => p.locked || !selected.has(p.id)),
+    });
+    this.toolbar.update({
+      count: points.length,
+      selected: selected.size,
+      past: this.sender.canStep("undo"),
+      future: this.sender.canStep("redo"),
+      steps: model.get("history") ?? {},
+      pressed: pressed.filter(([, is]) => is).map(([name]) => name),
+      readOnly: this.isLocked,
+    });
   }
 
   #describeFolds(folds: [number, number] | null | undefined) {
-    const [least, share] = folds ?? [1, 0], value = `min det J ${least.toFixed(2)}`;
+    const [least, share] = folds ?? [1, 0],
+      value = `min det J ${least.toFixed(2)}`;
     this.foldFact.classList.toggle("dnb-ed-bad", least <= 0);
     this.foldFact.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
     const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
-    const words = least <= 0 ? `\u25b2 folds${much}`
-      : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
+    const words =
+      least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
     setText(this.foldFact, folds ? `${words} (${value})` : "");
     setAttributes(this.foldFact, { title: folds ? SPACE_FOLD_TIP : "" });
   }
@@ -322,7 +406,9 @@ export class SpaceEditorView extends EditorDrawing {
     this.announce(way === "undo" ? "undone" : "redone");
   }
 
-  beginDrag() { if (!this.isLocked) this.drag0 = this.points; }
+  beginDrag() {
+    if (!this.isLocked) this.drag0 = this.points;
+  }
 
   /** Show points on their way. */
   show(points: Point[]) {
@@ -333,7 +419,8 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   endDrag(isCancelled: boolean, kind: string = "move") {
-    const before = this.drag0, points = this.points;
+    const before = this.drag0,
+      points = this.points;
     this.drag0 = null;
     if (!before) return;
     this.points = before;
@@ -353,8 +440,12 @@ export class SpaceEditorView extends EditorDrawing {
   rename(id: number, pane: SpacePane) {
     const p = this.points.find((q) => q.id === id);
     if (!p || this.isLocked) return;
-    const { target: [a, b] } = flatPoint(p, pane.info, null), { k, x, y } = pane.view;
-    const box = this.row.getBoundingClientRect(), stage = pane.stage.getBoundingClientRect();
+    const {
+        target: [a, b],
+      } = flatPoint(p, pane.info, null),
+      { k, x, y } = pane.view;
+    const box = this.row.getBoundingClientRect(),
+      stage = pane.stage.getBoundingClientRect();
     this.renamed = { id, pane };
     this.input.hidden = false;
     this.input.value = p.name;
@@ -367,7 +458,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   endRename(isKept: boolean) {
     if (this.input.hidden || !this.renamed) return;
-    const { id, pane } = this.renamed, hadFocus = treeOf(this.root).activeElement === this.input;
+    const { id, pane } = this.renamed,
+      hadFocus = treeOf(this.root).activeElement === this.input;
     this.input.hidden = true;
     if (isKept) this.edit(renamedPoint(this.points, id, this.input.value), "rename");
     if (!pane.handles.focus(id) && hadFocus) pane.stage.focus({ preventScroll: true });
@@ -377,7 +469,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   /** @param isShared whether Python gets it */
   select(ids: number[] | null, isShared: boolean = true) {
-    const known = new Set(this.points.map((p) => p.id)), next = new Set((ids ?? []).filter((id) => known.has(id)));
+    const known = new Set(this.points.map((p) => p.id)),
+      next = new Set((ids ?? []).filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
     this.invalidate();
@@ -390,29 +483,49 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   /** The points of a command: the selected, or the one in focus if it is not among them. */
-  chosenIds(id: number | null) { return id !== null && !this.selected.has(id) ? [id] : [...this.selected]; }
+  chosenIds(id: number | null) {
+    return id !== null && !this.selected.has(id) ? [id] : [...this.selected];
+  }
 
   /**
    * Run a command of the toolbar (`focused` is null then) or of a key.
    * @param focused the point in focus
    */
   run(command: string, focused: number | null) {
-    const ids = this.chosenIds(focused), { points, pictures, pointTools: tools } = this;
+    const ids = this.chosenIds(focused),
+      { points, pictures, pointTools: tools } = this;
     const chosenOrAll = ids.length ? ids : points.map((p) => p.id);
     if (focused === null && this.toolbar.isOff(command)) return;
     const active = this.paneOf(document.activeElement);
     const commands: Record<string, () => void> = {
-      add: () => this.setAdding(!this.isAdding), select: () => this.setSelecting(!this.isSelecting),
-      remove: () => tools.remove(ids), undo: () => this.stepHistory("undo"), redo: () => this.stepHistory("redo"),
-      rename: () => { if (ids.length === 1) this.rename(ids[0], active); },
+      add: () => this.setAdding(!this.isAdding),
+      select: () => this.setSelecting(!this.isSelecting),
+      remove: () => tools.remove(ids),
+      undo: () => this.stepHistory("undo"),
+      redo: () => this.stepHistory("redo"),
+      rename: () => {
+        if (ids.length === 1) this.rename(ids[0], active);
+      },
       switch: () => tools.change(switchedPoints(points, ids), "switch"),
       reset: () => tools.change(resetPoints(points, freeIds(points, chosenOrAll)), "reset"),
-      lock: () => tools.toggleLock(ids), go: () => { if (ids.length === 1) this.goTo(ids[0]); },
+      lock: () => tools.toggleLock(ids),
+      go: () => {
+        if (ids.length === 1) this.goTo(ids[0]);
+      },
       compare: () => this.look({ original: !this.model.get("shows_original") }),
-      "zoom-in": () => { for (const pane of pictures) pane.zoomAt(1.25); },
-      "zoom-out": () => { for (const pane of pictures) pane.zoomAt(0.8); },
-      fit: () => { for (const pane of pictures) pane.fitView(); }, help: () => this.toggleHelp(),
-      mirror: () => tools.toggleMirror(), "mirror-axis": () => tools.turnMirror(), snap: () => tools.toggleSnap(),
+      "zoom-in": () => {
+        for (const pane of pictures) pane.zoomAt(1.25);
+      },
+      "zoom-out": () => {
+        for (const pane of pictures) pane.zoomAt(0.8);
+      },
+      fit: () => {
+        for (const pane of pictures) pane.fitView();
+      },
+      help: () => this.toggleHelp(),
+      mirror: () => tools.toggleMirror(),
+      "mirror-axis": () => tools.turnMirror(),
+      snap: () => tools.toggleSnap(),
       "turn-left": () => tools.turnKey(active, -1, { isLarge: true, isScale: false }),
       "turn-right": () => tools.turnKey(active, 1, { isLarge: true, isScale: false }),
     };
@@ -446,14 +559,23 @@ export class SpaceEditorView extends EditorDrawing {
   /** End what is going on; returns whether there was anything. */
   escape() {
     if (this.gestures.some((gestures) => gestures.cancel())) return true;
-    if (this.help.isOpen) { this.toggleHelp(); return true; }
-    if (this.isAdding || this.isSelecting) { this.setAdding(false); this.setSelecting(false); return true; }
+    if (this.help.isOpen) {
+      this.toggleHelp();
+      return true;
+    }
+    if (this.isAdding || this.isSelecting) {
+      this.setAdding(false);
+      this.setSelecting(false);
+      return true;
+    }
     if (this.selected.size === 0) return false;
     this.select([]);
     return true;
   }
 
-  focusStage() { this.paneOf(document.activeElement).stage.focus({ preventScroll: true }); }
+  focusStage() {
+    this.paneOf(document.activeElement).stage.focus({ preventScroll: true });
+  }
 
   // ---- data from Python ---------------------------------------------------------------------------------------------
 
@@ -464,16 +586,21 @@ export class SpaceEditorView extends EditorDrawing {
     if (message?.type === "pictures" && isOurs) this.receivePictures(message, buffers);
   }
 
-  receivePictures({ seq, panes, facts }: { seq?: number, panes: PaneData[], facts: Facts }, buffers: (DataView | ArrayBuffer)[]) {
-    const parts = buffers.map((b) => (
-      b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b)));
+  receivePictures(
+    { seq, panes, facts }: { seq?: number; panes: PaneData[]; facts: Facts },
+    buffers: (DataView | ArrayBuffer)[],
+  ) {
+    const parts = buffers.map((b) =>
+      b instanceof DataView ? new Uint8Array(b.buffer, b.byteOffset, b.byteLength) : new Uint8Array(b),
+    );
     let used = 0;
     const next = () => {
       used += 1;
       return parts[used - 1];
     };
     for (const pane of panes) {
-      const pixels = next(), depths = pane.hasDepths ? new Float32Array(next().slice().buffer) : null;
+      const pixels = next(),
+        depths = pane.hasDepths ? new Float32Array(next().slice().buffer) : null;
       this.pictures[pane.index].take(pane, pixels, depths, pane.shapes ? next() : null);
     }
     this.#expectPictures(false);
@@ -494,7 +621,8 @@ export class SpaceEditorView extends EditorDrawing {
 
   receive() {
     const { points } = this.sender;
-    if (this.drag0) { // Python has found where a new point takes hold; the pointer keeps the rest
+    if (this.drag0) {
+      // Python has found where a new point takes hold; the pointer keeps the rest
       this.drag0 = withSources(this.drag0, points);
       this.points = withSources(this.points, points);
       return;
@@ -509,7 +637,10 @@ export class SpaceEditorView extends EditorDrawing {
   /** Take over the points of another view. */
   #receiveMove({ origin, points, phase }: PointsDetail) {
     if (origin === this.id || this.drag0) return;
-    if (phase === "move") { this.points = points; this.invalidate(); } else this.receive();
+    if (phase === "move") {
+      this.points = points;
+      this.invalidate();
+    } else this.receive();
   }
 
   receiveCursor() {
@@ -521,20 +652,33 @@ export class SpaceEditorView extends EditorDrawing {
 
   setPanes() {
     this.panes = this.model.get("panes");
-    for (const pane of this.pictures) { pane.picture = null; pane.isFitted = true; }
+    for (const pane of this.pictures) {
+      pane.picture = null;
+      pane.isFitted = true;
+    }
     this.layout();
   }
 
-  get isWorkedIn() { return isWorkedIn(this.root); }
+  get isWorkedIn() {
+    return isWorkedIn(this.root);
+  }
 
-  get isWaiting() { return Boolean(this.model.get("waiting")); }
+  get isWaiting() {
+    return Boolean(this.model.get("waiting"));
+  }
 
-  get isLocked() { return this.isWaiting || Boolean(this.model.get("read_only")); }
+  get isLocked() {
+    return this.isWaiting || Boolean(this.model.get("read_only"));
+  }
 
   /** Whether there is nothing to edit: slices to look at. */
-  get isViewer() { return Boolean(this.model.get("read_only")) && this.points.length === 0; }
+  get isViewer() {
+    return Boolean(this.model.get("read_only")) && this.points.length === 0;
+  }
 
-  get isSlice() { return this.model.get("projection") === "slice"; }
+  get isSlice() {
+    return this.model.get("projection") === "slice";
+  }
 
   /** Show whether Python makes something else: nothing can be edited then, and a drag is cancelled. */
   showWaiting() {
@@ -558,7 +702,14 @@ export class SpaceEditorView extends EditorDrawing {
   #expectPictures(isExpected: boolean = true) {
     clearTimeout(this.slowTimer);
     if (isExpected) {
-      this.slowTimer = setTimeout(() => this.guard(() => { this.isSlow = true; this.showWaiting(); }), SLOW_PICTURES);
+      this.slowTimer = setTimeout(
+        () =>
+          this.guard(() => {
+            this.isSlow = true;
+            this.showWaiting();
+          }),
+        SLOW_PICTURES,
+      );
     } else if (this.isSlow) {
       this.isSlow = false;
       this.showWaiting();
@@ -575,25 +726,32 @@ export class SpaceEditorView extends EditorDrawing {
   #sendLook() {
     clearTimeout(this.lookTimer);
     if (!this.pendingLook) return;
-    const now = performance.now(), since = now - this.waitingSince;
+    const now = performance.now(),
+      since = now - this.waitingSince;
     if (since < LOOK_PATIENCE) {
       this.lookTimer = setTimeout(() => this.#sendLook(), LOOK_PATIENCE - since);
       return;
     }
     this.waitingSince = now;
-    const { pendingLook: { cursor }, looked } = this;
+    const {
+      pendingLook: { cursor },
+      looked,
+    } = this;
     if (cursor) looked.add(JSON.stringify(cursor));
     for (const oldest of [...looked].slice(0, -20)) looked.delete(oldest);
     this.model.send({ type: "look", view: this.id, ...this.pendingLook });
     this.pendingLook = null;
   }
 
-  lookAtRest() { if (this.isSlice) this.look({ cursor: this.cursor }, false); }
+  lookAtRest() {
+    if (this.isSlice) this.look({ cursor: this.cursor }, false);
+  }
 
   /** @param place which is kept inside the volume */
   setCursor(place: number[], isMoving: boolean) {
     const next = this.panes.reduce((at, pane) => {
-      const [a, b, c] = inPane(pane, at), [low, high] = pane.depths;
+      const [a, b, c] = inPane(pane, at),
+        [low, high] = pane.depths;
       return c < low || c > high ? fromPane(pane, [a, b, Math.max(low, Math.min(high, c))]) : at;
     }, place);
     this.cursor = next;
@@ -607,7 +765,11 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   scroll(pane: SpacePane, slices: number) {
-    const { depths: [first], spacing } = pane.info, now = Math.round((pane.depth - first) / spacing[2]);
+    const {
+        depths: [first],
+        spacing,
+      } = pane.info,
+      now = Math.round((pane.depth - first) / spacing[2]);
     this.setDepth(pane, first + (now + slices) * spacing[2]);
     this.lookAtRest();
   }
@@ -617,9 +779,10 @@ export class SpaceEditorView extends EditorDrawing {
    * @param at in pixels
    */
   moveCross(pane: SpacePane, at: number[], line: Line | null, isMoving: boolean) {
-    const [a, b] = pane.toPlane(at), [a0, b0, c0] = inPane(pane.info, this.cursor);
-    const place = this.isSlice || line ? [line === "h" ? a0 : a, line === "v" ? b0 : b, c0]
-      : inPane(pane.info, pane.under(at)); // of the whole volume: what is seen there
+    const [a, b] = pane.toPlane(at),
+      [a0, b0, c0] = inPane(pane.info, this.cursor);
+    const place =
+      this.isSlice || line ? [line === "h" ? a0 : a, line === "v" ? b0 : b, c0] : inPane(pane.info, pane.under(at)); // of the whole volume: what is seen there
     this.setCursor(fromPane(pane.info, place), isMoving);
   }
 
@@ -639,10 +802,12 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   /** The picture that contains an element, else the first. */
-  paneOf(element: Element | null) { return this.pictures.find((pane) => pane.root.contains(element)) ?? this.pictures[0]; }
+  paneOf(element: Element | null) {
+    return this.pictures.find((pane) => pane.root.contains(element)) ?? this.pictures[0];
+  }
 }
 
-function render({ model, el }: { model: Model, el: HTMLElement }) {
+function render({ model, el }: { model: Model; el: HTMLElement }) {
   const editor = new SpaceEditorView(model, el);
   return () => editor.close();
 }

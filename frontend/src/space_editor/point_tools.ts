@@ -1,15 +1,23 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
-import type { Mirror, PaneInfo, Point } from "../types.ts";
-import type { SpaceEditorView } from "./editor.ts";
-import type { SpacePane } from "./pane.ts";
-
 import { dot } from "../maths/camera.ts";
 import { shownLength } from "../maths/numbers.ts";
-import { addedPoint, freeIds, lockedPoints, mirroredEdit, mirrorSide, nextId, removedPoints, turnOfKey } from "../maths/points.ts";
+import {
+  addedPoint,
+  freeIds,
+  lockedPoints,
+  mirroredEdit,
+  mirrorSide,
+  nextId,
+  removedPoints,
+  turnOfKey,
+} from "../maths/points.ts";
 import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
+import type { Mirror, PaneInfo, Point } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
+import type { SpaceEditorView } from "./editor.ts";
+import type { SpacePane } from "./pane.ts";
 
 const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
@@ -19,7 +27,9 @@ export type Moved = "target" | "source" | "both";
 export class SpacePointTools {
   editor: SpaceEditorView;
 
-  constructor(editor: SpaceEditorView) { this.editor = editor; }
+  constructor(editor: SpaceEditorView) {
+    this.editor = editor;
+  }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -27,14 +37,19 @@ export class SpacePointTools {
    * An edit, and the same on the other side of the mirror if there is one.
    * @param join edits with the same are undone as one
    */
-  change(points: Point[], kind: string, join: string | null = null) { return this.editor.edit(this.symmetric(this.editor.points, points), kind, join); }
+  change(points: Point[], kind: string, join: string | null = null) {
+    return this.editor.edit(this.symmetric(this.editor.points, points), kind, join);
+  }
 
   /**
    * A step of a drag: points moved from where they were by a way in space.
    * @param id the point under the pointer
    */
   drag(ids: number[], way: number[], what: Moved, id: number) {
-    const { editor, editor: { drag0 } } = this;
+    const {
+      editor,
+      editor: { drag0 },
+    } = this;
     if (drag0) editor.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
   }
 
@@ -43,19 +58,33 @@ export class SpacePointTools {
    * @param id the point in focus
    */
   nudge(pane: SpacePane, id: number | null, [dx, dy]: number[], voxels: number, what: Moved) {
-    const { spacing: [du, dv] } = pane.info;
+    const {
+      spacing: [du, dv],
+    } = pane.info;
     this.#nudgeBy(id, wayInPane(pane.info, dx * voxels * du, dy * voxels * dv), what);
   }
 
   /** Move points across the slices. */
   nudgeDepth(pane: SpacePane, id: number | null, voxels: number) {
     const by = voxels * pane.info.spacing[2];
-    if (this.editor.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x), "target");
+    if (this.editor.chosenIds(id).length)
+      this.#nudgeBy(
+        id,
+        pane.info.n.map((x) => by * x),
+        "target",
+      );
   }
 
   #nudgeBy(id: number | null, way: number[], what: Moved) {
-    const { editor } = this, ids = editor.chosenIds(id);
-    if (ids.length === 0) { editor.setCursor(editor.cursor.map((x, k) => x + way[k]), true); return; }
+    const { editor } = this,
+      ids = editor.chosenIds(id);
+    if (ids.length === 0) {
+      editor.setCursor(
+        editor.cursor.map((x, k) => x + way[k]),
+        true,
+      );
+      return;
+    }
     if (id !== null && !editor.selected.has(id)) editor.select([id]);
     const free = freeIds(editor.points, ids);
     if (!free.length) this.announceLocked(ids[0]);
@@ -70,16 +99,26 @@ export class SpacePointTools {
    * @param at in pixels
    */
   addAt(pane: SpacePane, at: number[]) {
-    const { editor } = this, { k, x, y } = pane.view;
-    const near = editor.points.map((p) => flatPoint(p, pane.info, editor.isSlice ? pane.depth : null)).find(
-      (p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
-    if (near) { editor.select([near.id]); pane.handles.focus(near.id); return near.id; }
-    if (!pane.isInside(at)) { editor.hint("Points are put inside the volume"); return null; }
+    const { editor } = this,
+      { k, x, y } = pane.view;
+    const near = editor.points
+      .map((p) => flatPoint(p, pane.info, editor.isSlice ? pane.depth : null))
+      .find((p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
+    if (near) {
+      editor.select([near.id]);
+      pane.handles.focus(near.id);
+      return near.id;
+    }
+    if (!pane.isInside(at)) {
+      editor.hint("Points are put inside the volume");
+      return null;
+    }
     return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
   }
 
   addPlace(place: number[], pane: SpacePane) {
-    const { editor } = this, id = nextId(editor.points, editor.sender.nextId);
+    const { editor } = this,
+      id = nextId(editor.points, editor.sender.nextId);
     if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
     editor.select([id]);
     editor.drawNow();
@@ -102,9 +141,11 @@ export class SpacePointTools {
   }
 
   remove(wanted: number[]) {
-    const { editor } = this, ids = freeIds(editor.points, wanted);
+    const { editor } = this,
+      ids = freeIds(editor.points, wanted);
     if (wanted.length && !ids.length) this.announceLocked(wanted[0]);
-    const at = editor.points.findIndex((p) => p.id === ids[0]), pane = editor.paneOf(document.activeElement);
+    const at = editor.points.findIndex((p) => p.id === ids[0]),
+      pane = editor.paneOf(document.activeElement);
     const hadFocus = editor.root.contains(treeOf(editor.root).activeElement);
     if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
     editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
@@ -128,8 +169,10 @@ export class SpacePointTools {
    * The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate.
    */
   get mirror() {
-    const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {}, pane = this.#facing(axis);
-    const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1, normal = pane.n.map((x) => sign * x);
+    const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {},
+      pane = this.#facing(axis);
+    const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1,
+      normal = pane.n.map((x) => sign * x);
     return { on, axis, at: at ?? dot(normal, fromPane(pane, [0, 0, (pane.box[4] + pane.box[5]) / 2])), normal };
   }
 
@@ -153,11 +196,15 @@ export class SpacePointTools {
   }
 
   /** Lay the plane across the next axis. */
-  turnMirror() { this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3], null); }
+  turnMirror() {
+    this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3], null);
+  }
 
   /** Move the plane to a place in space; Python gets it at the end. */
   moveMirror(place: number[], isEnd: boolean) {
-    const { model } = this.editor, { on, axis, normal } = this.mirror, pane = this.#facing(axis);
+    const { model } = this.editor,
+      { on, axis, normal } = this.mirror,
+      pane = this.#facing(axis);
     const ends = [pane.box[4], pane.box[5]].map((depth) => dot(normal, fromPane(pane, [0, 0, depth])));
     const at = Math.max(Math.min(...ends), Math.min(Math.max(...ends), dot(normal, place)));
     model.set("mirror", { on, axis, at });
@@ -170,14 +217,21 @@ export class SpacePointTools {
    * viewer.
    */
   mirrorIn(pane: PaneInfo): Mirror | null {
-    const { on, at, normal } = this.mirror, a = dot(normal, pane.u), b = dot(normal, pane.v);
+    const { on, at, normal } = this.mirror,
+      a = dot(normal, pane.u),
+      b = dot(normal, pane.v);
     if (!on || Math.max(Math.abs(a), Math.abs(b)) < 0.9) return null;
-    const place = inPane(pane, normal.map((x) => at * x)), k = Math.abs(a) > Math.abs(b) ? 0 : 1;
+    const place = inPane(
+        pane,
+        normal.map((x) => at * x),
+      ),
+      k = Math.abs(a) > Math.abs(b) ? 0 : 1;
     return { on, axis: "ab"[k], at: place[k] };
   }
 
   #sideOfPoint(id: number) {
-    const p = this.editor.points.find((q) => q.id === id), { mirror } = this;
+    const p = this.editor.points.find((q) => q.id === id),
+      { mirror } = this;
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
 
@@ -195,10 +249,17 @@ export class SpacePointTools {
   // ---- the lattice to which targets snap ----------------------------------------------------------------------------
 
   /** The step of the lattice; 0 for none. */
-  get snap(): number { return this.editor.model.get("snap") || 0; }
+  get snap(): number {
+    return this.editor.model.get("snap") || 0;
+  }
 
   toggleSnap() {
-    const { editor } = this, { box: [a0, a1, b0, b1, c0, c1], spacing } = editor.panes[0], voxel = Math.min(...spacing);
+    const { editor } = this,
+      {
+        box: [a0, a1, b0, b1, c0, c1],
+        spacing,
+      } = editor.panes[0],
+      voxel = Math.min(...spacing);
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
     editor.set("snap", this.snap > 0 ? 0 : step);
     if (this.snap > 0) editor.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
@@ -206,8 +267,13 @@ export class SpacePointTools {
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
   #snapped(pane: PaneInfo, [a, b, c]: number[]) {
-    const { snap: step } = this, { box: [a0,, b0], spacing: [du, dv] } = pane;
-    const near: (value: number, first: number) => number = (value, first) => first + step * Math.round((value - first) / step);
+    const { snap: step } = this,
+      {
+        box: [a0, , b0],
+        spacing: [du, dv],
+      } = pane;
+    const near: (value: number, first: number) => number = (value, first) =>
+      first + step * Math.round((value - first) / step);
     return step > 0 ? [near(a, a0 + du / 2), near(b, b0 + dv / 2), c] : [a, b, c];
   }
 
@@ -215,7 +281,16 @@ export class SpacePointTools {
   snappedWay(pane: PaneInfo, id: number, way: number[], what: Moved, isLoose: boolean) {
     const p = this.editor.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
-    const to = fromPane(pane, this.#snapped(pane, inPane(pane, p.target.map((x, k) => x + way[k]))));
+    const to = fromPane(
+      pane,
+      this.#snapped(
+        pane,
+        inPane(
+          pane,
+          p.target.map((x, k) => x + way[k]),
+        ),
+      ),
+    );
     return to.map((x, k) => x - p.target[k]);
   }
 
@@ -223,7 +298,9 @@ export class SpacePointTools {
 
   /** The ids that a turn takes along; null, and a hint, where there is nothing to turn. */
   #turnables() {
-    const { editor } = this, chosen = [...editor.selected], free = freeIds(editor.points, chosen);
+    const { editor } = this,
+      chosen = [...editor.selected],
+      free = freeIds(editor.points, chosen);
     if (editor.isLocked || !chosen.length) return null;
     if (!free.length) this.announceLocked(chosen[0]);
     else if (free.length < 2) editor.hint("Select two points or more to turn them", 4000);
@@ -234,13 +311,16 @@ export class SpacePointTools {
    * Turn or scale by a key, in the plane of a picture. Quick presses are undone as one.
    * @param way 1 or -1
    */
-  turnKey(pane: SpacePane, way: number, how: { isLarge: boolean, isScale: boolean }) {
-    const { editor } = this, ids = this.#turnables(), [angle, factor] = turnOfKey(way, how);
+  turnKey(pane: SpacePane, way: number, how: { isLarge: boolean; isScale: boolean }) {
+    const { editor } = this,
+      ids = this.#turnables(),
+      [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
     this.change(turnedInSpace(editor.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
-    editor.announce(angle ? `turned by ${shownLength(angle * 180 / Math.PI)} degrees`
-      : `scaled by ${factor.toFixed(2)}`);
+    editor.announce(
+      angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
+    );
   }
 
   /** Begin a drag of the handle that turns. Returns the ids, or null. */
@@ -252,8 +332,11 @@ export class SpacePointTools {
 
   /** A step of such a drag. */
   turnTo(pane: SpacePane, ids: number[], angle: number, factor: number) {
-    const { editor, editor: { drag0 } } = this;
+    const {
+      editor,
+      editor: { drag0 },
+    } = this;
     if (drag0) editor.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
-    editor.hint(factor === 1 ? `${shownLength(angle * 180 / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    editor.hint(factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
   }
 }

@@ -1,16 +1,15 @@
 // Pointer, wheel and keys of the editor in space, turned into calls of the editor.
 
-import type { SpaceEditorView } from "./editor.ts";
-import type { Line, SpacePane } from "./pane.ts";
-import type { Moved } from "./point_tools.ts";
-
 import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "../editor/handles.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.ts";
 import { inPane, wayInPane } from "../maths/space.ts";
 import { SLACK, targetOf, treeOf } from "../ui/dom.ts";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import type { SpaceEditorView } from "./editor.ts";
+import type { Line, SpacePane } from "./pane.ts";
 import { LINES } from "./pane.ts";
+import type { Moved } from "./point_tools.ts";
 
 /** A press or a drag; places are in CSS pixels of the picture. */
 export interface Press {
@@ -22,11 +21,18 @@ export interface Press {
   slack: number;
 }
 export type PlainGesture = Press & { kind: "pan" | "tap" };
-export type MirrorGesture = Press & { kind: "mirror", start: number };
-export type TurnGesture = Press & { kind: "turn", ids: number[], about: number[], start: number[], scales: boolean };
-export type BandGesture = Press & { kind: "band", before: number[] };
-export type CrossGesture = Press & { kind: "cross", line: Line | null };
-export type PointsGesture = Press & { kind: "points", id: number, ids: number[], what: Moved, adds: boolean, was: boolean };
+export type MirrorGesture = Press & { kind: "mirror"; start: number };
+export type TurnGesture = Press & { kind: "turn"; ids: number[]; about: number[]; start: number[]; scales: boolean };
+export type BandGesture = Press & { kind: "band"; before: number[] };
+export type CrossGesture = Press & { kind: "cross"; line: Line | null };
+export type PointsGesture = Press & {
+  kind: "points";
+  id: number;
+  ids: number[];
+  what: Moved;
+  adds: boolean;
+  was: boolean;
+};
 export type Gesture = PlainGesture | MirrorGesture | TurnGesture | BandGesture | CrossGesture | PointsGesture;
 
 /**
@@ -45,9 +51,16 @@ export class PaneGestures {
   constructor(editor: SpaceEditorView, pane: SpacePane) {
     this.editor = editor;
     this.pane = pane;
-    const on = <K extends keyof HTMLElementEventMap>(target: Element, name: K, handler: (event: HTMLElementEventMap[K]) => void, options: AddEventListenerOptions = {}) => target.addEventListener(
-      name, (event) => editor.guard(() => handler((event as HTMLElementEventMap[K]))),
-      { signal: editor.closed.signal, ...options });
+    const on = <K extends keyof HTMLElementEventMap>(
+      target: Element,
+      name: K,
+      handler: (event: HTMLElementEventMap[K]) => void,
+      options: AddEventListenerOptions = {},
+    ) =>
+      target.addEventListener(name, (event) => editor.guard(() => handler(event as HTMLElementEventMap[K])), {
+        signal: editor.closed.signal,
+        ...options,
+      });
     on(pane.svg, "pointerdown", (e) => this.down(e));
     on(pane.svg, "pointermove", (e) => this.move(e));
     on(pane.svg, "pointerup", (e) => this.up(e));
@@ -55,10 +68,23 @@ export class PaneGestures {
     on(pane.svg, "lostpointercapture", (e) => this.up(e, true));
     on(pane.svg, "dblclick", (e) => this.doubleClick(e));
     on(pane.svg, "contextmenu", (e) => this.contextMenu(e));
-    on(pane.svg, "touchstart", (e) => { if (this.isOthers) keepFromScrolling(e); }, { passive: false });
+    on(
+      pane.svg,
+      "touchstart",
+      (e) => {
+        if (this.isOthers) keepFromScrolling(e);
+      },
+      { passive: false },
+    );
     on(pane.stage, "wheel", (e) => this.wheel(e), { passive: false });
     for (const name of ["scroll", "resize"]) {
-      window.addEventListener(name, () => { this.box = null; }, { signal: editor.closed.signal, capture: true });
+      window.addEventListener(
+        name,
+        () => {
+          this.box = null;
+        },
+        { signal: editor.closed.signal, capture: true },
+      );
     }
   }
 
@@ -75,9 +101,10 @@ export class PaneGestures {
   }
 
   /** The point under the pointer, or null. */
-  pointAt(event: MouseEvent): { id: number, what: Moved } | null {
+  pointAt(event: MouseEvent): { id: number; what: Moved } | null {
     const found = this.#elementAt(event)?.closest("[data-id], [data-source], [data-line]");
-    const id = found?.getAttribute("data-id"), source = found?.getAttribute("data-source");
+    const id = found?.getAttribute("data-id"),
+      source = found?.getAttribute("data-source");
     if (id) return { id: Number(id), what: "target" };
     return source ? { id: Number(source), what: "source" } : null;
   }
@@ -89,7 +116,9 @@ export class PaneGestures {
   }
 
   down(event: PointerEvent) {
-    const { editor, pane } = this, at = this.place(event), hit = this.pointAt(event);
+    const { editor, pane } = this,
+      at = this.place(event),
+      hit = this.pointAt(event);
     const mark = targetOf(event).closest("[data-mark]")?.getAttribute("data-mark");
     if (editor.isWaiting || this.gesture) return;
     this.isOthers = event.pointerType === "touch" && !editor.isWorkedIn; // before this press gives it the focus
@@ -106,38 +135,55 @@ export class PaneGestures {
     else if (hit) this.#grab(event, hit, begun);
     else if (editor.isAdding) {
       const id = editor.pointTools.addAt(pane, at);
-      if (id === null) editor.select([]); else this.#grab(event, { id, what: "target" }, begun);
+      if (id === null) editor.select([]);
+      else this.#grab(event, { id, what: "target" }, begun);
     } else if (this.isOthers) this.gesture = { ...begun, kind: "tap" };
     else {
       pane.stage.focus({ preventScroll: true });
-      this.gesture = event.shiftKey || editor.isSelecting ? { ...begun, kind: "band", before: [...editor.selected] }
-        : { ...begun, kind: "cross", line: this.#lineAt(event) };
+      this.gesture =
+        event.shiftKey || editor.isSelecting
+          ? { ...begun, kind: "band", before: [...editor.selected] }
+          : { ...begun, kind: "cross", line: this.#lineAt(event) };
     }
   }
 
   #grabTurn(begun: Press) {
-    const { editor, pane } = this, ids = editor.pointTools.beginTurn(), { k, x, y } = pane.view;
+    const { editor, pane } = this,
+      ids = editor.pointTools.beginTurn(),
+      { k, x, y } = pane.view;
     if (!ids) return;
     const turned = editor.points.filter((p) => ids.includes(p.id));
     const [a, b] = middleOf(turned.map((p) => ({ target: inPane(pane.info, p.target) })));
-    const about = [k * a + x, k * b + y], start = [begun.at[0] - about[0], begun.at[1] - about[1]];
+    const about = [k * a + x, k * b + y],
+      start = [begun.at[0] - about[0], begun.at[1] - about[1]];
     this.gesture = { ...begun, kind: "turn", ids, about, start, scales: false };
   }
 
-  #grab(event: PointerEvent, { id, what }: { id: number, what: Moved }, begun: Press) {
-    const { editor, pane } = this, was = editor.selected.has(id);
+  #grab(event: PointerEvent, { id, what }: { id: number; what: Moved }, begun: Press) {
+    const { editor, pane } = this,
+      was = editor.selected.has(id);
     const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     if (!was) editor.select(adds ? [...editor.selected, id] : [id]);
     pane.handles.focus(id);
-    this.gesture = { ...begun, kind: "points", id, adds, was, what: event.altKey ? "both" : what,
-      ids: freeIds(editor.points, editor.selected.has(id) ? [...editor.selected] : [id]) };
+    this.gesture = {
+      ...begun,
+      kind: "points",
+      id,
+      adds,
+      was,
+      what: event.altKey ? "both" : what,
+      ids: freeIds(editor.points, editor.selected.has(id) ? [...editor.selected] : [id]),
+    };
   }
 
   move(event: PointerEvent) {
-    const g = this.gesture, at = this.place(event);
+    const g = this.gesture,
+      at = this.place(event);
     if (!g || g.pointer !== event.pointerId) return;
     if (g.isPress && Math.hypot(at[0] - g.from[0], at[1] - g.from[1]) < g.slack) return;
-    const { editor, pane } = this, { pointTools: tools } = editor, { k } = pane.view;
+    const { editor, pane } = this,
+      { pointTools: tools } = editor,
+      { k } = pane.view;
     if (g.kind === "pan") pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
     else if (g.kind === "tap") editor.hint("Tap a picture first, then a finger moves its cross-hair");
@@ -159,14 +205,19 @@ export class PaneGestures {
 
   /** Select what is drawn clearly in a rectangle, besides what was selected. */
   #band(g: BandGesture, at: number[]) {
-    const box = { x: Math.min(g.from[0], at[0]), y: Math.min(g.from[1], at[1]), width: Math.abs(at[0] - g.from[0]),
-      height: Math.abs(at[1] - g.from[1]) };
+    const box = {
+      x: Math.min(g.from[0], at[0]),
+      y: Math.min(g.from[1], at[1]),
+      width: Math.abs(at[0] - g.from[0]),
+      height: Math.abs(at[1] - g.from[1]),
+    };
     this.pane.handles.showBand(box);
     this.editor.select([...g.before, ...this.pane.pointsInside(box)]);
   }
 
   up(event: PointerEvent, isCancelled: boolean = false) {
-    const g = this.gesture, { editor } = this;
+    const g = this.gesture,
+      { editor } = this;
     if (!g || g.pointer !== event.pointerId) return;
     this.gesture = null;
     this.pane.handles.showBand(null);
@@ -188,8 +239,13 @@ export class PaneGestures {
   }
 
   #releaseMirror(g: MirrorGesture, isCancelled: boolean) {
-    const { pointTools: tools } = this.editor, { at, normal } = tools.mirror, held = isCancelled ? g.start : at;
-    tools.moveMirror(normal.map((x) => held * x), true);
+    const { pointTools: tools } = this.editor,
+      { at, normal } = tools.mirror,
+      held = isCancelled ? g.start : at;
+    tools.moveMirror(
+      normal.map((x) => held * x),
+      true,
+    );
   }
 
   /** Undo what a drag has done so far (Escape). Returns whether there was one. */
@@ -218,31 +274,50 @@ export class PaneGestures {
 
   /** Go through the slices, with Ctrl zoom. The wheel scrolls the page until the user works in here. */
   wheel(event: WheelEvent) {
-    const { editor, pane } = this, isZoom = event.ctrlKey || event.metaKey;
+    const { editor, pane } = this,
+      isZoom = event.ctrlKey || event.metaKey;
     if (!isZoom && !editor.isWorkedIn) {
       editor.hint("Click a picture to go through its slices with the wheel");
       return;
     }
     event.preventDefault();
-    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1, [x, y] = this.place(event);
+    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1,
+      [x, y] = this.place(event);
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
-    if (isZoom || !editor.isSlice) { pane.zoomAt(Math.exp(-delta * 0.004), x, y); return; }
+    if (isZoom || !editor.isSlice) {
+      pane.zoomAt(Math.exp(-delta * 0.004), x, y);
+      return;
+    }
     const steps = this.wheelSteps.add(delta);
     if (steps !== 0) editor.scroll(pane, steps);
   }
 }
 
-const SPACE_ARROWS: Record<string, number[]> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+const SPACE_ARROWS: Record<string, number[]> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
 
 /** Do what a key anywhere in the editor means; returns whether it means something. */
 export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
-  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key, isCommand = event.ctrlKey || event.metaKey;
-  const target = targetOf(event), tools = editor.pointTools, fast = event.shiftKey ? 10 : 1;
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key,
+    isCommand = event.ctrlKey || event.metaKey;
+  const target = targetOf(event),
+    tools = editor.pointTools,
+    fast = event.shiftKey ? 10 : 1;
   if (target.closest("input[type=text], select")) return false; // have keys of their own
-  const onButton = target.closest("button"), pane = editor.paneOf(target);
-  const focused = target.closest("[data-id]"), id = focused ? Number(focused.getAttribute("data-id")) : null;
+  const onButton = target.closest("button"),
+    pane = editor.paneOf(target);
+  const focused = target.closest("[data-id]"),
+    id = focused ? Number(focused.getAttribute("data-id")) : null;
   if (isCommand && POINT_STEPS[key] && !onButton) {
-    return pane.handles.focusNext(editor.points.map((p) => p.id), POINT_STEPS[key], id);
+    return pane.handles.focusNext(
+      editor.points.map((p) => p.id),
+      POINT_STEPS[key],
+      id,
+    );
   }
   if (isCommand) return spaceCommand(editor, key, event.shiftKey);
   if (target.closest("input[type=range]")) return false;
@@ -250,7 +325,10 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
   if (onButton && (key === "Enter" || key === " ")) return false;
   if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, SPACE_ARROWS[key], fast);
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code] : key];
-  if (way) { tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey }); return true; }
+  if (way) {
+    tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
+    return true;
+  }
   if (key in SPACE_ARROWS) {
     tools.nudge(pane, id, SPACE_ARROWS[key], fast, event.altKey ? "both" : "target");
     return true;
@@ -262,9 +340,13 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
     return true;
   }
   if (event.altKey) return false;
-  if (key === " ") { editor.isSpaceDown = true; return true; }
+  if (key === " ") {
+    editor.isSpaceDown = true;
+    return true;
+  }
   if (key === "Enter") {
-    if (id === null) tools.addPlace(editor.cursor, pane); else editor.toggleSelected(id);
+    if (id === null) tools.addPlace(editor.cursor, pane);
+    else editor.toggleSelected(id);
     return true;
   }
   if (key === "Escape") return editor.escape();
@@ -276,9 +358,19 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
 
 /** Move the plane of the mirror by voxels of a picture that looks along it. */
 function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: number[], voxels: number) {
-  const { info, info: { spacing: [du, dv] } } = pane, { pointTools: tools } = editor, { at, normal } = tools.mirror;
+  const {
+      info,
+      info: {
+        spacing: [du, dv],
+      },
+    } = pane,
+    { pointTools: tools } = editor,
+    { at, normal } = tools.mirror;
   const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
-  tools.moveMirror(normal.map((x, k) => at * x + way[k]), true);
+  tools.moveMirror(
+    normal.map((x, k) => at * x + way[k]),
+    true,
+  );
   editor.announce(`mirror at ${shownLength(tools.mirror.at)}`);
   return true;
 }

@@ -11,7 +11,8 @@ const FIELDS = ".jupyter-widgets :is(input, select, textarea)[title]:not([aria-l
 
 function nameAll(root: Element) {
   for (const handle of root.querySelectorAll(HANDLES)) {
-    const slider = handle.closest(".widget-slider"), label = slider?.querySelector(".widget-label")?.textContent?.trim();
+    const slider = handle.closest(".widget-slider"),
+      label = slider?.querySelector(".widget-label")?.textContent?.trim();
     if (!slider || !label) continue; // the label comes with a later change
     const isRange = slider.querySelectorAll(".noUi-handle").length > 1;
     const end = handle.classList.contains("noUi-handle-lower") ? "from" : "to";
@@ -23,8 +24,10 @@ function nameAll(root: Element) {
   }
   for (const control of root.querySelectorAll(WITH_KEYS)) setAttributes(control, OWN_KEYS);
   for (const field of root.querySelectorAll(FIELDS)) {
-    const { labels } = (field as HTMLInputElement), title = field.getAttribute("title") ?? "";
-    if (labels?.length && ![...labels].some((label) => label.textContent?.trim())) field.setAttribute("aria-label", title);
+    const { labels } = field as HTMLInputElement,
+      title = field.getAttribute("title") ?? "";
+    if (labels?.length && ![...labels].some((label) => label.textContent?.trim()))
+      field.setAttribute("aria-label", title);
   }
 }
 

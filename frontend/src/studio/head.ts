@@ -2,13 +2,12 @@
 // the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
+import type { EditorView } from "../editor/editor.ts";
+import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
 import { SidePanel } from "./side_panel.ts";
-
-import type { Model } from "../types.ts";
-import type { EditorView } from "../editor/editor.ts";
 
 const ICONS = {
   undo: "M6 3L3 6l3 3M3 6h6a3.5 3.5 0 0 1 0 7H6",
@@ -17,9 +16,13 @@ const ICONS = {
   alone: "M9.5 2.5h4v4M13.5 2.5L9 7M6.5 13.5h-4v-4M2.5 13.5L7 9",
   help: "M5.7 5.9a2.3 2.3 0 1 1 3.4 2c-.8.5-1.1.9-1.1 1.8M8 12.2v.1",
 };
-const MENUS = [["history", "History"], ["examples", "Examples"], ["export", "Export"]];
+const MENUS = [
+  ["history", "History"],
+  ["examples", "Examples"],
+  ["export", "Export"],
+];
 const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
-const PANES = (["picture", "volume"] as const);
+const PANES = ["picture", "volume"] as const;
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
 
 /** The head of one view of a studio. */
@@ -52,13 +55,15 @@ class StudioHead {
     pageElement("span", "dnb-head-gap", this.root);
     this.undo = this.#icon("undo", () => this.#travel("undo"));
     this.redo = this.#icon("redo", () => this.#travel("redo"));
-    this.menus = new Map(MENUS.map(([key, label]) => {
-      const button = this.#button(label, () => this.toggleMenu(key));
-      button.setAttribute("aria-haspopup", "true");
-      button.setAttribute("aria-expanded", "false");
-      pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
-      return [key, button];
-    }));
+    this.menus = new Map(
+      MENUS.map(([key, label]) => {
+        const button = this.#button(label, () => this.toggleMenu(key));
+        button.setAttribute("aria-haspopup", "true");
+        button.setAttribute("aria-expanded", "false");
+        pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
+        return [key, button];
+      }),
+    );
     this.opener = this.#button("Open", () => this.open());
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
@@ -71,10 +76,14 @@ class StudioHead {
     // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
     window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
     window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
-    window.addEventListener("click", (event) => {
-      this.#dismiss(event);
-      this.#closeExamples(event);
-    }, { signal });
+    window.addEventListener(
+      "click",
+      (event) => {
+        this.#dismiss(event);
+        this.#closeExamples(event);
+      },
+      { signal },
+    );
     window.addEventListener("change", (event) => this.#chosen(event), { signal });
     this.side = null;
     this.arrivals = new MutationObserver(() => this.#arrived());
@@ -95,7 +104,9 @@ class StudioHead {
   }
 
   /** The studio around it, once it is in the document. */
-  get studio(): HTMLElement | null { return this.host.closest(".dnb-studio"); }
+  get studio(): HTMLElement | null {
+    return this.host.closest(".dnb-studio");
+  }
 
   /** The editor that is shown, or would be if its pane were. */
   get #editor(): EditorView | undefined {
@@ -110,13 +121,15 @@ class StudioHead {
     if (chooser instanceof HTMLInputElement) chooser.click();
   }
 
-  save() { this.model.send({ type: "save" }); }
+  save() {
+    this.model.send({ type: "save" });
+  }
 
   /** Open a menu and close the others; an open one is closed. */
   toggleMenu(key: string = "") {
     for (const [name, button] of this.menus) {
-      const menu = this.studio?.querySelector(`.dnb-menu-${name}`), isOpen = name === key &&
-        !menu?.classList.contains("dnb-menu-open");
+      const menu = this.studio?.querySelector(`.dnb-menu-${name}`),
+        isOpen = name === key && !menu?.classList.contains("dnb-menu-open");
       menu?.classList.toggle("dnb-menu-open", isOpen);
       button.setAttribute("aria-expanded", String(isOpen));
     }
@@ -132,7 +145,8 @@ class StudioHead {
   /** The splitter and the memory of the panel, once it has come. */
   #addSidePanel() {
     const [body, panel] = [".dnb-studio-body", ".dnb-studio-panel"].map((name) => this.studio?.querySelector(name));
-    if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement)) return;
+    if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement))
+      return;
     this.side = new SidePanel(body, panel);
   }
 
@@ -141,16 +155,23 @@ class StudioHead {
     const panes = this.studio?.querySelector(".dnb-studio-panes");
     if (!(panes instanceof HTMLElement) || !panes.offsetWidth) return;
     for (const name of PANES) this.#addAlone(panes, name);
-    const editor = this.#editor, raster = editor?.model.get("raster");
+    const editor = this.#editor,
+      raster = editor?.model.get("raster");
     if (!editor) return;
-    if (!raster?.shape) { panes.classList.add("dnb-panes-stacked"); return; } // three pictures of space: the whole width
-    const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]], w = panes.clientWidth, h = panes.clientHeight;
-    const beside = Math.min(w / 2 / width, h / height), above = Math.min(w / width, h / 2 / height);
+    if (!raster?.shape) {
+      panes.classList.add("dnb-panes-stacked");
+      return;
+    } // three pictures of space: the whole width
+    const [width, height] = [raster.shape[1] * raster.spacing[0], raster.shape[0] * raster.spacing[1]],
+      w = panes.clientWidth,
+      h = panes.clientHeight;
+    const beside = Math.min(w / 2 / width, h / height),
+      above = Math.min(w / width, h / 2 / height);
     panes.classList.toggle("dnb-panes-stacked", above > beside && width / height > NEARLY_SQUARE);
   }
 
   /** A button in the title of a pane that gives it the place of both; a double click on the title does so too. */
-  #addAlone(panes: HTMLElement, name: typeof PANES[number]) {
+  #addAlone(panes: HTMLElement, name: (typeof PANES)[number]) {
     const title = panes.querySelector(`.dnb-pane-${name} > .dnb-pane-head`);
     if (!(title instanceof HTMLElement) || title.querySelector(".dnb-pane-alone")) return;
     const button = pageElement("button", "dnb-pane-alone", title, { type: "button" });
@@ -165,8 +186,17 @@ class StudioHead {
     const toggle = () => show(!panes.classList.contains(`dnb-panes-${name}`));
     const { signal } = this.closing;
     button.addEventListener("click", toggle, { signal });
-    title.addEventListener("dblclick", ({ target }) => { if (target === title) toggle(); }, { signal });
-    signal.addEventListener("abort", () => { show(false); button.remove(); });
+    title.addEventListener(
+      "dblclick",
+      ({ target }) => {
+        if (target === title) toggle();
+      },
+      { signal },
+    );
+    signal.addEventListener("abort", () => {
+      show(false);
+      button.remove();
+    });
     show(false);
   }
 
@@ -187,15 +217,20 @@ class StudioHead {
   }
 
   #icon(icon: keyof typeof ICONS, act: () => void, tip: string = "") {
-    const button = pageElement("button", `dnb-head-button dnb-head-icon dnb-head-${icon}`, this.root, { type: "button", title: tip,
-      "aria-label": tip });
+    const button = pageElement("button", `dnb-head-button dnb-head-icon dnb-head-${icon}`, this.root, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+    });
     const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button);
     svgElement("path", { d: ICONS[icon] }, svg);
     button.addEventListener("click", act);
     return button;
   }
 
-  #travel(way: "undo" | "redo") { this.#editor?.run(way, null); }
+  #travel(way: "undo" | "redo") {
+    this.#editor?.run(way, null);
+  }
 
   #fill() {
     if (document.fullscreenElement) document.exitFullscreen();
@@ -203,7 +238,8 @@ class StudioHead {
   }
 
   #key(event: KeyboardEvent) {
-    const { target } = event, studio = target instanceof Element ? target.closest(".dnb-studio") : null;
+    const { target } = event,
+      studio = target instanceof Element ? target.closest(".dnb-studio") : null;
     if (!studio?.contains(this.host)) return;
     if (event.key === "Escape") this.toggleMenu();
     const isCommand = (event.ctrlKey || event.metaKey) && !event.shiftKey && !event.altKey;
@@ -226,7 +262,8 @@ class StudioHead {
 
   /** After a choice with the pointer in a menu over the panes the keys are the picture's again. */
   #chosen({ target }: Event) {
-    const isOurs = target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
+    const isOurs =
+      target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
     if (isOurs && !target.matches(":focus-visible")) this.#editor?.focusStage();
   }
 
@@ -237,16 +274,22 @@ class StudioHead {
   }
 
   #draw() {
-    const { model } = this, { undo = "", redo = "" } = model.get("history") ?? {};
+    const { model } = this,
+      { undo = "", redo = "" } = model.get("history") ?? {};
     setText(this.name, model.get("name"));
     setText(this.facts, model.get("facts"));
-    this.opener.title = "Open a volume, labels and their names, landmarks, or a session; or drop the file on the studio";
-    for (const [button, words, label] of ([[this.undo, undo, "Undo"], [this.redo, redo, "Redo"]] as const)) {
+    this.opener.title =
+      "Open a volume, labels and their names, landmarks, or a session; or drop the file on the studio";
+    for (const [button, words, label] of [
+      [this.undo, undo, "Undo"],
+      [this.redo, redo, "Redo"],
+    ] as const) {
       button.disabled = !words;
       button.title = words ? `${label}: ${words}` : `Nothing to ${label.toLowerCase()}`;
       button.setAttribute("aria-label", button.title);
     }
-    const isUnsaved = Boolean(model.get("unsaved")), tip = model.get("tip") || "";
+    const isUnsaved = Boolean(model.get("unsaved")),
+      tip = model.get("tip") || "";
     this.saver.title = isUnsaved ? `There are unsaved edits. ${tip}` : tip;
     this.saver.setAttribute("aria-label", isUnsaved ? "Save; there are unsaved edits" : "Save");
     this.saver.classList.toggle("dnb-save-unsaved", isUnsaved);
@@ -254,7 +297,7 @@ class StudioHead {
 }
 
 export default {
-  render({ model, el }: { model: Model, el: HTMLElement }) {
+  render({ model, el }: { model: Model; el: HTMLElement }) {
     const head = new StudioHead(model, el);
     return () => head.close();
   },

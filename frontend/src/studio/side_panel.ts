@@ -9,19 +9,28 @@ import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
 
 const COOKIE = "deformnb-side-panel";
 const KEPT = "path=/; max-age=31536000; SameSite=Strict"; // a year
-const FIRST = 304, LEAST = 240; // CSS pixels
+const FIRST = 304,
+  LEAST = 240; // CSS pixels
 const MOST = 0.6; // of the studio
 const STEPS = [16, 64]; // CSS pixels of an arrow key with and without Shift
 
-export type Remembered = { width?: number, tab?: string, open?: Record<string, boolean> };
+export type Remembered = { width?: number; tab?: string; open?: Record<string, boolean> };
 
 function remembered(): Remembered {
-  const found = document.cookie.split("; ").find((part) => part.startsWith(`${COOKIE}=`))?.slice(COOKIE.length + 1);
-  try { return JSON.parse(decodeURIComponent(found ?? "%7B%7D")) ?? {}; } catch { return {}; }
+  const found = document.cookie
+    .split("; ")
+    .find((part) => part.startsWith(`${COOKIE}=`))
+    ?.slice(COOKIE.length + 1);
+  try {
+    return JSON.parse(decodeURIComponent(found ?? "%7B%7D")) ?? {};
+  } catch {
+    return {};
+  }
 }
 
 function remember(changes: Remembered) {
-  const before = remembered(), value = JSON.stringify({ ...before, ...changes });
+  const before = remembered(),
+    value = JSON.stringify({ ...before, ...changes });
   // biome-ignore lint/suspicious/noDocumentCookie: not every browser has the Cookie Store API
   if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
 }
@@ -58,16 +67,26 @@ export class SidePanel {
   constructor(body: HTMLElement, panel: HTMLElement) {
     this.body = body;
     this.panel = panel;
-    this.splitter = pageElement("div", "dnb-splitter", body, { role: "separator", tabindex: 0, "aria-orientation": "vertical",
-      "aria-label": "Width of the panel", title: "Drag, or press an arrow, to change the width; double-click for the first one",
-      ...OWN_KEYS });
+    this.splitter = pageElement("div", "dnb-splitter", body, {
+      role: "separator",
+      tabindex: 0,
+      "aria-orientation": "vertical",
+      "aria-label": "Width of the panel",
+      title: "Drag, or press an arrow, to change the width; double-click for the first one",
+      ...OWN_KEYS,
+    });
     this.closing = new AbortController();
-    const { signal } = this.closing, options = { signal, capture: true };
+    const { signal } = this.closing,
+      options = { signal, capture: true };
     for (const name of ["pointerdown", "keydown"]) {
-      panel.addEventListener(name, ({ isTrusted }) => {
-        this.isUsed ||= isTrusted;
-        this.opened = null;
-      }, options);
+      panel.addEventListener(
+        name,
+        ({ isTrusted }) => {
+          this.isUsed ||= isTrusted;
+          this.opened = null;
+        },
+        options,
+      );
     }
     this.splitter.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
     this.splitter.addEventListener("keydown", (event) => this.#key(event), { signal });
@@ -78,7 +97,9 @@ export class SidePanel {
       this.frame = requestAnimationFrame(() => this.#follow());
     });
     this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
-    this.sizes = new ResizeObserver((entries) => { for (const { target } of entries) this.#sized(target); });
+    this.sizes = new ResizeObserver((entries) => {
+      for (const { target } of entries) this.#sized(target);
+    });
     const { width } = remembered();
     this.#show(typeof width === "number" ? width : FIRST);
     this.#follow();
@@ -94,10 +115,14 @@ export class SidePanel {
 
   // ---- the width ----------------------------------------------------------------------------------------------------
 
-  get #most() { return Math.max(LEAST, Math.round(MOST * this.body.clientWidth)); }
+  get #most() {
+    return Math.max(LEAST, Math.round(MOST * this.body.clientWidth));
+  }
 
   /** @param width CSS pixels */
-  setWidth(width: number) { remember({ width: this.#show(width) }); }
+  setWidth(width: number) {
+    remember({ width: this.#show(width) });
+  }
 
   #show(width: number) {
     const shown = Math.round(Math.max(LEAST, Math.min(this.#most, width)));
@@ -109,25 +134,43 @@ export class SidePanel {
   #grab(event: PointerEvent) {
     if (event.button !== 0) return;
     event.preventDefault();
-    const { splitter } = this, from = event.clientX, width = this.panel.offsetWidth, ended = new AbortController();
+    const { splitter } = this,
+      from = event.clientX,
+      width = this.panel.offsetWidth,
+      ended = new AbortController();
     let now = width;
     splitter.setPointerCapture(event.pointerId);
     splitter.classList.add("dnb-splitter-held");
     splitter.focus();
-    splitter.addEventListener("pointermove", ({ clientX }) => { now = this.#show(width + from - clientX); },
-      { signal: ended.signal });
-    for (const name of (["pointerup", "pointercancel"] as const)) {
-      splitter.addEventListener(name, () => {
-        ended.abort();
-        splitter.classList.remove("dnb-splitter-held");
-        if (now !== width) this.setWidth(now);
-      }, { signal: ended.signal });
+    splitter.addEventListener(
+      "pointermove",
+      ({ clientX }) => {
+        now = this.#show(width + from - clientX);
+      },
+      { signal: ended.signal },
+    );
+    for (const name of ["pointerup", "pointercancel"] as const) {
+      splitter.addEventListener(
+        name,
+        () => {
+          ended.abort();
+          splitter.classList.remove("dnb-splitter-held");
+          if (now !== width) this.setWidth(now);
+        },
+        { signal: ended.signal },
+      );
     }
   }
 
   #key(event: KeyboardEvent) {
-    const step = STEPS[event.shiftKey ? 1 : 0], { offsetWidth } = this.panel;
-    const widths: Record<string, number> = { ArrowLeft: offsetWidth + step, ArrowRight: offsetWidth - step, Home: LEAST, End: this.#most };
+    const step = STEPS[event.shiftKey ? 1 : 0],
+      { offsetWidth } = this.panel;
+    const widths: Record<string, number> = {
+      ArrowLeft: offsetWidth + step,
+      ArrowRight: offsetWidth - step,
+      Home: LEAST,
+      End: this.#most,
+    };
     if (!(event.key in widths)) return;
     event.preventDefault();
     event.stopPropagation();
@@ -142,13 +185,20 @@ export class SidePanel {
     this.#followTab(tab);
     const now = { ...open };
     for (const section of this.panel.querySelectorAll(".dnb-section")) {
-      const heading = section.querySelector(".jupyter-widget-Collapse-header"), title = heading?.textContent?.trim();
+      const heading = section.querySelector(".jupyter-widget-Collapse-header"),
+        title = heading?.textContent?.trim();
       if (!(heading instanceof HTMLElement) || !title) continue;
-      const before = this.sections.get(section), wanted = open[title], isFirst = section.classList.contains("dnb-section-open");
-      if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section)) heading.click();
+      const before = this.sections.get(section),
+        wanted = open[title],
+        isFirst = section.classList.contains("dnb-section-open");
+      if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section))
+        heading.click();
       const is = isOpen(section);
       setAttributes(heading, { role: "button", tabindex: 0, "aria-expanded": is, ...OWN_KEYS });
-      if (before === false && is) { this.opened = section; this.#scrollTo(section); }
+      if (before === false && is) {
+        this.opened = section;
+        this.#scrollTo(section);
+      }
       if (before === undefined) this.sizes.observe(section);
       this.sections.set(section, is);
       now[title] = is;
@@ -157,7 +207,8 @@ export class SidePanel {
   }
 
   #followTab(wanted: string | undefined) {
-    const tabs = [...this.panel.querySelectorAll(".lm-TabBar-tab")], current = tabs.find((tab) => tab.classList.contains("lm-mod-current"));
+    const tabs = [...this.panel.querySelectorAll(".lm-TabBar-tab")],
+      current = tabs.find((tab) => tab.classList.contains("lm-mod-current"));
     if (!current) return;
     const there = tabs.find((tab) => tab.textContent?.trim() === wanted);
     if (!this.isTabSet && there && current === tabs[0] && there !== current) pressTab(there);
@@ -167,7 +218,8 @@ export class SidePanel {
 
   /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. */
   #sized(section: Element) {
-    const { height } = section.getBoundingClientRect(), before = this.heights.get(section) ?? height;
+    const { height } = section.getBoundingClientRect(),
+      before = this.heights.get(section) ?? height;
     this.heights.set(section, height);
     const { activeElement } = document;
     const isChosen = activeElement?.matches("select") && section.contains(activeElement);
@@ -178,7 +230,8 @@ export class SidePanel {
   #scrollTo(section: Element) {
     const group = section.closest(".dnb-group");
     if (!group) return;
-    const outer = group.getBoundingClientRect(), { top, bottom } = section.getBoundingClientRect();
+    const outer = group.getBoundingClientRect(),
+      { top, bottom } = section.getBoundingClientRect();
     if (bottom > outer.bottom) group.scrollTop += Math.min(bottom - outer.bottom, top - outer.top);
   }
 }

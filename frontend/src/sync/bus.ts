@@ -17,7 +17,8 @@ const shared: Record<symbol, Map<string, Bus> | undefined> = Object(globalThis);
 
 /** The bus of an editor or a player. */
 export function busOf(model: Model): Bus {
-  const buses = shared[KEY] ?? new Map(), uid = model.get("uid");
+  const buses = shared[KEY] ?? new Map(),
+    uid = model.get("uid");
   shared[KEY] = buses;
   const bus = buses.get(uid) ?? Object.assign(new EventTarget(), { latest: null, owners: 0 });
   buses.set(uid, bus);
@@ -71,19 +72,24 @@ export class FollowedModel {
   #ticket: object | null = null; // of the reference that is followed
 
   /** @param owner a model whose manager finds the others */
-  constructor(owner: Model) { this.owner = owner; }
+  constructor(owner: Model) {
+    this.owner = owner;
+  }
 
   /** Null for none, or if another one is chosen meanwhile. */
-  async choose(reference: string | Model | null): Promise<{ model: Model, bus: Bus } | null> {
+  async choose(reference: string | Model | null): Promise<{ model: Model; bus: Bus } | null> {
     this.end();
     this.reference = reference;
     if (!reference) return null;
     const ticket = {};
     this.#ticket = ticket;
-    const model = typeof reference === "string"
-      ? await this.owner.widget_manager.get_model(reference.replace("IPY_MODEL_", "")) : reference;
+    const model =
+      typeof reference === "string"
+        ? await this.owner.widget_manager.get_model(reference.replace("IPY_MODEL_", ""))
+        : reference;
     if (this.#ticket !== ticket) return null;
-    const bus = busOf(model), uid = model.get("uid");
+    const bus = busOf(model),
+      uid = model.get("uid");
     holdBus(bus); // its own view may go and come back
     this.ends.push(() => releaseBus(bus, uid));
     return { model, bus };

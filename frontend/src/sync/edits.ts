@@ -13,14 +13,13 @@
 
 import { LONGEST_EDIT } from "../maths/constants.ts";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
+import type { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
 import { History } from "./undo_list.ts";
 
-import type { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
-
-export type State = { points: Point[], shapes: Shapes };
+export type State = { points: Point[]; shapes: Shapes };
 export type Change = "points" | "status" | "history";
-export type MovedPart = { index: number, motion: Motion };
-export type Clock = { now: () => number, later: (f: () => void, ms: number) => number, cancel: (id: number) => void };
+export type MovedPart = { index: number; motion: Motion };
+export type Clock = { now: () => number; later: (f: () => void, ms: number) => number; cancel: (id: number) => void };
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
 const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
@@ -32,8 +31,11 @@ const SHAPE_KINDS: ShapeKind[] = ["cuts", "parts"];
 
 const newId = () => Math.random().toString(36).slice(2, 12);
 
-export const CLOCK: Clock = { now: () => performance.now(), later: (f, ms) => setTimeout(f, ms),
-  cancel: (id) => clearTimeout(id) };
+export const CLOCK: Clock = {
+  now: () => performance.now(),
+  later: (f, ms) => setTimeout(f, ms),
+  cancel: (id) => clearTimeout(id),
+};
 
 export class Sender {
   clock: Clock;
@@ -44,16 +46,19 @@ export class Sender {
   points: Point[];
   shapes: Shapes;
   nextId: number;
-  models: { model: Model, handlers: Record<string, (...args: any[]) => void> }[];
+  models: { model: Model; handlers: Record<string, (...args: any[]) => void> }[];
   listeners: Set<(what: Change) => void>;
   history: History<State>;
   waiting: Record<"move" | "end", Set<number>>;
-  pending: { move: { points: Point[], part?: MovedPart } | null, end: { kind: string, joins: boolean, points: Point[] } | null };
+  pending: {
+    move: { points: Point[]; part?: MovedPart } | null;
+    end: { kind: string; joins: boolean; points: Point[] } | null;
+  };
   status: string;
   isAnswered: boolean;
   isCut: boolean;
   drawn: any;
-  steps: { seq: number, what: string }[];
+  steps: { seq: number; what: string }[];
 
   #isFilled = false; // whether points have been received
   #isGreeted = false;
@@ -88,10 +93,21 @@ export class Sender {
   attach(model: Model) {
     if (this.models.some((held) => held.model === model)) return;
     const news = () => this.receive(true, model);
-    const handlers: Record<string, (...args: any[]) => void> = { "change:points": news, "change:cuts": news, "change:parts": news,
-      "change:seen": () => { this.receive(false, model); this.#notify("history"); },
-      "msg:custom": (message) => { if (message?.type === "done") this.done(message.seq, message.sender); },
-      comm_live_update: () => { this.isCut = true; } };
+    const handlers: Record<string, (...args: any[]) => void> = {
+      "change:points": news,
+      "change:cuts": news,
+      "change:parts": news,
+      "change:seen": () => {
+        this.receive(false, model);
+        this.#notify("history");
+      },
+      "msg:custom": (message) => {
+        if (message?.type === "done") this.done(message.seq, message.sender);
+      },
+      comm_live_update: () => {
+        this.isCut = true;
+      },
+    };
     for (const [name, handler] of Object.entries(handlers)) model.on(name, handler);
     this.models.push({ model, handlers });
     this.receive();
@@ -115,7 +131,9 @@ export class Sender {
     return () => this.listeners.delete(listener);
   }
 
-  get model() { return this.models.at(-1)?.model; }
+  get model() {
+    return this.models.at(-1)?.model;
+  }
 
   // ---- from Python --------------------------------------------------------------------------------------------------
 
@@ -138,11 +156,14 @@ export class Sender {
   }
 
   /** The state that an undo restores: points, cuts and parts together. */
-  get state() { return { points: this.points, shapes: this.shapes }; }
+  get state() {
+    return { points: this.points, shapes: this.shapes };
+  }
 
   /** The shapes of a model; the same list where nothing has changed. */
   #shapesOf<K extends ShapeKind>(model: Model, what: K) {
-    const held = this.shapes[what], clean = cleanShapes(model.get(what), what, held);
+    const held = this.shapes[what],
+      clean = cleanShapes(model.get(what), what, held);
     return sameShapes(clean, held) ? held : clean;
   }
 
@@ -171,13 +192,19 @@ export class Sender {
   /**
    * Send all cuts or all parts after an edit of one, and the points if it changes them too; `join` as of an edit.
    */
-  editShapes(what: ShapeKind, shapes: ShapeData[], kind: string, points: Point[] = this.points, join: string | null = null) {
+  editShapes(
+    what: ShapeKind,
+    shapes: ShapeData[],
+    kind: string,
+    points: Point[] = this.points,
+    join: string | null = null,
+  ) {
     this.history.record(this.state, join);
     this.#leaveShapes(what, shapes, kind, points, join !== null);
   }
 
   /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */
-  choose(chosen: { what: ShapeKind, index: number, shape: any } | null) {
+  choose(chosen: { what: ShapeKind; index: number; shape: any } | null) {
     this.flush();
     this.last = this.seq + 1;
     this.#send("end", { type: "choose", what: null, ...chosen });
@@ -189,13 +216,17 @@ export class Sender {
     this.#next();
   }
 
-  get isPythons() { return typeof this.model?.get("history")?.undo === "string"; }
+  get isPythons() {
+    return typeof this.model?.get("history")?.undo === "string";
+  }
 
   /** Whether there is a step to undo or redo. */
   canStep(way: "undo" | "redo") {
     if (!this.isPythons) return (way === "undo" ? this.history.past : this.history.future).length > 0;
-    const { undo, redo } = this.model?.get("history") ?? {}, can = { undo: undo !== "", redo: redo !== "" };
-    for (const step of this.#unseen()) { // an edit can be undone, and leaves nothing to redo
+    const { undo, redo } = this.model?.get("history") ?? {},
+      can = { undo: undo !== "", redo: redo !== "" };
+    for (const step of this.#unseen()) {
+      // an edit can be undone, and leaves nothing to redo
       if (step === "edit") Object.assign(can, { undo: true, redo: false });
       else if (step === "undo" && can.undo) can.redo = true;
       else if (step === "redo" && can.redo) can.undo = true;
@@ -238,7 +269,10 @@ export class Sender {
 
   /** Send an edit that waits, for the next message must not overtake it. */
   flush() {
-    const { pending: { end }, drawn } = this;
+    const {
+      pending: { end },
+      drawn,
+    } = this;
     this.pending.end = null;
     if (!end) return;
     this.#counted("edit");
@@ -249,7 +283,8 @@ export class Sender {
   #leave(points: Point[], kind: string, joins: boolean) {
     const waits = this.pending.end;
     this.pending.move = null;
-    this.pending.end = waits ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points }
+    this.pending.end = waits
+      ? { kind: kind === waits.kind ? kind : "several", joins: joins && waits.joins, points }
       : { kind, joins, points };
     this.lastAt = this.clock.now();
     this.#take(points);
@@ -257,7 +292,13 @@ export class Sender {
   }
 
   /** Send shapes at once, behind what waits: they are drawn only now and then. */
-  #leaveShapes(what: ShapeKind, shapes: ShapeData[], kind: string, points: Point[] = this.points, joins: boolean = false) {
+  #leaveShapes(
+    what: ShapeKind,
+    shapes: ShapeData[],
+    kind: string,
+    points: Point[] = this.points,
+    joins: boolean = false,
+  ) {
     this.pending.move = null;
     this.flush();
     this.lastAt = this.clock.now();
@@ -275,7 +316,8 @@ export class Sender {
   }
 
   #next() {
-    const { pending, waiting } = this, isBusy = this.status !== "";
+    const { pending, waiting } = this,
+      isBusy = this.status !== "";
     if (pending.end && waiting.end.size < (isBusy ? 1 : MOST_IN_FLIGHT)) this.flush();
     if (pending.move && !isBusy && waiting.move.size < MOST_IN_FLIGHT) {
       const moved = pending.move;
@@ -291,7 +333,8 @@ export class Sender {
     this.#timer = this.clock.later(() => this.#unanswered(), LOST_AFTER);
     try {
       this.model?.send({ ...content, sender: this.id, seq: this.seq });
-    } catch (error) { // the connection is closed
+    } catch (error) {
+      // the connection is closed
       console.warn("an edit could not be sent:", error);
       this.isCut = true;
       this.#setStatus("lost");
@@ -330,14 +373,24 @@ export class Sender {
   greet() {
     if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
     this.#isGreeted = true;
-    try { this.model?.send({ type: "greet", sender: this.id, seq: 0 }); } catch { this.isCut = true; }
+    try {
+      this.model?.send({ type: "greet", sender: this.id, seq: 0 });
+    } catch {
+      this.isCut = true;
+    }
     this.#expectAnswer();
   }
 
   #expectAnswer() {
     if (this.isAnswered) return;
-    if (this.isCut || this.#kernel === null) { this.#setStatus("lost"); return; }
-    this.#greeting = this.clock.later(() => { this.#reportDetached(); this.#expectAnswer(); }, LOST_AFTER);
+    if (this.isCut || this.#kernel === null) {
+      this.#setStatus("lost");
+      return;
+    }
+    this.#greeting = this.clock.later(() => {
+      this.#reportDetached();
+      this.#expectAnswer();
+    }, LOST_AFTER);
   }
 
   #setStatus(status: string) {
@@ -346,7 +399,9 @@ export class Sender {
     this.#notify("status");
   }
 
-  #notify(what: Change) { for (const listener of this.listeners) listener(what); }
+  #notify(what: Change) {
+    for (const listener of this.listeners) listener(what);
+  }
 }
 
 const REST = 150; // milliseconds
@@ -369,7 +424,9 @@ export class RestingTrait {
     this.name = name;
   }
 
-  get isAhead() { return this.#timer !== 0; }
+  get isAhead() {
+    return this.#timer !== 0;
+  }
 
   sendSoon(value: any) {
     clearTimeout(this.#timer);
@@ -428,7 +485,10 @@ export class EditLink {
   /** Send a value during a drag. */
   move(value: any) {
     if (this.waiting.size && this.now() - this.#sentAt > LOST_AFTER) this.waiting.clear();
-    if (this.waiting.size >= MOST_IN_FLIGHT) { this.#pending = value; return; }
+    if (this.waiting.size >= MOST_IN_FLIGHT) {
+      this.#pending = value;
+      return;
+    }
     this.#send("move", value);
   }
 
@@ -450,11 +510,16 @@ export class EditLink {
   }
 
   /** Whether Python's value is older than ours. `seen`: the last end that it has received of each view. */
-  isBehind(seen: Record<string, number> | null | undefined) { return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS; }
+  isBehind(seen: Record<string, number> | null | undefined) {
+    return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS;
+  }
 
   #send(phase: "move" | "end", value: any) {
     this.seq += 1;
-    if (phase === "move") { this.waiting.add(this.seq); this.#sentAt = this.now(); }
+    if (phase === "move") {
+      this.waiting.add(this.seq);
+      this.#sentAt = this.now();
+    }
     this.post({ type: "edit", seq: this.seq, view: this.id, phase, value });
   }
 }

@@ -22,9 +22,22 @@ export class PlainModel implements Model {
   handlers: Map<string, ((...args: any[]) => void)[]>;
   changed: State;
   unanswered: Map<string, number>;
-  widget_manager: { get_model: (id: string) => Promise<any>; };
+  widget_manager: { get_model: (id: string) => Promise<any> };
 
-  constructor(state: State, { deliver = () => {}, save = () => {}, models = {}, isAnswered = false }: { deliver?: (content: any, buffers: any[]) => void, save?: (changed: State) => void, models?: Record<string, any>, isAnswered?: boolean } = {}) {
+  constructor(
+    state: State,
+    {
+      deliver = () => {},
+      save = () => {},
+      models = {},
+      isAnswered = false,
+    }: {
+      deliver?: (content: any, buffers: any[]) => void;
+      save?: (changed: State) => void;
+      models?: Record<string, any>;
+      isAnswered?: boolean;
+    } = {},
+  ) {
     this.state = { ...state };
     this.deliver = deliver;
     this.save = save;
@@ -32,13 +45,17 @@ export class PlainModel implements Model {
     this.handlers = new Map();
     this.changed = {};
     this.unanswered = new Map();
-    this.widget_manager = { get_model: async (id: string) => {
-      if (!models[id]) throw new Error(`there is no model ${id}`);
-      return models[id];
-    } };
+    this.widget_manager = {
+      get_model: async (id: string) => {
+        if (!models[id]) throw new Error(`there is no model ${id}`);
+        return models[id];
+      },
+    };
   }
 
-  get(name: any) { return this.state[name]; }
+  get(name: any) {
+    return this.state[name];
+  }
 
   /** @param name or values of several traits */
   set(name: any, value?: any) {
@@ -48,28 +65,36 @@ export class PlainModel implements Model {
   }
 
   save_changes() {
-    const { changed, unanswered } = this, names = Object.keys(changed);
+    const { changed, unanswered } = this,
+      names = Object.keys(changed);
     this.changed = {};
     if (!names.length) return;
     if (this.isAnswered) for (const name of names) unanswered.set(name, (unanswered.get(name) ?? 0) + 1);
     this.save(changed);
   }
 
-  send(content: any, _callbacks?: any, buffers: any[] = []) { this.deliver(content, buffers); }
+  send(content: any, _callbacks?: any, buffers: any[] = []) {
+    this.deliver(content, buffers);
+  }
 
   on(names: string, handler: (...args: any[]) => void) {
     for (const name of names.split(" ")) this.handlers.set(name, [...(this.handlers.get(name) ?? []), handler]);
   }
 
   off(names?: string | null, handler?: ((...args: any[]) => void) | null) {
-    if (!names) { this.handlers.clear(); return; }
+    if (!names) {
+      this.handlers.clear();
+      return;
+    }
     for (const name of names.split(" ")) {
       const kept = (this.handlers.get(name) ?? []).filter((other) => handler && other !== handler);
       this.handlers.set(name, kept);
     }
   }
 
-  receive(content: any, buffers: any[] = []) { this.#emit("msg:custom", content, buffers); }
+  receive(content: any, buffers: any[] = []) {
+    this.#emit("msg:custom", content, buffers);
+  }
 
   update(state: State) {
     this.#take(Object.fromEntries(Object.entries(state).filter(([name]) => !this.unanswered.get(name))));
@@ -79,8 +104,9 @@ export class PlainModel implements Model {
     for (const name of Object.keys(state)) {
       this.unanswered.set(name, Math.max(0, (this.unanswered.get(name) ?? 0) - 1));
     }
-    const others = Object.entries(state).filter(([name, value]) => !(name in this.changed)
-      && JSON.stringify(value) !== JSON.stringify(this.state[name]));
+    const others = Object.entries(state).filter(
+      ([name, value]) => !(name in this.changed) && JSON.stringify(value) !== JSON.stringify(this.state[name]),
+    );
     this.update(Object.fromEntries(others)); // refused values; the same value again is no change
   }
 

@@ -32,9 +32,13 @@ export class History<S> {
     return joins;
   }
 
-  undo(current: S) { return this.#step(this.past, this.future, current); }
+  undo(current: S) {
+    return this.#step(this.past, this.future, current);
+  }
 
-  redo(current: S) { return this.#step(this.future, this.past, current); }
+  redo(current: S) {
+    return this.#step(this.future, this.past, current);
+  }
 
   #step(from: S[], to: S[], current: S) {
     const state = from.pop();

@@ -3,7 +3,8 @@
 
 import { OWN_KEYS, pageElement, setAttributes } from "./dom.ts";
 
-const STEP = 0.02, LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
+const STEP = 0.02,
+  LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
 
 /** Modes that these controls belong to: names of SHOWS in deformnb/widgets/camera.py. */
 export const COMPARISONS = ["wipe", "fade"];
@@ -23,19 +24,37 @@ export class CompareControls {
     this.share = 0.5; // of the width that shows the original; of the original in the mixture
     this.shows = "";
     this.root = root;
-    this.line = pageElement("div", "dnb-wipe", root, { role: "slider", tabindex: "0", hidden: "",
-      "aria-label": "Line between original and deformed", "aria-valuemin": "0", "aria-valuemax": "100",
-      "aria-orientation": "horizontal", title: "Original left of the line, deformed right of it: drag it", ...OWN_KEYS });
+    this.line = pageElement("div", "dnb-wipe", root, {
+      role: "slider",
+      tabindex: "0",
+      hidden: "",
+      "aria-label": "Line between original and deformed",
+      "aria-valuemin": "0",
+      "aria-valuemax": "100",
+      "aria-orientation": "horizontal",
+      title: "Original left of the line, deformed right of it: drag it",
+      ...OWN_KEYS,
+    });
     this.line.addEventListener("pointerdown", (event) => this.#hold(event));
     this.line.addEventListener("pointermove", (event) => this.#drag(event));
     this.line.addEventListener("keydown", (event) => this.#key(event));
-    this.fade = pageElement("label", "dnb-fade", root, { hidden: "", title: "Opacity of the original over the deformed" });
+    this.fade = pageElement("label", "dnb-fade", root, {
+      hidden: "",
+      title: "Opacity of the original over the deformed",
+    });
     pageElement("span", "", this.fade).textContent = "deformed";
-    this.slider = pageElement("input", "", this.fade, { type: "range", min: 0, max: 1, step: 0.01,
-      "aria-label": "Opacity of the original", ...OWN_KEYS });
+    this.slider = pageElement("input", "", this.fade, {
+      type: "range",
+      min: 0,
+      max: 1,
+      step: 0.01,
+      "aria-label": "Opacity of the original",
+      ...OWN_KEYS,
+    });
     pageElement("span", "", this.fade).textContent = "original";
     this.slider.addEventListener("input", () => this.move(this.slider.valueAsNumber));
-    for (const name of ["pointerdown", "dblclick", "wheel", "keydown"]) { // they neither turn nor add anything
+    for (const name of ["pointerdown", "dblclick", "wheel", "keydown"]) {
+      // they neither turn nor add anything
       this.fade.addEventListener(name, (event) => event.stopPropagation(), { passive: true });
     }
     this.#place();
@@ -73,8 +92,9 @@ export class CompareControls {
   }
 
   #key(event: KeyboardEvent) {
-    const step = event.shiftKey ? LARGE_STEP : STEP, ways = { ArrowLeft: -step, ArrowRight: step, Home: -1, End: 1 };
-    const way = ways[(event.key as keyof typeof ways)];
+    const step = event.shiftKey ? LARGE_STEP : STEP,
+      ways = { ArrowLeft: -step, ArrowRight: step, Home: -1, End: 1 };
+    const way = ways[event.key as keyof typeof ways];
     if (way === undefined) return;
     event.preventDefault();
     event.stopPropagation();

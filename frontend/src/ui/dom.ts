@@ -9,7 +9,12 @@ export const SLACK: Record<string, number> = { mouse: 2, pen: 3, touch: 6 };
 export type Attributes = Record<string, string | number | boolean>;
 
 /** A new HTML element with a class name ("" for none) at the end of a parent. */
-export function pageElement<T extends keyof HTMLElementTagNameMap>(tag: T, className: string, parent?: ParentNode | null, attributes: Attributes = {}) {
+export function pageElement<T extends keyof HTMLElementTagNameMap>(
+  tag: T,
+  className: string,
+  parent?: ParentNode | null,
+  attributes: Attributes = {},
+) {
   const made = document.createElement(tag);
   if (className) made.className = className;
   setAttributes(made, attributes);
@@ -18,7 +23,11 @@ export function pageElement<T extends keyof HTMLElementTagNameMap>(tag: T, class
 }
 
 /** A new SVG element at the end of a parent. */
-export function svgElement<T extends keyof SVGElementTagNameMap>(tag: T, attributes: Attributes, parent?: ParentNode | null) {
+export function svgElement<T extends keyof SVGElementTagNameMap>(
+  tag: T,
+  attributes: Attributes,
+  parent?: ParentNode | null,
+) {
   const made = document.createElementNS(SVG_SPACE, tag);
   setAttributes(made, attributes);
   parent?.append(made);
@@ -48,19 +57,26 @@ export function saveFile(blob: Blob, name: string) {
 export type Tree = DocumentOrShadowRoot & { readonly activeElement: HTMLElement | SVGElement | null };
 
 /** The document or shadow tree of a node, in which focus and places are looked up. */
-export function treeOf(node: Node) { return ((node.getRootNode() as unknown) as Tree); }
+export function treeOf(node: Node) {
+  return node.getRootNode() as unknown as Tree;
+}
 
 /** The element to which an event was sent. */
-export function targetOf(event: Event) { return (event.target as Element); }
+export function targetOf(event: Event) {
+  return event.target as Element;
+}
 
 /**
  * Whether wheel and fingers are an element's own, and not the page's around it: someone works in it, or nothing scrolls.
  */
-export function isWorkedIn(root: HTMLElement) { return root.matches(":focus-within") || !scrollsAround(root); }
+export function isWorkedIn(root: HTMLElement) {
+  return root.matches(":focus-within") || !scrollsAround(root);
+}
 
 function scrollsAround(element: Element) {
   for (let box = parentOf(element); box; box = parentOf(box)) {
-    const { overflowY } = getComputedStyle(box), isPage = box === document.scrollingElement;
+    const { overflowY } = getComputedStyle(box),
+      isPage = box === document.scrollingElement;
     const scrolls = isPage ? overflowY !== "hidden" : overflowY === "auto" || overflowY === "scroll";
     if (scrolls && box.scrollHeight > box.clientHeight + 1) return true;
     if (box === document.fullscreenElement) return false; // what is around it is not seen
@@ -80,6 +96,8 @@ function parentOf(element: Element) {
  * @param signal ends it
  */
 export function beforeActionOutside(root: HTMLElement, action: () => void, signal: AbortSignal) {
-  const listener = (event: Event) => { if (!event.composedPath().includes(root)) action(); };
+  const listener = (event: Event) => {
+    if (!event.composedPath().includes(root)) action();
+  };
   for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, listener, { capture: true, signal });
 }

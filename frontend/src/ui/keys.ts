@@ -5,11 +5,13 @@ import { OWN_KEYS, pageElement, treeOf } from "./dom.ts";
 /**
  * `keys` are those that the handlers look for, letters small, "Shift+" and "Alt+" before the keys that need them.
  */
-export type KeyRow = [shown: string, what: string, about?: { command?: string, keys: string[] }];
+export type KeyRow = [shown: string, what: string, about?: { command?: string; keys: string[] }];
 export type KeyTable = [title: string, rows: KeyRow[]][];
 
 const MANY_KEYS: KeyRow[] = [
-  ["Drag a disc", "move a feature"], ["Drag a ring", "where it was taken"], ["Alt + drag", "move both"],
+  ["Drag a disc", "move a feature"],
+  ["Drag a ring", "where it was taken"],
+  ["Alt + drag", "move both"],
   ["Del, right click", "delete", { command: "remove", keys: ["Delete", "Backspace"] }],
   ["Home", "put back", { command: "reset", keys: ["Home"] }],
   ["O", "switch on or off", { command: "switch", keys: ["o"] }],
@@ -17,12 +19,16 @@ const MANY_KEYS: KeyRow[] = [
 ];
 
 const CHOICE_KEYS: KeyRow[] = [
-  ["Shift + click", "add to the selected"], ["Ctrl + A", "select all", { keys: ["Control+a"] }],
+  ["Shift + click", "add to the selected"],
+  ["Ctrl + A", "select all", { keys: ["Control+a"] }],
   ["Esc", "select none, give up", { keys: ["Escape"] }],
   ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
   ["Tab", "to the points, to each line", { keys: ["Tab"] }],
-  ["Ctrl + arrows", "next point, the one before",
-    { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) }],
+  [
+    "Ctrl + arrows",
+    "next point, the one before",
+    { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"].map((key) => `Control+${key}`) },
+  ],
   ["Enter on a point", "select it", { keys: ["Enter"] }],
 ];
 
@@ -34,106 +40,161 @@ const HISTORY_KEYS: KeyRow[] = [
 const HELP_KEY: KeyRow = ["?", "this list", { command: "help", keys: ["?"] }];
 
 export const EDITOR_KEYS: KeyTable = [
-  ["Points", [
-    ["Double-click, A", "add a point; after A press and drag", { command: "add", keys: ["a"] }],
-    ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
-    ...MANY_KEYS,
-    ["F2, double-click", "rename", { command: "rename", keys: ["F2"] }],
-    ["(Shift +) arrows", "move 1 (10) pixels", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
-  ]],
-  ["Several points", [
-    ["Drag on the picture", "select by a band"], ...CHOICE_KEYS,
-    [", and .", "turn by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
-    ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
-    ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
-  ]],
-  ["Brushes", [
-    ["S", "move: drag what lies under it", { command: "move", keys: ["s"] }],
-    ["E", "grow: drag right; left shrinks", { command: "grow", keys: ["e"] }],
-    ["[ and ], wheel", "radius of the brush", { command: "brush-radius", keys: ["[", "]"] }],
-  ]],
-  ["Helpers", [
-    ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
-    ["Shift + M", "mirror the other way", { command: "mirror-axis", keys: ["Shift+m"] }],
-    ["Shift + N", "snap to the grid; Alt does not", { command: "snap", keys: ["Shift+n"] }],
-    ["T", "stop before the picture folds", { command: "stop", keys: ["t"] }],
-  ]],
-  ["Cuts and rigid parts", [
-    ["X", "draw a cut", { command: "cut", keys: ["x"] }],
-    ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
-    ["G", "draw a fixed side", { command: "fixed", keys: ["g"] }],
-    ["Q", "wand; [ and ] its tolerance", { command: "wand", keys: ["q"] }],
-    ["Click a line", "reshape it"],
-    ["Double-click an end", "let the cut stop there, or go on"],
-    ["Drag inside a part", "move it; its ring turns it"],
-    ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
-    [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"], ["Home on a part", "put it back"],
-    ["F", "swap the sides of a line", { command: "turn", keys: ["f"] }],
-  ]],
-  ["View", [
-    ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
-    ["Space, middle drag", "move the view", { keys: [" "] }],
-    ["0", "whole picture", { command: "fit", keys: ["0"] }],
-    ["N", "grid", { command: "grid", keys: ["n"] }], ["R", "reach of points", { command: "radius", keys: ["r"] }],
-    ["C", "before", { command: "compare", keys: ["c"] }], ["V", "overlay", { command: "overlay", keys: ["v"] }],
-    ["W", "window: drag, arrows, Home", { command: "window", keys: ["w"] }],
-    ["Right drag", "width and level of the window"],
-    ["Wheel, Page up, down", "other slices; Ctrl + wheel zooms", { keys: ["PageUp", "PageDown"] }],
-    ...HISTORY_KEYS, HELP_KEY,
-  ]],
+  [
+    "Points",
+    [
+      ["Double-click, A", "add a point; after A press and drag", { command: "add", keys: ["a"] }],
+      ["Enter on the picture", "add a point in the middle", { keys: ["Enter"] }],
+      ...MANY_KEYS,
+      ["F2, double-click", "rename", { command: "rename", keys: ["F2"] }],
+      ["(Shift +) arrows", "move 1 (10) pixels", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+    ],
+  ],
+  [
+    "Several points",
+    [
+      ["Drag on the picture", "select by a band"],
+      ...CHOICE_KEYS,
+      [", and .", "turn by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
+      ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
+      ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
+    ],
+  ],
+  [
+    "Brushes",
+    [
+      ["S", "move: drag what lies under it", { command: "move", keys: ["s"] }],
+      ["E", "grow: drag right; left shrinks", { command: "grow", keys: ["e"] }],
+      ["[ and ], wheel", "radius of the brush", { command: "brush-radius", keys: ["[", "]"] }],
+    ],
+  ],
+  [
+    "Helpers",
+    [
+      ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
+      ["Shift + M", "mirror the other way", { command: "mirror-axis", keys: ["Shift+m"] }],
+      ["Shift + N", "snap to the grid; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+      ["T", "stop before the picture folds", { command: "stop", keys: ["t"] }],
+    ],
+  ],
+  [
+    "Cuts and rigid parts",
+    [
+      ["X", "draw a cut", { command: "cut", keys: ["x"] }],
+      ["P", "draw a rigid part", { command: "part", keys: ["p"] }],
+      ["G", "draw a fixed side", { command: "fixed", keys: ["g"] }],
+      ["Q", "wand; [ and ] its tolerance", { command: "wand", keys: ["q"] }],
+      ["Click a line", "reshape it"],
+      ["Double-click an end", "let the cut stop there, or go on"],
+      ["Drag inside a part", "move it; its ring turns it"],
+      ["(Shift +) arrows on it", "move it by 1 (10) pixels"],
+      [", and . on a part", "turn it by 1\u00b0, with Shift 15\u00b0"],
+      ["Home on a part", "put it back"],
+      ["F", "swap the sides of a line", { command: "turn", keys: ["f"] }],
+    ],
+  ],
+  [
+    "View",
+    [
+      ["Wheel, pinch, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
+      ["Space, middle drag", "move the view", { keys: [" "] }],
+      ["0", "whole picture", { command: "fit", keys: ["0"] }],
+      ["N", "grid", { command: "grid", keys: ["n"] }],
+      ["R", "reach of points", { command: "radius", keys: ["r"] }],
+      ["C", "before", { command: "compare", keys: ["c"] }],
+      ["V", "overlay", { command: "overlay", keys: ["v"] }],
+      ["W", "window: drag, arrows, Home", { command: "window", keys: ["w"] }],
+      ["Right drag", "width and level of the window"],
+      ["Wheel, Page up, down", "other slices; Ctrl + wheel zooms", { keys: ["PageUp", "PageDown"] }],
+      ...HISTORY_KEYS,
+      HELP_KEY,
+    ],
+  ],
 ];
 
 export const SPACE_EDITOR_KEYS: KeyTable = [
-  ["Points", [
-    ["Double-click, A", "add a point on the slice, or on what is seen", { command: "add", keys: ["a"] }],
-    ["Enter on a picture", "add a point at the cross-hair", { keys: ["Enter"] }],
-    ...MANY_KEYS,
-    ["F2", "rename", { command: "rename", keys: ["F2"] }],
-    ["Arrows", "move by one voxel: points, else the cross-hair",
-      { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
-    ["Shift + arrows", "move by ten"],
-    ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
-  ]],
-  ["Several points", [
-    ["Shift + drag", "select by a band"], ...CHOICE_KEYS,
-    [", and .", "turn in the picture by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
-    ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
-    ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
-  ]],
-  ["Helpers", [
-    ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
-    ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
-    ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
-  ]],
+  [
+    "Points",
+    [
+      ["Double-click, A", "add a point on the slice, or on what is seen", { command: "add", keys: ["a"] }],
+      ["Enter on a picture", "add a point at the cross-hair", { keys: ["Enter"] }],
+      ...MANY_KEYS,
+      ["F2", "rename", { command: "rename", keys: ["F2"] }],
+      [
+        "Arrows",
+        "move by one voxel: points, else the cross-hair",
+        { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] },
+      ],
+      ["Shift + arrows", "move by ten"],
+      ["Alt + Page up, down", "move points across the slices", { keys: ["Alt+PageUp", "Alt+PageDown"] }],
+    ],
+  ],
+  [
+    "Several points",
+    [
+      ["Shift + drag", "select by a band"],
+      ...CHOICE_KEYS,
+      [", and .", "turn in the picture by 2\u00b0, with Shift 15\u00b0", { command: "rotate", keys: [",", "."] }],
+      ["Drag the round arrow", "turn; Alt scales, Shift in steps"],
+      ["Alt + , and .", "scale by 2 %, with Shift 15 %", { command: "scale", keys: ["Alt+,", "Alt+."] }],
+    ],
+  ],
+  [
+    "Helpers",
+    [
+      ["M", "mirror: both sides move", { command: "mirror", keys: ["m"] }],
+      ["Shift + M", "mirror across the next axis", { command: "mirror-axis", keys: ["Shift+m"] }],
+      ["Shift + N", "snap to a lattice; Alt does not", { command: "snap", keys: ["Shift+n"] }],
+    ],
+  ],
   ["Cuts and rigid parts", [["Pen, wand", "on a picture only: choose a step that has one"]]],
-  ["Slices", [
-    ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
-    ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],
-    ["Click, drag a line", "move the cross-hair"],
-  ]],
-  ["View", [
-    ["Ctrl + wheel, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
-    ["Space, middle drag", "move the view", { keys: [" "] }],
-    ["0", "whole pictures", { command: "fit", keys: ["0"] }],
-    ["C", "before", { command: "compare", keys: ["c"] }],
-    ...HISTORY_KEYS, HELP_KEY,
-  ]],
+  [
+    "Slices",
+    [
+      ["Wheel, Page up, down", "go through the slices", { keys: ["PageUp", "PageDown"] }],
+      ["J, double-click a point", "bring the slices to it", { command: "go", keys: ["j"] }],
+      ["Click, drag a line", "move the cross-hair"],
+    ],
+  ],
+  [
+    "View",
+    [
+      ["Ctrl + wheel, +, -", "zoom", { command: "zoom", keys: ["+", "=", "-"] }],
+      ["Space, middle drag", "move the view", { keys: [" "] }],
+      ["0", "whole pictures", { command: "fit", keys: ["0"] }],
+      ["C", "before", { command: "compare", keys: ["c"] }],
+      ...HISTORY_KEYS,
+      HELP_KEY,
+    ],
+  ],
 ];
 
 /**
  * Keys of the live view (view/pointer.js). It shows no list; they are kept here so that one module holds all keys.
  */
-export const VIEW_KEYS: KeyTable = [["View", [
-  ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
-  ["+, -", "zoom", { keys: ["+", "=", "-"] }], ["0", "as at first", { keys: ["0"] }],
-  ["Hold space", "before", { keys: [" "] }],
-]]];
+export const VIEW_KEYS: KeyTable = [
+  [
+    "View",
+    [
+      ["Arrows", "turn, with Shift faster", { keys: ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"] }],
+      ["+, -", "zoom", { keys: ["+", "=", "-"] }],
+      ["0", "as at first", { keys: ["0"] }],
+      ["Hold space", "before", { keys: [" "] }],
+    ],
+  ],
+];
 
-export function keyRows(table: KeyTable) { return table.flatMap(([, rows]) => rows); }
+export function keyRows(table: KeyTable) {
+  return table.flatMap(([, rows]) => rows);
+}
 
 /** Buttons that share a row of the table with others: the row's command, and the key of the button. */
-const SAME_ROW: Record<string, [row: string, key: string]> = { "zoom-in": ["zoom", "+"], "zoom-out": ["zoom", "-"], "turn-left": ["rotate", "Shift + ,"],
-  "turn-right": ["rotate", "Shift + ."] };
+const SAME_ROW: Record<string, [row: string, key: string]> = {
+  "zoom-in": ["zoom", "+"],
+  "zoom-out": ["zoom", "-"],
+  "turn-left": ["rotate", "Shift + ,"],
+  "turn-right": ["rotate", "Shift + ."],
+};
 
 function keyRow(table: KeyTable, given: string) {
   const command = SAME_ROW[given]?.[0] ?? given;
@@ -146,7 +207,9 @@ export function commandOf(table: KeyTable, key: string) {
 }
 
 /** The keys of a command as they are shown, "" for none. */
-export function keyWords(table: KeyTable, command: string) { return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? ""; }
+export function keyWords(table: KeyTable, command: string) {
+  return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? "";
+}
 
 /** The tip of a button: what it does, and by which keys. */
 export function tipOf(table: KeyTable, command: string, text: string) {
@@ -156,9 +219,11 @@ export function tipOf(table: KeyTable, command: string, text: string) {
 
 /** The same for the browser: aria-keyshortcuts. */
 export function shortcutsOf(table: KeyTable, command: string) {
-  const own = SAME_ROW[command]?.[1].replaceAll(" ", ""), keys = own ? [own] : keyRow(table, command)?.[2]?.keys ?? [];
-  return keys.map((key) => (key.length === 1 ? key.toUpperCase()
-    : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`))).join(" ");
+  const own = SAME_ROW[command]?.[1].replaceAll(" ", ""),
+    keys = own ? [own] : (keyRow(table, command)?.[2]?.keys ?? []);
+  return keys
+    .map((key) => (key.length === 1 ? key.toUpperCase() : key.replace(/\+([a-z])$/, (_, k) => `+${k.toUpperCase()}`)))
+    .join(" ");
 }
 
 /** The list over the picture, hidden at first. */
@@ -176,8 +241,14 @@ export class HelpPanel {
     this.root = root;
     this.focusStage = focusStage;
     this.before = null; // what had the focus
-    this.panel = pageElement("div", "dnb-ed-help", parent, { role: "dialog", "aria-label": "Keys and gestures",
-      hidden: "", "aria-modal": "false", tabindex: "-1", ...OWN_KEYS });
+    this.panel = pageElement("div", "dnb-ed-help", parent, {
+      role: "dialog",
+      "aria-label": "Keys and gestures",
+      hidden: "",
+      "aria-modal": "false",
+      tabindex: "-1",
+      ...OWN_KEYS,
+    });
     const list = pageElement("div", "dnb-ed-entries", this.panel);
     for (const [title, rows] of table) {
       const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });
@@ -190,7 +261,9 @@ export class HelpPanel {
     }
   }
 
-  get isOpen() { return !this.panel.hidden; }
+  get isOpen() {
+    return !this.panel.hidden;
+  }
 
   /** The focus goes to the list, and back to where it was. */
   toggle() {

@@ -13,8 +13,8 @@ const unit: (a: number[]) => number[] = (a) => scaled(a, 1 / Math.hypot(...a));
 export class OrientationCube {
   root: HTMLDivElement;
   svg: SVGSVGElement;
-  faces: { view: string; group: SVGGElement; sheet: SVGRectElement; }[];
-  arrows: { path: SVGPathElement; x: number; y: number; view: string; }[];
+  faces: { view: string; group: SVGGElement; sheet: SVGRectElement }[];
+  arrows: { path: SVGPathElement; x: number; y: number; view: string }[];
   bar: HTMLDivElement | undefined;
   home: HTMLDivElement | undefined;
 
@@ -23,11 +23,25 @@ export class OrientationCube {
     this.root = pageElement("div", "dnb-compass", parent);
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
     this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
-    this.arrows = [[1, 0], [-1, 0], [0, 1], [0, -1]].map(([x, y]) => {
-      const path = svgElement("path", { class: "dnb-turn", d: "M 38 -8 L 47 0 L 38 8 Z",
-        transform: `translate(50 50) rotate(${(-Math.atan2(y, x) * 180) / Math.PI})` }, this.svg);
+    this.arrows = [
+      [1, 0],
+      [-1, 0],
+      [0, 1],
+      [0, -1],
+    ].map(([x, y]) => {
+      const path = svgElement(
+        "path",
+        {
+          class: "dnb-turn",
+          d: "M 38 -8 L 47 0 L 38 8 Z",
+          transform: `translate(50 50) rotate(${(-Math.atan2(y, x) * 180) / Math.PI})`,
+        },
+        this.svg,
+      );
       const arrow = { path, x, y, view: "" };
-      path.addEventListener("click", () => { if (arrow.view) choose(arrow.view); });
+      path.addEventListener("click", () => {
+        if (arrow.view) choose(arrow.view);
+      });
       return arrow;
     });
     this.#buttons(choose, home);
@@ -46,9 +60,19 @@ export class OrientationCube {
   /** The same for the keyboard and for screen readers: out of sight until one of them has the focus. */
   #buttons(choose: (view: string) => void, home: () => void) {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
-    const add: (text: string, title: string, label: string, action: () => void, parent: Element) => void = (text, title, label, action, parent) => {
-      const button = pageElement("button", "dnb-button", parent,
-        { type: "button", title, "aria-label": label, ...OWN_KEYS });
+    const add: (text: string, title: string, label: string, action: () => void, parent: Element) => void = (
+      text,
+      title,
+      label,
+      action,
+      parent,
+    ) => {
+      const button = pageElement("button", "dnb-button", parent, {
+        type: "button",
+        title,
+        "aria-label": label,
+        ...OWN_KEYS,
+      });
       button.textContent = text;
       button.addEventListener("click", action);
     };
@@ -65,19 +89,33 @@ export class OrientationCube {
    * @param path of its icon, 16 x 16
    */
   addButton(name: string, path: string, tip: string, action: () => void) {
-    const button = pageElement("button", `dnb-button ${name}`, this.home,
-      { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS });
+    const button = pageElement("button", `dnb-button ${name}`, this.home, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+    });
     svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
     button.addEventListener("click", action);
   }
 
   /** Draw the cube as the camera sees it. All vectors are in space. */
-  draw(views: Record<string, { direction: number[], up: number[] }>, { direction, up, right }: { direction: number[], up: number[], right: number[] }) {
+  draw(
+    views: Record<string, { direction: number[]; up: number[] }>,
+    { direction, up, right }: { direction: number[]; up: number[]; right: number[] },
+  ) {
     const sides = this.faces.map(({ view, group, sheet }) => {
-      const n = scaled(unit(views[view].direction), -1), top = unit(views[view].up), across = cross(top, n);
-      const flat: (v: number[], k: number) => number[] = (v, k) => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
+      const n = scaled(unit(views[view].direction), -1),
+        top = unit(views[view].up),
+        across = cross(top, n);
+      const flat: (v: number[], k: number) => number[] = (v, k) => [
+        k * CUBE_SIDE * dot(v, right),
+        -k * CUBE_SIDE * dot(v, up),
+      ];
       const near = -dot(n, direction);
-      const [a, b] = flat(across, 0.1), [c, d] = flat(top, -0.1), [e, f] = flat(n, 1); // a face is 20 units wide
+      const [a, b] = flat(across, 0.1),
+        [c, d] = flat(top, -0.1),
+        [e, f] = flat(n, 1); // a face is 20 units wide
       group.setAttribute("transform", `matrix(${[a, b, c, d, 50 + e, 50 + f].map((x) => x.toFixed(3)).join(" ")})`);
       group.style.display = near > 0.02 ? "" : "none";
       sheet.style.setProperty("--near", near.toFixed(3));
@@ -85,7 +123,8 @@ export class OrientationCube {
     });
     const isFlat = sides.some(({ near }) => near > FLAT);
     for (const arrow of this.arrows) {
-      const { path, x, y } = arrow, best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
+      const { path, x, y } = arrow,
+        best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
       arrow.view = isFlat ? best.view : "";
       path.style.display = isFlat ? "" : "none";
     }

@@ -19,8 +19,10 @@ export class ThemeObserver {
     this.preference = window.matchMedia("(prefers-color-scheme: dark)");
     this.preference.addEventListener("change", changed);
     this.observer = new MutationObserver(changed); // Jupyter and VS Code change attributes of the body
-    this.observer.observe(document.body, { attributes: true, attributeFilter: ["class", "data-jp-theme-light",
-      "data-jp-theme-name", "data-vscode-theme-kind"] });
+    this.observer.observe(document.body, {
+      attributes: true,
+      attributeFilter: ["class", "data-jp-theme-light", "data-jp-theme-name", "data-vscode-theme-kind"],
+    });
   }
 
   /** By the element's own colour, which variables of Jupyter and VS Code set; else by the browser's preference. */
@@ -48,5 +50,7 @@ export class Theme {
     return (attribute === undefined ? this.observer.isDark : attribute === "false") ? "dark" : "light";
   }
 
-  close() { this.observer.close(); }
+  close() {
+    this.observer.close();
+  }
 }

@@ -1,7 +1,7 @@
 // The buttons over the picture, and the menu of those that are rarely used.
 
-import type { KeyTable } from "./keys.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.ts";
+import type { KeyTable } from "./keys.ts";
 import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.ts";
 
 /** A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ... */
@@ -9,7 +9,7 @@ export type ToolEntry = [command: string, label: string, tip: string, stays?: bo
 export type Need = "points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future";
 
 /** The editor around a toolbar: `guard` reports an error of f, `run` does a command. */
-export type ToolbarHost = { guard: (f: () => void) => void, run: (command: string, focused: null) => void };
+export type ToolbarHost = { guard: (f: () => void) => void; run: (command: string, focused: null) => void };
 
 /** Icons of 16 x 16, drawn with lines of the text's colour. */
 const ICONS: Record<string, string> = {
@@ -35,7 +35,8 @@ const ICONS: Record<string, string> = {
   fit: "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10",
   go: "M8 1.5v4M8 10.5v4M1.5 8h4M10.5 8h4M8 8h.01",
   move: "M3 13.5c0-3 2-2.6 3.4-4l5.2-5.2a1.3 1.3 0 0 1 1.9 1.9L8.3 11.4C6.9 12.8 6 13.5 3 13.5zM7.6 8.3l1.9 1.9",
-  grow: "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
+  grow:
+    "M10.4 8a2.4 2.4 0 1 1-4.8 0 2.4 2.4 0 0 1 4.8 0M8 3.6V1.4M8 14.6v-2.2M3.6 8H1.4M14.6 8h-2.2M3.3 3.3l1.5 1.5" +
     "M12.7 12.7l-1.5-1.5M12.7 3.3l-1.5 1.5M3.3 12.7l1.5-1.5",
   lock: "M4 7.5h8v6H4zM5.5 7.5V5a2.5 2.5 0 0 1 5 0v2.5",
   mirror: "M8 1.5v13M6 4L2 12h4zM10 4l4 8h-4z",
@@ -49,52 +50,102 @@ const ICONS: Record<string, string> = {
 };
 
 const GROUPS: ToolEntry[][] = [
-  [["add", "Add", "Add points: press on a feature and drag it, or click", true],
+  [
+    ["add", "Add", "Add points: press on a feature and drag it, or click", true],
     ["select", "Select", "Select several points: drag a band, or tap them", true],
     ["remove", "Delete", "Delete the selected points, or the chosen shape", false, "selection"],
     ["rename", "Rename", "Name the selected point or shape", false, "one"],
     ["switch", "On/off", "Switch the selected points or shape on or off", false, "selection"],
-    ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"]],
-  [["move", "Move", "Move brush: drag what lies under it", true],
-    ["grow", "Grow", "Grow brush: drag right to grow what lies under it, left to shrink it", true]],
-  [["cut", "Cut", "Draw a cut, along which the picture comes apart", true],
+    ["reset", "Put back", "Put the selected points, or all, back where they were taken", false, "points"],
+  ],
+  [
+    ["move", "Move", "Move brush: drag what lies under it", true],
+    ["grow", "Grow", "Grow brush: drag right to grow what lies under it, left to shrink it", true],
+  ],
+  [
+    ["cut", "Cut", "Draw a cut, along which the picture comes apart", true],
     ["part", "Rigid", "Draw around a part that stays rigid", true],
     ["wand", "Wand", "Click on what becomes a rigid part or a cut", true],
-    ["fixed", "Fixed side", "Draw a line: all on one side of it stays fixed", true]],
-  [["undo", "Undo", "Undo", false, "past"], ["redo", "Redo", "Redo", false, "future"]],
-  [["grid", "Grid", "Show the deformed grid", true], ["compare", "Before", "Show the picture as it was", true],
-    ["window", "Window", "Change the window: drag left and right for its width, up and down for its level", true]],
+    ["fixed", "Fixed side", "Draw a line: all on one side of it stays fixed", true],
+  ],
+  [
+    ["undo", "Undo", "Undo", false, "past"],
+    ["redo", "Redo", "Redo", false, "future"],
+  ],
+  [
+    ["grid", "Grid", "Show the deformed grid", true],
+    ["compare", "Before", "Show the picture as it was", true],
+    ["window", "Window", "Change the window: drag left and right for its width, up and down for its level", true],
+  ],
   [["fit", "Fit", "Show the whole picture"]],
-  [["more", "More", "More tools", false], ["help", "Keys", "Keys and gestures", true]],
+  [
+    ["more", "More", "More tools", false],
+    ["help", "Keys", "Keys and gestures", true],
+  ],
 ];
 
 /** The menu: groups of the same, each with the words of its line. */
 const MORE: ToolEntry[][] = [
-  [["mirror", "Mirror", "Do the same on both sides of a line", true],
+  [
+    ["mirror", "Mirror", "Do the same on both sides of a line", true],
     ["mirror-axis", "Mirror the other way", "Lay the line of the mirror level or upright", false],
     ["snap", "Snap to the grid", "Targets keep to the nodes of the grid", true],
     ["stop", "Stop at folds", "Hold points back before the picture folds", true],
-    ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"]],
-  [["turn-left", "Turn left by 15\u00b0", "Turn the selected points to the left; one point turns what is around it",
-    false, "points_selected"],
+    ["lock", "Lock the selected", "Lock the selected points, or free them", true, "selection"],
+  ],
+  [
+    [
+      "turn-left",
+      "Turn left by 15\u00b0",
+      "Turn the selected points to the left; one point turns what is around it",
+      false,
+      "points_selected",
+    ],
     ["turn-right", "Turn right by 15\u00b0", "Turn the selected points to the right", false, "points_selected"],
-    ["turn", "Swap sides", "Swap the sides of the chosen line", false, "turns"]],
-  [["radius", "Reach of points", "Show how far points reach", true],
-    ["zoom-in", "Zoom in", "Zoom in", false], ["zoom-out", "Zoom out", "Zoom out", false]],
+    ["turn", "Swap sides", "Swap the sides of the chosen line", false, "turns"],
+  ],
+  [
+    ["radius", "Reach of points", "Show how far points reach", true],
+    ["zoom-in", "Zoom in", "Zoom in", false],
+    ["zoom-out", "Zoom out", "Zoom out", false],
+  ],
 ];
 
 /** The commands that are disabled for points that are only shown. */
-export const EDITS = ["add", "cut", "part", "wand", "fixed", "turn", "remove", "rename", "switch", "reset", "undo", "redo",
-  "move", "grow", "lock", "turn-left", "turn-right"];
+export const EDITS = [
+  "add",
+  "cut",
+  "part",
+  "wand",
+  "fixed",
+  "turn",
+  "remove",
+  "rename",
+  "switch",
+  "reset",
+  "undo",
+  "redo",
+  "move",
+  "grow",
+  "lock",
+  "turn-left",
+  "turn-right",
+];
 
 export class Toolbar {
   parent: HTMLElement;
   root: HTMLDivElement;
   host: ToolbarHost;
-  buttons: Map<string, { button: HTMLButtonElement, tip: string, needs?: Need, isItem?: boolean }>;
+  buttons: Map<string, { button: HTMLButtonElement; tip: string; needs?: Need; isItem?: boolean }>;
   menu: MoreMenu | null;
 
-  constructor(host: ToolbarHost, parent: HTMLElement, groups: ToolEntry[][] = GROUPS, table: KeyTable = EDITOR_KEYS, more: ToolEntry[][] = MORE) {
+  constructor(
+    host: ToolbarHost,
+    parent: HTMLElement,
+    groups: ToolEntry[][] = GROUPS,
+    table: KeyTable = EDITOR_KEYS,
+    more: ToolEntry[][] = MORE,
+  ) {
     this.parent = parent;
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
     this.host = host;
@@ -118,8 +169,14 @@ export class Toolbar {
 
   #button(name: string, parent: Element, command: string, tip: string, table: KeyTable) {
     const keys = shortcutsOf(table, command);
-    const button = pageElement("button", name, parent, { type: "button", title: tip, "aria-label": tip, ...OWN_KEYS,
-      "data-command": command, ...(keys ? { "aria-keyshortcuts": keys } : {}) });
+    const button = pageElement("button", name, parent, {
+      type: "button",
+      title: tip,
+      "aria-label": tip,
+      ...OWN_KEYS,
+      "data-command": command,
+      ...(keys ? { "aria-keyshortcuts": keys } : {}),
+    });
     const icon = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
     svgElement("path", { d: ICONS[command], ...(command === "more" ? { "stroke-width": 2.6 } : {}) }, icon);
     return button;
@@ -127,9 +184,14 @@ export class Toolbar {
 
   /** A line of the menu. */
   item(parent: Element, [command, label, text, stays, needs]: ToolEntry, table: KeyTable) {
-    const tip = tipOf(table, command, text), item = this.#button("dnb-ed-item", parent, command, tip, table);
-    setAttributes(item, { role: stays ? "menuitemcheckbox" : "menuitem", tabindex: "-1",
-      "aria-label": label, ...(stays ? { "aria-checked": "false" } : {}) });
+    const tip = tipOf(table, command, text),
+      item = this.#button("dnb-ed-item", parent, command, tip, table);
+    setAttributes(item, {
+      role: stays ? "menuitemcheckbox" : "menuitem",
+      tabindex: "-1",
+      "aria-label": label,
+      ...(stays ? { "aria-checked": "false" } : {}),
+    });
     pageElement("span", "", item).textContent = label;
     pageElement("span", "dnb-ed-item-key", item, { "aria-hidden": "true" }).textContent = keyWords(table, command);
     this.buttons.set(command, { button: item, tip, needs, isItem: true });
@@ -137,9 +199,36 @@ export class Toolbar {
   }
 
   /** Enable and press the buttons by the state of the editor. `steps` are the words for the next undo and redo. */
-  update({ count, selected, pointsSelected = selected, turns = false, past, future, steps, pressed, readOnly }: { count: number, selected: number, pointsSelected?: number, turns?: boolean, past: boolean, future: boolean, steps: Record<string, string>, pressed: string[], readOnly: boolean }) {
-    const met = { points: count > 0, selection: selected > 0, points_selected: pointsSelected > 0, one: selected === 1,
-      turns, past, future };
+  update({
+    count,
+    selected,
+    pointsSelected = selected,
+    turns = false,
+    past,
+    future,
+    steps,
+    pressed,
+    readOnly,
+  }: {
+    count: number;
+    selected: number;
+    pointsSelected?: number;
+    turns?: boolean;
+    past: boolean;
+    future: boolean;
+    steps: Record<string, string>;
+    pressed: string[];
+    readOnly: boolean;
+  }) {
+    const met = {
+      points: count > 0,
+      selection: selected > 0,
+      points_selected: pointsSelected > 0,
+      one: selected === 1,
+      turns,
+      past,
+      future,
+    };
     for (const [command, { button, tip, needs }] of this.buttons) {
       const isOff = (needs !== undefined && !met[needs]) || (readOnly && EDITS.includes(command));
       if (button.ariaDisabled !== String(isOff)) button.setAttribute("aria-disabled", String(isOff));
@@ -164,12 +253,17 @@ export class Toolbar {
     if (button) button.hidden = isHidden;
   }
 
-  isOff(command: string) { return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true"; }
+  isOff(command: string) {
+    return this.buttons.get(command)?.button.getAttribute("aria-disabled") === "true";
+  }
 
   /** Move the focus from a button to its neighbour; false for keys that do not. */
   focusNext(button: Element & HTMLOrSVGElement, key: string) {
     if (key === "ArrowUp" || key === "ArrowDown") return false;
-    const all: (Element & HTMLOrSVGElement)[] = [...this.buttons.values()].filter((b) => !b.isItem && !b.button.hidden).map((b) => b.button), at = all.indexOf(button);
+    const all: (Element & HTMLOrSVGElement)[] = [...this.buttons.values()]
+        .filter((b) => !b.isItem && !b.button.hidden)
+        .map((b) => b.button),
+      at = all.indexOf(button);
     const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length];
     for (const other of all) other.tabIndex = other === next ? 0 : -1;
     next.focus();
@@ -191,8 +285,11 @@ class MoreMenu {
     this.opener = opener;
     this.items = [];
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
-    this.root = pageElement("div", "dnb-ed-more", toolbar.parent,
-      { role: "menu", "aria-label": "More tools", hidden: "" });
+    this.root = pageElement("div", "dnb-ed-more", toolbar.parent, {
+      role: "menu",
+      "aria-label": "More tools",
+      hidden: "",
+    });
     this.isOverAll = typeof this.root.showPopover === "function"; // older browsers show it inside the editor
     if (this.isOverAll) this.root.popover = "manual";
     groups.forEach((group, k) => {
@@ -202,16 +299,25 @@ class MoreMenu {
     const { host } = toolbar;
     this.root.addEventListener("click", ({ target }) => host.guard(() => this.#choose(target)));
     this.root.addEventListener("keydown", (event) => host.guard(() => this.#key(event)));
-    this.root.addEventListener("focusout", ({ relatedTarget: next }) => host.guard(() => {
-      if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);
-    }));
-    this.leave = ({ target }) => { if (target !== this.root) this.close(); }; // it would not move with what scrolls
+    this.root.addEventListener("focusout", ({ relatedTarget: next }) =>
+      host.guard(() => {
+        if (!(next instanceof Node && this.root.contains(next)) && next !== this.opener) this.close(false);
+      }),
+    );
+    this.leave = ({ target }) => {
+      if (target !== this.root) this.close();
+    }; // it would not move with what scrolls
   }
 
-  get isOpen() { return !this.root.hidden; }
+  get isOpen() {
+    return !this.root.hidden;
+  }
 
   toggle() {
-    if (this.isOpen) { this.close(); return; }
+    if (this.isOpen) {
+      this.close();
+      return;
+    }
     this.root.hidden = false;
     if (this.isOverAll) this.root.showPopover();
     this.opener.setAttribute("aria-expanded", "true");
@@ -222,7 +328,8 @@ class MoreMenu {
 
   // Under its button, as far as there is room.
   #place() {
-    const box = this.opener.getBoundingClientRect(), around = this.toolbar.parent.getBoundingClientRect();
+    const box = this.opener.getBoundingClientRect(),
+      around = this.toolbar.parent.getBoundingClientRect();
     const frame = this.isOverAll ? { left: 0, top: 0, width: window.innerWidth } : around;
     const left = Math.min(box.left - frame.left, frame.width - this.root.offsetWidth - 8);
     const top = box.bottom - frame.top + 2;
@@ -233,7 +340,7 @@ class MoreMenu {
   close(givesBack = true) {
     if (!this.isOpen) return;
     for (const name of ["scroll", "resize"]) window.removeEventListener(name, this.leave, { capture: true });
-    const place = (this.root.getRootNode() as Document | ShadowRoot);
+    const place = this.root.getRootNode() as Document | ShadowRoot;
     const hadFocus = this.root.contains(place.activeElement);
     this.root.hidden = true; // a second close, by the focus that leaves, finds it closed
     if (this.isOverAll && this.root.isConnected) this.root.hidePopover();
@@ -251,12 +358,21 @@ class MoreMenu {
 
   #key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { items } = this, at = event.target instanceof HTMLElement ? items.indexOf(event.target) : -1;
-    const places: Record<string, number> = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 };
+    const { items } = this,
+      at = event.target instanceof HTMLElement ? items.indexOf(event.target) : -1;
+    const places: Record<string, number> = {
+      ArrowDown: at + 1,
+      ArrowUp: at - 1 + items.length,
+      Home: 0,
+      End: items.length - 1,
+    };
     const next: number | undefined = places[event.key];
     if (next !== undefined) items[next % items.length].focus();
     else if (event.key === "Escape") this.close();
-    else if (event.key !== "Enter" && event.key !== " ") { if (event.key !== "Tab") event.stopPropagation(); return; }
+    else if (event.key !== "Enter" && event.key !== " ") {
+      if (event.key !== "Tab") event.stopPropagation();
+      return;
+    }
     event.stopPropagation(); // Enter and space click by themselves
     if (next !== undefined || event.key === "Escape") event.preventDefault();
   }

@@ -1,14 +1,13 @@
 // Small parts of a view: its scale bar, size, captions and letters of directions, and the alternation of the
 // layers of a picture that flickers.
 
-import type { Model, Sides } from "../types.ts";
-
 import { scaled, sideOf } from "../maths/camera.ts";
+import type { Model, Sides } from "../types.ts";
 import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
-const NO_SCALE = "In perspective no length holds for the whole picture: what is near is larger. " +
-  "Parallel views have a scale.";
+const NO_SCALE =
+  "In perspective no length holds for the whole picture: what is near is larger. " + "Parallel views have a scale.";
 
 /** The largest of 1, 2, 5 times a power of ten that is at most so long. */
 function roundLength(most: number) {
@@ -23,14 +22,21 @@ const METRIC = ["pm", "nm", "\u00b5m", "mm", "m", "km"]; // a thousand of each a
  * @param unit "" where it is not known
  */
 export function lengthText(length: number, unit: string) {
-  let at = METRIC.indexOf(unit), shown = length;
-  while (at >= 0 && shown >= 1e4 && at < METRIC.length - 1) { shown /= 1000; at += 1; }
-  while (at > 0 && shown < 0.1) { shown *= 1000; at -= 1; }
+  let at = METRIC.indexOf(unit),
+    shown = length;
+  while (at >= 0 && shown >= 1e4 && at < METRIC.length - 1) {
+    shown /= 1000;
+    at += 1;
+  }
+  while (at > 0 && shown < 0.1) {
+    shown *= 1000;
+    at -= 1;
+  }
   return `${Number(shown.toPrecision(1))} ${METRIC[at] ?? unit}`.trim();
 }
 
 /** in CSS pixels */
-export type Size = { width: number, height: number };
+export type Size = { width: number; height: number };
 
 /** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */
 class ScaleBar {
@@ -50,22 +56,37 @@ class ScaleBar {
    * @param box of the view
    * @param parts pictures side by side
    */
-  write({ height, bend }: { height: number, bend: number }, unit: string | null | undefined, box: Size, parts: number = 1) {
+  write(
+    { height, bend }: { height: number; bend: number },
+    unit: string | null | undefined,
+    box: Size,
+    parts: number = 1,
+  ) {
     this.element.hidden = typeof unit !== "string" || !(height > 0 && box.height > 0);
     if (typeof unit !== "string" || this.element.hidden) return;
     this.element.classList.toggle("dnb-scale-none", bend > 0);
     this.element.title = bend > 0 ? NO_SCALE : "";
-    if (bend > 0) { setText(this.text, "perspective"); return; }
+    if (bend > 0) {
+      setText(this.text, "perspective");
+      return;
+    }
     const most = Math.max(BAR.least, Math.min(BAR.most, (BAR.share * box.width) / parts));
-    const pixel = height / box.height, length = roundLength(most * pixel);
+    const pixel = height / box.height,
+      length = roundLength(most * pixel);
     this.bar.style.width = `${(length / pixel).toFixed(1)}px`;
     setText(this.text, lengthText(length, unit));
   }
 }
 
 export const VIEW_NAMES: Record<string, string> = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
-export const VIEW_TITLES: Record<string, string> = { A: "from the front", P: "from behind", L: "from the left", R: "from the right",
-  S: "from above", I: "from below" };
+export const VIEW_TITLES: Record<string, string> = {
+  A: "from the front",
+  P: "from behind",
+  L: "from the left",
+  R: "from the right",
+  S: "from above",
+  I: "from below",
+};
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
@@ -74,23 +95,44 @@ const FLICKER_MS = 700; // long enough to look at one place, short enough to see
  * pixels of the screen for one of them.
  */
 export function sized(root: HTMLElement, host: HTMLElement, model: Model) {
-  const width = model.get("width"), height = model.get("height");
+  const width = model.get("width"),
+    height = model.get("height");
   root.style.width = `${width}px`;
   root.style.setProperty("--dnb-shape", `${width} / ${height}`);
   root.style.maxHeight = `${height}px`;
   root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // instead the size of the box around it
   host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
-  const ratio = Math.min(2, window.devicePixelRatio || 1), box = root.getBoundingClientRect();
+  const ratio = Math.min(2, window.devicePixelRatio || 1),
+    box = root.getBoundingClientRect();
   return { width: box.width || width, height: box.height || height, ratio };
 }
 
-const CAPTIONS: Record<string, string[]> = { deformed: [""], original: ["original"], side_by_side: ["original", "deformed"] };
+const CAPTIONS: Record<string, string[]> = {
+  deformed: [""],
+  original: ["original"],
+  side_by_side: ["original", "deformed"],
+};
 const COARSE = "cuts of the first steps are shown roughly"; // where more than one step before the last has some
 
 /** Remarks on the picture for the user. */
-export function remarksOn({ info, field, caster, isScarce }: { info?: { note?: string } | null, field?: { coarse?: boolean } | null, caster?: { folds?: any } | null, isScarce?: boolean }) {
-  return [info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note,
-    field?.coarse && COARSE, caster?.folds && "red: where the map folds"].filter(Boolean).join("; ");
+export function remarksOn({
+  info,
+  field,
+  caster,
+  isScarce,
+}: {
+  info?: { note?: string } | null;
+  field?: { coarse?: boolean } | null;
+  caster?: { folds?: any } | null;
+  isScarce?: boolean;
+}) {
+  return [
+    info?.note && isScarce ? `${info.note}, as much as the graphics memory holds` : info?.note,
+    field?.coarse && COARSE,
+    caster?.folds && "red: where the map folds",
+  ]
+    .filter(Boolean)
+    .join("; ");
 }
 
 /** The caption of each picture; layer: the one that is seen of a picture that flickers. */
@@ -109,19 +151,32 @@ export function aboutShown(shows: string) {
 }
 
 /** `whole`: the columns of a larger picture that this one is a part of. */
-export type Picture = { layer: number, original: boolean, x: number, width: number, whole?: { x: number, width: number } };
+export type Picture = {
+  layer: number;
+  original: boolean;
+  x: number;
+  width: number;
+  whole?: { x: number; width: number };
+};
 
 /**
  * The pictures in a canvas of this width: see FrameLoop.
  * @param wipe share of the width that shows the original in the mode "wipe"
  */
 export function picturesOf(shows: string, width: number, wipe: number = 0.5): Picture[] {
-  const one: (layer: number, original: boolean, x: number, w: number) => Picture = (layer, original, x, w) => ({ layer, original, x, width: w });
+  const one: (layer: number, original: boolean, x: number, w: number) => Picture = (layer, original, x, w) => ({
+    layer,
+    original,
+    x,
+    width: w,
+  });
   const half = Math.floor(width / 2);
   if (shows === "side_by_side") return [one(0, true, 0, half), one(0, false, half, width - half)];
   if (shows === "wipe") {
-    const cut = Math.round(width * wipe), whole = { x: 0, width };
-    return [one(0, true, 0, cut), one(0, false, cut, width - cut)].filter((part) => part.width > 0)
+    const cut = Math.round(width * wipe),
+      whole = { x: 0, width };
+    return [one(0, true, 0, cut), one(0, false, cut, width - cut)]
+      .filter((part) => part.width > 0)
       .map((part) => ({ ...part, whole }));
   }
   if (shows === "flicker" || shows === "fade") return [one(0, false, 0, width), one(1, true, 0, width)];
@@ -131,8 +186,9 @@ export function picturesOf(shows: string, width: number, wipe: number = 0.5): Pi
 /** The corners of a box along the axes of a volume, from its middle, in space. */
 export function boxCorners({ low, high }: Sides, axes: number[][]) {
   const half = low.map((l, i) => (high[i] - l) / 2);
-  return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => (
-    sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j])), 0)));
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((k) =>
+    [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j]), 0)),
+  );
 }
 
 export type Handlers = [name: string, handler: (...args: any[]) => void][];
@@ -140,25 +196,43 @@ export type Handlers = [name: string, handler: (...args: any[]) => void][];
 /**
  * Handle an event of a model; errors go to `fail`, and `handlers` collects the handlers to be removed at the end.
  */
-export function listen(model: Model, name: string, handler: (...args: any[]) => any, handlers: Handlers, fail: (error: unknown) => void) {
+export function listen(
+  model: Model,
+  name: string,
+  handler: (...args: any[]) => any,
+  handlers: Handlers,
+  fail: (error: unknown) => void,
+) {
   const guarded: (...args: any[]) => void = (...args) => {
     try {
       const result = handler(...args);
       result?.catch?.(fail);
-    } catch (error) { fail(error); }
+    } catch (error) {
+      fail(error);
+    }
   };
   model.on(name, guarded);
   handlers.push([name, guarded]);
 }
 
 /** The function that closes a view that has just been drawn. */
-export function opened(view: { root: HTMLElement, close: () => void }) {
+export function opened(view: { root: HTMLElement; close: () => void }) {
   Object.assign(view.root, { deformnb: view }); // for tests and for debugging
   return () => view.close();
 }
 
 /** The measurements of a FrameLoop, as they are sent to Python. */
-export function measuredBy({ times: { drag, full, passes, frames }, scale, caster: { size: [width, height] } }: { times: { drag: number[], full: number, passes: number, frames: number }, scale: number, caster: { size: number[] } }) {
+export function measuredBy({
+  times: { drag, full, passes, frames },
+  scale,
+  caster: {
+    size: [width, height],
+  },
+}: {
+  times: { drag: number[]; full: number; passes: number; frames: number };
+  scale: number;
+  caster: { size: number[] };
+}) {
   const sorted = [...drag].sort((a, b) => a - b);
   return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width, height };
 }
@@ -168,15 +242,17 @@ export function measuredBy({ times: { drag, full, passes, frames }, scale, caste
  */
 export class Frames {
   scale: ScaleBar;
-  frames: { frame: HTMLDivElement; caption: HTMLDivElement; letters: HTMLSpanElement[]; }[];
+  frames: { frame: HTMLDivElement; caption: HTMLDivElement; letters: HTMLSpanElement[] }[];
 
   constructor(root: Element) {
     this.scale = new ScaleBar(root);
     this.frames = [0, 1].map(() => {
       const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
-      return { frame, caption: pageElement("div", "dnb-caption", frame),
-        letters: ["left", "right", "top", "bottom"].map(
-          (side) => pageElement("span", `dnb-letter dnb-${side}`, frame)) };
+      return {
+        frame,
+        caption: pageElement("div", "dnb-caption", frame),
+        letters: ["left", "right", "top", "bottom"].map((side) => pageElement("span", `dnb-letter dnb-${side}`, frame)),
+      };
     });
   }
 
@@ -196,11 +272,18 @@ export class Frames {
    * @param unit of lengths; without one there is no scale
    * @param box of the view
    */
-  write(camera: { right: number[], up: number[], height: number, bend: number }, unit?: string | null | undefined, box: Size = { width: 0, height: 0 }) {
+  write(
+    camera: { right: number[]; up: number[]; height: number; bend: number },
+    unit?: string | null | undefined,
+    box: Size = { width: 0, height: 0 },
+  ) {
     const { right, up } = camera;
     this.scale.write(camera, unit, box, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
     const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
-    for (const { letters } of this.frames) letters.forEach((letter, i) => { setText(letter, texts[i]); });
+    for (const { letters } of this.frames)
+      letters.forEach((letter, i) => {
+        setText(letter, texts[i]);
+      });
   }
 }
 
@@ -251,7 +334,10 @@ export class Flicker {
   press(isKey: boolean) {
     if (!this.isOn) return false;
     if (this.still.matches) this.turn();
-    else if (isKey) { this.isPaused = !this.isPaused; this.#run(); }
+    else if (isKey) {
+      this.isPaused = !this.isPaused;
+      this.#run();
+    }
     return true;
   }
 

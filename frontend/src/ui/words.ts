@@ -10,11 +10,20 @@
 
 export type Table = Record<string, string>;
 
-const ATTRIBUTES = ["title", "aria-label", "placeholder", "alt", "label", "aria-valuetext", "aria-description",
-  "aria-roledescription"];
+const ATTRIBUTES = [
+  "title",
+  "aria-label",
+  "placeholder",
+  "alt",
+  "label",
+  "aria-valuetext",
+  "aria-description",
+  "aria-roledescription",
+];
 const LEFT_ALONE = "[translate=no], script, style, code, pre, textarea, [contenteditable=true]";
 const FILE = /^\S+\.\w+$/; // the name of one
-const AS_GIVEN = /^(name|file)\d*$/, ANY = /^text\d*$/;
+const AS_GIVEN = /^(name|file)\d*$/,
+  ANY = /^text\d*$/;
 const WORD = /\p{L}{2}/u; // a single letter is the name of a key or an axis
 const NUMBER = "[^\\sA-Za-z\u00c0-\u024f]*\\d[^\\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\\d+)?";
 const PARTED = / \u00b7 | \| |\n+/; // between facts of a line
@@ -24,12 +33,14 @@ const MOST_KNOWN = 4000; // texts whose translation is remembered
 /** Translates texts by a table. */
 export class Translator {
   table: Map<string, string>;
-  patterns: { regex: RegExp; names: string[]; value: string; length: number; free: number; part: string; }[];
+  patterns: { regex: RegExp; names: string[]; value: string; length: number; free: number; part: string }[];
   known: Map<string, string | null>;
 
   constructor(table: Table) {
     this.table = new Map(Object.entries(table));
-    this.patterns = [...this.table].filter(([key]) => key.includes("{")).map(([key, value]) => patternOf(key, value))
+    this.patterns = [...this.table]
+      .filter(([key]) => key.includes("{"))
+      .map(([key, value]) => patternOf(key, value))
       .sort((a, b) => b.length - a.length || a.free - b.free); // what says most comes first
     this.known = new Map();
   }
@@ -45,7 +56,12 @@ export class Translator {
     if (!WORD.test(core)) return null;
     let found = this.known.get(core);
     if (found === undefined) {
-      found = this.table.get(core) ?? this.#inTwo(PARTED, core) ?? this.#byPattern(core) ?? this.#inPieces(core) ?? this.#withoutPeriod(core);
+      found =
+        this.table.get(core) ??
+        this.#inTwo(PARTED, core) ??
+        this.#byPattern(core) ??
+        this.#inPieces(core) ??
+        this.#withoutPeriod(core);
       if (this.known.size > MOST_KNOWN) this.known.clear();
       this.known.set(core, found);
     }
@@ -72,15 +88,17 @@ export class Translator {
   /** A part of a text, translated; null if it is of words that the table does not have. */
   #piece(given: string) {
     if (!WORD.test(given) || FILE.test(given)) return given;
-    const core = given.trim(), found = this.#find(core);
+    const core = given.trim(),
+      found = this.#find(core);
     return found === null ? null : given.replace(core, () => found);
   }
 
   #inTwo(at: RegExp, core: string) {
     const found = at.exec(core);
     if (!found) return null;
-    const [first, rest] = [core.slice(0, found.index), core.slice(found.index + found[0].length)]
-      .map((piece) => this.#piece(piece));
+    const [first, rest] = [core.slice(0, found.index), core.slice(found.index + found[0].length)].map((piece) =>
+      this.#piece(piece),
+    );
     return first === null || rest === null ? null : first + found[0] + rest;
   }
 
@@ -95,27 +113,39 @@ export class Translator {
       const made = this.#inTwo(at, core);
       if (made !== null) return made;
     }
-    const aside = /^(.+?) \((.+)\)(\.?)$/s.exec(core), main = aside && this.#find(aside[1]);
+    const aside = /^(.+?) \((.+)\)(\.?)$/s.exec(core),
+      main = aside && this.#find(aside[1]);
     return aside && main ? `${main} (${this.translate(aside[2])})${aside[3]}` : null;
   }
 }
 
 function patternOf(key: string, value: string) {
-  const pieces = key.split(/\{(\w+)\}/), names = pieces.filter((_, k) => k % 2), plain = pieces.filter((_, k) => k % 2 === 0);
-  const source = pieces.map((piece, k) => {
-    if (k % 2) return piece.length === 1 ? `(${NUMBER})` : "(.*?)";
-    return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
-  }).join("");
-  return { regex: new RegExp(`^${source}$`, "su"), names, value, length: plain.join("").length,
+  const pieces = key.split(/\{(\w+)\}/),
+    names = pieces.filter((_, k) => k % 2),
+    plain = pieces.filter((_, k) => k % 2 === 0);
+  const source = pieces
+    .map((piece, k) => {
+      if (k % 2) return piece.length === 1 ? `(${NUMBER})` : "(.*?)";
+      return piece.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+    })
+    .join("");
+  return {
+    regex: new RegExp(`^${source}$`, "su"),
+    names,
+    value,
+    length: plain.join("").length,
     free: names.filter((name) => name.length > 1).length,
-    part: plain.reduce((longest, piece) => (piece.length > longest.length ? piece : longest)) };
+    part: plain.reduce((longest, piece) => (piece.length > longest.length ? piece : longest)),
+  };
 }
 
 /** The translator of a page that has one, for what is written elsewhere than in its document. */
 let ofPage: Translator | null = null;
 
 /** A text in the language of the page, for a question of the browser. */
-export function inLanguage(text: string) { return ofPage?.translate(text) ?? text; }
+export function inLanguage(text: string) {
+  return ofPage?.translate(text) ?? text;
+}
 
 function isLeftAlone(node: Node) {
   const element = node instanceof Element ? node : node.parentElement;
@@ -146,15 +176,15 @@ export function showInLanguage(root: HTMLElement, table: Table, language: string
     if (node.nodeType === Node.TEXT_NODE) text(node);
     if (!(node instanceof Element)) return;
     const walker = document.createTreeWalker(node, NodeFilter.SHOW_ELEMENT | NodeFilter.SHOW_TEXT);
-    for (let at = (node as Node | null); at; at = walker.nextNode()) {
+    for (let at = node as Node | null; at; at = walker.nextNode()) {
       if (at.nodeType === Node.TEXT_NODE) text(at);
-      else for (const name of ATTRIBUTES) attribute((at as Element), name);
+      else for (const name of ATTRIBUTES) attribute(at as Element, name);
     }
   };
   const changes = new MutationObserver((records) => {
     for (const { type, target, attributeName, addedNodes } of records) {
       if (type === "characterData") text(target);
-      else if (type === "attributes") attribute((target as Element), attributeName ?? "");
+      else if (type === "attributes") attribute(target as Element, attributeName ?? "");
       else addedNodes.forEach(all);
     }
   });
@@ -163,17 +193,22 @@ export function showInLanguage(root: HTMLElement, table: Table, language: string
   return () => changes.disconnect();
 }
 
-export type AnyWidget = { render: (given: any) => any, initialize?: (given: any) => any };
+export type AnyWidget = { render: (given: any) => any; initialize?: (given: any) => any };
 
 /** A widget whose words are in the language of its model: its traits `language` and `words`, the table. */
 export function worded(widget: AnyWidget): AnyWidget {
-  return { ...widget, render: (given) => {
-    const { model, el } = given, words = model.get("words"), close = widget.render(given);
-    if (!words || !Object.keys(words).length) return close; // a page without Python has them once, for all of it
-    const end = showInLanguage(el, words, model.get("language"));
-    return () => {
-      end();
-      close();
-    };
-  } };
+  return {
+    ...widget,
+    render: (given) => {
+      const { model, el } = given,
+        words = model.get("words"),
+        close = widget.render(given);
+      if (!words || !Object.keys(words).length) return close; // a page without Python has them once, for all of it
+      const end = showInLanguage(el, words, model.get("language"));
+      return () => {
+        end();
+        close();
+      };
+    },
+  };
 }

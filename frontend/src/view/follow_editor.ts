@@ -4,32 +4,39 @@
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
-import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.ts";
-import { bytesOf, floatsOf } from "./volume_loader.ts";
-
 import type { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.ts";
+import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.ts";
 import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import type { Message } from "./volume_loader.ts";
+import { bytesOf, floatsOf } from "./volume_loader.ts";
 
 /** distances to the cuts that came last */
-export type KnownCuts = {id?: string, distances?: Float32Array};
+export type KnownCuts = { id?: string; distances?: Float32Array };
 /** values of the traits SHAPES */
 export type Shapes = Record<string, unknown>;
 export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>;
 
-const CUT_STEPS = 512, CUT_MARGIN = 0.125; // nodes along the longer side, and how far beyond the maps they go
+const CUT_STEPS = 512,
+  CUT_MARGIN = 0.125; // nodes along the longer side, and how far beyond the maps they go
 const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are looked at
 
 /** The message "field" with its buffers in place; null if it builds on distances that `known` does not hold. */
 export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): Field | null {
   const isHalf = (name: string) => content.space?.cut && (name === "space" || name === "depths");
   const names: string[] = content.buffers;
-  const parts: Record<string, any> = Object.fromEntries(names.map((name, k) => [name,
-    isHalf(name) ? new Uint16Array(bytesOf(buffers[k]).slice().buffer) : floatsOf(buffers[k])]));
+  const parts: Record<string, any> = Object.fromEntries(
+    names.map((name, k) => [
+      name,
+      isHalf(name) ? new Uint16Array(bytesOf(buffers[k]).slice().buffer) : floatsOf(buffers[k]),
+    ]),
+  );
   const planar = content.planar && { ...content.planar, maps: parts.maps, weights: parts.weights };
   if (planar?.cut) {
-    if (parts.distances) { known.id = planar.cut.id; known.distances = parts.distances; }
+    if (parts.distances) {
+      known.id = planar.cut.id;
+      known.distances = parts.distances;
+    }
     if (known.id !== planar.cut.id) return null;
     planar.cut = { ...planar.cut, distances: known.distances };
   }
@@ -42,9 +49,17 @@ export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): F
  * @param settings those that the fit was made with
  * @param index which map it is
  */
-export function withLayers(base: PlanarField, layered: LayeredFit, { cuts = [] }: FitSettings, index: number): PlanarField | null {
-  const [layers, rows, columns] = base.shape, size = rows * columns * 2, before = base.cut ? base.cut.sides.length : 1;
-  const count = layers / before, cut = layered.regions.length ? cutOf(base, layered, cuts) : null;
+export function withLayers(
+  base: PlanarField,
+  layered: LayeredFit,
+  { cuts = [] }: FitSettings,
+  index: number,
+): PlanarField | null {
+  const [layers, rows, columns] = base.shape,
+    size = rows * columns * 2,
+    before = base.cut ? base.cut.sides.length : 1;
+  const count = layers / before,
+    cut = layered.regions.length ? cutOf(base, layered, cuts) : null;
   const isSame = cut ? cut.sides === base.cut?.sides : !base.cut;
   if (index >= count || (!isSame && count > 1)) return null; // Python must divide the other maps too
   const keys = cut ? cut.sides.map(bitsOf) : [0];
@@ -54,7 +69,8 @@ export function withLayers(base: PlanarField, layered: LayeredFit, { cuts = [] }
   keys.forEach((key, r) => {
     const k = layered.regions.length ? layered.fits.findIndex((f) => f.key === key) : 0;
     const at = (r * count + index) * size;
-    if (k >= 0) maps.set(values[k], at); else maps.fill(0, at, at + size); // a region without points stays
+    if (k >= 0) maps.set(values[k], at);
+    else maps.fill(0, at, at + size); // a region without points stays
   });
   return { ...base, maps, shape: [keys.length * count, rows, columns], cut: cut && { ...cut, rule: layered.rule } };
 }
@@ -64,11 +80,18 @@ export function withLayers(base: PlanarField, layered: LayeredFit, { cuts = [] }
  */
 function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCut | null {
   const name = JSON.stringify(cuts.filter((cut) => cut.enabled !== false).map((cut) => cut.region));
-  const old = base.cut, isSame = old && (old.name ?? JSON.stringify(old.regions)) === name;
+  const old = base.cut,
+    isSame = old && (old.name ?? JSON.stringify(old.regions)) === name;
   if (isSame && layered.fits.every(({ key }) => old.sides.some((s) => bitsOf(s) === key))) return old;
-  const raster = old ? rasterOf(old) : cutRaster(base), { shape: [rows, columns], origin, spacing } = raster;
+  const raster = old ? rasterOf(old) : cutRaster(base),
+    {
+      shape: [rows, columns],
+      origin,
+      spacing,
+    } = raster;
   const distances = isSame ? old.distances : cutDistances(layered.regions, raster);
-  const count = layered.regions.length, keys = new Set(layered.fits.map(({ key }) => key));
+  const count = layered.regions.length,
+    keys = new Set(layered.fits.map(({ key }) => key));
   for (let i = 0; i < rows * columns; i++) {
     let bits = 0;
     for (let c = 0; c < count; c++) if (distances[c * rows * columns + i] < 0) bits += 2 ** c;
@@ -79,15 +102,22 @@ function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCu
   return { shape: [count, rows, columns], origin, spacing, distances, sides, name };
 }
 
-function rasterOf({ shape: [, rows, columns], origin, spacing }: PlaneCut): Raster { return { shape: [rows, columns], origin, spacing }; }
+function rasterOf({ shape: [, rows, columns], origin, spacing }: PlaneCut): Raster {
+  return { shape: [rows, columns], origin, spacing };
+}
 
 /** Nodes around those of the maps. */
 function cutRaster({ shape: [, rows, columns], origin, spacing }: PlanarField): Raster {
-  const size = [(columns - 1) * spacing[0], (rows - 1) * spacing[1]], margin = CUT_MARGIN * Math.max(...size);
-  const lengths = size.map((l) => l + 2 * margin), longest = Math.max(...lengths);
+  const size = [(columns - 1) * spacing[0], (rows - 1) * spacing[1]],
+    margin = CUT_MARGIN * Math.max(...size);
+  const lengths = size.map((l) => l + 2 * margin),
+    longest = Math.max(...lengths);
   const counts = lengths.map((l) => Math.max(8, Math.ceil((CUT_STEPS * l) / longest)));
-  return { shape: [counts[1], counts[0]], origin: [origin[0] - margin, origin[1] - margin],
-    spacing: [lengths[0] / (counts[0] - 1), lengths[1] / (counts[1] - 1)] };
+  return {
+    shape: [counts[1], counts[0]],
+    origin: [origin[0] - margin, origin[1] - margin],
+    spacing: [lengths[0] / (counts[0] - 1), lengths[1] / (counts[1] - 1)],
+  };
 }
 
 /** Signed distances to each region at the nodes of a raster, one layer after the other. */
@@ -96,9 +126,11 @@ function cutDistances(regions: Region[], { shape: [rows, columns], origin, spaci
   const radius = 0.5 * CUT_TILE * Math.hypot(...spacing);
   for (let y = 0; y < rows; y += CUT_TILE) {
     for (let x = 0; x < columns; x += CUT_TILE) {
-      const a = origin[0] + (x + CUT_TILE / 2) * spacing[0], b = origin[1] + (y + CUT_TILE / 2) * spacing[1];
+      const a = origin[0] + (x + CUT_TILE / 2) * spacing[0],
+        b = origin[1] + (y + CUT_TILE / 2) * spacing[1];
       regions.forEach((region, c) => {
-        const distance = region.near(a, b, radius), layer = c * rows * columns;
+        const distance = region.near(a, b, radius),
+          layer = c * rows * columns;
         for (let i = y; i < Math.min(y + CUT_TILE, rows); i++) {
           for (let k = x; k < Math.min(x + CUT_TILE, columns); k++) {
             out[layer + i * columns + k] = distance(origin[0] + k * spacing[0], origin[1] + i * spacing[1]);
@@ -140,7 +172,11 @@ export class FieldLink {
    * @param apply takes new maps
    * @param move is called at a movement, and at its end: the view calls catchUp for the maps when it draws, for points move more often than a volume is drawn
    */
-  constructor(model: Model, apply: (planar: PlanarField, isDrawing: boolean) => void, move: (isMoving: boolean) => void) {
+  constructor(
+    model: Model,
+    apply: (planar: PlanarField, isDrawing: boolean) => void,
+    move: (isMoving: boolean) => void,
+  ) {
     this.model = model;
     this.apply = apply;
     this.move = move;
@@ -167,7 +203,9 @@ export class FieldLink {
     this.bus = bus;
     this.followed.hear(bus, "deformnb:points", ({ detail }) => this.moved(detail));
     // An editor that is not drawn in this window publishes nothing; its traits still change.
-    const changed = () => { if (!bus.latest) this.moved(traitsOf(bus, editor)); };
+    const changed = () => {
+      if (!bus.latest) this.moved(traitsOf(bus, editor));
+    };
     for (const name of FOLLOWED) {
       editor.on(`change:${name}`, changed);
       this.followed.ends.push(() => editor.off(`change:${name}`, changed));
@@ -179,8 +217,9 @@ export class FieldLink {
    * Python's maps, with what the editor has shown since in place of one of them.
    * @param follow if Python follows the editor: the map of the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
    */
-  merged(planar: PlanarField | null, follow: {index: number, points: Point[], shapes?: Shapes} | null) {
-    const { bus, editor } = this, isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
+  merged(planar: PlanarField | null, follow: { index: number; points: Point[]; shapes?: Shapes } | null) {
+    const { bus, editor } = this,
+      isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
     this.base = planar;
     this.expected = follow && madeKey(follow.points, follow.shapes ?? shapesOf(editor));
     if (follow) this.index = follow.index;
@@ -195,7 +234,9 @@ export class FieldLink {
   }
 
   /** True if the editor has other points than Python's maps. */
-  #isNewer(bus: Bus, editor: Model) { return this.expected !== madeKey(pointsOf(bus, editor) || [], shapesOf(editor)); }
+  #isNewer(bus: Bus, editor: Model) {
+    return this.expected !== madeKey(pointsOf(bus, editor) || [], shapesOf(editor));
+  }
 
   moved(detail: Detail) {
     const isMoving = detail.phase === "move";
@@ -223,7 +264,7 @@ export class FieldLink {
     let found = null;
     try {
       rbfKernelOf(settings); // the editor has made the fit; this script evaluates it
-      const fits = layered === undefined ? layeredFit(points, settings) : sampled ?? layered;
+      const fits = layered === undefined ? layeredFit(points, settings) : (sampled ?? layered);
       found = fits && withLayers(this.base, fits, settings, this.index ?? this.model.get("editor_map") ?? 0);
     } catch (error) {
       if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
@@ -246,23 +287,40 @@ export class FieldLink {
   }
 }
 
-function shapesOf(editor: Model | null) { return Object.fromEntries(SHAPES.map((name) => [name, editor?.get(name) ?? null])); }
+function shapesOf(editor: Model | null) {
+  return Object.fromEntries(SHAPES.map((name) => [name, editor?.get(name) ?? null]));
+}
 
-function traitsOf(bus: Bus, editor: Model): Detail { return { points: pointsOf(bus, editor), settings: settingsOf(editor) }; }
+function traitsOf(bus: Bus, editor: Model): Detail {
+  return { points: pointsOf(bus, editor), settings: settingsOf(editor) };
+}
 
 /** The points under the pointer that is moving them, else those that the editor's model holds. */
 function newestOf(bus: Bus, editor: Model): Detail {
-  const { latest } = bus, traits = traitsOf(bus, editor);
+  const { latest } = bus,
+    traits = traitsOf(bus, editor);
   const isNewest = latest?.phase === "move" || (latest && pointsKey(latest.points) === pointsKey(traits.points || []));
   return latest && isNewest ? latest : traits;
 }
 
 /** Equal for points that give the same fit. */
 export function pointsKey(points: Point[]) {
-  return JSON.stringify(points.map(({ id, source, target, active, weight, radius }) => (
-    [id, source, target, active !== false, weight ?? 1, radius ?? null])));
+  return JSON.stringify(
+    points.map(({ id, source, target, active, weight, radius }) => [
+      id,
+      source,
+      target,
+      active !== false,
+      weight ?? 1,
+      radius ?? null,
+    ]),
+  );
 }
 
-function madeKey(points: Point[], shapes: Shapes) { return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name])); }
+function madeKey(points: Point[], shapes: Shapes) {
+  return pointsKey(points) + JSON.stringify(SHAPES.map((name) => shapes[name]));
+}
 
-function detailKey({ points, settings }: Detail) { return pointsKey(points || []) + JSON.stringify(settings); }
+function detailKey({ points, settings }: Detail) {
+  return pointsKey(points || []) + JSON.stringify(settings);
+}

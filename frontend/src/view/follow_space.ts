@@ -7,23 +7,27 @@ import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.ts";
 import { fitInFrame } from "../maths/space.ts";
 import { FollowedModel, settingsOf } from "../sync/bus.ts";
 import { senderOf } from "../sync/edits.ts";
-import { pointsKey } from "./follow_editor.ts";
-
 import type { Bus, Model, Point, PointsDetail, RbfFit, Vector3 } from "../types.ts";
 import type { SpaceField } from "../webgl/types.ts";
+import { pointsKey } from "./follow_editor.ts";
 import type { VolumeInfo } from "./types.ts";
 
 /** The points whose fit a field of Python is, and the numbers of nodes along the axes while they move. */
-export type Moved = { points: Point[], shape: Vector3 };
+export type Moved = { points: Point[]; shape: Vector3 };
 
 export type Detail = Pick<PointsDetail, "points" | "settings">;
 
 export class SpaceLink {
-  view: { info: () => VolumeInfo | null; apply: (space: SpaceField, isMoving: boolean) => void; move: (isMoving: boolean) => void; follows: (sender: string) => void; };
+  view: {
+    info: () => VolumeInfo | null;
+    apply: (space: SpaceField, isMoving: boolean) => void;
+    move: (isMoving: boolean) => void;
+    follows: (sender: string) => void;
+  };
   followed: FollowedModel;
   editor: Model | null;
   bus: Bus | null;
-  given: { space: SpaceField, key: string, shape: Vector3 } | null;
+  given: { space: SpaceField; key: string; shape: Vector3 } | null;
   shown: SpaceField | null;
   awaited: Detail | null;
   count: number;
@@ -35,7 +39,15 @@ export class SpaceLink {
    * @param view.move as of FieldLink
    * @param view.follows reports whose edits are followed
    */
-  constructor(model: Model, view: { /** of the volume that is shown */ info: () => VolumeInfo | null; /** takes a new field */ apply: (space: SpaceField, isMoving: boolean) => void; /** as of FieldLink */ move: (isMoving: boolean) => void; /** reports whose edits are followed */ follows: (sender: string) => void }) {
+  constructor(
+    model: Model,
+    view: {
+      /** of the volume that is shown */ info: () => VolumeInfo | null /** takes a new field */;
+      apply: (space: SpaceField, isMoving: boolean) => void /** as of FieldLink */;
+      move: (isMoving: boolean) => void /** reports whose edits are followed */;
+      follows: (sender: string) => void;
+    },
+  ) {
     this.view = view;
     this.followed = new FollowedModel(model);
     this.editor = null;
@@ -60,12 +72,14 @@ export class SpaceLink {
 
   /** The field to show when Python has sent one: that of points that have gone on since is sampled here. */
   merged(space: SpaceField | null, moved: Moved | null) {
-    const { bus, editor } = this, isMoving = bus?.latest?.phase === "move";
+    const { bus, editor } = this,
+      isMoving = bus?.latest?.phase === "move";
     this.given = space && moved && { space, key: pointsKey(moved.points), shape: moved.shape };
     this.shown = space;
     if (!bus || !editor || !this.given) return space;
     const { points } = isMoving && bus.latest ? bus.latest : senderOf(bus, editor);
-    if (pointsKey(points) !== this.given.key) this.shown = this.#sampled({ points, settings: settingsOf(editor) }) ?? space;
+    if (pointsKey(points) !== this.given.key)
+      this.shown = this.#sampled({ points, settings: settingsOf(editor) }) ?? space;
     return this.shown;
   }
 
@@ -93,15 +107,20 @@ export class SpaceLink {
   }
 
   #sampled({ points, settings }: Detail): SpaceField | null {
-    const { given } = this, info = this.view.info();
+    const { given } = this,
+      info = this.view.info();
     if (!given || !info) return null;
-    const { space: { shape: nodes, spacing: steps, origin }, shape } = given;
-    const along = (k: number) => steps[k] * (nodes[k] - 1) / (shape[k] - 1);
+    const {
+      space: { shape: nodes, spacing: steps, origin },
+      shape,
+    } = given;
+    const along = (k: number) => (steps[k] * (nodes[k] - 1)) / (shape[k] - 1);
     const spacing: Vector3 = [along(0), along(1), along(2)];
     try {
-      const isForward = settings.direction === "forward", lattice = { shape, spacing, origin };
+      const isForward = settings.direction === "forward",
+        lattice = { shape, spacing, origin };
       const found = isForward ? forwardFit(points, settings, 3).forward : rbfFit(points, settings, 3);
-      const fit = fitInFrame((found as RbfFit), info.to_frame, info.origin);
+      const fit = fitInFrame(found as RbfFit, info.to_frame, info.origin);
       this.count += 1;
       return { ...lattice, values: isForward ? forwardOnLattice(fit, lattice) : rbfOnLattice(fit, lattice) };
     } catch (error) {

@@ -3,27 +3,26 @@
 // Frames of movies: see movie_frames.js.
 
 import { clipOf, isClipped } from "../maths/clipping.ts";
+import type { Model, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import type { Flicker } from "../ui/view_parts.ts";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.ts";
-import { FieldLink, fieldOf } from "./follow_editor.ts";
-import { SpaceLink } from "./follow_space.ts";
-import { StillPicture } from "./server_view.ts";
-import { TimeLink } from "./playback.ts";
-import { PointerControls } from "./pointer.ts";
-import { MovieFrames } from "./movie_frames.ts";
-import { FrameLoop } from "./render_loop.ts";
-import { SpacePoints } from "./space_points.ts";
-import { ViewCamera } from "./view_camera.ts";
-import { ViewElements, ViewMessages } from "./view_elements.ts";
-import { floatsOf, VolumeLoader } from "./volume_loader.ts";
-
-import type { Model, Vector3 } from "../types.ts";
 import type { Picture, PlanarField, SpaceField, VolumeData } from "../webgl/types.ts";
 import type { KnownCuts } from "./follow_editor.ts";
+import { FieldLink, fieldOf } from "./follow_editor.ts";
+import { SpaceLink } from "./follow_space.ts";
+import { MovieFrames } from "./movie_frames.ts";
+import { TimeLink } from "./playback.ts";
+import { PointerControls } from "./pointer.ts";
+import { FrameLoop } from "./render_loop.ts";
+import { StillPicture } from "./server_view.ts";
+import { SpacePoints } from "./space_points.ts";
 import type { Bytes, Field, VolumeInfo } from "./types.ts";
-import type { Flicker } from "../ui/view_parts.ts";
+import { ViewCamera } from "./view_camera.ts";
+import { ViewElements, ViewMessages } from "./view_elements.ts";
 import type { Message } from "./volume_loader.ts";
+import { floatsOf, VolumeLoader } from "./volume_loader.ts";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
@@ -46,7 +45,7 @@ class LiveVolumeView {
   still: StillPicture | null;
   isScarce: boolean;
   wasTooMuch: boolean;
-  sent: { received: number; };
+  sent: { received: number };
   movie: MovieFrames | null;
   cuts: KnownCuts;
   stats: Record<string, number> | null;
@@ -62,9 +61,14 @@ class LiveVolumeView {
     this.model = model;
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
-    this.elements = new ViewElements(model, el, "dnb-live", { showView: (view) => this.showView(view),
-      rethemed: () => this.setBackground(), flip: (layer) => this.flip(layer), compared: () => this.compared(),
-      resized: () => this.size(), picture: () => this.picture() });
+    this.elements = new ViewElements(model, el, "dnb-live", {
+      showView: (view) => this.showView(view),
+      rethemed: () => this.setBackground(),
+      flip: (layer) => this.flip(layer),
+      compared: () => this.compared(),
+      resized: () => this.size(),
+      picture: () => this.picture(),
+    });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.pixels = [this.canvas.width, this.canvas.height]; // of the full picture
@@ -84,20 +88,31 @@ class LiveVolumeView {
     this.cuts = {};
     this.stats = null; // measurements of the last full picture
     this.camera = new ViewCamera(this);
-    this.progress = pageElement("div", "dnb-progress", this.root,
-      { role: "progressbar", "aria-label": "loading the volume" });
+    this.progress = pageElement("div", "dnb-progress", this.root, {
+      role: "progressbar",
+      "aria-label": "loading the volume",
+    });
     this.setBackground();
     this.size();
 
     this.#listen();
-    this.link = new FieldLink(model, (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
-      (isMoving) => this.movedByLink(isMoving));
+    this.link = new FieldLink(
+      model,
+      (planar, isDrawing) => this.planarFromLink(planar, isDrawing),
+      (isMoving) => this.movedByLink(isMoving),
+    );
     this.times = new TimeLink(this);
-    this.spaceLink = new SpaceLink(model, { info: () => this.info, move: (isMoving) => this.movedByLink(isMoving),
+    this.spaceLink = new SpaceLink(model, {
+      info: () => this.info,
+      move: (isMoving) => this.movedByLink(isMoving),
       apply: (space, isMoving) => this.spaceFromLink(space, isMoving),
-      follows: (sender) => this.send({ type: "follows", sender }) });
-    for (const [link, name] of ([[this.link, "editor"], [this.times, "player"],
-      [this.spaceLink, "points_editor"]] as const)) {
+      follows: (sender) => this.send({ type: "follows", sender }),
+    });
+    for (const [link, name] of [
+      [this.link, "editor"],
+      [this.times, "player"],
+      [this.spaceLink, "points_editor"],
+    ] as const) {
       this.on(`change:${name}`, () => link.follow(model.get(name)));
       link.follow(model.get(name)).catch((error) => this.fail(error));
     }
@@ -111,9 +126,14 @@ class LiveVolumeView {
   size() {
     const [w, h] = this.elements.fit().map((n) => Math.max(1, n));
     if (this.pixels[0] === w && this.pixels[1] === h) return;
-    this.camera.reframed(() => { this.pixels = [w, h]; });
+    this.camera.reframed(() => {
+      this.pixels = [w, h];
+    });
     this.caster?.resize(w, h);
-    if (this.loop) { this.loop.again(); this.touch(); }
+    if (this.loop) {
+      this.loop.again();
+      this.touch();
+    }
   }
 
   setBackground() {
@@ -127,7 +147,9 @@ class LiveVolumeView {
 
   setShows() {
     const { shows } = this.elements;
-    this.camera.reframed(() => { this.shown = shows; });
+    this.camera.reframed(() => {
+      this.shown = shows;
+    });
     this.flicker.set(shows === "flicker" && Boolean(this.loop));
     this.elements.compare.set(this.loop ? shows : "");
     this.caption();
@@ -139,7 +161,10 @@ class LiveVolumeView {
 
   /** The line or the slider between original and deformed was moved. */
   compared() {
-    if (this.elements.shows !== "fade") { this.touch(); return; }
+    if (this.elements.shows !== "fade") {
+      this.touch();
+      return;
+    }
     this.#setMixture();
     this.loop?.again(); // both are drawn
   }
@@ -155,7 +180,9 @@ class LiveVolumeView {
     this.still?.request();
   }
 
-  caption() { this.elements.caption(this.still ? 0 : this.flicker.layer); }
+  caption() {
+    this.elements.caption(this.still ? 0 : this.flicker.layer);
+  }
 
   flip(layer: number) {
     this.caption();
@@ -168,16 +195,24 @@ class LiveVolumeView {
     return pictures.map((picture) => ({ ...picture, camera: this.seen((picture.whole ?? picture).width / height) }));
   }
 
-  showMessage(text: string) { this.elements.showMessage(text); }
+  showMessage(text: string) {
+    this.elements.showMessage(text);
+  }
 
-  mark() { setText(this.elements.badge, remarksOn(this)); }
+  mark() {
+    setText(this.elements.badge, remarksOn(this));
+  }
 
   // -- the camera ----------------------------------------------------------------------------------------------------
 
   /** The camera in the volume's own frame, for a picture of this width by height. */
-  seen(aspect: number) { return this.camera.seen(aspect); }
+  seen(aspect: number) {
+    return this.camera.seen(aspect);
+  }
 
-  readCamera(isForced = false) { if (this.camera.read(isForced)) this.touch(); }
+  readCamera(isForced = false) {
+    if (this.camera.read(isForced)) this.touch();
+  }
 
   writeCamera() {
     this.camera.write();
@@ -220,8 +255,14 @@ class LiveVolumeView {
   /** @param voxels the most that the GPU holds, where it has been found not to hold all */
   hello(voxels: number | null = null) {
     const { caster } = this;
-    this.send({ type: "hello", largest: caster?.largest ?? 0, renderer: caster?.name ?? "",
-      software: caster?.isSoftware ?? true, background: this.elements.theme.name, ...(voxels && { voxels }) });
+    this.send({
+      type: "hello",
+      largest: caster?.largest ?? 0,
+      renderer: caster?.name ?? "",
+      software: caster?.isSoftware ?? true,
+      background: this.elements.theme.name,
+      ...(voxels && { voxels }),
+    });
   }
 
   /**
@@ -237,10 +278,13 @@ class LiveVolumeView {
   }
 
   #prepare(caster: RayCaster) {
-    this.loop = new FrameLoop(caster, (width, height) => this.pictures(width, height),
+    this.loop = new FrameLoop(
+      caster,
+      (width, height) => this.pictures(width, height),
       () => ({ target: this.model.get("target_ms"), settle: this.model.get("settle_ms") }),
       (loop) => this.sendStats(loop),
-      () => this.catchUp());
+      () => this.catchUp(),
+    );
     caster.projection = this.model.get("projection");
     caster.background = this.elements.background;
     this.setFolds();
@@ -248,7 +292,12 @@ class LiveVolumeView {
     this.setClip();
   }
 
-  setFolds() { if (this.caster) { this.caster.showFolds = this.model.get("show_folds") ?? true; this.touch(); } }
+  setFolds() {
+    if (this.caster) {
+      this.caster.showFolds = this.model.get("show_folds") ?? true;
+      this.touch();
+    }
+  }
 
   setOcclusion() {
     if (this.caster) this.caster.occlusion = this.model.get("ambient_occlusion") ?? true;
@@ -292,9 +341,13 @@ class LiveVolumeView {
 
   // -- messages and traits -------------------------------------------------------------------------------------------
 
-  send(content: Message, buffers?: ArrayBuffer[]) { this.messages.send(content, buffers); }
+  send(content: Message, buffers?: ArrayBuffer[]) {
+    this.messages.send(content, buffers);
+  }
 
-  on(name: string, handler: (...given: any[]) => unknown) { this.messages.on(name, handler); }
+  on(name: string, handler: (...given: any[]) => unknown) {
+    this.messages.on(name, handler);
+  }
 
   fail(error: unknown) {
     console.error(error);
@@ -310,7 +363,10 @@ class LiveVolumeView {
       if (this.caster) this.caster.projection = this.model.get("projection");
       this.touch();
     });
-    this.on("change:show_folds", () => { this.setFolds(); this.mark(); });
+    this.on("change:show_folds", () => {
+      this.setFolds();
+      this.mark();
+    });
     this.on("change:ambient_occlusion", () => this.setOcclusion());
     this.on("change:background", () => this.setBackground());
     this.on("change:shows", () => this.setShows());
@@ -339,10 +395,17 @@ class LiveVolumeView {
     this.values = null;
     this.mark();
     this.readCamera(true);
-    if (!this.caster) { this.still?.request(); return; }
+    if (!this.caster) {
+      this.still?.request();
+      return;
+    }
     if (this.loader) this.loader.close();
-    this.loader = new VolumeLoader(info, (index) => this.send({ type: "chunk", id: info.id, index }),
-      (share) => this.setProgress(0.8 * share), (isStuck) => this.setStuck(isStuck));
+    this.loader = new VolumeLoader(
+      info,
+      (index) => this.send({ type: "chunk", id: info.id, index }),
+      (share) => this.setProgress(0.8 * share),
+      (isStuck) => this.setStuck(isStuck),
+    );
   }
 
   setStuck(isStuck: boolean) {
@@ -386,10 +449,11 @@ class LiveVolumeView {
     const { caster } = this;
     if (!caster) return;
     const { shape } = info;
-    const tick = (done: number) => new Promise<void>((resolve) => {
-      this.setProgress(0.8 + 0.19 * done);
-      setTimeout(resolve, 0);
-    });
+    const tick = (done: number) =>
+      new Promise<void>((resolve) => {
+        this.setProgress(0.8 + 0.19 * done);
+        setTimeout(resolve, 0);
+      });
     let done = false;
     try {
       const uploaded = caster.setVolume(values, this.about(info), tick);
@@ -420,10 +484,17 @@ class LiveVolumeView {
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
     const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
-    if (!field) { this.hello(); return; } // which is answered with all of it
-    this.camera.reframed(() => { // a larger field of view is seen whole
-      this.field = { ...field, planar: this.link.merged(field.planar, content.follow || null),
-        space: this.spaceLink.merged(field.space, content.moved || null) };
+    if (!field) {
+      this.hello();
+      return;
+    } // which is answered with all of it
+    this.camera.reframed(() => {
+      // a larger field of view is seen whole
+      this.field = {
+        ...field,
+        planar: this.link.merged(field.planar, content.follow || null),
+        space: this.spaceLink.merged(field.space, content.moved || null),
+      };
     });
     this.mark();
     this.applyField();
@@ -434,7 +505,9 @@ class LiveVolumeView {
   /** Lets Python send the next field when this one is being drawn: so it computes that while the GPU has this. */
   confirm(seq: number | undefined) {
     if (!seq) return;
-    const confirm = () => { if (!this.closed) this.send({ type: "seen", seq }); };
+    const confirm = () => {
+      if (!this.closed) this.send({ type: "seen", seq });
+    };
     if (this.still) this.still.whenShown(confirm);
     else if (this.loop && this.caster?.isReady) this.loop.begun.push(confirm);
     else confirm();
@@ -488,7 +561,9 @@ class LiveVolumeView {
     if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
     if (!this.loop || !this.caster?.isReady) return null;
     this.loop.drawNow();
-    return new Promise((resolve) => { this.canvas.toBlob(resolve, "image/png"); });
+    return new Promise((resolve) => {
+      this.canvas.toBlob(resolve, "image/png");
+    });
   }
 
   async screenshot({ id }: Message) {
@@ -515,7 +590,12 @@ class LiveVolumeView {
   }
 
   sendStats(loop: FrameLoop) {
-    this.stats = { ...measuredBy(loop), received: this.sent.received, edits: this.link.count + this.spaceLink.count, edit_ms: this.link.ms };
+    this.stats = {
+      ...measuredBy(loop),
+      received: this.sent.received,
+      edits: this.link.count + this.spaceLink.count,
+      edit_ms: this.link.ms,
+    };
     const looked = this.model.get("tissue_check"); // of a page without Python, which looks itself
     this.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
   }
@@ -544,6 +624,8 @@ class LiveVolumeView {
   }
 }
 
-function render({ model, el }: {model: Model, el: HTMLElement}) { return opened(new LiveVolumeView(model, el)); }
+function render({ model, el }: { model: Model; el: HTMLElement }) {
+  return opened(new LiveVolumeView(model, el));
+}
 
 export default { render };

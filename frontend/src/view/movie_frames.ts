@@ -3,17 +3,16 @@
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
 import { isClipped } from "../maths/clipping.ts";
+import type { Model } from "../types.ts";
 import { picturesOf } from "../ui/view_parts.ts";
 import { RayCaster } from "../webgl/raycaster.ts";
+import type { VolumeData } from "../webgl/types.ts";
 import { fieldOf } from "./follow_editor.ts";
 import { FrameLoop } from "./render_loop.ts";
-import { ViewCamera } from "./view_camera.ts";
-import { floatsOf } from "./volume_loader.ts";
-
-import type { Model } from "../types.ts";
-import type { VolumeData } from "../webgl/types.ts";
 import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
+import { ViewCamera } from "./view_camera.ts";
 import type { Message } from "./volume_loader.ts";
+import { floatsOf } from "./volume_loader.ts";
 
 const PIECE = 2 ** 18; // bytes in a message: proxies refuse large ones
 
@@ -30,9 +29,16 @@ export class MovieFrames {
   view: MovieSource;
   id: any;
   looks: any;
-  canvas: HTMLCanvasElement & { width: any; height: any; };
+  canvas: HTMLCanvasElement & { width: any; height: any };
   caster: RayCaster;
-  seen: { info: VolumeInfo | null; shown: any; pixels: any[]; pointer: { isBusy: boolean; }; field: Field | null; model: { get: (name: string) => any; }; };
+  seen: {
+    info: VolumeInfo | null;
+    shown: any;
+    pixels: any[];
+    pointer: { isBusy: boolean };
+    field: Field | null;
+    model: { get: (name: string) => any };
+  };
   camera: ViewCamera;
   loop: FrameLoop;
   isReady: Promise<void>;
@@ -46,15 +52,31 @@ export class MovieFrames {
     this.caster = new RayCaster(this.canvas);
     const { model, info } = view;
     // What a camera needs of a view, as it is in the movie.
-    const like = { info, shown: looks.shows, pixels: [width, height], pointer: { isBusy: false },
-      field: (null as Field | null), model: { get: (name: string) => looks[name] } };
+    const like = {
+      info,
+      shown: looks.shows,
+      pixels: [width, height],
+      pointer: { isBusy: false },
+      field: null as Field | null,
+      model: { get: (name: string) => looks[name] },
+    };
     this.seen = like;
-    this.camera = new ViewCamera(((like as unknown) as VolumeViewLike));
-    this.loop = new FrameLoop(this.caster, (w, h) => this.#pictures(w, h), () => ({ target: 0, settle: 0 }), () => {},
-      () => {});
+    this.camera = new ViewCamera(like as unknown as VolumeViewLike);
+    this.loop = new FrameLoop(
+      this.caster,
+      (w, h) => this.#pictures(w, h),
+      () => ({ target: 0, settle: 0 }),
+      () => {},
+      () => {},
+    );
     if (looks.shows === "fade") this.loop.mixture = 0.5;
-    Object.assign(this.caster, { projection: looks.projection, background: looks.background,
-      showFolds: looks.show_folds, occlusion: looks.ambient_occlusion, clip: isClipped(looks.clip) ? looks.clip : null });
+    Object.assign(this.caster, {
+      projection: looks.projection,
+      background: looks.background,
+      showFolds: looks.show_folds,
+      occlusion: looks.ambient_occlusion,
+      clip: isClipped(looks.clip) ? looks.clip : null,
+    });
     this.caster.setTable(floatsOf(model.get("table")), model.get("unit"));
     this.isReady = this.#load();
   }
@@ -62,21 +84,27 @@ export class MovieFrames {
   async #load() {
     const { values, info, about } = this.view;
     if (!values || !info) throw new Error("the volume has not come yet");
-    const pause = () => new Promise<void>((resolve) => { setTimeout(resolve, 0); });
+    const pause = () =>
+      new Promise<void>((resolve) => {
+        setTimeout(resolve, 0);
+      });
     await this.caster.setVolume(values, about(info), pause);
   }
 
   #pictures(width: number, height: number) {
-    return picturesOf(this.looks.shows, width).map((picture) => (
-      { ...picture, camera: this.camera.seen((picture.whole ?? picture).width / height) }));
+    return picturesOf(this.looks.shows, width).map((picture) => ({
+      ...picture,
+      camera: this.camera.seen((picture.whole ?? picture).width / height),
+    }));
   }
 
   /** Draws a frame and sends its PNG in pieces. */
   async draw(content: Message, buffers: Bytes[]) {
-    const { view, id, caster, camera } = this, { index } = content;
+    const { view, id, caster, camera } = this,
+      { index } = content;
     try {
       await this.isReady;
-      const field = (fieldOf(content, buffers, {}) as Field);
+      const field = fieldOf(content, buffers, {}) as Field;
       this.seen.field = field;
       camera.read(true);
       caster.setPlanar(field.planar);
@@ -90,8 +118,9 @@ export class MovieFrames {
       if (!png) throw new Error("the browser made no picture");
       const bytes = await png.arrayBuffer();
       for (let offset = 0; offset < bytes.byteLength; offset += PIECE) {
-        view.send({ type: "movie_piece", id, index, offset, size: bytes.byteLength },
-          [bytes.slice(offset, offset + PIECE)]);
+        view.send({ type: "movie_piece", id, index, offset, size: bytes.byteLength }, [
+          bytes.slice(offset, offset + PIECE),
+        ]);
       }
     } catch (error) {
       view.send({ type: "movie_failed", id, message: String((error instanceof Error && error.message) || error) });

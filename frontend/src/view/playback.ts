@@ -4,21 +4,20 @@
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
 
 import { FollowedModel } from "../sync/bus.ts";
-import { floatsOf } from "./volume_loader.ts";
-
 import type { Bus, Model, TimeDetail } from "../types.ts";
 import type { PlanarField } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import type { Message } from "./volume_loader.ts";
+import { floatsOf } from "./volume_loader.ts";
 
 /** maps of all moments */
-export type Moments = {count: number, duration: number, maps: Float32Array, planar: PlanarField};
+export type Moments = { count: number; duration: number; maps: Float32Array; planar: PlanarField };
 
 /** the live view whose field this changes */
 export interface PlayedView {
   model: Model;
   field: Field | null;
-  still: {request(): void} | null;
+  still: { request(): void } | null;
   applyField: () => void;
   touch: (held: boolean) => void;
 }
@@ -48,14 +47,18 @@ export class TimeLink {
     this.bus = bus;
     this.followed.hear(bus, "deformnb:time", ({ detail }) => this.#show(detail));
     // A player that is not drawn in this window has no clock here; its traits still change.
-    const changed = () => { if (!bus.clock) this.#show({ time: player.get("time"), isPlaying: false }); };
+    const changed = () => {
+      if (!bus.clock) this.#show({ time: player.get("time"), isPlaying: false });
+    };
     player.on("change:time", changed);
     this.followed.ends.push(() => player.off("change:time", changed));
     if (this.frames) this.#show({ time: this.time, isPlaying: false });
   }
 
   /** The moment that is shown now. */
-  get time(): number { return this.bus?.moment?.time ?? this.player?.get("time") ?? 0; }
+  get time(): number {
+    return this.bus?.moment?.time ?? this.player?.get("time") ?? 0;
+  }
 
   /**
    * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
@@ -66,7 +69,9 @@ export class TimeLink {
   }
 
   /** Forgets the moments: something else is shown. */
-  drop() { this.frames = null; }
+  drop() {
+    this.frames = null;
+  }
 
   #show({ time, isPlaying }: TimeDetail) {
     const { view, frames } = this;
@@ -89,10 +94,14 @@ function planarAt({ planar, maps, count, duration }: Moments, time: number) {
 
 /** The map between two of `count`, blended linearly and clamped to the first and the last. */
 function mapAt(maps: Float32Array, count: number, position: number) {
-  const size = maps.length / count, p = Math.max(0, Math.min(count - 1, position));
+  const size = maps.length / count,
+    p = Math.max(0, Math.min(count - 1, position));
   const k = Math.min(Math.floor(p), count - 2);
   if (count === 1 || p === k) return maps.subarray((count === 1 ? 0 : k) * size, (count === 1 ? 1 : k + 1) * size);
-  const share = p - k, result = new Float32Array(size), first = k * size, next = first + size;
+  const share = p - k,
+    result = new Float32Array(size),
+    first = k * size,
+    next = first + size;
   for (let i = 0; i < size; i++) result[i] = (1 - share) * maps[first + i] + share * maps[next + i];
   return result;
 }

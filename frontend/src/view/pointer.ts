@@ -1,11 +1,10 @@
 // Pointer, wheel and keys of a view: turn, move, zoom. One finger turns, two move and zoom.
 
-import { isWorkedIn } from "../ui/dom.ts";
-
 import type { Vector2 } from "../types.ts";
+import { isWorkedIn } from "../ui/dom.ts";
 import type { VolumeViewLike } from "./types.ts";
 /** in CSS pixels */
-export type ScreenBox = {left: number, top: number, width: number, height: number};
+export type ScreenBox = { left: number; top: number; width: number; height: number };
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
@@ -23,30 +22,45 @@ export class PointerControls {
     this.moving = false;
     this.rest = 0;
     this.closed = new AbortController();
-    const { canvas } = view, { signal } = this.closed;
-    const add = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) => canvas.addEventListener(name, (event) => { if (view.info) handler(event); },
-      { passive: false, signal });
+    const { canvas } = view,
+      { signal } = this.closed;
+    const add = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) =>
+      canvas.addEventListener(
+        name,
+        (event) => {
+          if (view.info) handler(event);
+        },
+        { passive: false, signal },
+      );
     add("pointerdown", (e) => this.down(e));
     add("pointermove", (e) => this.move(e));
     add("pointerup", (e) => this.up(e));
     add("pointercancel", (e) => this.up(e));
     add("wheel", (e) => this.wheel(e));
-    add("dblclick", (e) => { if (!view.spacePoints.doubleClick(e)) view.showView("home"); });
+    add("dblclick", (e) => {
+      if (!view.spacePoints.doubleClick(e)) view.showView("home");
+    });
     add("keydown", (e) => this.key(e));
     canvas.addEventListener("webglcontextlost", (e) => view.lost(e), { signal });
     canvas.addEventListener("webglcontextrestored", () => view.restored(), { signal });
   }
 
-  get isBusy() { return this.points.size > 0; }
+  get isBusy() {
+    return this.points.size > 0;
+  }
 
   /** The box of the picture, of two side by side the one at x. */
   box(x = 0): ScreenBox {
-    const whole = this.view.canvas.getBoundingClientRect(), { parts } = this.view.camera, width = whole.width / parts;
+    const whole = this.view.canvas.getBoundingClientRect(),
+      { parts } = this.view.camera,
+      width = whole.width / parts;
     const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
     return { left: whole.left + part * width, top: whole.top, width, height: whole.height };
   }
 
-  close() { this.closed.abort(); }
+  close() {
+    this.closed.abort();
+  }
 
   down(event: PointerEvent) {
     if (event.button > 1) return; // the right button belongs to the browser
@@ -60,8 +74,11 @@ export class PointerControls {
     const before = this.points.get(event.pointerId);
     if (!before) return;
     const now: Vector2 = [event.clientX, event.clientY];
-    const dx = now[0] - before[0], dy = now[1] - before[1];
-    const { camera } = this.view, box = this.box(), small = Math.min(box.width, box.height);
+    const dx = now[0] - before[0],
+      dy = now[1] - before[1];
+    const { camera } = this.view,
+      box = this.box(),
+      small = Math.min(box.width, box.height);
     if (this.points.size === 2) this.pinch(event.pointerId, before, now, box);
     else if (event.shiftKey || event.buttons === 4) this.pan(dx, dy, box);
     else if (event.altKey) camera.roll((-dx / small) * TURN);
@@ -72,7 +89,8 @@ export class PointerControls {
   }
 
   pan(dx: number, dy: number, box: ScreenBox) {
-    const { camera } = this.view, length = camera.height / box.height;
+    const { camera } = this.view,
+      length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
     camera.keepSeen();
   }
@@ -92,11 +110,14 @@ export class PointerControls {
   }
 
   /** Zooms by a factor, keeping the place under a pointer where it is. */
-  zoom(factor: number, at: {clientX: number, clientY: number} | null = null) {
-    const { camera } = this.view, { full } = camera;
-    const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)), change = camera.height - height;
+  zoom(factor: number, at: { clientX: number; clientY: number } | null = null) {
+    const { camera } = this.view,
+      { full } = camera;
+    const height = Math.min(8 * full, Math.max(full / 60, camera.height / factor)),
+      change = camera.height - height;
     if (at) {
-      const { clientX: x, clientY: y } = at, box = this.box(x);
+      const { clientX: x, clientY: y } = at,
+        box = this.box(x);
       camera.pan[0] += change * ((x - box.left - box.width / 2) / box.height);
       camera.pan[1] -= change * ((y - box.top - box.height / 2) / box.height);
     }
@@ -116,13 +137,21 @@ export class PointerControls {
   /** Sends one message to Python when the wheel or a key rests, not one for each notch. */
   later() {
     clearTimeout(this.rest);
-    this.rest = setTimeout(() => { if (!this.view.closed) this.view.writeCamera(); }, 300);
+    this.rest = setTimeout(() => {
+      if (!this.view.closed) this.view.writeCamera();
+    }, 300);
   }
 
   key(event: KeyboardEvent) {
     if (event.ctrlKey || event.metaKey || event.altKey) return;
-    const { camera } = this.view, step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
-    const turns: Record<string, Vector2> = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    const { camera } = this.view,
+      step = event.shiftKey ? 3 * KEY_TURN : KEY_TURN;
+    const turns: Record<string, Vector2> = {
+      ArrowLeft: [-step, 0],
+      ArrowRight: [step, 0],
+      ArrowUp: [0, -step],
+      ArrowDown: [0, step],
+    };
     if (event.key === " " && !this.view.flicker.press(true)) return;
     if (turns[event.key]) camera.turn(...turns[event.key]);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);

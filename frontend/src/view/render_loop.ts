@@ -14,7 +14,7 @@ export type Tile = [number, number, number, number];
 
 /** a quick picture under way */
 export interface Rush {
-  pieces: {picture: Picture, tile: Tile}[];
+  pieces: { picture: Picture; tile: Tile }[];
   size: [number, number];
   coarseness: number;
   layers: number[];
@@ -23,7 +23,7 @@ export interface Rush {
 }
 
 /** of a full picture */
-export type Piece = {picture: Picture, at: Tile, quarter: Quarter | null};
+export type Piece = { picture: Picture; at: Tile; quarter: Quarter | null };
 
 /** a whole picture of one layer, out of the full one under way */
 export interface Stage {
@@ -33,7 +33,7 @@ export interface Stage {
   /** the picture that is whole then */
   shows: string;
   /** the quarters that it is put together of */
-  merged: {from: string, stride: number} | null;
+  merged: { from: string; stride: number } | null;
 }
 
 /** a full picture under way */
@@ -51,12 +51,14 @@ const TILE_MS = 40; // a piece of the full picture: the pointer is answered afte
 const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside it waits for one piece only
 // Of the time that a picture may take while something moves. A software renderer draws on the processors that the widget
 // that moves the points needs too.
-const GPU_SHARE = 0.5, SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
+const GPU_SHARE = 0.5,
+  SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
 const HEARD_MS = 3; // from the end of the GPU's work until the page hears of it
 const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
 const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
-const FITS_EASILY = 0.75, EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
+const FITS_EASILY = 0.75,
+  EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
 const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
 const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
@@ -64,12 +66,20 @@ const FINER = 1.2; // than the quick picture by at least so much, or the first a
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
-const PASSES = [[150, 8], [700, 4], [3000, 2]], SOFTWARE_PASSES = [[150, 4], [3000, 2]];
+const PASSES = [
+    [150, 8],
+    [700, 4],
+    [3000, 2],
+  ],
+  SOFTWARE_PASSES = [
+    [150, 4],
+    [3000, 2],
+  ];
 
 export class FrameLoop {
   caster: RayCaster;
   pictures: (width: number, height: number) => Picture[];
-  options: () => { target: number; settle: number; };
+  options: () => { target: number; settle: number };
   report: (loop: FrameLoop) => void;
   catchUp: () => void;
   halvings: number;
@@ -90,7 +100,7 @@ export class FrameLoop {
   quickCosts: number[];
   rush: Rush | null;
   change: (() => void) | null;
-  times: { drag: number[]; full: number; passes: number; frames: number; };
+  times: { drag: number[]; full: number; passes: number; frames: number };
   sync: WebGLSync | null;
   isShowing: boolean;
   waiting: number;
@@ -103,7 +113,13 @@ export class FrameLoop {
    * @param report is called when all is drawn
    * @param catchUp is called before anything is drawn, for what is made only then
    */
-  constructor(caster: RayCaster, pictures: (width: number, height: number) => Picture[], options: () => {target: number, settle: number}, report: (loop: FrameLoop) => void, catchUp: () => void) {
+  constructor(
+    caster: RayCaster,
+    pictures: (width: number, height: number) => Picture[],
+    options: () => { target: number; settle: number },
+    report: (loop: FrameLoop) => void,
+    catchUp: () => void,
+  ) {
     this.caster = caster;
     this.pictures = pictures;
     this.options = options;
@@ -128,7 +144,7 @@ export class FrameLoop {
     this.quickCosts = []; // the same of the last of them
     this.rush = null;
     this.change = null; // what comes with the next quick picture
-    this.times = { drag: ([] as number[]), full: 0, passes: 0, frames: 0 };
+    this.times = { drag: [] as number[], full: 0, passes: 0, frames: 0 };
     this.sync = null; // of the work that the GPU has not finished
     this.isShowing = false; // whether a frame with a changed canvas is put together
     this.waiting = 0;
@@ -153,7 +169,10 @@ export class FrameLoop {
   }
 
   /** Lets the full picture begin: nothing has changed, but the finger is lifted. */
-  release() { this.#hold(false); this.#plan(0); }
+  release() {
+    this.#hold(false);
+    this.#plan(0);
+  }
 
   #hold(held: boolean) {
     if (this.held && !held) this.dropped = performance.now();
@@ -164,22 +183,37 @@ export class FrameLoop {
   flip(layer: number) {
     this.layer = layer;
     if (this.drawn[layer]) this.#present();
-    else { this.isRequested = true; this.#plan(0); }
+    else {
+      this.isRequested = true;
+      this.#plan(0);
+    }
   }
 
-  close() { this.closed = true; clearTimeout(this.waiting); cancelAnimationFrame(this.frame); }
+  close() {
+    this.closed = true;
+    clearTimeout(this.waiting);
+    cancelAnimationFrame(this.frame);
+  }
 
   /** The share of the full picture's width and height that a quick one has. */
-  get scale() { return 2 ** (-this.halvings / 2); }
+  get scale() {
+    return 2 ** (-this.halvings / 2);
+  }
 
   #plan(delay: number) {
     if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
     if (this.frame) return; // put off by a change in every frame, as an animation makes, it would never come
     clearTimeout(this.waiting);
-    const step = () => { this.frame = 0; this.#step(); };
+    const step = () => {
+      this.frame = 0;
+      this.#step();
+    };
     // After the frame: a widget that moves points has drawn them by then, and its picture waits for no rays.
-    const next = () => { this.frame = requestAnimationFrame(() => setTimeout(step, 0)); };
-    if (delay > 0) this.waiting = setTimeout(next, delay); else next();
+    const next = () => {
+      this.frame = requestAnimationFrame(() => setTimeout(step, 0));
+    };
+    if (delay > 0) this.waiting = setTimeout(next, delay);
+    else next();
   }
 
   #step() {
@@ -192,7 +226,9 @@ export class FrameLoop {
     else this.#refine();
   }
 
-  get size(): [number, number] { return [this.caster.size[0], this.caster.size[1]]; }
+  get size(): [number, number] {
+    return [this.caster.size[0], this.caster.size[1]];
+  }
 
   #present() {
     const name = this.drawn[this.layer];
@@ -203,7 +239,9 @@ export class FrameLoop {
   }
 
   /** Whether a picture is on the screen. */
-  #isSeen({ layer }: Picture) { return this.mixture !== null || layer === this.layer; }
+  #isSeen({ layer }: Picture) {
+    return this.mixture !== null || layer === this.layer;
+  }
 
   #seen(width: number, height: number) {
     const pictures = this.pictures(width, height);
@@ -216,7 +254,8 @@ export class FrameLoop {
     this.isRequested = false;
     this.#settle();
     const [w, h] = this.size;
-    const width = Math.max(24, Math.round(w * this.scale)), height = Math.max(24, Math.round(h * this.scale));
+    const width = Math.max(24, Math.round(w * this.scale)),
+      height = Math.max(24, Math.round(h * this.scale));
     const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count));
     const pieces: Rush["pieces"] = [];
@@ -228,8 +267,14 @@ export class FrameLoop {
     }
     // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
-    this.rush = { pieces, size: [width, height], coarseness,
-      layers: [...new Set(pieces.map(({ picture }) => picture.layer))], start: performance.now(), spent: 0 };
+    this.rush = {
+      pieces,
+      size: [width, height],
+      coarseness,
+      layers: [...new Set(pieces.map(({ picture }) => picture.layer))],
+      start: performance.now(),
+      spent: 0,
+    };
     this.#piece(this.rush);
     for (const callback of this.begun.splice(0)) callback();
   }
@@ -265,8 +310,14 @@ export class FrameLoop {
     let ms = this.quickCost * pixels;
     const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
     const coarsest = Math.min(COARSEST, Math.floor(this.halvings + Math.log2(pixels / FEWEST_PIXELS)));
-    while (ms > EXCEEDS * most && this.halvings < coarsest) { this.halvings += 1; ms /= 2; }
-    while (2 * ms < FITS_EASILY * most && this.halvings > 0) { this.halvings -= 1; ms *= 2; }
+    while (ms > EXCEEDS * most && this.halvings < coarsest) {
+      this.halvings += 1;
+      ms /= 2;
+    }
+    while (2 * ms < FITS_EASILY * most && this.halvings > 0) {
+      this.halvings -= 1;
+      ms *= 2;
+    }
   }
 
   /** Makes the changes that were requested while a picture was being drawn. */
@@ -279,7 +330,9 @@ export class FrameLoop {
 
   /** Begins a pass of the full picture, the first or the one after `last`. */
   #begin(last: Work | null): Work {
-    const [w, h] = this.size, pass = last ? last.pass + 1 : 0, pictures = last ? last.pictures : this.#seen(w, h);
+    const [w, h] = this.size,
+      pass = last ? last.pass + 1 : 0,
+      pictures = last ? last.pictures : this.#seen(w, h);
     const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === this.layer ? -1 : 1)); // first the seen
     const stages = layers.flatMap((layer) => {
       const own = pictures.filter((p) => p.layer === layer);
@@ -291,8 +344,8 @@ export class FrameLoop {
 
   /** The stride of the first whole picture at rest: it has as many pixels as are drawn within SHOW_MS. */
   #firstStride(pictures: Picture[]) {
-    const whole = pictures.reduce((sum, p) => sum + p.width, 0) * this.size[1]
-      * Math.max(this.pixelCost, this.quickCost);
+    const whole =
+      pictures.reduce((sum, p) => sum + p.width, 0) * this.size[1] * Math.max(this.pixelCost, this.quickCost);
     let stride = 1;
     while (stride < LONGEST_STRIDE && whole > SHOW_MS * stride ** 2) stride *= 2;
     while (stride > 1 && FINER * this.scale * stride > 1) stride /= 2;
@@ -305,12 +358,28 @@ export class FrameLoop {
   #stages(layer: number, pictures: Picture[], stride: number): Stage[] {
     const name = (s: number) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
     if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, [null]), shows: name(1), merged: null }];
-    const quarters: (numbers: [number, number][], s: number) => Quarter[] = (numbers, s) => numbers.map(([x, y]) => ({ stride: s, x, y }));
-    const stages: Stage[] = [{ layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride),
-      merged: null }];
+    const quarters: (numbers: [number, number][], s: number) => Quarter[] = (numbers, s) =>
+      numbers.map(([x, y]) => ({ stride: s, x, y }));
+    const stages: Stage[] = [
+      { layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride), merged: null },
+    ];
     for (let s = stride; s > 1; s /= 2) {
-      stages.push({ layer, pieces: this.#pieces(pictures, quarters([[1, 1], [1, 0], [0, 1]], s)), shows: name(s / 2),
-        merged: { from: name(s), stride: s } });
+      stages.push({
+        layer,
+        pieces: this.#pieces(
+          pictures,
+          quarters(
+            [
+              [1, 1],
+              [1, 0],
+              [0, 1],
+            ],
+            s,
+          ),
+        ),
+        shows: name(s / 2),
+        merged: { from: name(s), stride: s },
+      });
     }
     return stages;
   }
@@ -320,14 +389,16 @@ export class FrameLoop {
    * meet the same voxels.
    */
   #pieces(pictures: Picture[], quarters: (Quarter | null)[]) {
-    const [w, h] = this.size, side = Math.round(Math.sqrt(TILE_MS / this.pixelCost));
+    const [w, h] = this.size,
+      side = Math.round(Math.sqrt(TILE_MS / this.pixelCost));
     const most = Math.max(16, Math.min(Math.max(w, h), side));
     const pieces: Piece[] = [];
     for (const picture of pictures) {
       const [{ stride }] = quarters.map((q) => q ?? { stride: 1 });
       for (let y = 0; y < h; y += most * stride) {
         for (let x = picture.x; x < picture.x + picture.width; x += most * stride) {
-          const right = Math.min(x + most * stride, picture.x + picture.width), top = Math.min(y + most * stride, h);
+          const right = Math.min(x + most * stride, picture.x + picture.width),
+            top = Math.min(y + most * stride, h);
           for (const quarter of quarters) {
             const within: (from: number, to: number, part?: number) => [number, number] = (from, to, part = 0) => {
               const [a, b] = [from, to].map((n) => Math.ceil((n - (part * stride) / 2) / stride));
@@ -345,8 +416,13 @@ export class FrameLoop {
   /** Draws pieces of the full picture for about TILE_MS. */
   #refine() {
     this.#settle();
-    const work = this.work ?? this.#begin(null), [w, h] = work.size, [stage] = work.stages;
-    if (w !== this.size[0] || h !== this.size[1]) { this.touch(); return; }
+    const work = this.work ?? this.#begin(null),
+      [w, h] = work.size,
+      [stage] = work.stages;
+    if (w !== this.size[0] || h !== this.size[1]) {
+      this.touch();
+      return;
+    }
     if (!stage) return;
     const name = stage.merged?.from ?? stage.shows;
     let pixels = 0;
@@ -395,7 +471,10 @@ export class FrameLoop {
     let looked = start;
     const look = () => {
       if (this.closed || !this.sync) return;
-      if (gl.isContextLost()) { this.sync = null; return; }
+      if (gl.isContextLost()) {
+        this.sync = null;
+        return;
+      }
       if (gl.getSyncParameter(this.sync, gl.SYNC_STATUS) !== gl.SIGNALED) {
         looked = performance.now();
         setTimeout(look, 2);
@@ -404,8 +483,12 @@ export class FrameLoop {
       gl.deleteSync(this.sync);
       this.sync = null;
       this.isShowing = done((looked + performance.now()) / 2 - start);
-      const next = () => { this.isShowing = false; this.#step(); };
-      if (this.isShowing) requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
+      const next = () => {
+        this.isShowing = false;
+        this.#step();
+      };
+      if (this.isShowing)
+        requestAnimationFrame(() => setTimeout(next, 0)); // a frame is put together between the two
       else this.waiting = setTimeout(next, 0);
     };
     setTimeout(look, 1);
@@ -415,7 +498,8 @@ export class FrameLoop {
   drawNow(passes = 2) {
     this.rush = null;
     this.#settle();
-    const [w, h] = this.size, pictures = this.#seen(w, h).filter((p) => this.#isSeen(p));
+    const [w, h] = this.size,
+      pictures = this.#seen(w, h).filter((p) => this.#isSeen(p));
     for (const picture of pictures) {
       for (let pass = 0; pass < passes; pass++) this.caster.cast(`full${picture.layer}`, w, h, picture, { pass });
     }
@@ -427,7 +511,8 @@ export class FrameLoop {
    * Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed.
    */
   again() {
-    const { caster, showing, parts, mixture } = this, isQuick = caster.isSoftware && showing?.startsWith("coarse");
+    const { caster, showing, parts, mixture } = this,
+      isQuick = caster.isSoftware && showing?.startsWith("coarse");
     caster.present(showing, { parts, over: mixture === null ? null : this.over, share: mixture ?? 0, isQuick });
   }
 }

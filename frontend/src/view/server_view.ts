@@ -2,19 +2,18 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
+import type { Model } from "../types.ts";
 import { COMPARISONS } from "../ui/compare_controls.ts";
 import { pageElement } from "../ui/dom.ts";
+import type { Flicker } from "../ui/view_parts.ts";
 import { opened } from "../ui/view_parts.ts";
 import { PointerControls } from "./pointer.ts";
 import { SpacePoints } from "./space_points.ts";
+import type { Bytes, VolumeInfo } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import { ViewElements, ViewMessages } from "./view_elements.ts";
-import { bytesOf } from "./volume_loader.ts";
-
-import type { Model } from "../types.ts";
-import type { Bytes, VolumeInfo } from "./types.ts";
-import type { Flicker } from "../ui/view_parts.ts";
 import type { Message } from "./volume_loader.ts";
+import { bytesOf } from "./volume_loader.ts";
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
@@ -41,7 +40,7 @@ export class ServerVolumeView {
   retry: number;
   sized: string;
   resizing: number;
-  loop: { release(): void; };
+  loop: { release(): void };
   inner: HTMLIFrameElement | null;
   camera: ViewCamera;
   waiting: HTMLDivElement;
@@ -53,10 +52,22 @@ export class ServerVolumeView {
     this.model = model;
     this.closed = false;
     this.messages = new ViewMessages(model, (error) => this.fail(error));
-    this.elements = new ViewElements(model, el, "dnb-volume", { showView: (view) => this.showView(view),
-      rethemed: () => this.size(), flip: () => { this.caption(); this.paint(); },
-      compared: () => this.paint(), resized: () => this.size(),
-      picture: () => (this.drawn ? new Promise((done) => { this.canvas.toBlob(done, "image/png"); }) : Promise.resolve(null)) });
+    this.elements = new ViewElements(model, el, "dnb-volume", {
+      showView: (view) => this.showView(view),
+      rethemed: () => this.size(),
+      flip: () => {
+        this.caption();
+        this.paint();
+      },
+      compared: () => this.paint(),
+      resized: () => this.size(),
+      picture: () =>
+        this.drawn
+          ? new Promise((done) => {
+              this.canvas.toBlob(done, "image/png");
+            })
+          : Promise.resolve(null),
+    });
     this.root = this.elements.root;
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
@@ -99,13 +110,22 @@ export class ServerVolumeView {
     for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
   }
 
-  on(name: string, handler: (...given: any[]) => unknown) { this.messages.on(name, handler); }
+  on(name: string, handler: (...given: any[]) => unknown) {
+    this.messages.on(name, handler);
+  }
 
-  send(content: Message) { this.messages.send(content); }
+  send(content: Message) {
+    this.messages.send(content);
+  }
 
-  showMessage(text: string) { this.elements.showMessage(text); }
+  showMessage(text: string) {
+    this.elements.showMessage(text);
+  }
 
-  wait(text: string) { this.waiting.textContent = text; this.waiting.hidden = !text; }
+  wait(text: string) {
+    this.waiting.textContent = text;
+    this.waiting.hidden = !text;
+  }
 
   fail(error: unknown) {
     console.error(error);
@@ -119,27 +139,42 @@ export class ServerVolumeView {
     const { background, theme } = this.elements;
     this.root.dataset.background = background;
     const [w, h] = this.elements.fit().map((n) => Math.min(4096, Math.max(16, n)));
-    const now = { width: w, height: h, background: theme.name,
-      ...(this.isFramed && { origin: window.location.origin }) }; // a frame of ours may be shown in pages of it
+    const now = {
+      width: w,
+      height: h,
+      background: theme.name,
+      ...(this.isFramed && { origin: window.location.origin }),
+    }; // a frame of ours may be shown in pages of it
     const sent = JSON.stringify(now);
     if (sent === this.sized) return;
-    this.camera.reframed(() => { this.canvas.width = now.width; this.canvas.height = now.height; });
+    this.camera.reframed(() => {
+      this.canvas.width = now.width;
+      this.canvas.height = now.height;
+    });
     this.paint();
     this.touchParts();
     clearTimeout(this.resizing);
-    const report = () => { this.send({ type: this.sized ? "size" : "hello", ...now }); this.sized = sent; };
+    const report = () => {
+      this.send({ type: this.sized ? "size" : "hello", ...now });
+      this.sized = sent;
+    };
     // A window that is dragged larger sends it once.
-    if (this.sized) this.resizing = setTimeout(report, 120); else report();
+    if (this.sized) this.resizing = setTimeout(report, 120);
+    else report();
   }
 
   /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
-  get isFramed() { return this.model.get("transport") === "trame"; }
+  get isFramed() {
+    return this.model.get("transport") === "trame";
+  }
 
   frame({ view, url }: Message) {
     if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
-    this.inner = pageElement("iframe", "dnb-inner", this.root,
-      { src: url, title: this.canvas.getAttribute("aria-label") ?? "" });
+    this.inner = pageElement("iframe", "dnb-inner", this.root, {
+      src: url,
+      title: this.canvas.getAttribute("aria-label") ?? "",
+    });
     this.root.classList.add("dnb-framed");
     this.drawn = this.drawn || 1;
     this.wait("");
@@ -147,18 +182,25 @@ export class ServerVolumeView {
 
   setShows() {
     const { shows } = this.elements;
-    this.camera.reframed(() => { this.shown = shows; });
+    this.camera.reframed(() => {
+      this.shown = shows;
+    });
     this.flicker.set(shows === "flicker");
     this.elements.compare.set(shows);
     this.caption();
   }
 
-  caption() { this.elements.caption(this.flicker.layer); }
+  caption() {
+    this.elements.caption(this.flicker.layer);
+  }
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
   receive(content: Message, buffers: Bytes[]) {
-    if (content.type === "notice") { this.showMessage(String(content.text)); if (!this.drawn) this.wait(""); }
+    if (content.type === "notice") {
+      this.showMessage(String(content.text));
+      if (!this.drawn) this.wait("");
+    }
     if (content.type === "trame") this.frame(content);
     if (content.type === "badge") this.elements.badge.textContent = String(content.text);
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
@@ -167,8 +209,9 @@ export class ServerVolumeView {
   async receiveFrame({ seq, full, camera, by }: Message, buffers: Bytes[]) {
     if (by === this.messages.id) this.#answer(camera);
     try {
-      const made = await Promise.all(buffers.map((b) => (
-        createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" })))));
+      const made = await Promise.all(
+        buffers.map((b) => createImageBitmap(new Blob([bytesOf(b)], { type: "image/jpeg" }))),
+      );
       const isOld = this.closed || seq < this.drawn; // a newer one was faster
       for (const bitmap of isOld ? made : this.layers) bitmap.close();
       if (isOld) return;
@@ -188,7 +231,8 @@ export class ServerVolumeView {
     const context = bitmap && this.canvas.getContext("2d");
     if (!context) return;
     context.imageSmoothingQuality = "high";
-    const { width, height } = this.canvas, [, original] = this.layers;
+    const { width, height } = this.canvas,
+      [, original] = this.layers;
     context.drawImage(bitmap, 0, 0, width, height);
     const { share } = this.elements.compare;
     if (!original || !COMPARISONS.includes(this.shown)) return;
@@ -202,17 +246,26 @@ export class ServerVolumeView {
 
   readInfo() {
     const info: VolumeInfo | null = this.model.get("volume_info");
-    if (!info?.box) { this.wait(""); return; }
+    if (!info?.box) {
+      this.wait("");
+      return;
+    }
     this.info = info;
     this.readCamera(true);
   }
 
-  get pixels() { return [this.canvas.width, this.canvas.height]; }
+  get pixels() {
+    return [this.canvas.width, this.canvas.height];
+  }
 
-  readCamera(isForced = false) { if (this.camera.read(isForced)) this.touchParts(); }
+  readCamera(isForced = false) {
+    if (this.camera.read(isForced)) this.touchParts();
+  }
 
   /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
-  writeCamera() { this.camera.write(); }
+  writeCamera() {
+    this.camera.write();
+  }
 
   touchParts() {
     if (!this.info) return;
@@ -227,7 +280,9 @@ export class ServerVolumeView {
     if (this.number - this.answered < CAMERAS_IN_FLIGHT || isGivenUp) this.#sendCamera();
     else this.isLate = true;
     clearTimeout(this.retry);
-    this.retry = setTimeout(() => { if (this.isLate && !this.closed) this.#sendCamera(); }, PATIENCE);
+    this.retry = setTimeout(() => {
+      if (this.isLate && !this.closed) this.#sendCamera();
+    }, PATIENCE);
   }
 
   #sendCamera() {
@@ -301,7 +356,10 @@ export class StillPicture {
 
   /** Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once. */
   whenShown(callback: () => void) {
-    if (this.pictures) { callback(); return; }
+    if (this.pictures) {
+      callback();
+      return;
+    }
     this.after = callback;
     this.request();
   }
@@ -316,12 +374,17 @@ export class StillPicture {
   drawn(info: VolumeInfo | null) {
     if (info) this.inform(info);
     if (this.pictures) return;
-    const { view } = this, { model } = view;
-    const part: Model = { get: (name) => (name === "volume_info" && this.info) || model.get(name),
-      set: (name, value) => model.set(name, value), save_changes: () => model.save_changes(),
+    const { view } = this,
+      { model } = view;
+    const part: Model = {
+      get: (name) => (name === "volume_info" && this.info) || model.get(name),
+      set: (name, value) => model.set(name, value),
+      save_changes: () => model.save_changes(),
       on: (name: string, call: (...given: any[]) => void) => model.on(name, call),
-      off: (name, call) => model.off(name, call), widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }) };
+      off: (name, call) => model.off(name, call),
+      widget_manager: model.widget_manager,
+      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }),
+    };
     view.root.hidden = true;
     this.pictures = new ServerVolumeView(part, view.elements.host);
     this.pictures.showMessage(this.why);

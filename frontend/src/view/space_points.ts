@@ -3,24 +3,23 @@
 // go to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.ts";
+import type { Camera } from "../maths/camera.ts";
 import { added, dot, scaled, unitVector } from "../maths/camera.ts";
 import { clipSides, leftOf } from "../maths/clipping.ts";
 import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.ts";
 import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
-import { senderOf } from "../sync/edits.ts";
-import { pageElement, setAttributes, svgElement } from "../ui/dom.ts";
-import { opacityOfByte } from "../webgl/volume_blocks.ts";
-
-import type { Camera } from "../maths/camera.ts";
 import type { Sender } from "../sync/edits.ts";
-import type { Bus, FlatPoint, Model, Point, PointsDetail, Sides, Vector2, Vector3 } from "../types.ts";
+import { senderOf } from "../sync/edits.ts";
+import type { Bus, FlatPoint, Model, Point, Sides, Vector2, Vector3 } from "../types.ts";
+import { pageElement, setAttributes, svgElement } from "../ui/dom.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
+import { opacityOfByte } from "../webgl/volume_blocks.ts";
 import type { ScreenBox } from "./pointer.ts";
-import type { Field, VolumeViewLike, VolumeInfo } from "./types.ts";
+import type { Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 
 export type PointEnd = "target" | "source";
-export type Hit = {id: number, what: PointEnd};
+export type Hit = { id: number; what: PointEnd };
 
 /** what a pointer holds */
 export interface Held {
@@ -57,7 +56,8 @@ export class SpaceCamera {
    * @param box of the picture
    */
   constructor(camera: Camera, bend: number, middle: number[], box: ScreenBox) {
-    const { right, up, direction, pan, height } = camera, aspect = box.width / box.height;
+    const { right, up, direction, pan, height } = camera,
+      aspect = box.width / box.height;
     this.right = right;
     this.up = up;
     this.ahead = direction;
@@ -68,12 +68,18 @@ export class SpaceCamera {
   }
 
   /** The pixel where a place is seen, its distance, and the length in space of one pixel there. */
-  see(place: number[]): {at: Vector2, depth: number, scale: number} {
-    const { box, bend, half } = this, from = place.map((x, k) => x - this.eye[k]), depth = dot(from, this.ahead);
+  see(place: number[]): { at: Vector2; depth: number; scale: number } {
+    const { box, bend, half } = this,
+      from = place.map((x, k) => x - this.eye[k]),
+      depth = dot(from, this.ahead);
     const near = bend > 0 ? Math.max(1e-6, 1 + depth * bend) : 1; // how much smaller things look there
-    const a = dot(from, this.right) / near / half[0], b = dot(from, this.up) / near / half[1];
-    return { at: [box.left + ((a + 1) / 2) * box.width, box.top + ((1 - b) / 2) * box.height], depth,
-      scale: (2 * half[1] * near) / box.height };
+    const a = dot(from, this.right) / near / half[0],
+      b = dot(from, this.up) / near / half[1];
+    return {
+      at: [box.left + ((a + 1) / 2) * box.width, box.top + ((1 - b) / 2) * box.height],
+      depth,
+      scale: (2 * half[1] * near) / box.height,
+    };
   }
 
   /** The way in space, parallel to the screen, of a way on it at a place. */
@@ -84,17 +90,20 @@ export class SpaceCamera {
 
   /** The same along one axis of space: as far as brings its picture nearest to the pointer. */
   wayAlong(axis: number, place: number[], [dx, dy]: Vector2): number[] {
-    const { at, scale } = this.see(place), unit = [0, 1, 2].map((k) => (k === axis ? 1 : 0));
-    const there = this.see(added(place, scaled(unit, scale))).at, [u, v] = [there[0] - at[0], there[1] - at[1]];
+    const { at, scale } = this.see(place),
+      unit = [0, 1, 2].map((k) => (k === axis ? 1 : 0));
+    const there = this.see(added(place, scaled(unit, scale))).at,
+      [u, v] = [there[0] - at[0], there[1] - at[1]];
     const steep = u * u + v * v;
     if (steep < 0.01) return [0, 0, 0]; // seen from its end it stands still
     return scaled(unit, (scale * (dx * u + dy * v)) / steep);
   }
 
   /** The ray of a pixel. */
-  ray([x, y]: Vector2): {start: number[], ray: number[]} {
+  ray([x, y]: Vector2): { start: number[]; ray: number[] } {
     const { box, half, bend } = this;
-    const a = ((x - box.left) / box.width) * 2 - 1, b = 1 - ((y - box.top) / box.height) * 2;
+    const a = ((x - box.left) / box.width) * 2 - 1,
+      b = 1 - ((y - box.top) / box.height) * 2;
     const aside = added(scaled(this.right, a * half[0]), scaled(this.up, b * half[1]));
     if (!(bend > 0)) return { start: added(this.eye, aside), ray: this.ahead };
     const ray = normalized(added(aside, scaled(this.ahead, 1 / bend)));
@@ -110,7 +119,9 @@ export class SpaceCamera {
 }
 
 /** A vector that is not zero, with length 1. */
-function normalized(vector: number[]): number[] { return unitVector(vector) ?? vector; }
+function normalized(vector: number[]): number[] {
+  return unitVector(vector) ?? vector;
+}
 
 /**
  * The deformed body as the ray caster sees it, for a few rays; lengths along the index axes, from the first voxel.
@@ -126,7 +137,21 @@ export class Body {
   step: number;
 
   /** @param seen.unit the thickness that the table's opacities hold for */
-  constructor({ values, info, field, table, unit, clip }: { values: Uint8Array; info: VolumeInfo; field?: Field | null; table: Float32Array; /** the thickness that the table's opacities hold for */ unit: number; clip?: number[][] | null }) {
+  constructor({
+    values,
+    info,
+    field,
+    table,
+    unit,
+    clip,
+  }: {
+    values: Uint8Array;
+    info: VolumeInfo;
+    field?: Field | null;
+    table: Float32Array /** the thickness that the table's opacities hold for */;
+    unit: number;
+    clip?: number[][] | null;
+  }) {
     const box = field?.box ?? info.box;
     this.values = values;
     this.info = info;
@@ -140,19 +165,26 @@ export class Body {
   }
 
   /** A place of space in the volume's own frame. */
-  toFrame(place: number[]) { return this.turned(place.map((x, k) => x - this.info.origin[k])); }
+  toFrame(place: number[]) {
+    return this.turned(place.map((x, k) => x - this.info.origin[k]));
+  }
 
   /** A vector of space in the volume's own frame. */
-  turned(vector: number[]) { return this.info.to_frame.map((row) => dot(row, vector)); }
+  turned(vector: number[]) {
+    return this.info.to_frame.map((row) => dot(row, vector));
+  }
 
   /** The place that the value at x comes from. */
   origin(x: number[]) {
-    const { planar, space } = this, moved = planar ? added(x, planarAt(planar, x)) : x;
+    const { planar, space } = this,
+      moved = planar ? added(x, planarAt(planar, x)) : x;
     return space ? added(moved, sampleAt(space, moved)) : moved;
   }
 
   opacity(x: number[]) {
-    const { shape, spacing } = this.info, from = this.origin(x), at = from.map((l, k) => Math.round(l / spacing[k]));
+    const { shape, spacing } = this.info,
+      from = this.origin(x),
+      at = from.map((l, k) => Math.round(l / spacing[k]));
     if (at.some((i, k) => i < 0 || i >= shape[k])) return 0;
     return opacityOfByte(this.table, this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]]);
   }
@@ -160,10 +192,12 @@ export class Body {
   /** The place in the box where half of the light along a ray is stopped, as a length along it, or null. */
   meet(start: number[], ray: number[], from = 0) {
     const { low, high } = this.box;
-    let first = from, last = Infinity;
+    let first = from,
+      last = Infinity;
     for (let k = 0; k < 3; k++) {
       const slope = Math.abs(ray[k]) < 1e-9 ? 1e-9 : ray[k];
-      const a = (low[k] - start[k]) / slope, b = (high[k] - start[k]) / slope;
+      const a = (low[k] - start[k]) / slope,
+        b = (high[k] - start[k]) / slope;
       first = Math.max(first, Math.min(a, b));
       last = Math.min(last, Math.max(a, b));
     }
@@ -183,7 +217,7 @@ export class Body {
   }
 
   /** The place in space where a ray in space meets the body, or null. */
-  surface({ start, ray }: {start: number[], ray: number[]}) {
+  surface({ start, ray }: { start: number[]; ray: number[] }) {
     const t = this.meet(this.toFrame(start), normalized(this.turned(ray)), -Infinity);
     return t === null ? null : added(start, scaled(ray, t));
   }
@@ -191,8 +225,10 @@ export class Body {
 
 /** A displacement sampled in space, between its samples; x in the frame of the volume. */
 function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }: SpaceField, x: number[]) {
-  const n = [nx, ny, nz], q = x.map((l, k) => Math.max(0, Math.min(n[k] - 1, (l - origin[k]) / spacing[k])));
-  const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))), f = q.map((v, k) => v - i[k]);
+  const n = [nx, ny, nz],
+    q = x.map((l, k) => Math.max(0, Math.min(n[k] - 1, (l - origin[k]) / spacing[k])));
+  const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))),
+    f = q.map((v, k) => v - i[k]);
   const sum = [0, 0, 0];
   for (let corner = 0; corner < 8; corner++) {
     const at = i.map((v, k) => Math.min(n[k] - 1, v + ((corner >> k) & 1)));
@@ -204,22 +240,38 @@ function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }: SpaceField, 
 }
 
 /** The displacement of maps over a plane, weighted along its normal. */
-function planarAt({ shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }: PlanarField, x: number[]) {
-  const { origin: o, u, v, n } = plane, from = x.map((l, k) => l - o[k]), knots = weights.length / count;
+function planarAt(
+  { shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }: PlanarField,
+  x: number[],
+) {
+  const { origin: o, u, v, n } = plane,
+    from = x.map((l, k) => l - o[k]),
+    knots = weights.length / count;
   const clamp: (value: number, most: number) => number = (value, most) => Math.max(0, Math.min(most, value));
   const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1);
   const q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
   const z = depth[1] > depth[0] ? clamp((dot(from, n) - depth[0]) / (depth[1] - depth[0]), 1) * (knots - 1) : 0;
-  const [i, j, k] = [[p, columns], [q, rows], [z, knots]].map(([w, m]) => Math.max(0, Math.min(m - 2, Math.floor(w))));
-  const s = p - i, t = q - j, w = z - k, sum = [0, 0];
+  const [i, j, k] = [
+    [p, columns],
+    [q, rows],
+    [z, knots],
+  ].map(([w, m]) => Math.max(0, Math.min(m - 2, Math.floor(w))));
+  const s = p - i,
+    t = q - j,
+    w = z - k,
+    sum = [0, 0];
   for (let m = 0; m < count; m++) {
     const weight = weights[m * knots + k] * (1 - w) + (knots > 1 ? weights[m * knots + k + 1] * w : 0);
     if (!weight) continue;
-    const row = (m * rows + j) * columns + i, down = rows > 1 ? columns : 0, east = columns > 1 ? 1 : 0;
+    const row = (m * rows + j) * columns + i,
+      down = rows > 1 ? columns : 0,
+      east = columns > 1 ? 1 : 0;
     for (let c = 0; c < 2; c++) {
       const value = (at: number) => maps[2 * at + c];
-      sum[c] += weight * ((1 - t) * ((1 - s) * value(row) + s * value(row + east)) +
-        t * ((1 - s) * value(row + down) + s * value(row + down + east)));
+      sum[c] +=
+        weight *
+        ((1 - t) * ((1 - s) * value(row) + s * value(row + east)) +
+          t * ((1 - s) * value(row + down) + s * value(row + down + east)));
     }
   }
   return added(scaled(u, sum[0]), scaled(v, sum[1]));
@@ -240,7 +292,7 @@ export class SpacePoints {
   drag0: Point[] | null;
   axis: number | null;
   order: number[];
-  flat: WeakMap<Point, FlatPoint & {depth: number}>;
+  flat: WeakMap<Point, FlatPoint & { depth: number }>;
   seen: string;
   frame: number;
   lookedAt: number;
@@ -274,16 +326,33 @@ export class SpacePoints {
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
     this.liveRegion = pageElement("div", "dnb-ed-spoken", view.root, { "aria-live": "polite" });
     this.closed = new AbortController();
-    const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) => this.svg.addEventListener(name, (event) => { if (this.editor) handler(event); },
-      { signal: this.closed.signal });
+    const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) =>
+      this.svg.addEventListener(
+        name,
+        (event) => {
+          if (this.editor) handler(event);
+        },
+        { signal: this.closed.signal },
+      );
     on("pointerdown", (e) => this.down(e));
     on("pointermove", (e) => this.move(e));
     on("pointerup", (e) => this.up(e));
     on("pointercancel", (e) => this.up(e, true));
     on("lostpointercapture", (e) => this.up(e, true));
-    on("keydown", (e) => { if (this.key(e)) { e.preventDefault(); e.stopPropagation(); } });
-    on("contextmenu", (e) => { e.preventDefault(); if (isRightClick(e)) this.remove(this.hit(e)); });
-    on("dblclick", (e) => { e.preventDefault(); e.stopPropagation(); });
+    on("keydown", (e) => {
+      if (this.key(e)) {
+        e.preventDefault();
+        e.stopPropagation();
+      }
+    });
+    on("contextmenu", (e) => {
+      e.preventDefault();
+      if (isRightClick(e)) this.remove(this.hit(e));
+    });
+    on("dblclick", (e) => {
+      e.preventDefault();
+      e.stopPropagation();
+    });
     view.on("change:points_editor", () => this.follow(view.model.get("points_editor")));
     this.follow(view.model.get("points_editor")).catch((error) => view.fail(error));
   }
@@ -303,9 +372,14 @@ export class SpacePoints {
       this.points = detail.phase === "move" ? detail.points : sender.points;
       this.draw();
     });
-    const chosen = () => { this.selected = new Set(editor.get("selected") ?? []); this.draw(); };
+    const chosen = () => {
+      this.selected = new Set(editor.get("selected") ?? []);
+      this.draw();
+    };
     editor.on("change:selected", chosen);
-    const unlisten = sender.listen((what: string) => { if (what === "points") this.receive(); });
+    const unlisten = sender.listen((what: string) => {
+      if (what === "points") this.receive();
+    });
     this.followed.ends.push(unlisten, () => editor.off("change:selected", chosen));
     sender.receive();
     this.points = sender.points;
@@ -337,7 +411,8 @@ export class SpacePoints {
 
   receive() {
     const { points } = this.edited.sender;
-    if (this.drag0) { // Python has found where a new point takes hold; the drag keeps the rest
+    if (this.drag0) {
+      // Python has found where a new point takes hold; the drag keeps the rest
       this.drag0 = withSources(this.drag0, points);
       this.points = withSources(this.points, points);
     } else this.points = points;
@@ -353,26 +428,42 @@ export class SpacePoints {
 
   /** The projection of the picture in which points are seen: of two side by side the deformed one. */
   get camera() {
-    const { camera, elements: { box } } = this.view, { info, middle } = camera;
+    const {
+        camera,
+        elements: { box },
+      } = this.view,
+      { info, middle } = camera;
     const place = info.origin.map((o, row) => o + dot(info.axes[row], middle));
     const width = Math.max(1, box.width / camera.parts);
-    return new SpaceCamera(camera, camera.bend, place,
-      { left: box.width - width, top: 0, width, height: Math.max(1, box.height) });
+    return new SpaceCamera(camera, camera.bend, place, {
+      left: box.width - width,
+      top: 0,
+      width,
+      height: Math.max(1, box.height),
+    });
   }
 
   /** Draws in the next frame, however often points, camera and field change before it. */
-  draw() { if (!this.frame) this.frame = requestAnimationFrame(() => this.drawNow()); }
+  draw() {
+    if (!this.frame) this.frame = requestAnimationFrame(() => this.drawNow());
+  }
 
   drawNow() {
     cancelAnimationFrame(this.frame);
     this.frame = 0;
-    const { view, svg } = this, isShown = Boolean(this.editor && view.info?.origin && view.shown !== "original");
+    const { view, svg } = this,
+      isShown = Boolean(this.editor && view.info?.origin && view.shown !== "original");
     setAttributes(svg, { visibility: isShown ? "visible" : "hidden" });
-    if (!isShown) { this.handles.update([], this.selected, PIXELS, 0, 0); return; }
-    const { camera } = this, { width, height } = view.elements.box;
+    if (!isShown) {
+      this.handles.update([], this.selected, PIXELS, 0, 0);
+      return;
+    }
+    const { camera } = this,
+      { width, height } = view.elements.box;
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
     const flat = this.#flatFrom(camera);
-    if (!this.drag0) flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
+    if (!this.drag0)
+      flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
@@ -386,37 +477,56 @@ export class SpacePoints {
    */
   #flatFrom(camera: SpaceCamera) {
     const seen = JSON.stringify(camera);
-    if (seen !== this.seen) { this.seen = seen; this.flat = new WeakMap(); }
+    if (seen !== this.seen) {
+      this.seen = seen;
+      this.flat = new WeakMap();
+    }
     return this.points.map((p) => {
       const known = this.flat.get(p);
       if (known) return known;
       const { at, depth } = camera.see(p.target);
-      const made = { id: p.id, name: p.name, active: p.active, target: at, source: camera.see(p.source).at, depth,
-        away: 0, isFar: false, whole: p };
+      const made = {
+        id: p.id,
+        name: p.name,
+        active: p.active,
+        target: at,
+        source: camera.see(p.source).at,
+        depth,
+        away: 0,
+        isFar: false,
+        whole: p,
+      };
       this.flat.set(p, made);
       return made;
     });
   }
 
   #drawAxis(camera: SpaceCamera) {
-    const { axis } = this, p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
+    const { axis } = this,
+      p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
     setAttributes(this.axisLine, { visibility: p ? "visible" : "hidden" });
     if (!p || axis === null) return;
-    const far = 1000 * camera.see(p.target).scale, unit = [0, 1, 2].map((k) => (k === axis ? far : 0));
+    const far = 1000 * camera.see(p.target).scale,
+      unit = [0, 1, 2].map((k) => (k === axis ? far : 0));
     const [from, to] = [-1, 1].map((sign) => camera.see(added(p.target, scaled(unit, sign))).at);
     setAttributes(this.axisLine, { d: `M ${from} L ${to}`, "data-axis": "xyz"[axis] });
   }
 
   /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
   #lookLater(camera: SpaceCamera) {
-    const now = performance.now(), { view } = this;
+    const now = performance.now(),
+      { view } = this;
     if (!view.values) return;
     clearTimeout(this.timer);
-    if (now - this.lookedAt < LATER) { this.timer = setTimeout(() => this.draw(), LATER); return; }
+    if (now - this.lookedAt < LATER) {
+      this.timer = setTimeout(() => this.draw(), LATER);
+      return;
+    }
     this.lookedAt = now;
     const { body } = this;
     for (const p of this.points) {
-      const isHidden = body?.hides(p.target, camera.toViewer(p.target)) ?? false, parts = this.handles.byId.get(p.id);
+      const isHidden = body?.hides(p.target, camera.toViewer(p.target)) ?? false,
+        parts = this.handles.byId.get(p.id);
       if (!parts) continue;
       for (const part of [parts.target, parts.source, parts.arrow]) part.classList.toggle("dnb-sp-hidden", isHidden);
     }
@@ -440,9 +550,11 @@ export class SpacePoints {
 
   /** The point under the pointer. */
   hit(event: Event): Hit | null {
-    const { target } = event, node = target instanceof Element ? target.closest("[data-id], [data-source]") : null;
+    const { target } = event,
+      node = target instanceof Element ? target.closest("[data-id], [data-source]") : null;
     if (!(node instanceof SVGElement)) return null;
-    return node.dataset.id !== undefined ? { id: Number(node.dataset.id), what: "target" }
+    return node.dataset.id !== undefined
+      ? { id: Number(node.dataset.id), what: "target" }
       : { id: Number(node.dataset.source), what: "source" };
   }
 
@@ -460,21 +572,32 @@ export class SpacePoints {
     const adds = event.shiftKey || event.ctrlKey || event.metaKey;
     if (!this.selected.has(hit.id)) this.select(adds ? [...this.selected, hit.id] : [hit.id]);
     this.handles.focus(hit.id);
-    this.held = { ...hit, what: event.altKey ? "both" : hit.what, pointer: event.pointerId, from: this.place(event),
-      isPress: true, ids: [...this.selected] };
+    this.held = {
+      ...hit,
+      what: event.altKey ? "both" : hit.what,
+      pointer: event.pointerId,
+      from: this.place(event),
+      isPress: true,
+      ids: [...this.selected],
+    };
   }
 
   move(event: PointerEvent) {
-    const { held } = this, at = this.place(event);
+    const { held } = this,
+      at = this.place(event);
     if (!held || held.pointer !== event.pointerId || this.isLocked) return;
     held.at = at;
     if (held.isPress && Math.hypot(at[0] - held.from[0], at[1] - held.from[1]) < 2) return;
-    if (held.isPress) { held.isPress = false; this.drag0 = this.points; }
+    if (held.isPress) {
+      held.isPress = false;
+      this.drag0 = this.points;
+    }
     this.#dragTo(held, at);
   }
 
   #dragTo(held: Held, at: Vector2) {
-    const { drag0 } = this, point = drag0?.find((p) => p.id === held.id);
+    const { drag0 } = this,
+      point = drag0?.find((p) => p.id === held.id);
     if (!drag0 || !point) return;
     const place = held.what === "source" ? point.source : point.target;
     const way = this.#way(place, [at[0] - held.from[0], at[1] - held.from[1]]);
@@ -522,7 +645,9 @@ export class SpacePoints {
   /** Adds a point on the first surface under a double click. False where there is none, or nothing is edited. */
   doubleClick(event: MouseEvent) {
     if (!this.editor || this.isLocked || this.view.shown === "original") return false;
-    const at = this.place(event), { body, camera } = this, { sender } = this.edited;
+    const at = this.place(event),
+      { body, camera } = this,
+      { sender } = this.edited;
     if (!body || at[0] < camera.box.left) return false;
     const place = body.surface(camera.ray(at));
     if (!place) return false;
@@ -539,9 +664,15 @@ export class SpacePoints {
 
   /** True if the key was taken. */
   key(event: KeyboardEvent) {
-    const hit = this.hit(event), key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    const hit = this.hit(event),
+      key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const { editor, sender } = this.edited;
-    const arrows: Record<string, Vector2> = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+    const arrows: Record<string, Vector2> = {
+      ArrowLeft: [-1, 0],
+      ArrowRight: [1, 0],
+      ArrowUp: [0, -1],
+      ArrowDown: [0, 1],
+    };
     if (event.ctrlKey || event.metaKey) {
       if (hit && POINT_STEPS[key]) {
         const ids = editor.get("points").map((p: Point) => p.id);
@@ -552,12 +683,27 @@ export class SpacePoints {
       return true;
     }
     if (!hit) return false;
-    if ("xyz".includes(key) && key.length === 1) { this.#lock("xyz".indexOf(key)); return true; }
-    if (key in arrows) { this.#nudge(hit.id, arrows[key], event.shiftKey ? 10 : 1); return true; }
-    if (key === "Delete" || key === "Backspace") { this.remove(hit); return true; }
-    if (key === "Enter" || key === " ") { this.select([hit.id]); return true; }
+    if ("xyz".includes(key) && key.length === 1) {
+      this.#lock("xyz".indexOf(key));
+      return true;
+    }
+    if (key in arrows) {
+      this.#nudge(hit.id, arrows[key], event.shiftKey ? 10 : 1);
+      return true;
+    }
+    if (key === "Delete" || key === "Backspace") {
+      this.remove(hit);
+      return true;
+    }
+    if (key === "Enter" || key === " ") {
+      this.select([hit.id]);
+      return true;
+    }
     if (key !== "Escape") return false;
-    if (this.drag0) { this.held = this.drag0 = null; this.giveUp(); } else this.select([]);
+    if (this.drag0) {
+      this.held = this.drag0 = null;
+      this.giveUp();
+    } else this.select([]);
     this.axis = null;
     this.draw();
     return true;
@@ -572,10 +718,12 @@ export class SpacePoints {
   }
 
   #nudge(id: number, by: Vector2, voxels: number) {
-    const p = this.points.find((q) => q.id === id), length = voxels * Math.min(...this.view.camera.info.spacing);
+    const p = this.points.find((q) => q.id === id),
+      length = voxels * Math.min(...this.view.camera.info.spacing);
     if (!p || this.isLocked) return;
     if (!this.selected.has(id)) this.select([id]);
-    const way = unitVector(this.#way(p.target, by)), ids = [...this.selected];
+    const way = unitVector(this.#way(p.target, by)),
+      ids = [...this.selected];
     if (way) this.edited.sender.edit(movedInSpace(this.points, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
   }
 }

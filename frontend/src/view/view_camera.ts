@@ -25,7 +25,9 @@ export class ViewCamera extends Camera {
   }
 
   /** The box of what is shown, in the volume's own frame. */
-  get box() { return this.view.field?.box || this.info.box; }
+  get box() {
+    return this.view.field?.box || this.info.box;
+  }
 
   /** The middle of the box, in the volume's own frame. */
   get middle() {
@@ -34,7 +36,9 @@ export class ViewCamera extends Camera {
   }
 
   /** Pictures side by side. */
-  get parts() { return this.view.shown === "side_by_side" ? 2 : 1; }
+  get parts() {
+    return this.view.shown === "side_by_side" ? 2 : 1;
+  }
 
   /** Width by height of one picture. */
   get aspect() {
@@ -43,7 +47,9 @@ export class ViewCamera extends Camera {
   }
 
   /** The length in space that the picture is high when all of the box is seen. */
-  get full() { return this.fit(boxCorners(this.box, this.info.axes), this.aspect); }
+  get full() {
+    return this.fit(boxCorners(this.box, this.info.axes), this.aspect);
+  }
 
   /** The value of the trait. */
   get trait() {
@@ -64,7 +70,9 @@ export class ViewCamera extends Camera {
   }
 
   /** The camera in the volume's own frame, for a picture of this width by height. */
-  seen(aspect: number) { return this.inFrame(this.info.to_frame, this.middle, aspect); }
+  seen(aspect: number) {
+    return this.inFrame(this.info.to_frame, this.middle, aspect);
+  }
 
   write() {
     const { view } = this;
@@ -82,7 +90,9 @@ export class ViewCamera extends Camera {
   }
 
   /** Keeps some of the box in the picture, wherever it is moved. */
-  keepSeen() { this.keepInView(boxCorners(this.box, this.info.axes), this.aspect); }
+  keepSeen() {
+    this.keepInView(boxCorners(this.box, this.info.axes), this.aspect);
+  }
 
   /** Sees all of the box. */
   seeAll({ direction, up }: ViewDirection) {

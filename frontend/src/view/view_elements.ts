@@ -1,12 +1,11 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
+import type { Model } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { Theme } from "../ui/theme.ts";
 import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.ts";
-
-import type { Model } from "../types.ts";
 import type { ViewCamera } from "./view_camera.ts";
 import type { Message } from "./volume_loader.ts";
 
@@ -37,7 +36,7 @@ export class ViewElements {
   frames: Frames;
   followed: string;
   frame: number;
-  box: { width: number; height: number; };
+  box: { width: number; height: number };
   cube: OrientationCube;
   badge: HTMLDivElement;
   notice: HTMLDivElement;
@@ -58,8 +57,11 @@ export class ViewElements {
     // Of the picture in CSS pixels, as last laid out: asking again lays out the page in every frame of a drag.
     this.box = { width: 0, height: 0 };
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
-    this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)",
-      () => this.#save(actions.picture).catch((error) => this.showMessage(`The picture could not be saved: ${error.message}`)));
+    this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)", () =>
+      this.#save(actions.picture).catch((error) =>
+        this.showMessage(`The picture could not be saved: ${error.message}`),
+      ),
+    );
     this.cube.addButton("dnb-full", FULL_SCREEN, "Whole screen", () => {
       if (document.fullscreenElement) document.exitFullscreen();
       else this.root.requestFullscreen();
@@ -74,14 +76,17 @@ export class ViewElements {
   }
 
   async #save(picture: ElementActions["picture"]) {
-    const blob = await picture(), label = String(this.model.get("label") || "volume");
+    const blob = await picture(),
+      label = String(this.model.get("label") || "volume");
     const name = label.replace(/[^\p{L}\p{N}-]+/gu, "_").replace(/^_|_$/g, "");
     if (blob) saveFile(blob, `${name || "volume"}.png`);
     else this.showMessage("There is no picture yet.");
   }
 
   /** What is shown: a value of the trait. */
-  get shows(): string { return this.model.get("shows") || "deformed"; }
+  get shows(): string {
+    return this.model.get("shows") || "deformed";
+  }
 
   get background(): string {
     const background = this.model.get("background");
@@ -108,7 +113,11 @@ export class ViewElements {
 
   /** Follows the camera in the next frame. */
   follow(camera: ViewCamera) {
-    if (!this.frame) this.frame = requestAnimationFrame(() => { this.frame = 0; this.#write(camera); });
+    if (!this.frame)
+      this.frame = requestAnimationFrame(() => {
+        this.frame = 0;
+        this.#write(camera);
+      });
   }
 
   /**
@@ -116,7 +125,8 @@ export class ViewElements {
    * than the volume.
    */
   #write(camera: ViewCamera) {
-    const { right, up, direction, height, bend, info } = camera, shown = this.frames.frames.map(({ frame }) => frame.hidden);
+    const { right, up, direction, height, bend, info } = camera,
+      shown = this.frames.frames.map(({ frame }) => frame.hidden);
     const state = JSON.stringify([right, up, direction, height, bend, info, this.box, shown]);
     if (state === this.followed) return;
     this.followed = state;
@@ -148,9 +158,15 @@ export class ViewMessages {
     this.handlers = [];
   }
 
-  send(content: Message, buffers?: ArrayBuffer[]) { this.model.send({ view: this.id, ...content }, undefined, buffers); }
+  send(content: Message, buffers?: ArrayBuffer[]) {
+    this.model.send({ view: this.id, ...content }, undefined, buffers);
+  }
 
-  on(name: string, handler: (...given: any[]) => unknown) { listen(this.model, name, handler, this.handlers, this.fail); }
+  on(name: string, handler: (...given: any[]) => unknown) {
+    listen(this.model, name, handler, this.handlers, this.fail);
+  }
 
-  close() { for (const [name, handler] of this.handlers) this.model.off(name, handler); }
+  close() {
+    for (const [name, handler] of this.handlers) this.model.off(name, handler);
+  }
 }

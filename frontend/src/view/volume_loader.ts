@@ -4,7 +4,7 @@ import type { Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
 
 /** a message of Python's, or one to Python */
-export type Message = {type: string, view?: string, [key: string]: any};
+export type Message = { type: string; view?: string; [key: string]: any };
 
 const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
@@ -15,7 +15,9 @@ export function bytesOf(b: Bytes) {
 }
 
 /** A copy as floats: the buffer of a message may start at an odd place, which a Float32Array refuses. */
-export function floatsOf(b: Bytes) { return new Float32Array(bytesOf(b).slice().buffer); }
+export function floatsOf(b: Bytes) {
+  return new Float32Array(bytesOf(b).slice().buffer);
+}
 
 async function unpacked(bytes: Uint8Array<ArrayBuffer>) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -41,7 +43,12 @@ export class VolumeLoader {
    * @param request requests a piece
    * @param stuck gets true where pieces have been lost again and again, false if one has come after all
    */
-  constructor({ id, shape, chunks }: {id: string, shape: Vector3, chunks: number}, request: (index: number) => void, progress: (share: number) => void, stuck: (isStuck: boolean) => void = () => {}) {
+  constructor(
+    { id, shape, chunks }: { id: string; shape: Vector3; chunks: number },
+    request: (index: number) => void,
+    progress: (share: number) => void,
+    stuck: (isStuck: boolean) => void = () => {},
+  ) {
     this.id = id;
     this.chunks = chunks;
     this.request = request;
@@ -66,7 +73,11 @@ export class VolumeLoader {
   async receive({ id, index, start, lag = 0 }: Message, packed: Bytes) {
     if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
-    try { voxels = await unpacked(bytesOf(packed)); } catch { /* torn on its way: requested again after a while */ }
+    try {
+      voxels = await unpacked(bytesOf(packed));
+    } catch {
+      /* torn on its way: requested again after a while */
+    }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
     if (lag > 0) for (let i = lag; i < voxels.length; i++) voxels[i] += voxels[i - lag];
@@ -75,7 +86,10 @@ export class VolumeLoader {
     this.tries = 0;
     this.#setStuck(false);
     this.progress((this.chunks - this.missing.size) / this.chunks);
-    if (this.missing.size === 0) { this.close(); return this.values; }
+    if (this.missing.size === 0) {
+      this.close();
+      return this.values;
+    }
     if (this.requested < this.chunks) this.request(this.requested++);
     this.#watch();
     return null;
@@ -100,11 +114,15 @@ export class VolumeLoader {
 
   #watch() {
     clearTimeout(this.timer);
-    this.timer = setTimeout(() => {
-      this.tries += 1;
-      if (this.tries > LOADER_TRIES) this.#setStuck(true); // a piece that comes late is taken all the same
-      else this.#requestMissing();
-    }, LOADER_PATIENCE * 2 ** this.tries);
+    this.timer = setTimeout(
+      () => {
+        this.tries += 1;
+        if (this.tries > LOADER_TRIES)
+          this.#setStuck(true); // a piece that comes late is taken all the same
+        else this.#requestMissing();
+      },
+      LOADER_PATIENCE * 2 ** this.tries,
+    );
   }
 
   #setStuck(isStuck: boolean) {

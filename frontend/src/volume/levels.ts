@@ -2,46 +2,73 @@
 // preset "specimen". What only shows at volumes with padding in the corners of another scale than Hounsfield's is left
 // to Python.
 
+import type { Values, Volume } from "../formats/volume_files.ts";
 import { lengthsOf } from "./grid.ts";
 
-import type { Values, Volume } from "../formats/volume_files.ts";
-
-const BINS = 256, SLICES = 64;
-const OUTLIERS = 1e-4, STRETCH = 16, FEW_VOXELS = 512;
-const AIR_HU = -700, BONE_HU = 300, NOTHING_HU = -1100, RESAMPLED = 0.02;
+const BINS = 256,
+  SLICES = 64;
+const OUTLIERS = 1e-4,
+  STRETCH = 16,
+  FEW_VOXELS = 512;
+const AIR_HU = -700,
+  BONE_HU = 300,
+  NOTHING_HU = -1100,
+  RESAMPLED = 0.02;
 const FINEST = 8; // entries between neighbouring bytes
 
 /** air, the edges of tissue and of dense tissue, the densest value */
 export type Levels = [number, number, number, number];
-export type Measured = {range: [number, number], whole: [number, number], levels: Levels, hounsfield: boolean};
-export type Transfer = {colors: number[][], opacities: number[][], unit: number};
+export type Measured = { range: [number, number]; whole: [number, number]; levels: Levels; hounsfield: boolean };
+export type Transfer = { colors: number[][]; opacities: number[][]; unit: number };
 
 /** Replace what is not finite by the smallest finite value; returns how many there were. */
 export function repairedValues(values: Values) {
   if (!(values instanceof Float32Array || values instanceof Float64Array)) return 0;
-  let low = Infinity, bad = 0;
-  for (const value of values) { if (!Number.isFinite(value)) bad += 1; else if (value < low) low = value; }
-  if (bad) for (let k = 0; k < values.length; k++) if (!Number.isFinite(values[k])) values[k] = low < Infinity ? low : 0;
+  let low = Infinity,
+    bad = 0;
+  for (const value of values) {
+    if (!Number.isFinite(value)) bad += 1;
+    else if (value < low) low = value;
+  }
+  if (bad)
+    for (let k = 0; k < values.length; k++) if (!Number.isFinite(values[k])) values[k] = low < Infinity ? low : 0;
   return bad;
 }
 
 /** The smallest and the largest value from a limit on. */
 function rangeOf(values: Values, from: number = -Infinity, to: number = Infinity) {
-  let low = Infinity, high = -Infinity, count = 0;
+  let low = Infinity,
+    high = -Infinity,
+    count = 0;
   for (const value of values) {
-    if (value >= from && value <= to) { if (value < low) low = value; if (value > high) high = value; count += 1; }
+    if (value >= from && value <= to) {
+      if (value < low) low = value;
+      if (value > high) high = value;
+      count += 1;
+    }
   }
   return { low, high, count };
 }
 
 /** Counts of the values of slices spread through the volume. */
-function histogram({ values, grid: { shape: [nz, ny, nx] } }: Volume, low: number, high: number) {
-  const counts = new Float64Array(BINS), every = Math.max(1, Math.floor(nz / SLICES)), size = ny * nx;
+function histogram(
+  {
+    values,
+    grid: {
+      shape: [nz, ny, nx],
+    },
+  }: Volume,
+  low: number,
+  high: number,
+) {
+  const counts = new Float64Array(BINS),
+    every = Math.max(1, Math.floor(nz / SLICES)),
+    size = ny * nx;
   for (let z = 0; z < nz; z += every) {
     for (let k = z * size; k < (z + 1) * size; k++) {
       const value = values[k];
       if (value >= low && value <= high) {
-        counts[Math.min(BINS - 1, Math.trunc((value - low) / (high - low) * BINS))] += 1;
+        counts[Math.min(BINS - 1, Math.trunc(((value - low) / (high - low)) * BINS))] += 1;
       }
     }
   }
@@ -50,14 +77,24 @@ function histogram({ values, grid: { shape: [nz, ny, nx] } }: Volume, low: numbe
 
 /** Otsu's threshold, IEEE Trans. SMC 9 (1979) 62-66: the last bin of the lower class. */
 function otsu(counts: Float64Array) {
-  let total = 0, sum = 0;
-  counts.forEach((count, k) => { total += count; sum += count * k; });
-  let n = 0, s = 0, best = 0, most = -1;
+  let total = 0,
+    sum = 0;
+  counts.forEach((count, k) => {
+    total += count;
+    sum += count * k;
+  });
+  let n = 0,
+    s = 0,
+    best = 0,
+    most = -1;
   counts.forEach((count, k) => {
     n += count;
     s += count * k;
-    const between = (sum * n / total - s) ** 2 / (n * (total - n));
-    if (Number.isFinite(between) && between > most) { most = between; best = k; }
+    const between = ((sum * n) / total - s) ** 2 / (n * (total - n));
+    if (Number.isFinite(between) && between > most) {
+      most = between;
+      best = k;
+    }
   });
   return best;
 }
@@ -67,19 +104,23 @@ function otsu(counts: Float64Array) {
  * @param volume whose values are finite
  */
 export function measured(volume: Volume): Measured {
-  const { values, isLabels, dtype } = volume, whole = rangeOf(values);
+  const { values, isLabels, dtype } = volume,
+    whole = rangeOf(values);
   const all: [number, number] = [whole.low, whole.high];
-  const low = isLabels ? whole.low : abovePadding(values, whole.low, whole.high), { high } = whole;
+  const low = isLabels ? whole.low : abovePadding(values, whole.low, whole.high),
+    { high } = whole;
   if (high <= low) return { range: [low, low], whole: all, levels: [low, low, low, low], hounsfield: false };
   const mayHave = !isLabels && !dtype.endsWith("int8") && values.length >= FEW_VOXELS;
   const found = mayHave ? typical(volume, histogram(volume, low, high), whole.low) : histogram(volume, low, high);
-  const levels = levelsOf(found), hounsfield = !isLabels && levels[0] <= AIR_HU && levels[3] >= BONE_HU;
+  const levels = levelsOf(found),
+    hounsfield = !isLabels && levels[0] <= AIR_HU && levels[3] >= BONE_HU;
   return { range: [found.low, found.high], whole: all, levels, hounsfield };
 }
 
 function abovePadding(values: Values, low: number, high: number) {
   if (!(low < NOTHING_HU && high >= BONE_HU)) return low;
-  const near = low + (NOTHING_HU - low) / 8, air = rangeOf(values, NOTHING_HU).low;
+  const near = low + (NOTHING_HU - low) / 8,
+    air = rangeOf(values, NOTHING_HU).low;
   let between = 0;
   for (const value of values) if (value > near && value < NOTHING_HU) between += 1;
   return air <= AIR_HU && between <= RESAMPLED * values.length ? air : low;
@@ -89,7 +130,8 @@ export type Histogram = ReturnType<typeof histogram>;
 
 /** The histogram over the range of all but a few outliers, where these stretch it sixteenfold or more. */
 function typical(volume: Volume, whole: Histogram, background: number) {
-  const { values } = volume, size = whole.low > background ? rangeOf(values, whole.low).count : values.length;
+  const { values } = volume,
+    size = whole.low > background ? rangeOf(values, whole.low).count : values.length;
   const most = Math.max(1, Math.trunc(OUTLIERS * size));
   let found = whole;
   for (let ends = crowded(found, most); ends; ends = crowded(found, most)) {
@@ -106,11 +148,15 @@ function crowded({ counts, low, high }: Histogram, most: number): [number, numbe
   const below = [0];
   for (const count of counts) below.push((below.at(-1) as number) + count);
   const needed = below[BINS] - most;
-  let first = 0, width = Infinity;
+  let first = 0,
+    width = Infinity;
   for (let k = 0, end = 0; k <= BINS; k++) {
     while (end <= BINS && below[end] < below[k] + needed) end += 1;
     if (end > BINS) break;
-    if (end - k < width) { width = end - k; first = k; }
+    if (end - k < width) {
+      width = end - k;
+      first = k;
+    }
   }
   if (width > Math.floor(BINS / STRETCH)) return null;
   const bin = (high - low) / BINS;
@@ -118,8 +164,10 @@ function crowded({ counts, low, high }: Histogram, most: number): [number, numbe
 }
 
 function levelsOf({ counts, low, high }: Histogram): Levels {
-  const middle = (k: number) => low + (k + 0.5) * ((high - low) / BINS), first = otsu(counts);
-  const upper = counts.subarray(first + 1), above = upper.reduce((sum, count) => sum + count, 0);
+  const middle = (k: number) => low + (k + 0.5) * ((high - low) / BINS),
+    first = otsu(counts);
+  const upper = counts.subarray(first + 1),
+    above = upper.reduce((sum, count) => sum + count, 0);
   const second = above ? first + 1 + otsu(upper) : first;
   let top = BINS - 1;
   for (let sum = counts[top]; sum <= 1e-4 * above && top > 0; sum += counts[top]) top -= 1;
@@ -128,16 +176,40 @@ function levelsOf({ counts, low, high }: Histogram): Levels {
 
 /** The preset "specimen": faint flesh and bright bones. */
 export function specimen({ grid }: Volume, { levels: [low, air, dense, high], hounsfield }: Measured): Transfer {
-  const body = air + 0.35 * (dense - air), unit = Math.min(...lengthsOf(grid)) / 100;
+  const body = air + 0.35 * (dense - air),
+    unit = Math.min(...lengthsOf(grid)) / 100;
   const [values, colors, alphas] = hounsfield
-    ? [[low, -200, -80, 60, 160, 300, 700, Math.max(high, 1000)],
-      [[0.55, 0.28, 0.18], [0.78, 0.5, 0.34], [0.86, 0.6, 0.42], [0.78, 0.36, 0.25], [0.9, 0.52, 0.36],
-        [0.98, 0.86, 0.66], [1, 0.96, 0.86], [1, 1, 0.97]], [0, 0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9]]
-    : [[low, air, body, dense, dense + 0.35 * (high - dense), high],
-      [[0.55, 0.28, 0.18], [0.62, 0.33, 0.2], [0.86, 0.55, 0.38], [0.98, 0.86, 0.66], [1, 0.96, 0.86], [1, 1, 0.97]],
-      [0, 0, 0.016, 0.045, 0.45, 0.9]];
+    ? [
+        [low, -200, -80, 60, 160, 300, 700, Math.max(high, 1000)],
+        [
+          [0.55, 0.28, 0.18],
+          [0.78, 0.5, 0.34],
+          [0.86, 0.6, 0.42],
+          [0.78, 0.36, 0.25],
+          [0.9, 0.52, 0.36],
+          [0.98, 0.86, 0.66],
+          [1, 0.96, 0.86],
+          [1, 1, 0.97],
+        ],
+        [0, 0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9],
+      ]
+    : [
+        [low, air, body, dense, dense + 0.35 * (high - dense), high],
+        [
+          [0.55, 0.28, 0.18],
+          [0.62, 0.33, 0.2],
+          [0.86, 0.55, 0.38],
+          [0.98, 0.86, 0.66],
+          [1, 0.96, 0.86],
+          [1, 1, 0.97],
+        ],
+        [0, 0, 0.016, 0.045, 0.45, 0.9],
+      ];
   let most = -Infinity;
-  const rising = values.map((value) => { most = Math.max(most, value); return most; });
+  const rising = values.map((value) => {
+    most = Math.max(most, value);
+    return most;
+  });
   return { colors: rising.map((v, k) => [v, ...colors[k]]), opacities: rising.map((v, k) => [v, alphas[k]]), unit };
 }
 
@@ -149,43 +221,58 @@ function between(nodes: number[][], part: number, value: number) {
   let k = 0;
   while (nodes[k + 1][0] <= value) k += 1;
   const [a, b] = [nodes[k], nodes[k + 1]];
-  return a[part] + (b[part] - a[part]) / (b[0] - a[0]) * (value - a[0]);
+  return a[part] + ((b[part] - a[part]) / (b[0] - a[0])) * (value - a[0]);
 }
 
-const colourAt = ({ colors, opacities }: Transfer, value: number) =>
-  [...[1, 2, 3].map((part) => between(colors, part, value)), between(opacities, 1, value)];
+const colourAt = ({ colors, opacities }: Transfer, value: number) => [
+  ...[1, 2, 3].map((part) => between(colors, part, value)),
+  between(opacities, 1, value),
+];
 
 /** Neighbouring nodes between which the function changes. */
 function changesOf(transfer: Transfer) {
-  const values = [...new Set([...transfer.colors, ...transfer.opacities].map(([value]) => value))].sort((a, b) => a - b);
+  const values = [...new Set([...transfer.colors, ...transfer.opacities].map(([value]) => value))].sort(
+    (a, b) => a - b,
+  );
   const rgba = values.map((value) => colourAt(transfer, value));
-  return values.slice(1).flatMap((high, k) =>
-    (rgba[k].some((part, j) => part !== rgba[k + 1][j]) ? [[values[k], high]] : []));
+  return values
+    .slice(1)
+    .flatMap((high, k) => (rgba[k].some((part, j) => part !== rgba[k + 1][j]) ? [[values[k], high]] : []));
 }
 
 /** Red, green, blue and alpha of evenly spaced values from low to high. */
 export function tableOf(transfer: Transfer, low: number, high: number) {
   const widths = changesOf(transfer).flatMap(([a, b]) => (b >= low && a <= high ? [b - a] : []));
   const narrowest = Math.min(...widths);
-  const fine = [1, 2, 4, FINEST].find((k) => narrowest >= 16 * (high - low) / (255 * k)) ?? FINEST;
+  const fine = [1, 2, 4, FINEST].find((k) => narrowest >= (16 * (high - low)) / (255 * k)) ?? FINEST;
   const entries = 255 * fine + 1;
-  return Float32Array.from(Array.from({ length: entries },
-    (_, k) => colourAt(transfer, low + (high - low) * k / (entries - 1))).flat());
+  return Float32Array.from(
+    Array.from({ length: entries }, (_, k) => colourAt(transfer, low + ((high - low) * k) / (entries - 1))).flat(),
+  );
 }
 
 /**
  * The values that bytes tell apart: all of bytes and labels, else up to the densest tissue, and only those among which
  * colours change where these are less than a quarter.
  */
-export function windowOf({ dtype, isLabels }: Volume, { whole, levels }: Measured, transfer: Transfer): {window: [number, number], share: number} {
-  const isPlain = isLabels || dtype === "uint8", [low, most] = isPlain ? whole : [levels[0], levels[3]];
-  const high = most > low ? most : low + Math.max(1, Math.abs(low)) * 1e-6, all = high - low;
-  const step = dtype.startsWith("float") ? 0 : 1, changes = changesOf(transfer);
+export function windowOf(
+  { dtype, isLabels }: Volume,
+  { whole, levels }: Measured,
+  transfer: Transfer,
+): { window: [number, number]; share: number } {
+  const isPlain = isLabels || dtype === "uint8",
+    [low, most] = isPlain ? whole : [levels[0], levels[3]];
+  const high = most > low ? most : low + Math.max(1, Math.abs(low)) * 1e-6,
+    all = high - low;
+  const step = dtype.startsWith("float") ? 0 : 1,
+    changes = changesOf(transfer);
   if (!isLabels && all > 255 * step && changes.length) {
     const clipped = (value: number) => Math.min(high, Math.max(low, value));
-    const first = clipped(changes[0][0]), last = clipped(changes[changes.length - 1][1]);
+    const first = clipped(changes[0][0]),
+      last = clipped(changes[changes.length - 1][1]);
     if (last > first && last - first < 0.25 * all) {
-      const width = Math.max(1.1 * (last - first), all / 64, 255 * step), middle = (first + last) / 2;
+      const width = Math.max(1.1 * (last - first), all / 64, 255 * step),
+        middle = (first + last) / 2;
       const window: [number, number] = [Math.max(low, middle - width / 2), Math.min(high, middle + width / 2)];
       return { window, share: (window[1] - window[0]) / all };
     }

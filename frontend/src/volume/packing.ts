@@ -2,14 +2,25 @@
 // a maximum projection, and the textures of a displacement that is zero still. See deformnb/widgets/packed_volume.py,
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
-import { boundsOf, coarserGrid, cornersOf, frameOf, inFrame, lengthsOf, planeAlong, toPlane, unitOf, voxelOrder } from "./grid.ts";
-
 import type { Values, Volume } from "../formats/volume_files.ts";
 import type { Vector3 } from "../types.ts";
 import type { Grid, Plane } from "./grid.ts";
+import {
+  boundsOf,
+  coarserGrid,
+  cornersOf,
+  frameOf,
+  inFrame,
+  lengthsOf,
+  planeAlong,
+  toPlane,
+  unitOf,
+  voxelOrder,
+} from "./grid.ts";
 import type { Measured } from "./levels.ts";
 
-const MOST_VOXELS = 256 ** 3, LONGEST = 1024;
+const MOST_VOXELS = 256 ** 3,
+  LONGEST = 1024;
 const CHUNK_BYTES = 2 ** 21;
 const MAP_SIZE = 192; // samples of a displacement map along its longer side
 const SATURATED = 0.005; // of the pixels are black, and as many of those brighter than black white
@@ -24,7 +35,8 @@ const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
 export function factorsOf({ shape, spacing }: Grid) {
   const factors = [1, 1, 1];
   for (;;) {
-    const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)), isLong = left.map((n) => n > LONGEST);
+    const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)),
+      isLong = left.map((n) => n > LONGEST);
     if (!isLong.includes(true) && left[0] * left[1] * left[2] <= MOST_VOXELS) return factors;
     const can = isLong.includes(true) ? isLong : left.map((n) => n > 1);
     const sizes = factors.map((f, k) => (can[k] ? f * spacing[k] : Infinity));
@@ -33,9 +45,18 @@ export function factorsOf({ shape, spacing }: Grid) {
 }
 
 /** The voxels as bytes of a window of values, averaged over blocks; of labels the first of each. */
-export async function bytesOfVolume({ values, grid, isLabels }: Volume, [fx, fy, fz]: number[], [low, high]: [number, number], progress: (share: number) => void, signal?: AbortSignal) {
-  const [nz, ny, nx] = grid.shape, [mz, my, mx] = coarserGrid(grid, [fx, fy, fz]).shape, scale = 255 / (high - low);
-  const bytes = new Uint8Array(mz * my * mx), isWhole = fx * fy * fz === 1 || isLabels;
+export async function bytesOfVolume(
+  { values, grid, isLabels }: Volume,
+  [fx, fy, fz]: number[],
+  [low, high]: [number, number],
+  progress: (share: number) => void,
+  signal?: AbortSignal,
+) {
+  const [nz, ny, nx] = grid.shape,
+    [mz, my, mx] = coarserGrid(grid, [fx, fy, fz]).shape,
+    scale = 255 / (high - low);
+  const bytes = new Uint8Array(mz * my * mx),
+    isWhole = fx * fy * fz === 1 || isLabels;
   const every = Math.max(1, Math.floor(2 ** 22 / (fz * ny * nx)));
   let at = 0;
   for (let k = 0; k < mz; k++) {
@@ -44,7 +65,9 @@ export async function bytesOfVolume({ values, grid, isLabels }: Volume, [fx, fy,
         const first = (k * fz * ny + j * fy) * nx + i * fx;
         let value = values[first];
         if (!isWhole) {
-          const ez = Math.min(fz, nz - k * fz), ey = Math.min(fy, ny - j * fy), ex = Math.min(fx, nx - i * fx);
+          const ez = Math.min(fz, nz - k * fz),
+            ey = Math.min(fy, ny - j * fy),
+            ex = Math.min(fx, nx - i * fx);
           value = 0;
           for (let c = 0; c < ez; c++) {
             for (let b = 0; b < ey; b++) {
@@ -57,14 +80,19 @@ export async function bytesOfVolume({ values, grid, isLabels }: Volume, [fx, fy,
         bytes[at] = Math.min(255, Math.max(0, (value - low) * scale + 0.5));
       }
     }
-    if (k % every === every - 1) { progress((k + 1) / mz); await rest(); signal?.throwIfAborted(); }
+    if (k % every === every - 1) {
+      progress((k + 1) / mz);
+      await rest();
+      signal?.throwIfAborted();
+    }
   }
   return bytes;
 }
 
 /** Pieces of whole slices, packed as those of a file. */
 export async function piecesOf(bytes: Uint8Array<ArrayBuffer>, [, ny, nx]: Vector3, signal?: AbortSignal) {
-  const size = Math.max(1, Math.floor(CHUNK_BYTES / (ny * nx))) * ny * nx, pieces = [];
+  const size = Math.max(1, Math.floor(CHUNK_BYTES / (ny * nx))) * ny * nx,
+    pieces = [];
   for (let start = 0; start < bytes.length; start += size) {
     signal?.throwIfAborted();
     const stream = new Blob([bytes.subarray(start, start + size)]).stream().pipeThrough(new CompressionStream("gzip"));
@@ -75,17 +103,23 @@ export async function piecesOf(bytes: Uint8Array<ArrayBuffer>, [, ny, nx]: Vecto
 
 /** The maximum of each column of voxels along a plane's normal, [v, u]. */
 export function maximumProjection({ values, grid }: Volume, plane: Plane) {
-  const [, ny, nx] = grid.shape, strides = [1, nx, nx * ny];
+  const [, ny, nx] = grid.shape,
+    strides = [1, nx, nx * ny];
   const [n, v, u] = voxelOrder(grid, plane).map(({ axis, sign }) => {
     const count = grid.shape[2 - axis];
     return { count, step: sign * strides[axis], first: sign > 0 ? 0 : (count - 1) * strides[axis] };
   });
-  const Kind = (values.constructor as {new (size: number): Values}), out = new Kind(v.count * u.count);
+  const Kind = values.constructor as { new (size: number): Values },
+    out = new Kind(v.count * u.count);
   let at = 0;
   for (let b = 0; b < v.count; b++) {
     for (let a = 0; a < u.count; a++, at++) {
-      let place = n.first + v.first + b * v.step + u.first + a * u.step, most = values[place];
-      for (let c = 1; c < n.count; c++) { place += n.step; if (values[place] > most) most = values[place]; }
+      let place = n.first + v.first + b * v.step + u.first + a * u.step,
+        most = values[place];
+      for (let c = 1; c < n.count; c++) {
+        place += n.step;
+        if (values[place] > most) most = values[place];
+      }
       out[at] = most;
     }
   }
@@ -93,16 +127,25 @@ export function maximumProjection({ values, grid }: Volume, plane: Plane) {
 }
 
 function quantile(sorted: Float64Array, share: number) {
-  const at = share * (sorted.length - 1), low = Math.floor(at), high = Math.min(low + 1, sorted.length - 1);
+  const at = share * (sorted.length - 1),
+    low = Math.floor(at),
+    high = Math.min(low + 1, sorted.length - 1);
   return sorted[low] + (at - low) * (sorted[high] - sorted[low]);
 }
 
 /** Values of a grey picture shown as black and white. */
-export function pictureWindow(pixels: Values, { isLabels }: Volume, { range: [lowest, highest], whole, hounsfield }: Measured): [number, number] {
+export function pictureWindow(
+  pixels: Values,
+  { isLabels }: Volume,
+  { range: [lowest, highest], whole, hounsfield }: Measured,
+): [number, number] {
   const most = hounsfield ? Math.min(highest, METAL) : highest;
-  const shown = Float64Array.from(pixels).filter((value) => value >= lowest && value <= most).sort();
+  const shown = Float64Array.from(pixels)
+    .filter((value) => value >= lowest && value <= most)
+    .sort();
   const isEven = isLabels || !shown.length || shown[0] === shown[shown.length - 1];
-  const low = isEven ? whole[0] : quantile(shown, SATURATED), subject = shown.filter((value) => value > low);
+  const low = isEven ? whole[0] : quantile(shown, SATURATED),
+    subject = shown.filter((value) => value > low);
   const high = subject.length ? quantile(subject, 1 - SATURATED) : low;
   const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array;
   return [low, high > low ? high : low + Math.max(1, Math.abs(low)) * (isReal ? 1e-6 : 1)];
@@ -110,14 +153,22 @@ export function pictureWindow(pixels: Values, { isLabels }: Volume, { range: [lo
 
 /** The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean. */
 export function packedPicture(pixels: Values, window: [number, number]) {
-  const [black, white] = window, margin = AROUND * (white - black);
-  let least = Infinity, most = -Infinity;
-  for (const value of pixels) { if (value < least) least = value; if (value > most) most = value; }
-  let low = Math.max(least, black - margin), high = Math.min(most, white + margin);
+  const [black, white] = window,
+    margin = AROUND * (white - black);
+  let least = Infinity,
+    most = -Infinity;
+  for (const value of pixels) {
+    if (value < least) least = value;
+    if (value > most) most = value;
+  }
+  let low = Math.max(least, black - margin),
+    high = Math.min(most, white + margin);
   if (!(low < high)) [low, high] = window;
-  const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array, isByte = !isReal && high - low <= 255;
+  const isReal = pixels instanceof Float32Array || pixels instanceof Float64Array,
+    isByte = !isReal && high - low <= 255;
   if (isByte) high = low + 255;
-  const rgba = new Uint8ClampedArray(4 * pixels.length), top = isByte ? 255 : 65535;
+  const rgba = new Uint8ClampedArray(4 * pixels.length),
+    top = isByte ? 255 : 65535;
   pixels.forEach((value: number, k: number) => {
     const number = Math.floor(Math.min(1, Math.max(0, (value - low) / (high - low))) * top + 0.5);
     rgba.set(isByte ? [number, number, number, 255] : [number >> 8, number & 255, 0, 255], 4 * k);
@@ -126,33 +177,61 @@ export function packedPicture(pixels: Values, window: [number, number]) {
 }
 
 /** Facts of a packed volume for a live view. */
-export function volumeInfo({ grid: own, isLabels }: Volume, { whole, levels }: Measured, packed: {id: string, grid: Grid, chunks: number, window: [number, number], share: number, views: string[]}) {
-  const { id, grid, chunks, window: [low, high], share, views } = packed;
+export function volumeInfo(
+  { grid: own, isLabels }: Volume,
+  { whole, levels }: Measured,
+  packed: { id: string; grid: Grid; chunks: number; window: [number, number]; share: number; views: string[] },
+) {
+  const {
+    id,
+    grid,
+    chunks,
+    window: [low, high],
+    share,
+    views,
+  } = packed;
   const shareOf = (value: number) => (value - low) / (high - low);
   const clipped = (value: number, least: number) => Math.min(1, Math.max(least, value));
-  const looks = Object.fromEntries(views.map((view) => {
-    const { n, v } = planeAlong(own, view);
-    return [view, { direction: n, up: v.map((x) => -x) }];
-  }));
-  return { id, shape: grid.shape.toReversed(), spacing: grid.spacing, origin: grid.origin, chunks,
-    to_frame: frameOf(grid), axes: grid.direction, box: boxOf(own, grid),
-    outside: Math.floor(clipped(shareOf(whole[0]), 0) * 255 + 0.5), is_labels: isLabels,
-    grey: [0, clipped(shareOf(isLabels ? high : levels[3]), 1 / 255)], share, unit: unitOf(own),
+  const looks = Object.fromEntries(
+    views.map((view) => {
+      const { n, v } = planeAlong(own, view);
+      return [view, { direction: n, up: v.map((x) => -x) }];
+    }),
+  );
+  return {
+    id,
+    shape: grid.shape.toReversed(),
+    spacing: grid.spacing,
+    origin: grid.origin,
+    chunks,
+    to_frame: frameOf(grid),
+    axes: grid.direction,
+    box: boxOf(own, grid),
+    outside: Math.floor(clipped(shareOf(whole[0]), 0) * 255 + 0.5),
+    is_labels: isLabels,
+    grey: [0, clipped(shareOf(isLabels ? high : levels[3]), 1 / 255)],
+    share,
+    unit: unitOf(own),
     note: grid.shape.every((n, k) => n === own.shape[k]) ? "" : "shown at a lower resolution",
-    views: { ...looks, home: { direction: [0.4, 1, -0.3], up: [0, 0, 1] } } };
+    views: { ...looks, home: { direction: [0.4, 1, -0.3], up: [0, 0, 1] } },
+  };
 }
 
 /** The box of a grid along the axes of another. */
 function boxOf(own: Grid, grid: Grid) {
-  const middle = inFrame(grid, own.origin), lengths = lengthsOf(own), low = middle.map((x, k) => x - own.spacing[k] / 2);
+  const middle = inFrame(grid, own.origin),
+    lengths = lengthsOf(own),
+    low = middle.map((x, k) => x - own.spacing[k] / 2);
   return { low, high: low.map((x, k) => x + lengths[k]) };
 }
 
 /** Values above which bytes are foreground, and how far beyond the box it has left it, in shares. */
 export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measured, [low, high]: [number, number]) {
   const level = ((isLabels ? whole[0] : levels[1]) - low) / (high - low);
-  return { tissue: Math.min(254 / 255, Math.max(0, level)),
-    beyond: grid.shape.toReversed().map((n) => (1 + LEAVES * n) / n) };
+  return {
+    tissue: Math.min(254 / 255, Math.max(0, level)),
+    beyond: grid.shape.toReversed().map((n) => (1 + LEAVES * n) / n),
+  };
 }
 
 /**
@@ -160,26 +239,63 @@ export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measu
  * @param grid of the packed voxels
  */
 export function stillField(own: Grid, grid: Grid, plane: Plane) {
-  const { low, high } = boundsOf(toPlane(plane, cornersOf(own))), size = [high[0] - low[0], high[1] - low[1]];
-  const longest = Math.max(...size), [columns, rows] = size.map((s) => Math.max(8, Math.ceil(MAP_SIZE * s / longest)));
-  const depths = boundsOf(toPlane(plane, cornersOf(own, true))), frame = frameOf(grid);
+  const { low, high } = boundsOf(toPlane(plane, cornersOf(own))),
+    size = [high[0] - low[0], high[1] - low[1]];
+  const longest = Math.max(...size),
+    [columns, rows] = size.map((s) => Math.max(8, Math.ceil((MAP_SIZE * s) / longest)));
+  const depths = boundsOf(toPlane(plane, cornersOf(own, true))),
+    frame = frameOf(grid);
   const turned = (w: number[]) => frame.map((row) => row.reduce((sum, x, k) => sum + x * w[k], 0));
-  const along = [plane.u, plane.v].map((w) => [0, 1, 2].reduce((sum, k) => {
-    const cosine = own.direction.reduce((total, row, i) => total + row[k] * w[i], 0);
-    return sum + cosine * cosine * own.spacing[k];
-  }, 0));
-  const planar = { shape: [1, rows, columns], origin: [low[0], low[1]],
-    spacing: [size[0] / (columns - 1), size[1] / (rows - 1)], depth: [depths.low[2], depths.high[2]],
-    isReplicated: true, cut: null, softness: (along[0] + along[1]) / 2,
-    plane: { origin: inFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) } };
-  return { content: { type: "field", seq: 0, box: boxOf(own, grid), planar, space: null, coarse: false,
-    buffers: ["maps", "weights"], follow: { index: 0, points: [] } },
-    buffers: [new DataView(new Float32Array(2 * rows * columns).buffer), new DataView(new Float32Array([1, 1]).buffer)] };
+  const along = [plane.u, plane.v].map((w) =>
+    [0, 1, 2].reduce((sum, k) => {
+      const cosine = own.direction.reduce((total, row, i) => total + row[k] * w[i], 0);
+      return sum + cosine * cosine * own.spacing[k];
+    }, 0),
+  );
+  const planar = {
+    shape: [1, rows, columns],
+    origin: [low[0], low[1]],
+    spacing: [size[0] / (columns - 1), size[1] / (rows - 1)],
+    depth: [depths.low[2], depths.high[2]],
+    isReplicated: true,
+    cut: null,
+    softness: (along[0] + along[1]) / 2,
+    plane: { origin: inFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) },
+  };
+  return {
+    content: {
+      type: "field",
+      seq: 0,
+      box: boxOf(own, grid),
+      planar,
+      space: null,
+      coarse: false,
+      buffers: ["maps", "weights"],
+      follow: { index: 0, points: [] },
+    },
+    buffers: [new DataView(new Float32Array(2 * rows * columns).buffer), new DataView(new Float32Array([1, 1]).buffer)],
+  };
 }
 
 /** The corners of a picture on the outermost voxels' centres, as points that hold it still. */
 export function cornerPoints(grid: Grid, plane: Plane) {
-  const { low: [a0, b0], high: [a1, b1] } = boundsOf(toPlane(plane, cornersOf(grid, true)));
-  return [[a0, b0], [a1, b0], [a1, b1], [a0, b1]].map((place, id) => ({ id, name: "corner", source: place,
-    target: [...place], active: true, weight: 1, locked: false, radius: null }));
+  const {
+    low: [a0, b0],
+    high: [a1, b1],
+  } = boundsOf(toPlane(plane, cornersOf(grid, true)));
+  return [
+    [a0, b0],
+    [a1, b0],
+    [a1, b1],
+    [a0, b1],
+  ].map((place, id) => ({
+    id,
+    name: "corner",
+    source: place,
+    target: [...place],
+    active: true,
+    weight: 1,
+    locked: false,
+    radius: null,
+  }));
 }

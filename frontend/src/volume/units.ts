@@ -1,9 +1,10 @@
 // Units of length, by the table and the rules of deformnb/volume/units.py.
 
-import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.ts";
 import { shownText } from "../formats/reading.ts";
+import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.ts";
 
-const WORDS: Record<string, string> = UNIT_WORDS, LOWER: Record<string, string> = UNIT_LOWER_WORDS;
+const WORDS: Record<string, string> = UNIT_WORDS,
+  LOWER: Record<string, string> = UNIT_LOWER_WORDS;
 const METRES: Record<string, number> = UNIT_METRES;
 
 /** The symbol of a unit as a file names it; "" for words that mean none, null for what is no unit of length. */
@@ -26,15 +27,18 @@ export function statedUnit(text: string, notes: string[]) {
 }
 
 /** How many of one unit one of another is; 1 where either is not known. */
-export function unitRatio(unit: string, to: string) { return unit && to ? METRES[unit] / METRES[to] : 1; }
+export function unitRatio(unit: string, to: string) {
+  return unit && to ? METRES[unit] / METRES[to] : 1;
+}
 
 /**
  * The unit for axes x, y, z that have one each, and by how much the numbers of each are multiplied; with a note.
  */
 export function commonUnit(units: string[], notes: string[]) {
-  const unit = units.find((one) => one) ?? "", factors = units.map((one) => unitRatio(one, unit));
+  const unit = units.find((one) => one) ?? "",
+    factors = units.map((one) => unitRatio(one, unit));
   if (new Set(units).size > 1) {
-    const each = units.map((one, k) => ("xyz"[k] + (one ? ` in ${one}` : " without a unit"))).join(", ");
+    const each = units.map((one, k) => "xyz"[k] + (one ? ` in ${one}` : " without a unit")).join(", ");
     notes.push(`the axes of the file are measured in different units (${each}); all are in ${unit} now`);
   }
   return { unit, factors };

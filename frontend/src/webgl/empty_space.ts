@@ -2,15 +2,16 @@
 // each cell a box is found that holds the origins of all of its places, and the blocks of the volume in it are looked
 // at. Pure arithmetic; no DOM, no WebGL. Lengths are physical, along the index axes of the volume (its own frame).
 
-import { BLOCK } from "./volume_blocks.ts";
-
 import type { Sides, Vector3 } from "../types.ts";
 import type { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.ts";
+import { BLOCK } from "./volume_blocks.ts";
 
-export const CELL = 8, QUICK_CELL = 16; // voxels along the edge of a cell; an eighth of them while something moves
+export const CELL = 8,
+  QUICK_CELL = 16; // voxels along the edge of a cell; an eighth of them while something moves
 const MOST_CELLS = 64; // along an axis: of a box much larger than the volume they are larger
 const MOST_RINGS = 250; // a byte holds them
-const PLANAR_TILE = 4, SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
+const PLANAR_TILE = 4,
+  SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
 const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
 
 /** The ranges of a planar field's maps over boxes of one size. */
@@ -26,7 +27,13 @@ class PlanarRanges {
 
   /** @param half extents of a box */
   constructor(planar: CastPlanar, half: Vector3) {
-    const { maps, shape: [layers, rows, columns], weights, count, toMap: { matrix, offset } } = planar;
+    const {
+      maps,
+      shape: [layers, rows, columns],
+      weights,
+      count,
+      toMap: { matrix, offset },
+    } = planar;
     this.planar = planar;
     this.knots = weights.length / count;
     this.size = [columns, rows, this.knots];
@@ -35,8 +42,10 @@ class PlanarRanges {
     this.half = [0, 1, 2].map((i) => half.reduce((sum, h, j) => sum + h * Math.abs(this.matrix[3 * j + i]), 0));
     this.tiles = [columns, rows].map((n) => Math.max(1, Math.ceil((n - 1) / PLANAR_TILE)));
     this.values = planarTiles(maps, [layers, rows, columns], this.tiles);
-    [0, 1].forEach((axis) => { // of all tiles that a box meets, at the first of them: one look-up for each box
-      const stride = axis ? 4 * this.tiles[0] : 4, most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
+    [0, 1].forEach((axis) => {
+      // of all tiles that a box meets, at the first of them: one look-up for each box
+      const stride = axis ? 4 * this.tiles[0] : 4,
+        most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
       this.values = gathered(this.values, stride, this.tiles[axis], most);
     });
   }
@@ -46,24 +55,42 @@ class PlanarRanges {
    * @param box low and high along x, y, z
    */
   widen(middle: Float64Array, region: number, box: Float64Array) {
-    const { planar: { count, isReplicated, weights, plane }, matrix: m, offset, half, values } = this;
+    const {
+      planar: { count, isReplicated, weights, plane },
+      matrix: m,
+      offset,
+      half,
+      values,
+    } = this;
     const [wide, high] = this.tiles;
-    const x = middle[0], y = middle[1], z = middle[2];
+    const x = middle[0],
+      y = middle[1],
+      z = middle[2];
     const column = tileOf(m[0] * x + m[3] * y + m[6] * z + offset[0] - half[0], PLANAR_TILE, wide);
     const row = tileOf(m[1] * x + m[4] * y + m[7] * z + offset[1] - half[1], PLANAR_TILE, high);
-    let u0 = 0, u1 = 0, v0 = 0, v1 = 0;
+    let u0 = 0,
+      u1 = 0,
+      v0 = 0,
+      v1 = 0;
     for (let k = 0; k < count; k++) {
       const i = 4 * (((region * count + k) * high + row) * wide + column);
-      const lowU = values[i], highU = values[i + 1], lowV = values[i + 2], highV = values[i + 3];
-      let w0 = 1, w1 = 1;
+      const lowU = values[i],
+        highU = values[i + 1],
+        lowV = values[i + 2],
+        highV = values[i + 3];
+      let w0 = 1,
+        w1 = 1;
       if (!isReplicated) {
-        const depth = m[2] * x + m[5] * y + m[8] * z + offset[2], last = this.knots - 1;
+        const depth = m[2] * x + m[5] * y + m[8] * z + offset[2],
+          last = this.knots - 1;
         const from = Math.max(0, Math.min(last, Math.floor(depth - half[2])));
         const to = Math.max(0, Math.min(last, Math.ceil(depth + half[2])));
-        w0 = Infinity; w1 = -Infinity;
+        w0 = Infinity;
+        w1 = -Infinity;
         for (let n = from; n <= to; n++) {
           const w = weights[k * this.knots + n];
-          w0 = Math.min(w0, w); w1 = Math.max(w1, w);
+          w0 = Math.min(w0, w);
+          w1 = Math.max(w1, w);
         }
       }
       u0 += Math.min(w0 * lowU, w0 * highU, w1 * lowU, w1 * highU);
@@ -72,7 +99,8 @@ class PlanarRanges {
       v1 += Math.max(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
     }
     for (let i = 0; i < 3; i++) {
-      const u = plane.u[i], v = plane.v[i];
+      const u = plane.u[i],
+        v = plane.v[i];
       box[i] += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
       box[3 + i] += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
     }
@@ -80,7 +108,9 @@ class PlanarRanges {
 }
 
 /** The tile of a node, with those beyond the edge in the outermost ones. */
-function tileOf(node: number, edge: number, count: number) { return Math.max(0, Math.min(count - 1, Math.floor(node / edge))); }
+function tileOf(node: number, edge: number, count: number) {
+  return Math.max(0, Math.min(count - 1, Math.floor(node / edge)));
+}
 
 /**
  * Smallest (even places) and largest values (odd ones) of every tile and as many as `most` behind it along an axis.
@@ -110,18 +140,25 @@ function planarTiles(maps: Float32Array, [layers, rows, columns]: Vector3, [wide
       const rowEnd = Math.min(rows - 1, (b + 1) * PLANAR_TILE);
       for (let a = 0; a < wide; a++, o += 4) {
         const end = Math.min(columns - 1, (a + 1) * PLANAR_TILE);
-        let lowU = Infinity, highU = -Infinity, lowV = Infinity, highV = -Infinity;
+        let lowU = Infinity,
+          highU = -Infinity,
+          lowV = Infinity,
+          highV = -Infinity;
         for (let row = b * PLANAR_TILE; row <= rowEnd; row++) {
           let i = 2 * ((layer * rows + row) * columns + a * PLANAR_TILE);
           for (let column = a * PLANAR_TILE; column <= end; column++, i += 2) {
-            const u = maps[i], v = maps[i + 1];
+            const u = maps[i],
+              v = maps[i + 1];
             if (u < lowU) lowU = u;
             if (u > highU) highU = u;
             if (v < lowV) lowV = v;
             if (v > highV) highV = v;
           }
         }
-        out[o] = lowU; out[o + 1] = highU; out[o + 2] = lowV; out[o + 3] = highV;
+        out[o] = lowU;
+        out[o + 1] = highU;
+        out[o + 2] = lowV;
+        out[o + 3] = highV;
       }
     }
   }
@@ -142,11 +179,13 @@ export class SpaceRanges {
     this.origin = origin;
     this.regions = cut ? cut.regions : 1;
     this.tiles = shape.map(tilesOf);
-    const parts = cut ? 4 : 3, floats = cut ? halfFloats((values as Uint16Array)) : values;
+    const parts = cut ? 4 : 3,
+      floats = cut ? halfFloats(values as Uint16Array) : values;
     const each = shape[0] * shape[1] * shape[2] * parts;
     /** Smallest and largest values along x, y, z in every tile of each region. */
-    this.ranges = Array.from({ length: this.regions }, (_, r) => spaceTiles(
-      floats.subarray(r * each, (r + 1) * each), shape, parts));
+    this.ranges = Array.from({ length: this.regions }, (_, r) =>
+      spaceTiles(floats.subarray(r * each, (r + 1) * each), shape, parts),
+    );
   }
 
   /**
@@ -154,14 +193,20 @@ export class SpaceRanges {
    * @param box low and high along x, y, z
    */
   widen(region: number, box: Float64Array) {
-    const { tiles: [wide, high, deep], origin, spacing, ranges } = this;
+    const {
+      tiles: [wide, high, deep],
+      origin,
+      spacing,
+      ranges,
+    } = this;
     const x0 = tileOf((box[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
     const x1 = tileOf((box[3] - origin[0]) / spacing[0], SPACE_TILE, wide);
     const y0 = tileOf((box[1] - origin[1]) / spacing[1], SPACE_TILE, high);
     const y1 = tileOf((box[4] - origin[1]) / spacing[1], SPACE_TILE, high);
     const z0 = tileOf((box[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
     const z1 = tileOf((box[5] - origin[2]) / spacing[2], SPACE_TILE, deep);
-    const own = ranges[region], moves = MOVES.fill(Infinity, 0, 3).fill(-Infinity, 3);
+    const own = ranges[region],
+      moves = MOVES.fill(Infinity, 0, 3).fill(-Infinity, 3);
     for (let z = z0; z <= z1; z++) {
       for (let y = y0; y <= y1; y++) {
         for (let x = x0, i = 6 * ((z * high + y) * wide + x0); x <= x1; x++, i += 6) {
@@ -183,7 +228,8 @@ const MOVES = new Float64Array(6); // one for all: an array for each box would t
  * @param values [z][y][x][parts]
  */
 function spaceTiles(values: Float32Array | Uint16Array, [nx, ny, nz]: Vector3, parts: number) {
-  const [wide, high, deep] = [nx, ny, nz].map(tilesOf), out = new Float32Array(6 * wide * high * deep);
+  const [wide, high, deep] = [nx, ny, nz].map(tilesOf),
+    out = new Float32Array(6 * wide * high * deep);
   let o = 0;
   for (let z = 0; z < deep; z++) {
     const endZ = Math.min(nz - 1, (z + 1) * SPACE_TILE);
@@ -210,12 +256,16 @@ function spaceTiles(values: Float32Array | Uint16Array, [nx, ny, nz]: Vector3, p
 }
 
 /** Tiles along an axis of a lattice. */
-function tilesOf(nodes: number) { return Math.max(1, Math.ceil((nodes - 1) / SPACE_TILE)); }
+function tilesOf(nodes: number) {
+  return Math.max(1, Math.ceil((nodes - 1) / SPACE_TILE));
+}
 
 /** Numbers of half precision. */
 function halfFloats(bits: Uint16Array) {
   const known = Float32Array.from({ length: 2 ** 16 }, (_, h) => {
-    const exponent = (h >> 10) & 31, share = h & 1023, sign = h & 0x8000 ? -1 : 1;
+    const exponent = (h >> 10) & 31,
+      share = h & 1023,
+      sign = h & 0x8000 ? -1 : 1;
     if (exponent === 31) return share ? 0 : sign * Infinity;
     return sign * (exponent ? (1 + share / 1024) * 2 ** (exponent - 15) : share * 2 ** -24);
   });
@@ -234,16 +284,43 @@ function halfFloats(bits: Uint16Array) {
  * @param seen.voxels along the edge of a cell, at least
  * @returns `edge`: lengths of a cell's edges
  */
-export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels }: { /** of the result */ box: Sides; /** of the volume */ shape: Vector3; spacing: Vector3; /** of its blocks */ extremes: Extremes; /** of the largest values of the blocks, or of their largest opacities */ pairs: Uint8Array; /** the same of what lies outside the volume */ beyond: number; /** whether largest values are projected */ isLargest: boolean; /** along the edge of a cell, at least */ voxels: number }, { planar, space }: {planar: CastPlanar | null, space: CastSpace | null}): {size: Vector3, cells: Uint8Array, edge: Vector3} {
+export function emptyCells(
+  {
+    box,
+    shape,
+    spacing,
+    extremes,
+    pairs,
+    beyond,
+    isLargest,
+    voxels,
+  }: {
+    /** of the result */ box: Sides /** of the volume */;
+    shape: Vector3;
+    spacing: Vector3 /** of its blocks */;
+    extremes: Extremes /** of the largest values of the blocks, or of their largest opacities */;
+    pairs: Uint8Array /** the same of what lies outside the volume */;
+    beyond: number /** whether largest values are projected */;
+    isLargest: boolean /** along the edge of a cell, at least */;
+    voxels: number;
+  },
+  { planar, space }: { planar: CastPlanar | null; space: CastSpace | null },
+): { size: Vector3; cells: Uint8Array; edge: Vector3 } {
   const lengths = box.low.map((low, i) => box.high[i] - low);
-  const size = (lengths.map((l, i) => (
-    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))))) as Vector3);
-  const edge = (lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])) as Vector3);
-  const half = (edge.map((e) => e / 2) as Vector3);
-  const plane = planar && new PlanarRanges(planar, half), rest = space?.ranges;
-  const regions = planar?.cut ? planar.cut.bits.length : 1, later = rest ? rest.regions : 1;
-  const margin = planar || space ? MARGIN : 0, values = new Uint8Array(size[0] * size[1] * size[2]);
-  const middle = new Float64Array(3), first = new Float64Array(6), last = new Float64Array(6);
+  const size = lengths.map((l, i) =>
+    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))),
+  ) as Vector3;
+  const edge = lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])) as Vector3;
+  const half = edge.map((e) => e / 2) as Vector3;
+  const plane = planar && new PlanarRanges(planar, half),
+    rest = space?.ranges;
+  const regions = planar?.cut ? planar.cut.bits.length : 1,
+    later = rest ? rest.regions : 1;
+  const margin = planar || space ? MARGIN : 0,
+    values = new Uint8Array(size[0] * size[1] * size[2]);
+  const middle = new Float64Array(3),
+    first = new Float64Array(6),
+    last = new Float64Array(6);
   let o = 0;
   for (let z = 0; z < size[2]; z++) {
     middle[2] = box.low[2] + (z + 0.5) * edge[2];
@@ -253,7 +330,10 @@ export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLar
         middle[0] = box.low[0] + (x + 0.5) * edge[0];
         let found = 0;
         for (let r = 0; r < regions && found < 255; r++) {
-          for (let i = 0; i < 3; i++) { first[i] = middle[i] - half[i]; first[3 + i] = middle[i] + half[i]; }
+          for (let i = 0; i < 3; i++) {
+            first[i] = middle[i] - half[i];
+            first[3 + i] = middle[i] + half[i];
+          }
           plane?.widen(middle, r, first);
           for (let s = 0; s < later && found < 255; s++) {
             last.set(first);
@@ -265,23 +345,41 @@ export function emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLar
       }
     }
   }
-  const rings = emptyRings(values, size), most = isLargest ? grown(values, size) : values;
+  const rings = emptyRings(values, size),
+    most = isLargest ? grown(values, size) : values;
   const cells = new Uint8Array(2 * o);
-  for (let i = 0; i < o; i++) { cells[2 * i] = rings[i]; cells[2 * i + 1] = most[i]; }
+  for (let i = 0; i < o; i++) {
+    cells[2 * i] = rings[i];
+    cells[2 * i + 1] = most[i];
+  }
   return { size, edge, cells };
 }
 
 /** The largest value of the blocks that a box meets. */
-function largestIn(box: Float64Array, shape: Vector3, spacing: Vector3, margin: number, [nx, ny, nz]: Vector3, pairs: Uint8Array, beyond: number) {
-  const x0 = box[0] / spacing[0] + 0.5 - margin, x1 = box[3] / spacing[0] + 0.5 + margin;
-  const y0 = box[1] / spacing[1] + 0.5 - margin, y1 = box[4] / spacing[1] + 0.5 + margin;
-  const z0 = box[2] / spacing[2] + 0.5 - margin, z1 = box[5] / spacing[2] + 0.5 + margin;
+function largestIn(
+  box: Float64Array,
+  shape: Vector3,
+  spacing: Vector3,
+  margin: number,
+  [nx, ny, nz]: Vector3,
+  pairs: Uint8Array,
+  beyond: number,
+) {
+  const x0 = box[0] / spacing[0] + 0.5 - margin,
+    x1 = box[3] / spacing[0] + 0.5 + margin;
+  const y0 = box[1] / spacing[1] + 0.5 - margin,
+    y1 = box[4] / spacing[1] + 0.5 + margin;
+  const z0 = box[2] / spacing[2] + 0.5 - margin,
+    z1 = box[5] / spacing[2] + 0.5 + margin;
   const isBeyond = x0 < 0 || y0 < 0 || z0 < 0 || x1 > shape[0] || y1 > shape[1] || z1 > shape[2];
   let most = isBeyond ? beyond : 0;
   const small = 1e-5; // of a block: a cell that ends where a block does is not in the next one
-  const a0 = Math.max(0, Math.floor(x0 / BLOCK + small)), a1 = Math.min(nx, Math.ceil(x1 / BLOCK - small));
-  const b0 = Math.max(0, Math.floor(y0 / BLOCK + small)), b1 = Math.min(ny, Math.ceil(y1 / BLOCK - small));
-  const c0 = Math.max(0, Math.floor(z0 / BLOCK + small)), c1 = Math.min(nz, Math.ceil(z1 / BLOCK - small));
+  const a0 = Math.max(0, Math.floor(x0 / BLOCK + small)),
+    a1 = Math.min(nx, Math.ceil(x1 / BLOCK - small));
+  const b0 = Math.max(0, Math.floor(y0 / BLOCK + small)),
+    b1 = Math.min(ny, Math.ceil(y1 / BLOCK - small));
+  const c0 = Math.max(0, Math.floor(z0 / BLOCK + small)),
+    c1 = Math.min(nz, Math.ceil(z1 / BLOCK - small));
   for (let c = c0; c < c1; c += 2) {
     const slice = Math.max(c0, Math.min(c, c1 - 2)) * ny;
     for (let b = b0; b < b1; b += 2) {
@@ -302,7 +400,9 @@ function largestIn(box: Float64Array, shape: Vector3, spacing: Vector3, margin: 
 export function blockPairs(blocks: Uint8Array, size: Vector3) {
   let from = blocks;
   for (let axis = 0; axis < 3; axis++) {
-    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();
+    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1],
+      n = size[axis],
+      to = from.slice();
     for (let i = 0; i < from.length; i++) {
       if (Math.floor(i / stride) % n < n - 1 && from[i + stride] > to[i]) to[i] = from[i + stride];
     }
@@ -316,7 +416,8 @@ export function blockPairs(blocks: Uint8Array, size: Vector3) {
  * largest of the three coordinates (Rosenfeld and Pfaltz 1966).
  */
 export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
-  const [row, slice] = [nx + 2, (nx + 2) * (ny + 2)], wide = new Uint8Array(slice * (nz + 2)).fill(MOST_RINGS);
+  const [row, slice] = [nx + 2, (nx + 2) * (ny + 2)],
+    wide = new Uint8Array(slice * (nz + 2)).fill(MOST_RINGS);
   const before = new Int32Array(13);
   before.set([-row - slice, -slice, row - slice, -row].flatMap((line) => [line - 1, line, line + 1]));
   before[12] = -1;
@@ -347,7 +448,9 @@ export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
 function grown(values: Uint8Array, size: Vector3) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
-    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1], n = size[axis], to = from.slice();
+    const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1],
+      n = size[axis],
+      to = from.slice();
     for (let i = 0; i < from.length; i++) {
       const place = Math.floor(i / stride) % n;
       if (place > 0 && from[i - stride] > to[i]) to[i] = from[i - stride];

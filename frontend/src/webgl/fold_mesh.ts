@@ -26,24 +26,47 @@ const MOST_BENDS = 64; // of weights along the depth, beyond which a bound is ta
  * corner. One map is tested at every weight that it has, det(1 + w M) being a parabola in w; several at all weights
  * between two knots, as widgets/vtk/folds.py does.
  */
-export function planarFolds({ maps, shape, spacing, weights }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">, count: number, steep: Float64Array) {
-  const [layers, rows, columns] = shape, [da, db] = spacing;
+export function planarFolds(
+  { maps, shape, spacing, weights }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">,
+  count: number,
+  steep: Float64Array,
+) {
+  const [layers, rows, columns] = shape,
+    [da, db] = spacing;
   if (count > 1) return severalFold({ maps, shape, spacing, weights }, count, steep);
   const low = weights.reduce((a, b) => Math.min(a, b), Infinity);
   const high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
-  const turned: (a: number, b: number, c: number, d: number) => boolean = (a, b, c, d) => { // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
-    const trace = a + d, det = a * d - b * c, top = -trace / (2 * det);
+  const turned: (a: number, b: number, c: number, d: number) => boolean = (a, b, c, d) => {
+    // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
+    const trace = a + d,
+      det = a * d - b * c,
+      top = -trace / (2 * det);
     const at = (w: number) => 1 + w * (trace + w * det);
     return at(low) <= 0 || at(high) <= 0 || (det > 0 && top > low && top < high && at(top) <= 0);
   };
   for (let k = 0; k < layers; k++) {
     for (let r = 0; r + 1 < rows; r++) {
-      let i = 2 * ((k * rows + r) * columns), j = i + 2 * columns;
+      let i = 2 * ((k * rows + r) * columns),
+        j = i + 2 * columns;
       for (let c = 0; c + 1 < columns; c++, i += 2, j += 2) {
-        if (turned((maps[i + 2] - maps[i]) / da, (maps[j] - maps[i]) / db, (maps[i + 3] - maps[i + 1]) / da,
-          (maps[j + 1] - maps[i + 1]) / db)) return true;
-        if (turned((maps[j + 2] - maps[j]) / da, (maps[j + 2] - maps[i + 2]) / db, (maps[j + 3] - maps[j + 1]) / da,
-          (maps[j + 3] - maps[i + 3]) / db)) return true;
+        if (
+          turned(
+            (maps[i + 2] - maps[i]) / da,
+            (maps[j] - maps[i]) / db,
+            (maps[i + 3] - maps[i + 1]) / da,
+            (maps[j + 1] - maps[i + 1]) / db,
+          )
+        )
+          return true;
+        if (
+          turned(
+            (maps[j + 2] - maps[j]) / da,
+            (maps[j + 2] - maps[i + 2]) / db,
+            (maps[j + 3] - maps[j + 1]) / da,
+            (maps[j + 3] - maps[i + 3]) / db,
+          )
+        )
+          return true;
       }
     }
   }
@@ -51,8 +74,19 @@ export function planarFolds({ maps, shape, spacing, weights }: Pick<PlanarField,
 }
 
 /** The same of several maps in each region, from knot to knot of their weights. */
-function severalFold({ maps, shape: [layers, rows, columns], spacing, weights }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">, count: number, steep: Float64Array) {
-  const knots = weights.length / count, ends = bendsOf(weights, count), plane = 2 * rows * columns;
+function severalFold(
+  {
+    maps,
+    shape: [layers, rows, columns],
+    spacing,
+    weights,
+  }: Pick<PlanarField, "maps" | "shape" | "spacing" | "weights">,
+  count: number,
+  steep: Float64Array,
+) {
+  const knots = weights.length / count,
+    ends = bendsOf(weights, count),
+    plane = 2 * rows * columns;
   for (let r = 0; r < layers / count; r++) {
     for (let n = 0; n + 1 < ends.length; n++) {
       let most = 0;
@@ -70,11 +104,15 @@ function severalFold({ maps, shape: [layers, rows, columns], spacing, weights }:
 
 /** The knots between which all weights change evenly. */
 function bendsOf(weights: Float32Array, count: number) {
-  const knots = weights.length / count, ends = [0];
+  const knots = weights.length / count,
+    ends = [0];
   for (let i = 1; i + 1 < knots; i++) {
     for (let k = 0; k < count; k++) {
       const at = k * knots + i;
-      if (Math.abs(weights[at - 1] - 2 * weights[at] + weights[at + 1]) > 1e-6) { ends.push(i); break; }
+      if (Math.abs(weights[at - 1] - 2 * weights[at] + weights[at + 1]) > 1e-6) {
+        ends.push(i);
+        break;
+      }
     }
   }
   return [...ends, knots - 1];
@@ -84,8 +122,15 @@ function bendsOf(weights: Float32Array, count: number) {
  * Whether a cell of a sum of maps is turned over while their weights go their way.
  * @param parts of each map its first value, its weight and the change of it
  */
-function turnedBetween(maps: Float32Array, parts: { at: number, from: number, way: number }[], [rows, columns]: number[], [da, db]: number[]) {
-  const steps = [2, 2 * columns], lengths = [da, db], m = new Float64Array(8); // 1 + sum w M, and the change of it
+function turnedBetween(
+  maps: Float32Array,
+  parts: { at: number; from: number; way: number }[],
+  [rows, columns]: number[],
+  [da, db]: number[],
+) {
+  const steps = [2, 2 * columns],
+    lengths = [da, db],
+    m = new Float64Array(8); // 1 + sum w M, and the change of it
   for (let row = 0; row + 1 < rows; row++) {
     for (let column = 0; column + 1 < columns; column++) {
       for (const isLast of [false, true]) {
@@ -101,10 +146,14 @@ function turnedBetween(maps: Float32Array, parts: { at: number, from: number, wa
             }
           }
         }
-        const start = m[0] * m[3] - m[1] * m[2], bow = m[4] * m[7] - m[5] * m[6];
-        const tilt = m[0] * m[7] + m[3] * m[4] - m[1] * m[6] - m[2] * m[5], lowest = -tilt / (2 * bow);
-        const least = bow > 0 && lowest > 0 && lowest < 1 ? start + lowest * (tilt + lowest * bow)
-          : Math.min(start, start + tilt + bow);
+        const start = m[0] * m[3] - m[1] * m[2],
+          bow = m[4] * m[7] - m[5] * m[6];
+        const tilt = m[0] * m[7] + m[3] * m[4] - m[1] * m[6] - m[2] * m[5],
+          lowest = -tilt / (2 * bow);
+        const least =
+          bow > 0 && lowest > 0 && lowest < 1
+            ? start + lowest * (tilt + lowest * bow)
+            : Math.min(start, start + tilt + bow);
         if (!(least > 0)) return true;
       }
     }
@@ -114,7 +163,8 @@ function turnedBetween(maps: Float32Array, parts: { at: number, from: number, wa
 
 /** True if a displacement sampled in space, [z][y][x][3], turns over a cell, seen at its corner nearest to 0. */
 export function spaceFolds(values: Float32Array, [nx, ny, nz]: Vector3, spacing: Vector3) {
-  const strides = [3, 3 * nx, 3 * nx * ny], m = new Float64Array(9);
+  const strides = [3, 3 * nx, 3 * nx * ny],
+    m = new Float64Array(9);
   for (let z = 0; z + 1 < nz; z++) {
     for (let y = 0; y + 1 < ny; y++) {
       for (let x = 0, i = 3 * (z * ny + y) * nx; x + 1 < nx; x++, i += 3) {
@@ -124,8 +174,8 @@ export function spaceFolds(values: Float32Array, [nx, ny, nz]: Vector3, spacing:
             m[3 * c + axis] = (c === axis ? 1 : 0) + (values[j + c] - values[i + c]) / spacing[axis];
           }
         }
-        const det = m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6])
-          + m[2] * (m[3] * m[7] - m[4] * m[6]);
+        const det =
+          m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
         if (det <= 0) return true;
       }
     }

@@ -1,43 +1,69 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It has no widget and no pointer; all that comes in is arrays and numbers.
 
-import type { Sides, Vector3 } from "../types.ts";
-import type { CastPlanar, CastSpace, CastVolume, ColorTable, FramePlane, Picture, PlanarField, PlaneCut, RayCamera, SpaceField, ToTexture, VolumeData } from "./types.ts";
-
 import { dot } from "../maths/camera.ts";
 import { clipSides, leftOf } from "../maths/clipping.ts";
 import { AMBIENT_CELL } from "../maths/constants.ts";
+import type { Sides, Vector3 } from "../types.ts";
 import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.ts";
-import { bitsOf } from "./region_bits.ts";
 import { planarFolds, spaceFolds } from "./fold_mesh.ts";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.ts";
+import { bitsOf } from "./region_bits.ts";
+import type {
+  CastPlanar,
+  CastSpace,
+  CastVolume,
+  ColorTable,
+  FramePlane,
+  Picture,
+  PlanarField,
+  PlaneCut,
+  RayCamera,
+  SpaceField,
+  ToTexture,
+  VolumeData,
+} from "./types.ts";
 import {
-  ambientLight, blockExtremes, blockOpacities, GradientSlabs, OPACITY_SHARE, opacityOfByte, planarSlopes, spaceSlope,
+  ambientLight,
+  blockExtremes,
+  blockOpacities,
+  GradientSlabs,
+  OPACITY_SHARE,
+  opacityOfByte,
+  planarSlopes,
   STEEPEST,
+  spaceSlope,
 } from "./volume_blocks.ts";
 
 /** locations of a program's uniforms, by name */
 export type Uniforms = Record<string, WebGLUniformLocation | null>;
-export type Program = {program: WebGLProgram, at: Uniforms};
+export type Program = { program: WebGLProgram; at: Uniforms };
 /**
  * A picture to draw into. `extent`: its pixels that are shown, which may be a fraction; `start`: where they begin.
  */
-export type Target = {width: number, height: number, texture: WebGLTexture, buffer: WebGLFramebuffer, extent: [number, number], start: number};
+export type Target = {
+  width: number;
+  height: number;
+  texture: WebGLTexture;
+  buffer: WebGLFramebuffer;
+  extent: [number, number];
+  start: number;
+};
 /**
  * One of the four pictures that, pixel by pixel in turn, make a picture of half the stride: it has every stride-th pixel
  * along both axes, from x, y (0 or 1) times half the stride.
  */
-export type Quarter = {stride: number, x: number, y: number};
+export type Quarter = { stride: number; x: number; y: number };
 export type Unit = keyof typeof UNITS;
 /**
  * Cells that rays may skip: what they were found of, how many there are, the edges of one, and where they begin.
  */
-export type Cells = {of: unknown[], size: Vector3, edge: Vector3, low: number[]};
+export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: number[] };
 
 // ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
 
 function compiled(gl: WebGL2RenderingContext, type: GLenum, source: string) {
-  const shader = (gl.createShader(type) as WebGLShader); // null only where the context is lost
+  const shader = gl.createShader(type) as WebGLShader; // null only where the context is lost
   gl.shaderSource(shader, source);
   gl.compileShader(shader);
   if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) {
@@ -58,7 +84,7 @@ export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
   const at: Uniforms = {};
   const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
   for (let i = 0; i < count; i++) {
-    const { name } = (gl.getActiveUniform(program, i) as WebGLActiveInfo);
+    const { name } = gl.getActiveUniform(program, i) as WebGLActiveInfo;
     at[name] = gl.getUniformLocation(program, name);
   }
   return { program, at };
@@ -67,19 +93,37 @@ export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
 /** From places in the volume's frame to texture coordinates over a plane. */
 function toTextures({ origin, u, v, n }: FramePlane, starts: number[], lengths: number[]): ToTexture {
   const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
-  return { matrix: [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
-    offset: [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5)) };
+  return {
+    matrix: [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
+    offset: [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5)),
+  };
 }
 
 /** The abilities that the shader needs, and no more: what is not needed costs nothing. */
-function definesOf(projection: string, planar: CastPlanar | null, space: CastSpace | null, { folds = false, clipped = false, occluded = false } = {}) {
-  const cut = planar?.cut, early = space?.cut;
-  const isPaper = (c: {rule?: string} | null | undefined) => c?.rule === "paper";
+function definesOf(
+  projection: string,
+  planar: CastPlanar | null,
+  space: CastSpace | null,
+  { folds = false, clipped = false, occluded = false } = {},
+) {
+  const cut = planar?.cut,
+    early = space?.cut;
+  const isPaper = (c: { rule?: string } | null | undefined) => c?.rule === "paper";
   const needed: Record<string, unknown> = {
-    PLANAR: planar, WEIGHTED: planar && !planar.isReplicated, SPACE: space, WARPED: planar || space,
-    MIP: projection === "mip", SHADED: projection === "shaded",
-    CUT: cut || early, PLANE_CUT: cut, BY_PLACE: isPaper(cut), SPACE_CUT: early, SPACE_BY_PLACE: isPaper(early),
-    FOLDS: folds && (planar || space), CLIPPED: clipped && projection === "shaded", OCCLUDED: occluded && projection === "shaded",
+    PLANAR: planar,
+    WEIGHTED: planar && !planar.isReplicated,
+    SPACE: space,
+    WARPED: planar || space,
+    MIP: projection === "mip",
+    SHADED: projection === "shaded",
+    CUT: cut || early,
+    PLANE_CUT: cut,
+    BY_PLACE: isPaper(cut),
+    SPACE_CUT: early,
+    SPACE_BY_PLACE: isPaper(early),
+    FOLDS: folds && (planar || space),
+    CLIPPED: clipped && projection === "shaded",
+    OCCLUDED: occluded && projection === "shaded",
   };
   const cuts = Array.from({ length: cut?.shape[0] ?? 0 }, (_, c) => `F(${c})`);
   return [...Object.keys(needed).filter((name) => needed[name]), ...(cut ? [`EACH_CUT(F) ${cuts.join(" ")}`] : [])];
@@ -87,15 +131,27 @@ function definesOf(projection: string, planar: CastPlanar | null, space: CastSpa
 
 // ---- the ray caster -------------------------------------------------------------------------------------------------
 
-const UNITS = { volume: 0, cells: 1, ambience: 2, table: 3, maps: 4, weights: 5, space: 6, picture: 7, distances: 8,
-  depths: 9, second: 10, ownCells: 11 };
+const UNITS = {
+  volume: 0,
+  cells: 1,
+  ambience: 2,
+  table: 3,
+  maps: 4,
+  weights: 5,
+  space: 6,
+  picture: 7,
+  distances: 8,
+  depths: 9,
+  second: 10,
+  ownCells: 11,
+};
 
 const FINEST = 2047; // entries of the table that is looked up without interpolation: 2048 fit into any texture
 const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
-export const BACKGROUNDS: Record<string, {centre: Vector3, corner: Vector3, ink: Vector3}> = {
+export const BACKGROUNDS: Record<string, { centre: Vector3; corner: Vector3; ink: Vector3 }> = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
@@ -113,7 +169,7 @@ export class RayCaster {
   isSoftware: boolean;
   largest: any;
   programs: Record<string, Program>;
-  textures: {[unit in Unit]?: WebGLTexture};
+  textures: { [unit in Unit]?: WebGLTexture };
   targets: Record<string, Target>;
   volume: CastVolume | null;
   table: ColorTable | null;
@@ -135,8 +191,13 @@ export class RayCaster {
    * @param canvas a canvas without a context
    */
   constructor(canvas: HTMLCanvasElement) {
-    const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false, stencil: false,
-      powerPreference: "high-performance" });
+    const gl = canvas.getContext("webgl2", {
+      antialias: false,
+      alpha: false,
+      depth: false,
+      stencil: false,
+      powerPreference: "high-performance",
+    });
     if (!gl) throw new Error("this browser offers no WebGL2 here");
     this.gl = gl;
     this.canvas = canvas; // has fewer pixels than `size` while a quick picture is shown
@@ -185,22 +246,26 @@ export class RayCaster {
   }
 
   /** True if the map folds somewhere and folds are shown. */
-  get folds() { return this.showFolds && Boolean(this.planar?.folds || this.space?.folds); }
+  get folds() {
+    return this.showFolds && Boolean(this.planar?.folds || this.space?.folds);
+  }
 
-  get isReady() { return Boolean(this.volume && this.table && this.volume.loaded); }
+  get isReady() {
+    return Boolean(this.volume && this.table && this.volume.loaded);
+  }
 
   // A program reads every sampler it declares, so each unit holds something of its kind from the start.
   #plain() {
     const gl = this.gl;
-    for (const name of (["volume", "cells", "ownCells", "ambience", "space", "depths"] as const)) {
+    for (const name of ["volume", "cells", "ownCells", "ambience", "space", "depths"] as const) {
       this.#texture(name, gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of (["maps", "distances"] as const)) {
+    for (const name of ["maps", "distances"] as const) {
       this.#texture(name, gl.TEXTURE_2D_ARRAY, true);
       gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, gl.RGBA8, 1, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
-    for (const name of (["table", "weights", "picture"] as const)) {
+    for (const name of ["table", "weights", "picture"] as const) {
       this.#texture(name, gl.TEXTURE_2D, true);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, 1, 1, 0, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
     }
@@ -227,7 +292,8 @@ export class RayCaster {
    * another volume came in meanwhile.
    */
   async setVolume(values: Uint8Array, info: VolumeData, tick?: (share: number) => Promise<void>) {
-    const gl = this.gl, [nx, ny, nz] = info.shape;
+    const gl = this.gl,
+      [nx, ny, nz] = info.shape;
     const volume: CastVolume = { ...info, values, extremes: null, loaded: false };
     this.volume = volume;
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
@@ -266,10 +332,13 @@ export class RayCaster {
   setTable(rgba: Float32Array, unit: number) {
     this.table = { rgba, unit, step: 0 };
     if (!this.volume?.extremes) return;
-    const gl = this.gl, { extremes, values, shape, spacing } = this.volume;
+    const gl = this.gl,
+      { extremes, values, shape, spacing } = this.volume;
     const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]);
-    this.pairs = { opacity: blockPairs(blockOpacities(extremes, alphas), extremes.size),
-      value: blockPairs(extremes.high, extremes.size) };
+    this.pairs = {
+      opacity: blockPairs(blockOpacities(extremes, alphas), extremes.size),
+      value: blockPairs(extremes.high, extremes.size),
+    };
     const light = ambientLight(values, shape, alphas, (AMBIENT_CELL * Math.min(...spacing)) / unit);
     this.#texture("ambience", gl.TEXTURE_3D, true);
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.R8, ...light.size, 0, gl.RED, gl.UNSIGNED_BYTE, light.values);
@@ -280,13 +349,17 @@ export class RayCaster {
    * than with a power at every sample.
    */
   #fitTable(table: ColorTable, step: number) {
-    const { rgba, unit } = table, gl = this.gl;
+    const { rgba, unit } = table,
+      gl = this.gl;
     if (table.step === step) return;
     table.step = step;
-    const entries = rgba.length / 4 - 1, finer = Math.max(1, Math.floor(FINEST / entries));
+    const entries = rgba.length / 4 - 1,
+      finer = Math.max(1, Math.floor(FINEST / entries));
     const fitted = new Float32Array(4 * (finer * entries + 1));
     for (let i = 0; i < fitted.length; i++) {
-      const at = Math.floor(i / 4) / finer, k = Math.min(entries - 1, Math.floor(at)), from = 4 * k + (i % 4);
+      const at = Math.floor(i / 4) / finer,
+        k = Math.min(entries - 1, Math.floor(at)),
+        from = 4 * k + (i % 4);
       const value = rgba[from] + (at - k) * (rgba[from + 4] - rgba[from]);
       fitted[i] = i % 4 === 3 ? 1 - (1 - Math.min(value, 0.9999)) ** (step / unit) : value;
     }
@@ -296,33 +369,66 @@ export class RayCaster {
 
   /** Takes displacement maps over a plane, or null. */
   setPlanar(planar: PlanarField | null) {
-    if (!planar) { this.planar = null; return; }
-    const gl = this.gl, { maps, shape, origin, spacing, weights, plane } = planar, [layers, rows, columns] = shape;
-    const regions = planar.cut ? planar.cut.sides.length : 1, count = layers / regions, knots = weights.length / count;
+    if (!planar) {
+      this.planar = null;
+      return;
+    }
+    const gl = this.gl,
+      { maps, shape, origin, spacing, weights, plane } = planar,
+      [layers, rows, columns] = shape;
+    const regions = planar.cut ? planar.cut.sides.length : 1,
+      count = layers / regions,
+      knots = weights.length / count;
     const kind = this.smoothFloats ? [gl.RG32F, gl.R32F] : [gl.RG16F, gl.R16F];
     this.#texture("maps", gl.TEXTURE_2D_ARRAY, true);
     gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, layers, 0, gl.RG, gl.FLOAT, maps);
     this.#texture("weights", gl.TEXTURE_2D, true);
     gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, weights);
     const [c0, c1] = planar.depth;
-    const lengths = [spacing[0] * columns, spacing[1] * rows, (c1 - c0) * knots / Math.max(1, knots - 1)];
-    const starts = [origin[0] - spacing[0] / 2, origin[1] - spacing[1] / 2,
-      c0 - (c1 - c0) / Math.max(1, knots - 1) / 2];
-    this.planar = { ...planar, count, folds: planarFolds(planar, count, planarSlopes(maps, shape, spacing)),
-      toMap: toTextures(plane, starts, lengths), cut: planar.cut && this.#castCut(planar.cut, plane) };
+    const lengths = [spacing[0] * columns, spacing[1] * rows, ((c1 - c0) * knots) / Math.max(1, knots - 1)];
+    const starts = [
+      origin[0] - spacing[0] / 2,
+      origin[1] - spacing[1] / 2,
+      c0 - (c1 - c0) / Math.max(1, knots - 1) / 2,
+    ];
+    this.planar = {
+      ...planar,
+      count,
+      folds: planarFolds(planar, count, planarSlopes(maps, shape, spacing)),
+      toMap: toTextures(plane, starts, lengths),
+      cut: planar.cut && this.#castCut(planar.cut, plane),
+    };
   }
 
   #castCut(cut: PlaneCut, plane: FramePlane): NonNullable<CastPlanar["cut"]> {
-    const gl = this.gl, { origin, distances } = cut, [count, rows, columns] = cut.shape, [da, db] = cut.spacing;
+    const gl = this.gl,
+      { origin, distances } = cut,
+      [count, rows, columns] = cut.shape,
+      [da, db] = cut.spacing;
     const lengths = [columns * da, rows * db, 0];
-    if (this.distances !== distances) { // they change when a cut is drawn, not when points move
+    if (this.distances !== distances) {
+      // they change when a cut is drawn, not when points move
       this.distances = distances;
       this.#texture("distances", gl.TEXTURE_2D_ARRAY, true);
-      gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, this.smoothFloats ? gl.R32F : gl.R16F, columns, rows, count, 0, gl.RED,
-        gl.FLOAT, distances);
+      gl.texImage3D(
+        gl.TEXTURE_2D_ARRAY,
+        0,
+        this.smoothFloats ? gl.R32F : gl.R16F,
+        columns,
+        rows,
+        count,
+        0,
+        gl.RED,
+        gl.FLOAT,
+        distances,
+      );
     }
-    return { ...cut, toCut: toTextures(plane, [origin[0] - da / 2, origin[1] - db / 2, 0], lengths),
-      scale: [1 / lengths[0], 1 / lengths[1]], bits: cut.sides.map(bitsOf) };
+    return {
+      ...cut,
+      toCut: toTextures(plane, [origin[0] - da / 2, origin[1] - db / 2, 0], lengths),
+      scale: [1 / lengths[0], 1 / lengths[1]],
+      bits: cut.sides.map(bitsOf),
+    };
   }
 
   /**
@@ -333,24 +439,32 @@ export class RayCaster {
   setSpace(given: SpaceField | null) {
     if (given === this.givenSpace) return;
     this.givenSpace = given;
-    this.space = given && { ...given, ...this.#castSpace(given), ranges: new SpaceRanges(given),
+    this.space = given && {
+      ...given,
+      ...this.#castSpace(given),
+      ranges: new SpaceRanges(given),
       toSpace: given.shape.map((n, i) => 1 / (n * given.spacing[i])),
-      toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])) };
+      toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])),
+    };
   }
 
   #castSpace({ shape, spacing, values, depths, cut }: SpaceField) {
     const gl = this.gl;
     this.#texture("space", gl.TEXTURE_3D, true);
     if (cut) {
-      const [nx, ny, nz] = shape, deep = nz * cut.regions; // one region behind the other
+      const [nx, ny, nz] = shape,
+        deep = nz * cut.regions; // one region behind the other
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RGBA16F, nx, ny, deep, 0, gl.RGBA, gl.HALF_FLOAT, values);
       this.#texture("depths", gl.TEXTURE_3D, true);
       gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG16F, nx, ny, deep, 0, gl.RG, gl.HALF_FLOAT, depths ?? null);
       return { folds: cut.slope >= 1 }; // at least it may
     }
-    const floats = (values as Float32Array), padded = new Float32Array((floats.length / 3) * 4);
+    const floats = values as Float32Array,
+      padded = new Float32Array((floats.length / 3) * 4);
     for (let i = 0, j = 0; i < floats.length; i += 3, j += 4) {
-      padded[j] = floats[i]; padded[j + 1] = floats[i + 1]; padded[j + 2] = floats[i + 2];
+      padded[j] = floats[i];
+      padded[j + 1] = floats[i + 1];
+      padded[j + 2] = floats[i + 2];
     }
     const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F;
     gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
@@ -361,19 +475,27 @@ export class RayCaster {
    * What rays may skip of a box of the result; found anew only where something of it has changed.
    * @param voxels along the edge of a cell
    */
-  #cells(volume: CastVolume, table: ColorTable, { planar, space }: {planar: CastPlanar | null, space: CastSpace | null}, isOriginal: boolean, voxels: number) {
-    const { extremes, outside, shape, spacing } = volume, { gl, skips } = this;
+  #cells(
+    volume: CastVolume,
+    table: ColorTable,
+    { planar, space }: { planar: CastPlanar | null; space: CastSpace | null },
+    isOriginal: boolean,
+    voxels: number,
+  ) {
+    const { extremes, outside, shape, spacing } = volume,
+      { gl, skips } = this;
     if (!extremes) throw new Error("nothing to draw");
     const name: "cells" | "ownCells" = isOriginal ? "ownCells" : "cells";
-    const isLargest = this.projection === "mip", box = isOriginal ? volume.ownBox : volume.box;
+    const isLargest = this.projection === "mip",
+      box = isOriginal ? volume.ownBox : volume.box;
     const known = isLargest ? this.pairs.value : this.pairs.opacity;
-    const of = [planar, space, box, known, skips, voxels], old = this.empty[name];
+    const of = [planar, space, box, known, skips, voxels],
+      old = this.empty[name];
     if (old?.of.every((part, i) => part === of[i])) return { name, cells: old };
     const pairs = skips ? known : new Uint8Array(known.length).fill(255);
     const opacity = Math.min(255, Math.ceil((255 * opacityOfByte(table.rgba, outside)) / OPACITY_SHARE));
     const beyond = !skips ? 255 : isLargest ? outside : opacity;
-    const found = emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels },
-      { planar, space });
+    const found = emptyCells({ box, shape, spacing, extremes, pairs, beyond, isLargest, voxels }, { planar, space });
     this.#texture(name, gl.TEXTURE_3D, false);
     gl.texImage3D(gl.TEXTURE_3D, 0, gl.RG8, ...found.size, 0, gl.RG, gl.UNSIGNED_BYTE, found.cells);
     const cells = { of, size: found.size, edge: found.edge, low: box.low };
@@ -381,9 +503,12 @@ export class RayCaster {
     return { name, cells };
   }
 
-  #program({ planar, space }: {planar: CastPlanar | null, space: CastSpace | null}) {
-    const defines = definesOf(this.projection, planar, space,
-      { folds: this.folds, clipped: Boolean(this.clip), occluded: this.occlusion });
+  #program({ planar, space }: { planar: CastPlanar | null; space: CastSpace | null }) {
+    const defines = definesOf(this.projection, planar, space, {
+      folds: this.folds,
+      clipped: Boolean(this.clip),
+      occluded: this.occlusion,
+    });
     const key = defines.join(" ");
     if (!this.programs[key]) {
       const lines = defines.map((d) => `#define ${d}\n`).join("");
@@ -394,11 +519,18 @@ export class RayCaster {
 
   /** A picture to draw into, made anew when its size changes. With a stride it holds quarters, side by side. */
   #target(name: string, width: number, height: number, stride = 1) {
-    const gl = this.gl, old = this.targets[name];
+    const gl = this.gl,
+      old = this.targets[name];
     const [w, h] = stride > 1 ? [width, height].map((n) => 2 * Math.ceil(n / stride)) : [width, height];
-    const shown: Pick<Target, "extent" | "start"> = { extent: [width / stride, height / stride], start: 0.5 - 0.5 / stride };
+    const shown: Pick<Target, "extent" | "start"> = {
+      extent: [width / stride, height / stride],
+      start: 0.5 - 0.5 / stride,
+    };
     if (old && old.width === w && old.height === h) return Object.assign(old, shown);
-    if (old) { gl.deleteTexture(old.texture); gl.deleteFramebuffer(old.buffer); }
+    if (old) {
+      gl.deleteTexture(old.texture);
+      gl.deleteFramebuffer(old.buffer);
+    }
     const target = { width: w, height: h, texture: gl.createTexture(), buffer: gl.createFramebuffer(), ...shown };
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, target.texture);
@@ -417,13 +549,33 @@ export class RayCaster {
    * the rays of the whole picture, each as it is there.
    * @param width of the whole picture
    */
-  cast(name: string, width: number, height: number, picture: Picture, { tile = null, pass = 0, coarseness = 1, quarter = null }: {tile?: [number, number, number, number] | null, pass?: number, coarseness?: number, quarter?: Quarter | null} = {}) {
-    const { gl, volume, table } = this, { camera, original } = picture;
+  cast(
+    name: string,
+    width: number,
+    height: number,
+    picture: Picture,
+    {
+      tile = null,
+      pass = 0,
+      coarseness = 1,
+      quarter = null,
+    }: {
+      tile?: [number, number, number, number] | null;
+      pass?: number;
+      coarseness?: number;
+      quarter?: Quarter | null;
+    } = {},
+  ) {
+    const { gl, volume, table } = this,
+      { camera, original } = picture;
     if (!volume || !table) throw new Error("nothing to draw");
-    const { planar, space } = original ? { planar: null, space: null } : this, whole = picture.whole ?? picture;
+    const { planar, space } = original ? { planar: null, space: null } : this,
+      whole = picture.whole ?? picture;
     const { stride, x, y } = quarter ?? { stride: 1, x: 0, y: 0 };
-    const target = this.#target(name, width, height, stride), { program, at } = this.#program({ planar, space });
-    const finest = Math.min(...volume.spacing), pixel = (2 * Math.hypot(...camera.up)) / height;
+    const target = this.#target(name, width, height, stride),
+      { program, at } = this.#program({ planar, space });
+    const finest = Math.min(...volume.spacing),
+      pixel = (2 * Math.hypot(...camera.up)) / height;
     const step = coarseness * Math.max(finest * 0.7, Math.min(pixel, 2 * finest));
     this.#fitTable(table, step);
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
@@ -433,18 +585,25 @@ export class RayCaster {
     this.#setCamera(at, camera, whole.width, height, pass);
     const [left, low] = [x * (target.width / 2), y * (target.height / 2)];
     // A pixel at (n + 1/2, m + 1/2) of the quarter is the one at (stride n + x stride / 2 + 1/2, ...) of the whole.
-    const before = (from: number, part: number) => (
-      (from + 0.5) * stride - (part * stride) / 2 - 0.5);
+    const before = (from: number, part: number) => (from + 0.5) * stride - (part * stride) / 2 - 0.5;
     gl.uniform1f(at.stride, stride);
     gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
-    const { name: unit, cells: { size, edge, low: corner } } = this.#cells(volume, table, { planar, space }, original,
-      coarseness > 1 ? QUICK_CELL : CELL);
+    const {
+      name: unit,
+      cells: { size, edge, low: corner },
+    } = this.#cells(volume, table, { planar, space }, original, coarseness > 1 ? QUICK_CELL : CELL);
     gl.uniform1i(at.cells, UNITS[unit]);
     gl.uniform3fv(at.cellCount, size);
     gl.uniform1f(at.layers, step / table.unit);
-    gl.uniform3fv(at.toCells, edge.map((e) => 1 / e));
-    gl.uniform3fv(at.toCells0, corner.map((c, i) => -c / edge[i]));
+    gl.uniform3fv(
+      at.toCells,
+      edge.map((e) => 1 / e),
+    );
+    gl.uniform3fv(
+      at.toCells0,
+      corner.map((c, i) => -c / edge[i]),
+    );
     this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
       gl.enable(gl.BLEND);
@@ -461,16 +620,17 @@ export class RayCaster {
 
   #setCamera(at: Uniforms, camera: RayCamera, width: number, height: number, pass: number) {
     const gl = this.gl;
-    for (const name of (["eye", "right", "up", "ahead"] as const)) gl.uniform3fv(at[name], camera[name]);
+    for (const name of ["eye", "right", "up", "ahead"] as const) gl.uniform3fv(at[name], camera[name]);
     gl.uniform1f(at.bend, camera.bend || 0);
     gl.uniform2f(at.resolution, width, height);
     // Later passes look through other places of each pixel, spread by the fractional parts of two irrational numbers.
     const spread = (x: number) => x - Math.floor(x) - 0.5;
     gl.uniform2f(at.shift, pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
-    gl.uniform1f(at.phase, (pass * 0.6180340) % 1);
+    gl.uniform1f(at.phase, (pass * 0.618034) % 1);
     const unit = (v: number[]) => v.map((x) => x / Math.hypot(...v));
     const [r, u, n] = [unit(camera.right), unit(camera.up), camera.ahead];
-    const mixed: (a: number, b: number, c: number) => number[] = (a, b, c) => unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
+    const mixed: (a: number, b: number, c: number) => number[] = (a, b, c) =>
+      unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
     // A lamp above the viewer's left shoulder: light from the eye alone looks flat. A weak one from the other side.
     const lamp = mixed(-0.42, 0.55, -0.72);
     gl.uniform3fv(at.lamp, lamp);
@@ -479,12 +639,22 @@ export class RayCaster {
   }
 
   #setVolumeNumbers(at: Uniforms, volume: CastVolume, table: ColorTable, step: number, box: Sides) {
-    const gl = this.gl, { shape, spacing } = volume;
+    const gl = this.gl,
+      { shape, spacing } = volume;
     gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
-    gl.uniform3fv(at.middle, box.low.map((low, i) => (low + box.high[i]) / 2));
+    gl.uniform3fv(
+      at.middle,
+      box.low.map((low, i) => (low + box.high[i]) / 2),
+    );
     this.#setBox(at, volume, step, box);
-    gl.uniform3fv(at.toTexture, shape.map((n, i) => 1 / (n * spacing[i])));
-    gl.uniform3fv(at.toTexture0, shape.map((n) => 0.5 / n));
+    gl.uniform3fv(
+      at.toTexture,
+      shape.map((n, i) => 1 / (n * spacing[i])),
+    );
+    gl.uniform3fv(
+      at.toTexture0,
+      shape.map((n) => 0.5 / n),
+    );
     gl.uniform1f(at.stepLength, step);
     gl.uniform1f(at.steep, step > LONG * Math.min(...spacing) ? 0.08 : 2);
     gl.uniform1f(at.outside, volume.outside / 255);
@@ -496,7 +666,8 @@ export class RayCaster {
   }
 
   #setBox(at: Uniforms, volume: CastVolume, step: number, box: Sides) {
-    const gl = this.gl, left = this.clip && leftOf(box, clipSides(volume.box, this.clip));
+    const gl = this.gl,
+      left = this.clip && leftOf(box, clipSides(volume.box, this.clip));
     gl.uniform3fv(at.boxLow, (left ?? box).low);
     gl.uniform3fv(at.boxHigh, (left ?? box).high);
     if (!left) return;
@@ -507,7 +678,8 @@ export class RayCaster {
 
   /** @param spacing of the voxels */
   #setFieldNumbers(at: Uniforms, planar: CastPlanar | null, space: CastSpace | null, spacing: Vector3) {
-    const gl = this.gl, finest = Math.min(...spacing);
+    const gl = this.gl,
+      finest = Math.min(...spacing);
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
     gl.uniform3fv(at.axisU, axes.u);
     gl.uniform3fv(at.axisV, axes.v);
@@ -528,9 +700,14 @@ export class RayCaster {
       gl.uniform1i(at.spaceRegions, space.cut.regions);
       gl.uniform1f(at.spaceEdge, 0.5 / space.shape[2]);
     }
-    if (space) { gl.uniform3fv(at.toSpace, space.toSpace); gl.uniform3fv(at.toSpace0, space.toSpace0); }
-    gl.uniform1f(at.slopeStep, Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0,
-      planar ? Math.min(...planar.spacing) : 0));
+    if (space) {
+      gl.uniform3fv(at.toSpace, space.toSpace);
+      gl.uniform3fv(at.toSpace0, space.toSpace0);
+    }
+    gl.uniform1f(
+      at.slopeStep,
+      Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0, planar ? Math.min(...planar.spacing) : 0),
+    );
   }
 
   #setCutNumbers(at: Uniforms, cut: NonNullable<CastPlanar["cut"]>) {
@@ -546,13 +723,17 @@ export class RayCaster {
    * The sides of the box (low x, high x, low y ...) beyond which there is deformed tissue, which is not seen.
    * @param looked values above `tissue`, from 0 to 1, this far beyond in shares of the box
    */
-  exceededSides({ tissue, beyond }: {tissue: number, beyond: number[]}) {
-    const { gl, volume, table, planar, space } = this, width = 6 * SIDE_SAMPLES, height = SIDE_SAMPLES;
+  exceededSides({ tissue, beyond }: { tissue: number; beyond: number[] }) {
+    const { gl, volume, table, planar, space } = this,
+      width = 6 * SIDE_SAMPLES,
+      height = SIDE_SAMPLES;
     if (!volume || !table) return [];
-    const defines = definesOf("", planar, space), key = `sides ${defines.join(" ")}`;
+    const defines = definesOf("", planar, space),
+      key = `sides ${defines.join(" ")}`;
     const lines = defines.map((d) => `#define ${d}\n`).join("");
     this.programs[key] ??= linked(gl, SIDES.replace("#version 300 es\n", `#version 300 es\n${lines}`));
-    const { program, at } = this.programs[key], { buffer } = this.#target("sides", width, height);
+    const { program, at } = this.programs[key],
+      { buffer } = this.#target("sides", width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
@@ -577,9 +758,12 @@ export class RayCaster {
    * @param stride of the quarters
    */
   merge(from: string, to: string, width: number, height: number, stride: number) {
-    const gl = this.gl, { texture, ...quarters } = this.targets[from], next = stride / 2;
+    const gl = this.gl,
+      { texture, ...quarters } = this.targets[from],
+      next = stride / 2;
     this.programs.merge ??= linked(gl, MERGE);
-    const target = this.#target(to, width, height, next), { program, at } = this.programs.merge;
+    const target = this.#target(to, width, height, next),
+      { program, at } = this.programs.merge;
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
     gl.viewport(0, 0, Math.ceil(width / next), Math.ceil(height / next));
     gl.useProgram(program);
@@ -602,14 +786,28 @@ export class RayCaster {
    * @param name null: the background alone
    * @param options `over` is another picture, `share` how much of it is laid over the first
    */
-  present(name: string | null, { parts = 1, over = null, share = 0, isQuick = false }: { parts?: number, over?: string | null, share?: number, isQuick?: boolean } = {}) {
-    const gl = this.gl, ground = BACKGROUNDS[this.background];
+  present(
+    name: string | null,
+    {
+      parts = 1,
+      over = null,
+      share = 0,
+      isQuick = false,
+    }: { parts?: number; over?: string | null; share?: number; isQuick?: boolean } = {},
+  ) {
+    const gl = this.gl,
+      ground = BACKGROUNDS[this.background];
     const [width, height] = name && isQuick ? this.targets[name].extent.map(Math.ceil) : this.size;
     this.#fit(width, height);
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
-    const nothing: Pick<Target, "extent" | "start"> & {texture: WebGLTexture | null} = { texture: this.textures.picture ?? null, extent: [width, height], start: 0 };
-    const first = name ? this.targets[name] : nothing, second = over ? this.targets[over] : first;
+    const nothing: Pick<Target, "extent" | "start"> & { texture: WebGLTexture | null } = {
+      texture: this.textures.picture ?? null,
+      extent: [width, height],
+      start: 0,
+    };
+    const first = name ? this.targets[name] : nothing,
+      second = over ? this.targets[over] : first;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);

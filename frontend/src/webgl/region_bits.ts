@@ -4,4 +4,6 @@
 export const MOST_REGIONS = 32;
 
 /** The sides of a region as one number: bit c is set inside cut c. */
-export function bitsOf(sides: boolean[]) { return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0); }
+export function bitsOf(sides: boolean[]) {
+  return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0);
+}

@@ -7,7 +7,7 @@ import type { Vector2, Vector3 } from "../types.ts";
 import type { Extremes } from "./types.ts";
 
 /** a slice, and which of its rows are smoothed background */
-export type Smoothed<Sums> = {sums: Sums, empty: Uint8Array};
+export type Smoothed<Sums> = { sums: Sums; empty: Uint8Array };
 
 export const BLOCK = 4; // voxels along the edge of a block
 
@@ -17,10 +17,14 @@ export const BLOCK = 4; // voxels along the edge of a block
 export const STEEPEST = 64;
 
 /** Entries of a table of colours for each byte (see TransferFunction.table). */
-function entriesOfByte(entries: number) { return (entries - 1) / 255; }
+function entriesOfByte(entries: number) {
+  return (entries - 1) / 255;
+}
 
 /** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
-export function opacityOfByte(rgba: Float32Array, byte: number) { return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]; }
+export function opacityOfByte(rgba: Float32Array, byte: number) {
+  return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3];
+}
 
 const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 
@@ -38,7 +42,7 @@ export class GradientSlabs {
   scales: number[];
   flat: Map<number, Smoothed<Uint16Array>>;
   smooth: Map<number, Smoothed<Uint32Array>>;
-  beyond: { sums: Uint32Array<ArrayBuffer>; empty: Uint8Array<ArrayBuffer>; };
+  beyond: { sums: Uint32Array<ArrayBuffer>; empty: Uint8Array<ArrayBuffer> };
   along: Uint16Array<ArrayBuffer>;
 
   /** @param fill the value of the background */
@@ -46,37 +50,56 @@ export class GradientSlabs {
     this.values = values;
     this.shape = shape;
     this.fill = fill;
-    const finest = Math.min(...spacing), unit = 127 / STEEPEST / 2 / SMOOTHED;
+    const finest = Math.min(...spacing),
+      unit = 127 / STEEPEST / 2 / SMOOTHED;
     this.scales = spacing.map((s) => (unit * finest) / s);
     const [nx, ny] = shape;
     /** along x and y, those that the next slab needs too */
     this.flat = new Map();
     /** along all axes, with one voxel of background on each side */
     this.smooth = new Map();
-    this.beyond = { sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill), empty: new Uint8Array(ny + 2).fill(1) };
+    this.beyond = {
+      sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill),
+      empty: new Uint8Array(ny + 2).fill(1),
+    };
     this.along = new Uint16Array(nx * ny);
   }
 
   /** The bytes of the slices z0 <= z < z1. */
   slab(z0: number, z1: number) {
-    const { values, fill } = this, [nx, ny] = this.shape, row = nx + 2, [sx, sy, sz] = this.scales;
-    const out = new Uint8Array(4 * nx * ny * (z1 - z0)), voxels = new Uint32Array(out.buffer);
+    const { values, fill } = this,
+      [nx, ny] = this.shape,
+      row = nx + 2,
+      [sx, sy, sz] = this.scales;
+    const out = new Uint8Array(4 * nx * ny * (z1 - z0)),
+      voxels = new Uint32Array(out.buffer);
     const [background] = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer);
     for (let z = z0; z < z1; z++) {
-      const { sums: front, empty: isFront } = this.#smoothed(z - 1), { sums: here, empty: isHere } = this.#smoothed(z);
+      const { sums: front, empty: isFront } = this.#smoothed(z - 1),
+        { sums: here, empty: isHere } = this.#smoothed(z);
       const { sums: back, empty: isBack } = this.#smoothed(z + 1);
       for (let y = 0; y < ny; y++) {
-        const from = (z * ny + y) * nx, to = ((z - z0) * ny + y) * nx;
+        const from = (z * ny + y) * nx,
+          to = ((z - z0) * ny + y) * nx;
         if (isFront[y + 1] && isHere[y] && isHere[y + 1] && isHere[y + 2] && isBack[y + 1]) {
           voxels.fill(background, to, to + nx);
           continue;
         }
         for (let x = 0, i = (y + 1) * row + 1, o = 4 * to; x < nx; x++, i++, o += 4) {
-          let gx = (here[i + 1] - here[i - 1]) * sx, gy = (here[i + row] - here[i - row]) * sy;
+          let gx = (here[i + 1] - here[i - 1]) * sx,
+            gy = (here[i + row] - here[i - row]) * sy;
           let gz = (back[i] - front[i]) * sz;
           const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
-          if (most > 127) { const k = 127 / most; gx *= k; gy *= k; gz *= k; }
-          out[o] = 128.5 + gx; out[o + 1] = 128.5 + gy; out[o + 2] = 128.5 + gz; out[o + 3] = values[from + x];
+          if (most > 127) {
+            const k = 127 / most;
+            gx *= k;
+            gy *= k;
+            gz *= k;
+          }
+          out[o] = 128.5 + gx;
+          out[o + 1] = 128.5 + gy;
+          out[o + 2] = 128.5 + gz;
+          out[o + 3] = values[from + x];
         }
       }
     }
@@ -91,7 +114,8 @@ export class GradientSlabs {
     if (known) return known;
     const near = [-2, -1, 0, 1, 2].map((k) => this.#flat(Math.max(0, Math.min(nz - 1, z + k))));
     const [a, b, c, d, e] = near.map(({ sums }) => sums);
-    const made = { sums: this.beyond.sums.slice(), empty: this.beyond.empty.slice() }, { sums } = made;
+    const made = { sums: this.beyond.sums.slice(), empty: this.beyond.empty.slice() },
+      { sums } = made;
     for (let y = 0; y < ny; y++) {
       if (near.every(({ empty }) => empty[y])) continue;
       made.empty[y + 1] = 0;
@@ -106,25 +130,44 @@ export class GradientSlabs {
   #flat(z: number) {
     const known = this.flat.get(z);
     if (known) return known;
-    const { values, along, fill } = this, [nx, ny] = this.shape, isEmpty = new Uint8Array(ny);
+    const { values, along, fill } = this,
+      [nx, ny] = this.shape,
+      isEmpty = new Uint8Array(ny);
     for (let y = 0; y < ny; y++) {
-      const start = (z * ny + y) * nx, end = start + nx, row = y * nx - start;
+      const start = (z * ny + y) * nx,
+        end = start + nx,
+        row = y * nx - start;
       let i = start;
       while (i < end && values[i] === fill) i++;
-      if (i === end) { isEmpty[y] = 1; along.fill(16 * fill, start + row, end + row); continue; }
+      if (i === end) {
+        isEmpty[y] = 1;
+        along.fill(16 * fill, start + row, end + row);
+        continue;
+      }
       // Beyond the edge of a slice lies the voxel at the edge.
-      let a = values[start], b = a, c = a, d = values[Math.min(start + 1, end - 1)];
+      let a = values[start],
+        b = a,
+        c = a,
+        d = values[Math.min(start + 1, end - 1)];
       for (i = start; i < end; i++) {
         const e = values[i + 2 < end ? i + 2 : end - 1];
         along[row + i] = a + e + 4 * (b + d) + 6 * c;
-        a = b; b = c; c = d; d = e;
+        a = b;
+        b = c;
+        c = d;
+        d = e;
       }
     }
-    const made = { sums: new Uint16Array(nx * ny), empty: new Uint8Array(ny) }, { sums, empty } = made;
+    const made = { sums: new Uint16Array(nx * ny), empty: new Uint8Array(ny) },
+      { sums, empty } = made;
     for (let y = 0; y < ny; y++) {
       const rows = [-2, -1, 0, 1, 2].map((k) => Math.max(0, Math.min(ny - 1, y + k)));
       const [a, b, c, d, e] = rows.map((r) => r * nx);
-      if (rows.every((r) => isEmpty[r])) { empty[y] = 1; sums.fill(256 * fill, c, c + nx); continue; }
+      if (rows.every((r) => isEmpty[r])) {
+        empty[y] = 1;
+        sums.fill(256 * fill, c, c + nx);
+        continue;
+      }
       for (let x = 0; x < nx; x++) {
         sums[c + x] = along[a + x] + along[e + x] + 4 * (along[b + x] + along[d + x]) + 6 * along[c + x];
       }
@@ -137,29 +180,37 @@ export class GradientSlabs {
 /** Smallest and largest value of every block and the voxels next to it, which interpolation may mix in. */
 export function blockExtremes(values: Uint8Array, shape: Vector3): Extremes {
   const size: Vector3 = [...shape];
-  let low = values, high = values;
+  let low = values,
+    high = values;
   for (let axis = 0; axis < 3; axis++) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
-    const n = size[axis], m = Math.ceil(n / BLOCK);
-    const rest = size[0] * size[1] * size[2] / n;
-    const nextLow = new Uint8Array(rest * m), nextHigh = new Uint8Array(rest * m);
+    const n = size[axis],
+      m = Math.ceil(n / BLOCK);
+    const rest = (size[0] * size[1] * size[2]) / n;
+    const nextLow = new Uint8Array(rest * m),
+      nextHigh = new Uint8Array(rest * m);
     const outer = rest / stride;
     for (let a = 0; a < outer; a++) {
       for (let b = 0; b < m; b++) {
-        const first = Math.max(0, b * BLOCK - 1), last = Math.min(n - 1, (b + 1) * BLOCK);
+        const first = Math.max(0, b * BLOCK - 1),
+          last = Math.min(n - 1, (b + 1) * BLOCK);
         for (let c = 0; c < stride; c++) {
-          let lo = 255, hi = 0;
+          let lo = 255,
+            hi = 0;
           for (let k = first; k <= last; k++) {
             const at = (a * n + k) * stride + c;
             if (low[at] < lo) lo = low[at];
             if (high[at] > hi) hi = high[at];
           }
           const to = (a * m + b) * stride + c;
-          nextLow[to] = lo; nextHigh[to] = hi;
+          nextLow[to] = lo;
+          nextHigh[to] = hi;
         }
       }
     }
-    low = nextLow; high = nextHigh; size[axis] = m;
+    low = nextLow;
+    high = nextHigh;
+    size[axis] = m;
   }
   return { size, low, high };
 }
@@ -171,7 +222,8 @@ export const OPACITY_SHARE = 0.25; // opacity of 255 and more, since rays take s
  * @param alphas of the entries of a table of colours
  */
 export function blockOpacities({ low, high }: Extremes, alphas: Float32Array) {
-  const each = entriesOfByte(alphas.length), known = new Int16Array(65536).fill(-1);
+  const each = entriesOfByte(alphas.length),
+    known = new Int16Array(65536).fill(-1);
   return Uint8Array.from(low, (least, i) => {
     const key = 256 * least + high[i];
     if (known[key] < 0) {
@@ -185,10 +237,12 @@ export function blockOpacities({ low, high }: Extremes, alphas: Float32Array) {
 
 /** The light that reaches every cell, 255 all: see ambient_light in imaging/occlusion.py. */
 export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32Array, thickness: number) {
-  const [nx, ny, nz] = shape, cells = (n: number) => Math.ceil(n / AMBIENT_CELL);
+  const [nx, ny, nz] = shape,
+    cells = (n: number) => Math.ceil(n / AMBIENT_CELL);
   const size: Vector3 = [cells(nx), cells(ny), cells(nz)];
   const sum = new Float32Array(size[0] * size[1] * size[2]);
-  const opacity = new Float32Array(256), each = entriesOfByte(alphas.length);
+  const opacity = new Float32Array(256),
+    each = entriesOfByte(alphas.length);
   for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
   for (let z = 0, i = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
@@ -203,11 +257,14 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
   }
   const along = (n: number, k: number) => Math.min(AMBIENT_CELL, n - AMBIENT_CELL * k);
   for (let k = 0; k < sum.length; k++) {
-    const x = k % size[0], y = Math.floor(k / size[0]) % size[1], z = Math.floor(k / size[0] / size[1]);
+    const x = k % size[0],
+      y = Math.floor(k / size[0]) % size[1],
+      z = Math.floor(k / size[0] / size[1]);
     sum[k] /= along(nx, x) * along(ny, y) * along(nz, z);
   }
   const [[close, strength], [wide, strengthFar]] = [AMBIENT_NEAR, AMBIENT_FAR];
-  const near = blurred(sum, size, close), far = blurred(blurred(near, size, wide), size, wide);
+  const near = blurred(sum, size, close),
+    far = blurred(blurred(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
   aheadOf(near, size, (k, at, share) => {
     const stopped = strength * between(near, size, at, share) + strengthFar * between(far, size, at, share);
@@ -221,10 +278,16 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
  * far it lies beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
  */
 function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Int32Array, share: Float64Array) => void) {
-  const [nx, ny] = size, strides = [1, nx, nx * ny];
-  const cell = new Int32Array(3), at = new Int32Array(3), slope = new Float64Array(3), share = new Float64Array(3);
+  const [nx, ny] = size,
+    strides = [1, nx, nx * ny];
+  const cell = new Int32Array(3),
+    at = new Int32Array(3),
+    slope = new Float64Array(3),
+    share = new Float64Array(3);
   for (let k = 0; k < values.length; k++) {
-    cell[0] = k % nx; cell[1] = Math.floor(k / nx) % ny; cell[2] = Math.floor(k / strides[2]);
+    cell[0] = k % nx;
+    cell[1] = Math.floor(k / nx) % ny;
+    cell[2] = Math.floor(k / strides[2]);
     let squares = 0;
     for (let axis = 0; axis < 3; axis++) {
       const after = cell[axis] + 1 < size[axis] ? values[k + strides[axis]] : 0;
@@ -247,16 +310,20 @@ function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Int
  * @param share of the way to the next one along each axis
  */
 function between(values: Float32Array, size: Vector3, at: Int32Array, share: Float64Array) {
-  const nx = size[0], ny = size[1], nz = size[2];
+  const nx = size[0],
+    ny = size[1],
+    nz = size[2];
   let sum = 0;
   for (let dz = 0; dz < 2; dz++) {
     const z = at[2] + dz;
     if (z < 0 || z >= nz) continue;
     for (let dy = 0; dy < 2; dy++) {
-      const y = at[1] + dy, x = at[0];
+      const y = at[1] + dy,
+        x = at[0];
       if (y < 0 || y >= ny) continue;
       const line = (z * ny + y) * nx;
-      const low = x >= 0 && x < nx ? values[line + x] : 0, high = x >= -1 && x + 1 < nx ? values[line + x + 1] : 0;
+      const low = x >= 0 && x < nx ? values[line + x] : 0,
+        high = x >= -1 && x + 1 < nx ? values[line + x + 1] : 0;
       sum += (dz ? share[2] : 1 - share[2]) * (dy ? share[1] : 1 - share[1]) * (low + share[0] * (high - low));
     }
   }
@@ -267,7 +334,8 @@ function between(values: Float32Array, size: Vector3, at: Int32Array, share: Flo
 function blurred(values: Float32Array, size: Vector3, r: number) {
   let from = values;
   for (let axis = 0; axis < 3; axis++) {
-    const to = new Float32Array(from.length), stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
+    const to = new Float32Array(from.length),
+      stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
     const n = size[axis];
     for (let start = 0; start < from.length; start++) {
       if (Math.floor(start / stride) % n !== 0) continue;
@@ -291,10 +359,14 @@ export function planarSlopes(maps: Float32Array, [count, rows, columns]: Vector3
     let steepest = 0; // squared: a root for each node would take ten times as long
     for (let r = 0; r < rows; r++) {
       for (let c = 0; c < columns; c++, i += 2) {
-        const u = maps[i], v = maps[i + 1], east = i + (c < columns - 1 ? 2 : 0);
+        const u = maps[i],
+          v = maps[i + 1],
+          east = i + (c < columns - 1 ? 2 : 0);
         const south = i + (r < rows - 1 ? 2 * columns : 0);
-        const ua = (maps[east] - u) / da, va = (maps[east + 1] - v) / da;
-        const ub = (maps[south] - u) / db, vb = (maps[south + 1] - v) / db;
+        const ua = (maps[east] - u) / da,
+          va = (maps[east + 1] - v) / da;
+        const ub = (maps[south] - u) / db,
+          vb = (maps[south + 1] - v) / db;
         steepest = Math.max(steepest, ua * ua + va * va + ub * ub + vb * vb);
       }
     }
@@ -314,8 +386,11 @@ export function spaceSlope(values: Float32Array, [nx, ny, nz]: Vector3, spacing:
         for (let axis = 0; axis < 3; axis++) {
           if ([x < nx - 1, y < ny - 1, z < nz - 1][axis]) {
             const j = i + strides[axis];
-            total += ((values[j] - values[i]) ** 2 + (values[j + 1] - values[i + 1]) ** 2
-              + (values[j + 2] - values[i + 2]) ** 2) / spacing[axis] ** 2;
+            total +=
+              ((values[j] - values[i]) ** 2 +
+                (values[j + 1] - values[i + 1]) ** 2 +
+                (values[j + 2] - values[i + 2]) ** 2) /
+              spacing[axis] ** 2;
           }
         }
         if (total > steepest) steepest = total;
