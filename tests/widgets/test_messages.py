@@ -14,7 +14,7 @@ from deformnb.widgets.messages import MESSAGES, TO_FRONT_END, TO_PYTHON, Message
 
 PACKAGE = Path(__file__).parents[2] / "deformnb"
 # A page without Python sends what Python would; the application's own procedures are no messages of widgets.
-NOT_FRONT_ENDS = ("standalone.js", "app")
+NOT_FRONT_ENDS = ("standalone.ts", "app")
 
 
 def named(way: str) -> set[str]:
@@ -23,7 +23,7 @@ def named(way: str) -> set[str]:
 
 def test_front_ends_send_what_the_table_holds() -> None:
     sent = set()
-    for path in SOURCES.rglob("*.js"):
+    for path in SOURCES.rglob("*.ts"):
         if path.relative_to(SOURCES).parts[0] not in NOT_FRONT_ENDS:
             text = path.read_text(encoding="utf-8")
             sent |= set(re.findall(r'(?:send|post)\((?:"\w+", )?\{[^}]*?\btype: "(\w+)"', text))
@@ -32,7 +32,7 @@ def test_front_ends_send_what_the_table_holds() -> None:
 
 def test_python_sends_what_the_table_holds() -> None:
     text = "\n".join(path.read_text(encoding="utf-8") for path in (PACKAGE / "widgets").rglob("*.py"))
-    sent = set(re.findall(r'(\w+)\(type="\w+"', text)) | set(re.findall(r'message: (\w+) = \{"type": "', text))
+    sent = set(re.findall(r'(\w+)\(\s*type="\w+"', text)) | set(re.findall(r'message: (\w+) = \{\s*"type": "', text))
     assert sent == {kind.shape.__name__ for kind in MESSAGES if kind.way == TO_FRONT_END}
     assert not re.findall(r"(?:send\(|_post\()\{", text)  # a message without a type
 
