@@ -460,9 +460,9 @@ def test_make_and_run_offer_the_same_and_list_it() -> None:
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
 def test_documented_commands_exist(name: str) -> None:
     blocks = "\n".join(
-        re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+        re.findall(r"^ *```(?:sh)?\n(.*?)^ *```", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     )
-    used = set(re.findall(r"^(?:sh run|make) (\w+)", blocks, re.MULTILINE))
+    used = set(re.findall(r"^ *(?:sh run|make) (\w+)", blocks, re.MULTILINE))
     assert used
     assert used <= _run_tasks()
 
@@ -512,6 +512,53 @@ def test_no_file_names_a_place_on_somebodys_machine() -> None:
             continue  # a picture or other data
         found += [f"{path.relative_to(ROOT)}: {line.strip()}" for line in text.splitlines() if place.search(line)]
     assert found == []
+
+
+# -- the repository and its workflows ----------------------------------------------------------------------------------
+
+
+def _yaml(name: str) -> dict[str, Any]:
+    if not (ROOT / name).is_file():
+        pytest.skip(f"no {name}, which archives of the source leave out")
+    return yaml.safe_load((ROOT / name).read_text(encoding="utf-8"))
+
+
+def test_the_hooks_of_a_commit_have_the_versions_of_the_project() -> None:
+    """Two versions of a formatter format differently; the hook of the front end takes the one of its lock file."""
+    hooks = {hook["id"]: (repo, hook) for repo in _yaml(".pre-commit-config.yaml")["repos"] for hook in repo["hooks"]}
+    assert set(hooks) == {"ruff-check", "ruff-format", "frontend"}
+    assert _requirements("lint")["ruff"] == "==" + hooks["ruff-check"][0]["rev"].removeprefix("v")
+    assert hooks["frontend"][1]["entry"] == "python node_tasks.py check"
+    assert "additional_dependencies" not in hooks["frontend"][1]
+
+
+def test_dependabot_looks_where_requirements_are() -> None:
+    files = {"pip": "pyproject.toml", "npm": "package-lock.json", "github-actions": ".github/workflows/ci.yml"}
+    updates = _yaml(".github/dependabot.yml")["updates"]
+    assert {update["package-ecosystem"] for update in updates} == files.keys()
+    for update in updates:
+        assert (ROOT / update["directory"].strip("/") / files[update["package-ecosystem"]]).is_file(), update
+        assert update["groups"], update
+
+
+def test_workflows_read_only_and_publish_only_what_was_checked() -> None:
+    release = _yaml(".github/workflows/release.yml")
+    workflows = {path.name: _yaml(f".github/workflows/{path.name}") for path in (ROOT / ".github/workflows").iterdir()}
+    for name, workflow in workflows.items():
+        assert workflow["permissions"] == {"contents": "read"}, name
+        for job in workflow["jobs"].values():
+            assert not job.get("uses", "./").startswith("./") or (ROOT / job.get("uses", ".")).exists(), name
+    publish = release["jobs"]["publish"]
+    assert publish["needs"] == ["package", "version"]
+    assert publish["permissions"] == {"id-token": "write"}
+    assert "vars.PUBLISH_TO_PYPI == 'true'" in publish["if"]
+
+
+@pytest.mark.parametrize("name", ["bug", "feature", "question"])
+def test_forms_of_issues_have_fields(name: str) -> None:
+    form = _yaml(f".github/ISSUE_TEMPLATE/{name}.yml")
+    assert {"name", "description", "body"} <= form.keys()
+    assert any(field.get("validations", {}).get("required") for field in form["body"])
 
 
 # -- what comes along --------------------------------------------------------------------------------------------------
