@@ -213,7 +213,8 @@ def _make_source(path: Path, n: int) -> Path:
 
 def _field(name: str, grid: Any) -> Any:
     """The field as samples: given, so that nobody evaluates radial functions."""
-    from deformnb import ControlPoints, Deformation, DisplacementField
+    from deformnb import ControlPoints, Deformation
+    from deformnb.rbf import DisplacementField
     from deformnb.rbf.extrusion import extrude, replicate
     from deformnb.volume.plane import Plane, Raster
 

@@ -46,7 +46,7 @@ def results():
     fields = {"space": in_space, "replicated": dn.Step((flat,), plane).field(volume.grid),
               "modulated": dn.Step((flat,), plane, extrusion="modulate", curve=(1.0, 0.0)).field(volume.grid),
               "cut": dn.Step((flat,), plane, cuts=(dn.rbf.Cut(cut),)).field(volume.grid)}
-    fields["composed"] = dn.compose(fields["modulated"], in_space)
+    fields["composed"] = dn.rbf.compose(fields["modulated"], in_space)
     made = {name: Warper(volume)(fields[name]).values for name in sys.argv[2:]}
     made["fit"] = np.asarray(in_space.coefficients)
     made["places"] = in_space.displacement([[1.0, 2, 3], [4, 5, 6]])

@@ -447,14 +447,14 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "io.transforms.vtk.to_vtk_transform(grid)": lambda v, _: dn.io.to_vtk_transform(_h(v), v).TransformPoint(
         PLACES[0].tolist()
     ),
-    "rbf.extrusion.extrude(grid)": lambda v, _: dn.extrude(
-        dn.Plane.along(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.replicate()
+    "rbf.extrusion.extrude(grid)": lambda v, _: dn.rbf.extrude(
+        dn.Plane.along(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.rbf.replicate()
     ).displacement(PLACES),
     "rbf.fields.AbstractField.on_grid(grid)": lambda v, _: SHIFT.on_grid(v),
-    "rbf.fields.DisplacementField.sample(lattice)": lambda v, _: dn.DisplacementField.sample(_h(v), v).values,
+    "rbf.fields.DisplacementField.sample(lattice)": lambda v, _: dn.rbf.DisplacementField.sample(_h(v), v).values,
     "rbf.fields.as_field(grid)": lambda v, _: dn.rbf.as_field(_h(v), v).displacement(PLACES),
-    "rbf.fields.blend(grid)": lambda v, _: dn.blend(_h(v), SHIFT, grid=v).displacement(PLACES),
-    "rbf.fields.compose(grid)": lambda v, _: dn.compose(_h(v), SHIFT, grid=v).displacement(PLACES),
+    "rbf.fields.blend(grid)": lambda v, _: dn.rbf.blend(_h(v), SHIFT, grid=v).displacement(PLACES),
+    "rbf.fields.compose(grid)": lambda v, _: dn.rbf.compose(_h(v), SHIFT, grid=v).displacement(PLACES),
     "session.session.Session(output)": lambda v, _: dn.Session(_reference(), output=v).output,
     "volume.plane.Plane.along(grid)": lambda v, _: dn.Plane.along(v, "-x"),
     "volume.plane.Plane.depth_range(grid)": lambda v, _: dn.Plane.along(TURNED, "-x").depth_range(v),

@@ -28,7 +28,7 @@ POINTS = dn.ControlPoints.from_arrays(*(np.random.default_rng(k).uniform(2, 20, 
 MARKS = dn.warping.Landmarks(np.random.default_rng(5).uniform(0, 20, (500, 3)))
 DEFORMATION = dn.Deformation.on_picture(VOLUME, "+z", POINTS, trend="none", support=3.0, smoothing=1.0)
 SHIFT = Affine(np.eye(3), np.array([1.0, 0.0, 0.0]))
-WAVE = dn.DisplacementField(np.random.default_rng(6).normal(size=(*GRID.shape, 3)), GRID)
+WAVE = dn.rbf.DisplacementField(np.random.default_rng(6).normal(size=(*GRID.shape, 3)), GRID)
 FRAMES = [np.random.default_rng(k).integers(0, 255, (32, 32, 3)).astype(np.uint8) for k in range(4)]
 COLOURS = dn.volume.Channels.from_array(np.stack([NOISE[:1]] * 3, axis=-1), kind="rgb")
 MOMENTS = [dn.volume.Channels((VOLUME,))] * 2

@@ -36,7 +36,7 @@ SWAPPED: dict[str, Callable[[], Any]] = {
     "Step": lambda: dn.Step(PLANE, (POINTS,)),
     "Keyframe": lambda: dn.Keyframe(DOCUMENT.steps, 0),
     "Session": lambda: dn.Session(DOCUMENT, VOLUME),
-    "extrude": lambda: dn.extrude(VOLUME, PLANE, [dn.fit_rbf(POINTS)], dn.replicate()),
+    "extrude": lambda: dn.rbf.extrude(VOLUME, PLANE, [dn.fit_rbf(POINTS)], dn.rbf.replicate()),
     "replay": lambda: dn.session.replay([VOLUME], DOCUMENT, "out"),
     "with_step": lambda: DOCUMENT.with_step(POINTS, 0),
     "without_step": lambda: DOCUMENT.without_step("a"),

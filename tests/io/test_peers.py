@@ -68,7 +68,7 @@ def _warped(field: AbstractField) -> np.ndarray:
 
 def _written(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
     """A field and an affine map in files of these endings, and the volume warped by what each of them holds."""
-    both = dn.compose(BEND, AFFINE)
+    both = dn.rbf.compose(BEND, AFFINE)
     for suffix in suffixes:
         write_transform(both, folder / f"transform.{suffix}", GRID)
     sampled = _warped(DisplacementField.sample(both, GRID))
@@ -151,7 +151,7 @@ FIELD_FILE = f"""(Transform "DeformationFieldTransform")
 
 def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
-    dn.write_volume(dn.warp(VOLUME, dn.compose(BEND, AFFINE), fill=0.0), tmp_path / "moving.nrrd")
+    dn.write_volume(dn.warp(VOLUME, dn.rbf.compose(BEND, AFFINE), fill=0.0), tmp_path / "moving.nrrd")
     limits = {"nii.gz": agreed("transforms", "nifti", "elastix"), "mha": agreed("transforms", "metaimage", "elastix")}
     for suffix in limits:
         write_transform(BEND, tmp_path / f"transform.{suffix}", GRID)

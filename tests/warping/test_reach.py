@@ -11,8 +11,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deformnb import ControlPoints, Cut, Deformation, HalfSpace, Line, RigidPart, compose, fit_rbf
+from deformnb import ControlPoints, Cut, Deformation, HalfSpace, Line, RigidPart, fit_rbf
 from deformnb._jax import float64
+from deformnb.rbf import compose
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
 from deformnb.rbf.kernels import BUILT_IN, KERNELS

@@ -83,7 +83,7 @@ def test_simpleitk_resamples_what_is_written_to_the_same_voxels(suffix: str, tmp
 
 @pytest.mark.parametrize("suffix", [".tfm", ".h5"])
 def test_a_composition_keeps_its_parts(suffix: str, tmp_path: Path) -> None:
-    both = dn.compose(_bend(), AFFINE, _bend(-0.5))
+    both = dn.rbf.compose(_bend(), AFFINE, _bend(-0.5))
     path = tmp_path / f"both{suffix}"
     write_transform(both, path, GRID)
     found = _itk(path)
