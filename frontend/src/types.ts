@@ -13,6 +13,9 @@ export type Vector2 = [number, number];
 /** A place or a displacement in space: (x, y, z) in the volume's unit. */
 export type Vector3 = [number, number, number];
 
+/** Four numbers, such as two rows of a matrix in one. */
+export type Vector4 = [number, number, number, number];
+
 /** Two rows of a matrix. */
 export type Matrix2 = [Vector2, Vector2];
 
@@ -32,13 +35,13 @@ export interface Point {
 /** The region within a closed outline. */
 export interface PolygonData {
   kind: "polygon";
-  vertices: number[][];
+  vertices: Vector2[];
 }
 
 /** The region on the left of an open line, which continues without end. */
 export interface LineData {
   kind: "line";
-  vertices: number[][];
+  vertices: Vector2[];
   /** Whether a cut along it stops at its first and at its last vertex; left out where it stops at neither. */
   stops?: boolean[];
 }
@@ -47,17 +50,17 @@ export interface LineData {
 export interface HalfSpaceData {
   kind: "half_space";
   vertices?: undefined;
-  point: number[];
-  normal: number[];
+  point: Vector2;
+  normal: Vector2;
 }
 
 /** The pixels of a region: base64 of zlib of eight pixels to a byte, the first in the highest bit. */
 export interface MaskData {
   kind: "mask";
   vertices?: undefined;
-  shape: number[];
-  spacing: number[];
-  origin: number[];
+  shape: Vector2;
+  spacing: Vector2;
+  origin: Vector2;
   bits: string;
 }
 
@@ -82,7 +85,7 @@ export interface PartData extends CutData {
   reach: number | null;
   motion: Motion;
   /** The place about which it is turned, before its motion; null is the middle of its region. */
-  pivot?: number[] | null;
+  pivot?: Vector2 | null;
 }
 
 /** A cut or a rigid part. */
@@ -182,7 +185,7 @@ export interface ReadyPart {
   part: PartData;
   scale: number;
   /** The backward motion: x -> m x + s, m row by row. */
-  back: { m: number[]; s: number[]; isStill: boolean };
+  back: { m: Vector4; s: Vector2; isStill: boolean };
   distance: (a: number, b: number) => number;
   /** The weight of the smooth displacement as a function of the relative distance. */
   step: (value: number) => number;
@@ -238,15 +241,15 @@ export interface LayeredFit {
 /** The geometry of a picture of a volume: a and b run to the right and down in it, c into it, in the volume's unit. */
 export interface PaneInfo {
   name: string;
-  origin: number[];
-  u: number[];
-  v: number[];
-  n: number[];
+  origin: Vector3;
+  u: Vector3;
+  v: Vector3;
+  n: Vector3;
   /** [a0, a1, b0, b1, c0, c1] */
-  box: number[];
+  box: [...Vector4, number, number];
   /** The first and the last depth of a slice. */
-  depths: number[];
-  spacing: number[];
+  depths: Vector2;
+  spacing: Vector3;
 }
 
 /** A point of a volume as it is drawn in a picture; `away` is its distance behind the slice. */
@@ -255,8 +258,8 @@ export interface FlatPoint {
   name: string;
   active: boolean;
   locked?: boolean;
-  source: number[];
-  target: number[];
+  source: Vector2;
+  target: Vector2;
   away: number;
   isFar: boolean;
   whole: Point;
@@ -266,14 +269,14 @@ export interface FlatPoint {
 export interface Mirror {
   on: boolean;
   axis?: string;
-  normal?: number[];
+  normal?: Vector3;
   at: number;
 }
 
 /** A box, or the sides of one, along the axes of a volume. */
 export interface Sides {
-  low: number[];
-  high: number[];
+  low: Vector3;
+  high: Vector3;
 }
 
 /** The detail of the event "deformnb:points" of a bus. */

@@ -30,7 +30,7 @@ import {
   withStop,
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import type { Chosen, Draft, Grip } from "./shape_handles.ts";
@@ -238,7 +238,7 @@ export class Pen {
     const region: RegionData =
       tool === "fixed"
         ? fixedSideThrough(places[0], places[1], movedPlace(editor))
-        : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places };
+        : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
     const fault = regionFault(region);
     if (fault) {
       editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);

@@ -34,7 +34,7 @@ export function partLabel(part: PartData) {
 }
 
 /** A motion done t times along one screw, backward: from where tissue is to where it was. */
-function backwardMotion(motion: Motion, t: number) {
+function backwardMotion(motion: Motion, t: number): ReadyPart["back"] {
   if (!motion) return { m: [1, 0, 0, 1], s: [0, 0], isStill: true };
   const path: (angle: number) => number[] = (angle) =>
     Math.abs(angle) < 1e-4

@@ -62,10 +62,10 @@ export function cornersOf(region: RegionData, reach: number): number[][] {
 }
 
 /** The region with corner k at a place. */
-export function movedCorner(region: RegionData, k: number, place: number[], reach: number): RegionData {
+export function movedCorner(region: RegionData, k: number, place: Vector2, reach: number): RegionData {
   if (region.kind === "mask") return region;
   if (region.kind !== "half_space") {
-    return { ...region, vertices: region.vertices.map((v, i) => (i === k ? [...place] : v)) };
+    return { ...region, vertices: region.vertices.map((v, i) => (i === k ? place : v)) };
   }
   const other = cornersOf(region, reach)[1 - k],
     [p, q] = k === 0 ? [place, other] : [other, place];
@@ -81,9 +81,9 @@ export function movedCorner(region: RegionData, k: number, place: number[], reac
 }
 
 /** The region with a new corner between corner k and the next one. */
-export function insertedCorner(region: RegionData, k: number, place: number[]): RegionData {
+export function insertedCorner(region: RegionData, k: number, place: Vector2): RegionData {
   if (!region.vertices) return region;
-  return { ...region, vertices: [...region.vertices.slice(0, k + 1), [...place], ...region.vertices.slice(k + 1)] };
+  return { ...region, vertices: [...region.vertices.slice(0, k + 1), place, ...region.vertices.slice(k + 1)] };
 }
 
 /** The region without corner k; null where too few would be left. */
@@ -93,7 +93,7 @@ export function removedCorner(region: RegionData, k: number): OutlineData | null
 }
 
 export function movedRegion(region: RegionData, da: number, db: number): RegionData {
-  const by: (place: number[]) => number[] = ([a, b]) => [a + da, b + db];
+  const by = ([a, b]: Vector2): Vector2 => [a + da, b + db];
   if (region.kind === "half_space") return { ...region, point: by(region.point) };
   if (region.kind === "mask") return { ...region, origin: by(region.origin) };
   return { ...region, vertices: region.vertices.map(by) };
@@ -305,12 +305,12 @@ export function motionWords(part: PartData) {
 /** The half plane on the other side of the line from p to q than a place. */
 export function fixedSideThrough(p: number[], q: number[], place: number[]): HalfSpaceData {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1,
-    n = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
+    n: Vector2 = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;
   return {
     kind: "half_space",
     point: [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2],
-    normal: n.map((v) => (isTowards ? v : -v) + 0),
+    normal: isTowards ? [n[0] + 0, n[1] + 0] : [-n[0] + 0, -n[1] + 0],
   };
 }
 

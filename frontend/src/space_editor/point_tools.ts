@@ -1,7 +1,7 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
-import { dot } from "../maths/camera.ts";
+import { dot, scaled } from "../maths/camera.ts";
 import { shownLength } from "../maths/numbers.ts";
 import {
   addedPoint,
@@ -172,7 +172,7 @@ export class SpacePointTools {
     const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {},
       pane = this.#facing(axis);
     const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1,
-      normal = pane.n.map((x) => sign * x);
+      normal = scaled(pane.n, sign);
     return { on, axis, at: at ?? dot(normal, fromPane(pane, [0, 0, (pane.box[4] + pane.box[5]) / 2])), normal };
   }
 

@@ -134,10 +134,10 @@ export interface CastSpace extends SpaceField {
 
 /** A camera in the volume's frame: right and up are half of the picture's extent; ahead has length 1. */
 export interface RayCamera {
-  eye: number[];
-  right: number[];
-  up: number[];
-  ahead: number[];
+  eye: Vector3;
+  right: Vector3;
+  up: Vector3;
+  ahead: Vector3;
   /** How strong the perspective is, per length; 0 is parallel. */
   bend: number;
 }
