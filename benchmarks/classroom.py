@@ -11,7 +11,7 @@ import re
 import tempfile
 from pathlib import Path
 
-LESSONS = Path(__file__).resolve().parents[1] / "notebooks" / "lessons"
+LESSONS = Path(__file__).resolve().parents[1] / "lessons" / "deformnb_lessons" / "notebooks"
 
 
 def pss(process: int) -> float:

@@ -15,7 +15,7 @@ Conventions
 
 What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
 ``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``,
-``dn.datasets``, ``dn.lessons``, ``dn.widgets`` and ``dn.errors``.
+``dn.datasets``, ``dn.widgets`` and ``dn.errors``.
 Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks. Where
 a Volume is required, whatever is one will do: an image of SimpleITK, ITK, nibabel, pyvista, VTK or xarray, a layer of
 napari, the path of a file, or an array, which has no place of its own and lies at the origin with voxels 1 apart.

@@ -6,7 +6,6 @@ from . import errors as errors
 from . import imaging as imaging
 from . import interop as interop
 from . import io as io
-from . import lessons as lessons
 from . import rbf as rbf
 from . import registration as registration
 from . import session as session

@@ -13,8 +13,9 @@ import numpy as np
 from docutils import nodes
 
 import deformnb as dn
+import deformnb_lessons
 from deformnb.datasets import DATASETS, PHANTOMS
-from deformnb.lessons import LESSONS, write_lesson_page
+from deformnb_lessons import LESSONS, write_lesson_page
 
 HERE = Path(__file__).parent
 
@@ -119,9 +120,8 @@ def _make_datasets() -> None:
 
 def _public() -> dict[str, list[str]]:
     """The names of each package, and those at the top, as ``dir()`` shows them."""
-    packages = {"deformnb": dn} | {
-        f"deformnb.{name}": value for name in dir(dn) if isinstance(value := getattr(dn, name), ModuleType)
-    }
+    inner = [value for name in dir(dn) if isinstance(value := getattr(dn, name), ModuleType)]
+    packages = {package.__name__: package for package in (dn, *inner, deformnb_lessons)}
     return {
         name: [
             one
@@ -189,9 +189,10 @@ def _spread(app: Any, what: str, name: str, thing: Any, options: Any, lines: lis
 
 
 def _copy_notebooks() -> None:
-    folder = HERE.parent / "notebooks"
-    for notebook in (*folder.glob("*.ipynb"), *folder.glob("lessons/*.ipynb")):
-        copy = HERE / notebook.relative_to(HERE.parent)
+    root = HERE.parent
+    lessons = {path: f"lessons/{path.name}" for path in root.glob("lessons/deformnb_lessons/notebooks/*.ipynb")}
+    for notebook, name in ({path: path.name for path in root.glob("notebooks/*.ipynb")} | lessons).items():
+        copy = HERE / "notebooks" / name
         copy.parent.mkdir(parents=True, exist_ok=True)
         if not copy.exists() or copy.read_bytes() != notebook.read_bytes():
             copy.write_bytes(notebook.read_bytes())

@@ -1,7 +1,7 @@
 """A class on one computer: JupyterHub on the teacher's machine or a server of the school.
 
-pip install "deformnb[notebook]" jupyterhub jupyterhub-idle-culler; npm install -g configurable-http-proxy; then, in
-this folder: jupyterhub -f jupyterhub_config.py
+In the folder above: pip install ".[notebook]" ./lessons jupyterhub jupyterhub-idle-culler; npm install -g
+configurable-http-proxy; then, in this folder: jupyterhub -f jupyterhub_config.py
 """
 
 import os

@@ -73,7 +73,7 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
     ranked = []
     for path in sources(root):
         name = path.relative_to(root).as_posix()
-        if name.startswith("deformnb/") and (not only or any(part in name for part in only)):
+        if name.startswith(("deformnb/", "lessons/")) and (not only or any(part in name for part in only)):
             text = path.read_text(encoding="utf-8")
             functions = python_functions(text) if path.suffix == ".py" else script_functions(text)
             ranked += [

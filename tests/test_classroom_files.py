@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from deformnb.lessons import LESSONS
+from deformnb_lessons import LESSONS
 
 ROOT = Path(__file__).resolve().parents[1]
 MEGABYTE = {"M": 1, "G": 1000}
@@ -30,14 +30,16 @@ def test_the_steps_of_the_image_are_a_script_that_can_be_run() -> None:
     script = ROOT / "binder" / "postBuild"
     assert os.access(script, os.X_OK)
     subprocess.run(["bash", "-n", str(script)], check=True)
-    for name in re.findall(r"notebooks/lessons/\S+", script.read_text(encoding="utf-8")):
+    for name in re.findall(r"lessons/\S+/\*\S+", script.read_text(encoding="utf-8")):
         assert list(ROOT.glob(name)), f"{name} is not there"
 
 
 def test_pip_takes_every_line_of_the_requirements() -> None:
     environment = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))["dependencies"][-1]["pip"]
     for line in (*(ROOT / "binder" / "requirements.txt").read_text(encoding="utf-8").splitlines(), *environment):
-        assert re.fullmatch(r"#.*|(--editable )?\.(\[[a-z,]+\])?", line), f"{line!r}: pip options are no requirements"
+        assert re.fullmatch(r"#.*|(--editable )?\.(\[[a-z,]+\]|/lessons)?", line), (
+            f"{line!r}: pip options are no requirements"
+        )
 
 
 def test_the_hub_opens_lessons_that_are_there_with_the_memory_that_was_measured() -> None:
@@ -45,6 +47,9 @@ def test_the_hub_opens_lessons_that_are_there_with_the_memory_that_was_measured(
     user = values()["singleuser"]
     opened = [user["defaultUrl"], *(p["kubespawner_override"]["default_url"] for p in user["profileList"][1:])]
     assert {address.rsplit("/", 1)[1] for address in opened} <= lessons
+    made = re.search(r"mkdir -p (\w+)", (ROOT / "binder" / "postBuild").read_text(encoding="utf-8"))[1]  # type: ignore[index]
+    assert {address.split("/")[-2] for address in opened} == {made}
+    assert not (ROOT / made).exists(), "the folder of pupils is no folder of the repository"
     config = (ROOT / "hub" / "jupyterhub_config.py").read_text(encoding="utf-8")
     assert set(re.findall(r"[\w]+\.ipynb", config)) <= lessons
     page = (ROOT / "docs" / "teaching.md").read_text(encoding="utf-8")

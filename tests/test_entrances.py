@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 import deformnb as dn
+import deformnb_lessons
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import Affine
 from deformnb.volume import converters
@@ -213,7 +214,7 @@ def public() -> Iterator[Any]:
     """Every public callable of the package, with the public methods of classes."""
     seen = set()
     spaces = [getattr(dn, name) for name in dir(dn)]
-    for space in [dn, *(one for one in spaces if isinstance(one, types.ModuleType))]:
+    for space in [dn, deformnb_lessons, *(one for one in spaces if isinstance(one, types.ModuleType))]:
         for name in dir(space):
             one = getattr(space, name)
             if name.startswith("_") or isinstance(one, types.ModuleType) or not callable(one) or id(one) in seen:
@@ -360,9 +361,11 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "io.volumes.label_names.write_segmentation(volume)": _segmentation,
     "io.volumes.series.write_channels(channels)": lambda v, f: _written(f, lambda path: dn.io.write_channels(v, path)),
     "io.volumes.series.write_series(moments)": lambda v, f: _written(f, lambda path: dn.io.write_series([v], path, 1)),
-    "lessons.pages.lesson_start(volume)": lambda v, _: dn.lessons.lesson_start("affine", v).steps[0].points.source,
-    "lessons.studio_tasks.FishTask.grids(volume)": lambda v, _: (
-        dn.lessons.FishTask("", "", "Polyprion", "Antigonia", 65).grids(v).source_nodes
+    "deformnb_lessons.pages.lesson_start(volume)": lambda v, _: (
+        deformnb_lessons.lesson_start("affine", v).steps[0].points.source
+    ),
+    "deformnb_lessons.studio_tasks.FishTask.grids(volume)": lambda v, _: (
+        deformnb_lessons.FishTask("", "", "Polyprion", "Antigonia", 65).grids(v).source_nodes
     ),
     "rbf.regions.Mask.from_labels(volume)": lambda v, _: _mask(dn.Mask.from_labels(v, 21)),
     "registration.optimise.fit_targets(fixed)": lambda v, _: _match(_like(v), v),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import sys
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-LESSONS = sorted((ROOT / "notebooks" / "lessons").glob("*.ipynb"))
+LESSONS = sorted((ROOT / "lessons" / "deformnb_lessons" / "notebooks").glob("*.ipynb"))
 NOTEBOOKS = [*sorted((ROOT / "notebooks").glob("*.ipynb")), *LESSONS]
 TIMEOUT = 300  # seconds for a cell: a busy machine renders a movie slowly
 
@@ -43,7 +44,7 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
         monkeypatch.setenv(name, str(tmp_path / name.lower()))
     monkeypatch.setenv("JUPYTER_PATH", str(tmp_path / "share"))
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(ROOT / "lessons")]))
     monkeypatch.setenv("DEFORMNB_DATA", str(tmp_path / "data"))  # what the user has downloaded is not wanted here
     monkeypatch.delenv("XLA_FLAGS", raising=False)  # compiled as for users: it computes for longer than it compiles
     startup = tmp_path / "ipythondir" / "profile_default" / "startup"

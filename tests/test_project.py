@@ -23,9 +23,12 @@ import pytest
 import yaml
 
 import deformnb
+import deformnb_lessons
 
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGE = ROOT / "deformnb"
+LESSONS = ROOT / "lessons" / "deformnb_lessons"
+PACKAGES = (PACKAGE, LESSONS)
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS: dict[str, list[str]] = PROJECT["optional-dependencies"]
 
@@ -92,7 +95,7 @@ def _requirements(*extras: str) -> dict[str, str]:
 def _imported(folder: Path) -> set[str]:
     """Distributions that the files of a folder import, anywhere in them, but for the standard library and our own."""
     own = {name for path in folder.rglob("*.py") for name in (path.stem, path.parent.name)}
-    own |= {"deformnb", "benchmarks", "browser", "mutants", "node_tasks", "scripts", folder.name}
+    own |= {"deformnb", "deformnb_lessons", "benchmarks", "browser", "mutants", "node_tasks", "scripts", folder.name}
     names = {name.partition(".")[0] for path in folder.rglob("*.py") for name in _import_names(path)}
     return {DISTRIBUTION.get(name, name).lower() for name in names - own - LEFT_OUT}
 
@@ -151,6 +154,7 @@ def test_conda_environment_equals_the_requirements() -> None:
     ("folder", "extras"),
     [
         ("deformnb", ["formats", "interop", "large", "movie", "notebook"]),
+        ("lessons", []),
         ("tests", ["test", "peers"]),
         ("benchmarks", ["benchmark", "gpu-benchmark"]),
         ("mutants", ["test"]),
@@ -218,7 +222,8 @@ def test_the_tests_mirror_the_package() -> None:
         name = path.relative_to(ROOT / "tests").as_posix()
         if name.startswith(("browser/", "js/")) or name in OF_A_WHOLE_PACKAGE:
             continue
-        folder = PACKAGE / path.parent.relative_to(ROOT / "tests")
+        name_of_package = path.parent.relative_to(ROOT / "tests")
+        folder = LESSONS if name_of_package == Path("lessons") else PACKAGE / name_of_package
         modules = {module.stem for module in folder.iterdir() if module.suffix == ".py" or module.is_dir()}
         assert any(f"{path.stem}_".startswith(f"test_{module}_") for module in modules), f"{name}: no such module"
     assert all((ROOT / "tests" / name).is_file() for name in OF_A_WHOLE_PACKAGE)
@@ -247,7 +252,7 @@ def test_tests_use_no_more_private_names_than_before() -> None:
     assert len(found) <= PRIVATE_USES, "\n".join(found)
 
 
-@pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "mutants", "tests"])
+@pytest.mark.parametrize("folder", ["benchmarks", "deformnb", "lessons", "mutants", "tests"])
 def test_texts_are_read_and_written_in_a_named_encoding(folder: str) -> None:
     """That of the locale is ASCII on some servers; ruff's PLW1514 sees only the paths whose type it can tell."""
     for path in sorted((ROOT / folder).rglob("*.py")):
@@ -269,8 +274,10 @@ EXTENSION_POINTS: dict[str, str] = {}
 
 
 def _modules() -> dict[str, tuple[ast.AST, ...]]:
-    """The nodes of all modules of the package by dotted name."""
-    paths = {path: path.relative_to(ROOT).with_suffix("") for path in PACKAGE.rglob("*.py")}
+    """The nodes of all modules of the packages by dotted name."""
+    paths = {
+        path: path.relative_to(package.parent).with_suffix("") for package in PACKAGES for path in package.rglob("*.py")
+    }
     return {".".join(name.parts).removesuffix(".__init__"): _nodes(path) for path, name in paths.items()}
 
 
@@ -292,7 +299,9 @@ def test_a_class_with_heirs_has_two() -> None:
                 name = ast.unparse(base.value if isinstance(base, ast.Subscript) else base)
                 heirs.setdefault(named.get(name, name), set()).add(f"{module}.{node.name}")  # type: ignore[attr-defined]
     assert len(heirs["deformnb.rbf.fields.AbstractField"]) > 5  # or it looks for the wrong names
-    alone = {base for base, found in heirs.items() if base.startswith("deformnb.") and len(found) == 1}
+    alone = {
+        base for base, found in heirs.items() if base.startswith(("deformnb.", "deformnb_lessons.")) and len(found) == 1
+    }
     assert alone == set(EXTENSION_POINTS), "make one class of it, or write down who else may subclass it"
 
 
@@ -322,12 +331,12 @@ def test_no_module_imports_another_by_string() -> None:
             text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
             name, colon, _ = text.partition(":")
             is_module = name in modules and (bool(colon) or not (ROOT / name.replace(".", "/")).is_dir())
-            assert name in ("deformnb", module) or not is_module, f"{module}:{node.lineno}: {text}"  # type: ignore[attr-defined]
+            assert name in ("deformnb", "deformnb_lessons", module) or not is_module, f"{module}:{node.lineno}: {text}"  # type: ignore[attr-defined]
 
 
 def test_package_imports_no_pickle() -> None:
     forbidden = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "shelve", "marshal"}
-    for path in PACKAGE.rglob("*.py"):
+    for path in (path for package in PACKAGES for path in package.rglob("*.py")):
         assert not {name.partition(".")[0] for name in _import_names(path)} & forbidden, path
         assert not re.search(r"allow_pickle\s*=\s*True", path.read_text(encoding="utf-8")), path
 
@@ -355,7 +364,6 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
         "imaging",
         "interop",
         "io",
-        "lessons",
         "rbf",
         "registration",
         "session",
@@ -376,13 +384,13 @@ def test_the_top_of_the_package_is_short_and_the_rest_in_packages_that_it_shows(
         deformnb.imaging,
         deformnb.interop,
         deformnb.io,
-        deformnb.lessons,
         deformnb.rbf,
         deformnb.registration,
         deformnb.session,
         deformnb.volume,
         deformnb.warping,
         deformnb.widgets,
+        deformnb_lessons,
     ],
     ids=lambda package: package.__name__,
 )
@@ -400,7 +408,7 @@ def test_public_names_are_documented(package: Any) -> None:
 
 @pytest.mark.parametrize(
     "package",
-    [deformnb, *(value for name in dir(deformnb) if inspect.ismodule(value := getattr(deformnb, name)))],
+    [deformnb, deformnb_lessons, *(one for name in dir(deformnb) if inspect.ismodule(one := getattr(deformnb, name)))],
     ids=lambda package: package.__name__,
 )
 def test_public_functions_and_classes_have_an_example(package: Any) -> None:
@@ -420,18 +428,25 @@ def test_public_functions_and_classes_have_an_example(package: Any) -> None:
 
 
 def test_docstrings_of_modules_begin_with_their_subject_and_name_modules_that_exist() -> None:
-    for path in sorted(PACKAGE.rglob("*.py")):
+    for path in sorted(path for package in PACKAGES for path in package.rglob("*.py")):
         text = path.read_text(encoding="utf-8")
         first = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
         assert first.endswith("."), path
         assert not re.match(r"(What|How|When|Where|Who|Whose|Whether|Which)\b", first), path
         for name in re.findall(r":mod:`~?([\w.]+)`", text):
-            assert name.startswith("deformnb."), f"{path}: {name} is not a full path"
+            assert name.startswith(("deformnb.", "deformnb_lessons.")), f"{path}: {name} is not a full path"
             assert find_spec(name) is not None, f"{path}: there is no {name}"
+
+
+def test_the_lessons_come_with_the_same_licence() -> None:
+    assert (ROOT / "lessons" / "LICENSE").read_text("utf-8") == (ROOT / "LICENSE").read_text("utf-8")
 
 
 def test_version_is_one_and_in_the_changelog() -> None:
     assert deformnb.__version__ == PROJECT["version"]
+    lessons = tomllib.loads((ROOT / "lessons" / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert lessons["version"] == deformnb.__version__
+    assert lessons["dependencies"] == [f"deformnb=={deformnb.__version__}"]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(rf"^## \[{re.escape(PROJECT['version'])}\]", changes, re.MULTILINE)
 
@@ -470,7 +485,7 @@ def test_documented_commands_exist(name: str) -> None:
 def test_contributing_names_files_that_exist() -> None:
     named = set(re.findall(r"`((?:[\w.-]+/)+[\w.-]*)`", (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")))
     assert len(named) > 30
-    assert [name for name in named if not (ROOT / name).exists() and not (PACKAGE / name).exists()] == []
+    assert [name for name in named if not any((folder / name).exists() for folder in (ROOT, *PACKAGES))] == []
 
 
 def test_the_python_of_the_readme_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

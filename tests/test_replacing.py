@@ -16,6 +16,7 @@ from full_disk import full_disk
 from test_entrances import public
 
 import deformnb as dn
+import deformnb_lessons
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import Affine
 
@@ -78,7 +79,7 @@ WRITERS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "write_movie": ((".gif", ".webp"), lambda path, **o: dn.write_movie(path, FRAMES, **o)),
     "write_standalone": ((".html",), _page),
     "write_file_page": ((".html",), dn.widgets.write_file_page),
-    "write_lesson_page": ((".html",), lambda path, **o: dn.lessons.write_lesson_page("affine", path, **o)),
+    "write_lesson_page": ((".html",), lambda path, **o: deformnb_lessons.write_lesson_page("affine", path, **o)),
     "draw_pictures": ((".png",), lambda path: dn.draw_pictures([PICTURE], path=path)),
     "draw_grids": ((".png",), lambda path: dn.draw_grids(DEFORMATION, PICTURE, grid=GRID, path=path)),
     "render_pair": (

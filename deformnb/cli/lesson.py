@@ -1,124 +1,31 @@
-"""The lessons for the classroom: a list, or a copy of one, opened in JupyterLab or Voila, or its picture as a page.
-
-This is the command ``deformnb lesson``.
-"""
+"""The command ``deformnb lesson`` of the distribution deformnb-lessons, or a sentence about how to get it."""
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import tempfile
-from collections.abc import Iterator
-from pathlib import Path
+import importlib.util
 from typing import Any
 
-from deformnb.cli.lab import (
-    add_lab_options,
-    check_lab,
-    copy_and_list,
-    copy_and_open,
-    open_lab,
-    open_voila,
-    shipped_notebooks,
-)
-from deformnb.errors import DeformError
+from deformnb.errors import MissingPackageError
 
 
 def add_lesson(commands: Any) -> None:
     """Add ``lesson`` to the commands of an argument parser."""
-    from deformnb.app import add_language
+    if importlib.util.find_spec("deformnb_lessons") is not None:
+        from deformnb_lessons import command
 
-    what = "open a lesson for pupils in JupyterLab, or list the lessons"
+        command.add_lesson(commands)
+        return
+    # No prefix of options: whatever follows, --help included, is answered by the sentence.
     p = commands.add_parser(
-        "lesson",
-        help=what,
-        description=f"""{what[0].upper()}{what[1:]}: the lesson is copied into
-        a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""",
+        "lesson", help="open a lesson for pupils (needs deformnb-lessons)", add_help=False, prefix_chars="\0"
     )
-    p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
-    p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
-    how = p.add_mutually_exclusive_group()
-    how.add_argument(
-        "--voila", action="store_true", help="show the lesson without its code, by Voila instead of JupyterLab"
+    p.add_argument("arguments", nargs="*")
+    p.set_defaults(run=_missing)
+
+
+def _missing(_options: argparse.Namespace) -> None:
+    raise MissingPackageError(
+        "the lessons are the separate distribution deformnb-lessons, which is not installed; in a clone of deformnb: "
+        "pip install ./lessons"
     )
-    how.add_argument(
-        "--page",
-        action="store_true",
-        help="write the lesson's picture as one offline file, NAME.html, and open nothing",
-    )
-    how.add_argument("--copy", action="store_true", help="copy the lesson and open nothing, for the server of a class")
-    add_language(p)
-    add_lab_options(p)
-    p.set_defaults(run=_lesson)
-
-
-def _lesson(options: argparse.Namespace) -> None:
-    from deformnb.checks import one_of
-    from deformnb.lessons import LESSONS
-    from deformnb.words import language, translate
-
-    code = language(options.language)
-    if options.name is None:
-        for name, lesson in LESSONS.items():
-            minutes = f"{lesson.minutes[0]} to {lesson.minutes[1]} minutes"
-            print(f"{name:14}{translate(lesson.title, code)}, {translate(minutes, code)}")
-        chosen = "" if options.language is None else f" --language {code}"
-        print(translate(f"open one with: deformnb lesson {next(iter(LESSONS))}{chosen}", code))
-        return
-    one_of(options.name, LESSONS, "lesson")
-    if options.page:
-        _write_page(options.name, Path(options.folder), code)
-        return
-    if not options.copy:
-        check_lab(*(["voila"] if options.voila else []))
-    with _in_language(lesson_notebook(options.name), code) as notebook:
-        if options.copy:
-            copy_and_list([notebook], Path(options.folder))
-        else:
-            copy_and_open([notebook], Path(options.folder), options, open_voila if options.voila else open_lab)
-
-
-@contextlib.contextmanager
-def _in_language(notebook: Path, code: str) -> Iterator[Path]:
-    """The notebook of a lesson in a language: itself, or a file with its words translated."""
-    from deformnb.lessons.translation import write_translated
-
-    if code == "en":
-        yield notebook
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / f"{notebook.stem}.{code}.ipynb"
-        write_translated(notebook, made, code)
-        yield made
-
-
-def _write_page(name: str, folder: Path, code: str) -> None:
-    from deformnb.lessons.pages import write_lesson_page
-
-    folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{name}.html"
-    write_lesson_page(name, path, language=code, overwrite=True)
-    print(f"wrote {path} ({path.stat().st_size / 1e6:.1f} MB): open it in a browser, or put it on a stick")
-
-
-def lesson_notebook(name: str) -> Path:
-    """The notebook of a lesson in this installation.
-
-    Raises
-    ------
-    DeformError
-        If it is not there.
-
-    Examples
-    --------
-    >>> lesson_notebook("coordinates").name
-    '1_coordinates_and_grids.ipynb'
-    """
-    from deformnb.lessons import LESSONS
-
-    path = shipped_notebooks()[0].parent / "lessons" / LESSONS[name].notebook
-    if not path.is_file():
-        raise DeformError(
-            f"{path.name} is missing from this installation; pip install --force-reinstall --no-deps deformnb."
-        )
-    return path

@@ -21,12 +21,13 @@ VARIABLE = "DEFORMNB_LANGUAGE"
 _FOLDER = Path(__file__).parent
 _FIRST = "en"
 
+_added: list[Path] = []  # folders of other packages
 _chosen = ""
 
 
 @cache
 def word_table(code: str) -> dict[str, str]:
-    """The words of a language by the English ones; empty for English.
+    """The words of a language by the English ones, those of :func:`add_tables` included; empty for English.
 
     Parameters
     ----------
@@ -39,8 +40,9 @@ def word_table(code: str) -> dict[str, str]:
     """
     if code == _FIRST:
         return {}
-    table: dict[str, str] = json.loads((_FOLDER / f"{code}.json").read_text(encoding="utf-8"))
-    return table
+    files = [folder / f"{code}.json" for folder in (*_added, _FOLDER)]  # of a key of two, the value here counts
+    tables = [json.loads(file.read_text(encoding="utf-8")) for file in files if file.is_file()]
+    return {key: value for table in tables for key, value in table.items()}
 
 
 LANGUAGES: dict[str, str] = {
@@ -48,6 +50,25 @@ LANGUAGES: dict[str, str] = {
     **{path.stem: word_table(path.stem)["English"] for path in sorted(_FOLDER.glob("*.json"))},
 }
 """Languages by their codes, each named in its own words."""
+
+
+def add_tables(folder: Path) -> None:
+    """Add the words of another package; a key that is here already keeps its value.
+
+    Parameters
+    ----------
+    folder : of the package, with a table ``CODE.json`` for each of :data:`LANGUAGES` that it has words in.
+
+    Examples
+    --------
+    >>> add_tables(Path("folder of a package") / "words")
+    >>> translate("Undo", "de")
+    'R\u00fcckg\u00e4ngig'
+    """
+    if folder not in _added:
+        _added.append(folder)
+        word_table.cache_clear()
+        _translator.cache_clear()
 
 
 def set_language(code: str | None) -> None:

@@ -104,7 +104,7 @@ class Host:
             **inherited,
             **own,
             "PATH": path,
-            "PYTHONPATH": os.pathsep.join([str(ROOT), str(self.folder)]),
+            "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "lessons"), str(self.folder)]),
             "JUPYTER_CONFIG_PATH": str(ROOT / "jupyter-config"),
         }
 

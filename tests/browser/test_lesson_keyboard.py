@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 from browser.hosts import Lab
 
-from deformnb.cli.lesson import lesson_notebook
-from deformnb.lessons.translation import write_translated
+from deformnb_lessons.command import lesson_notebook
+from deformnb_lessons.translation import write_translated
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 

@@ -15,8 +15,8 @@ from browser.test_editor_touch import Fingers
 from browser.test_standalone_page import EDITOR, MODELS, Opened
 from waiting import PATIENCE
 
-from deformnb.cli.lesson import lesson_notebook
-from deformnb.lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, write_lesson_page
+from deformnb_lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, write_lesson_page
+from deformnb_lessons.command import lesson_notebook
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 

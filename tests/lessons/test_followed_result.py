@@ -6,8 +6,8 @@ import pytest
 
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_start
 from deformnb.session.session import Session
+from deformnb_lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_start
 
 
 def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 import deformnb as dn
+import deformnb_lessons
 from deformnb.datasets import PHANTOMS, thompson_grid
 from deformnb.errors import DeformError
-from deformnb.lessons import LESSONS, Choice, Lesson, Numbers, Result
 from deformnb.session.session import Session
+from deformnb_lessons import LESSONS, Choice, Lesson, Numbers, Result
 
-NOTEBOOKS = Path(__file__).resolve().parents[2] / "notebooks" / "lessons"
+NOTEBOOKS = Path(deformnb_lessons.__file__).parent / "notebooks"
 ALL = [(lesson, name) for lesson in LESSONS for name in LESSONS[lesson].exercises]
 
 NEVER: list[Any] = [

@@ -8,9 +8,9 @@ import re
 import numpy as np
 import pytest
 
-from deformnb.cli.lesson import lesson_notebook
 from deformnb.errors import DeformError
-from deformnb.lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_start
+from deformnb_lessons import GOAL_NODES, LESSONS, FishTask, lesson_carp, lesson_start
+from deformnb_lessons.command import lesson_notebook
 
 
 @pytest.mark.parametrize("name", LESSONS)

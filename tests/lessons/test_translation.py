@@ -12,12 +12,13 @@ from typing import Any
 import pytest
 
 import deformnb as dn
+import deformnb_lessons
 from deformnb.errors import DeformError
-from deformnb.lessons import LESSONS, Numbers
-from deformnb.lessons.translation import LessonWords, translated, write_translated
 from deformnb.words import LANGUAGES, translate
+from deformnb_lessons import LESSONS, Numbers
+from deformnb_lessons.translation import LessonWords, translated, write_translated
 
-FOLDER = Path(__file__).resolve().parents[2] / "notebooks" / "lessons"
+FOLDER = Path(deformnb_lessons.__file__).parent / "notebooks"
 ALL = [(code, name) for code in LANGUAGES if code != "en" for name in LESSONS]
 
 

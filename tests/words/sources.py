@@ -7,6 +7,7 @@ A text is the key of the tables in ``deformnb/words``. Where it has values (``f"
 from __future__ import annotations
 
 import ast
+import json
 import re
 import subprocess
 from collections.abc import Iterator
@@ -20,10 +21,17 @@ from pygments.token import Comment, Punctuation, String, Whitespace
 from node_tasks import find_node
 
 ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "deformnb"
+LESSONS = ROOT / "lessons" / "deformnb_lessons"
 
 _FEWEST = 4  # letters beside the values
 _VALUE = re.compile(r"\{[^{}]*\}")
 _READS_AS_WORDS = re.compile(r"[^\W\d_]{2,} [^\W\d_]{2,}|^\W*[A-Z][a-z]+")
+
+
+def own_table(package: Path, code: str) -> dict[str, str]:
+    """The words of a package, without those of others."""
+    return dict(json.loads((package / "words" / f"{code}.json").read_text("utf-8")))
 
 
 def shape(key: str) -> str:

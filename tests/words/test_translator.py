@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 from scripts import run_script
-from words.sources import ROOT, python_texts, reads_as_words, script_texts, shape, wildcard
+from words.sources import LESSONS, PACKAGE, ROOT, own_table, python_texts, reads_as_words, script_texts, shape, wildcard
 
 from deformnb.widgets.bundle import SOURCES
 from deformnb.words import LANGUAGES, Translator, translate, word_table
 
-PACKAGE = ROOT / "deformnb"
+PACKAGES = (PACKAGE, LESSONS)
 OTHERS = [code for code in LANGUAGES if code != "en"]
 
 SHOWN = [
@@ -20,7 +20,7 @@ SHOWN = [
     *(PACKAGE / "widgets" / "inputs").glob("*.py"),
     PACKAGE / "widgets" / "parameters.py",
     PACKAGE / "widgets" / "camera.py",
-    *(PACKAGE / "lessons").glob("*.py"),
+    *(path for path in LESSONS.glob("*.py") if path.stem != "command"),
     PACKAGE / "session" / "examples.py",
     PACKAGE / "document" / "edits.py",
 ]
@@ -78,15 +78,24 @@ ELSEWHERE = {
 @pytest.fixture(scope="module")
 def texts(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, set[str]]:
     """Shapes of all texts, by the modules they are in."""
-    found: dict[Path, set[str]] = {path: {text for _, text in python_texts(path)} for path in PACKAGE.rglob("*.py")}
+    found: dict[Path, set[str]] = {
+        path: {text for _, text in python_texts(path)} for package in PACKAGES for path in package.rglob("*.py")
+    }
     for path, text in script_texts(SOURCES, tmp_path_factory.mktemp("lowered")):
         found.setdefault(path, set()).add(text)
     return found
 
 
+def package_of(module: Path) -> Path:
+    """The package whose table has the words of a module; those of the front end are the core's."""
+    return LESSONS if module.is_relative_to(LESSONS) else PACKAGE
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
 @pytest.mark.parametrize("code", OTHERS)
-def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, set[str]]) -> None:
-    keys, translator = list(word_table(code)), Translator(word_table(code))
+def test_all_words_that_are_seen_are_in_the_table(code: str, package: Path, texts: dict[Path, set[str]]) -> None:
+    table = own_table(package, code) | own_table(PACKAGE, code)
+    keys, translator = list(table), Translator(table)
 
     def is_known(text: str) -> bool:
         """Whether it is a key, or of parts that are keys; or becomes a key, with its values or within a longer text."""
@@ -102,17 +111,20 @@ def test_all_words_that_are_seen_are_in_the_table(code: str, texts: dict[Path, s
     missing = {
         f"{path.relative_to(ROOT)}: {text}"
         for path in {*SHOWN, *scripts}
+        if package_of(path) == package
         for text in texts[path]
         if reads_as_words(text) and text not in ELSEWHERE and not NOT_SEEN.fullmatch(text) and not is_known(text)
     }
-    assert not missing, "\n".join([f"add to deformnb/words/{code}.json:", *sorted(missing)])
+    assert not missing, "\n".join([f"add to {package.name}/words/{code}.json:", *sorted(missing)])
 
 
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda package: package.name)
 @pytest.mark.parametrize("code", OTHERS)
-def test_no_key_is_left_over(code: str, texts: dict[Path, set[str]]) -> None:
-    known = {text for found in texts.values() for text in found}
-    tables = [path.read_text("utf-8") for path in PACKAGE.rglob("*.json") if path.parent.name != "words"]
-    tables.append((PACKAGE / "volume" / "transfer.py").read_text("utf-8"))  # presets are described by their docstrings
+def test_no_key_is_left_over(code: str, package: Path, texts: dict[Path, set[str]]) -> None:
+    known = {text for path, found in texts.items() if package_of(path) == package for text in found}
+    tables = [path.read_text("utf-8") for path in package.rglob("*.json") if path.parent.name != "words"]
+    if package == PACKAGE:
+        tables.append((PACKAGE / "volume" / "transfer.py").read_text("utf-8"))  # docstrings describe the presets
     in_tooltips = [text.replace(" + ", "+") for text in known]
     all_text = "\n".join([*known, *in_tooltips, *tables]).casefold()
     forms = [wildcard(text) for text in known if "{}" in text]
@@ -122,8 +134,8 @@ def test_no_key_is_left_over(code: str, texts: dict[Path, set[str]]) -> None:
         parts = [part for part in shape(key).casefold().split("{}") if part.strip(_MARKS)]
         return all(part.strip(_MARKS) in all_text for part in parts) or any(form.fullmatch(key) for form in forms)
 
-    left = [key for key in word_table(code) if not is_used(key)]
-    assert left == [], "\n".join([f"remove from deformnb/words/{code}.json, or follow the source:", *left])
+    left = [key for key in own_table(package, code) if not is_used(key)]
+    assert left == [], "\n".join([f"remove from {package.name}/words/{code}.json, or follow the source:", *left])
 
 
 _MARKS = " ,;.:"

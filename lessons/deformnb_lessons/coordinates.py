@@ -6,8 +6,8 @@ himself prints 70 degrees.
 
 from __future__ import annotations
 
-from deformnb.lessons.exercises import AbstractExercise, Choice, Numbers
-from deformnb.lessons.studio_tasks import FishTask
+from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.studio_tasks import FishTask
 
 GOAL_NODES = [8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)]
 """The nodes of Polyprion's grid, row by row, that are the points of the exercise "antigonia"."""

@@ -6,10 +6,10 @@ import numpy as np
 
 from deformnb.document.deformation import Step
 from deformnb.imaging.figures import picture_field
-from deformnb.lessons.exercises import AbstractExercise, Choice, Numbers
-from deformnb.lessons.studio_tasks import StudioTask
 from deformnb.session.session import Session
 from deformnb.warping.points import warp_points
+from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.studio_tasks import StudioTask
 
 TURN = 15.0
 """Degrees by which the carp is turned at least in the exercise "turned"."""

@@ -4,6 +4,12 @@
 is the lesson, and its ``check`` answers with a hint.
 """
 
+from pathlib import Path
+
 import lazy_loader
 
+from deformnb.words import add_tables
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+add_tables(Path(__file__).parent / "words")

@@ -1,6 +1,6 @@
 """Notebooks of lessons in other languages: the same code, with the Markdown and the words in the code translated.
 
-There is one notebook of each lesson, in English. ``notebooks/lessons/de/NAME.md`` has its German: of each Markdown cell
+There is one notebook of each lesson, in English. ``notebooks/de/NAME.md`` has its German: of each Markdown cell
 its text, under the cell's id, and at the end the words in the code::
 
     <!-- cell: title -->

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.lessons import affine, coordinates, folding, kernels
-from deformnb.lessons.exercises import AbstractExercise, Result
+from deformnb_lessons import affine, coordinates, folding, kernels
+from deformnb_lessons.exercises import AbstractExercise, Result
 
 if TYPE_CHECKING:  # answers are checked without widgets
-    from deformnb.lessons.followed_result import FollowedResult
+    from deformnb_lessons.followed_result import FollowedResult
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Lesson:
         DeformError
             If the lesson has no such exercise, or what is followed is no studio.
         """
-        from deformnb.lessons.followed_result import FollowedResult
+        from deformnb_lessons.followed_result import FollowedResult
 
         return FollowedResult(self._exercise(exercise), studio)
 

@@ -13,10 +13,10 @@ from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.imaging.projection import project
-from deformnb.lessons.exercises import AbstractExercise, Result
 from deformnb.session.session import Session
 from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
+from deformnb_lessons.exercises import AbstractExercise, Result
 
 _NEAR = 0.5  # percent of the way, and pixels of the drawing: a smaller drag was not meant
 

@@ -7,11 +7,11 @@ import numpy as np
 from deformnb.analysis.folds import folds_of
 from deformnb.document.deformation import Step
 from deformnb.imaging.figures import picture_field
-from deformnb.lessons.exercises import AbstractExercise, Choice, Numbers
-from deformnb.lessons.studio_tasks import StudioTask
 from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
 from deformnb.warping.points import warp_points
+from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.studio_tasks import StudioTask
 
 DRAG = 75.0
 """Millimetres that a point stays dragged at least in the exercise "unfold"."""

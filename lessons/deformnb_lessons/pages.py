@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from deformnb.checks import one_of
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
-from deformnb.lessons.coordinates import GOAL_NODES
-from deformnb.lessons.lesson import LESSONS
-from deformnb.lessons.studio_tasks import FishTask
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.words import translate
+from deformnb_lessons.coordinates import GOAL_NODES
+from deformnb_lessons.lesson import LESSONS
+from deformnb_lessons.studio_tasks import FishTask
 
 _SIDE = "-x"  # from the left, where the head points left
 _CORNERS = [[0, 0], [508, 0], [508, 197], [0, 197]]
@@ -49,7 +49,7 @@ def lesson_start(name: str, volume: VolumeLike) -> Deformation:
 
     Parameters
     ----------
-    name : a key of :data:`~deformnb.lessons.LESSONS`.
+    name : a key of :data:`~deformnb_lessons.LESSONS`.
     volume : on whose picture from the left they lie, such as :func:`lesson_carp`.
 
     Raises
@@ -73,7 +73,7 @@ def write_lesson_page(
 
     Parameters
     ----------
-    name : a key of :data:`~deformnb.lessons.LESSONS`.
+    name : a key of :data:`~deformnb_lessons.LESSONS`.
     path : the file to write; ends in .html.
     language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
     overwrite : whether an existing file may be replaced.

@@ -6,9 +6,9 @@ import numpy as np
 
 from deformnb.document.deformation import Step
 from deformnb.imaging.figures import picture_field
-from deformnb.lessons.exercises import AbstractExercise, Choice, Numbers
-from deformnb.lessons.studio_tasks import StudioTask
 from deformnb.session.session import Session
+from deformnb_lessons.exercises import AbstractExercise, Choice, Numbers
+from deformnb_lessons.studio_tasks import StudioTask
 
 LIFT = 20.0
 """Millimetres that a point is dragged at least in the exercise "local"."""

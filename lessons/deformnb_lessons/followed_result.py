@@ -8,8 +8,8 @@ import ipywidgets as ipw
 
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
-from deformnb.lessons.exercises import AbstractExercise, Result
-from deformnb.lessons.studio_tasks import session_of
+from deformnb_lessons.exercises import AbstractExercise, Result
+from deformnb_lessons.studio_tasks import session_of
 
 _HEIGHT = 150  # CSS pixels: a studio below does not jump when the drawing comes
 
@@ -33,7 +33,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
 
     Examples
     --------
-    >>> from deformnb.lessons import LESSONS, lesson_carp, lesson_start
+    >>> from deformnb_lessons import LESSONS, lesson_carp, lesson_start
     >>> from deformnb.session.session import Session
     >>> carp = lesson_carp()
     >>> session = Session(carp, lesson_start("coordinates", carp))
