@@ -2,6 +2,7 @@
 
 import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 
@@ -19,8 +20,8 @@ const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 export class Brush {
   editor: EditorView;
   tool: string | null;
-  at: number[] | null;
-  from: number[];
+  at: Vector2 | null;
+  from: Vector2;
   stroke: Stroke | null;
   isByKeys: boolean;
   timer: number;
@@ -132,13 +133,13 @@ export class Brush {
 
   // ---- strokes ------------------------------------------------------------------------------------------------------
 
-  hover(at: number[] | null) {
+  hover(at: Vector2 | null) {
     this.at = at;
     this.isByKeys = false;
     this.editor.invalidate();
   }
 
-  press(at: number[]) {
+  press(at: Vector2) {
     const {
       editor,
       editor: { pointTools },
@@ -150,7 +151,7 @@ export class Brush {
     pointTools.paintStroke(stroke);
   }
 
-  drag(at: number[]) {
+  drag(at: Vector2) {
     this.at = at;
     const { stroke, editor } = this;
     editor.invalidate();
@@ -177,7 +178,7 @@ export class Brush {
    * Whether a key means something to the brush.
    * @param arrow the direction of an arrow key
    */
-  key(key: string, event: KeyboardEvent, arrow?: number[]) {
+  key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
       middle = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") {
@@ -192,18 +193,23 @@ export class Brush {
     if (arrow) {
       const step = BRUSH_KEYS[event.shiftKey ? 0 : 1];
       const [x, y] = this.at ?? middle,
-        next = [x + step * arrow[0], y + step * arrow[1]];
+        next: Vector2 = [x + step * arrow[0], y + step * arrow[1]];
       if (this.stroke) this.drag(next);
-      else this.at = next;
+      else this.at = next as Vector2;
       this.isByKeys = true;
-      editor.announce(`brush at ${editor.placeAt(next).map(shownLength).join(", ")}`);
+      editor.announce(
+        `brush at ${editor
+          .placeAt(next as Vector2)
+          .map(shownLength)
+          .join(", ")}`,
+      );
       editor.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (this.stroke) this.lift();
     else {
-      this.press(this.at ?? middle);
+      this.press((this.at ?? middle) as Vector2);
       editor.announce(this.stroke ? "brush pressed" : "no stroke here");
     }
     return true;

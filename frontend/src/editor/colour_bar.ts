@@ -1,5 +1,6 @@
 // The colour bar of a picture of grey values: its colours along the values, and two handles that set the window.
 
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { context2d } from "./painter.ts";
@@ -72,10 +73,10 @@ export class ColourBar {
     );
     this.root.hidden = !isShown || height < LEAST_HEIGHT;
     if (this.root.hidden || !grey || !window) return;
-    if (held === null) this.ends = this.#endsFor(window, grey.window);
+    if (held === null) this.ends = this.#endsFor(window as Vector2, grey.window);
     const [first, last] = this.ends,
       key = JSON.stringify([window, this.ends, [...painter.colours.slice(100, 102)]]);
-    if (key !== this.drawn) this.#draw(window);
+    if (key !== this.drawn) this.#draw(window as Vector2);
     this.drawn = key;
     this.root.style.height = `${Math.min(240, height)}px`;
     setText(this.unit, grey.unit);
@@ -93,12 +94,12 @@ export class ColourBar {
   }
 
   /** The automatic window with some air, and the window itself. */
-  #endsFor([low, high]: number[], [first, last]: number[]) {
+  #endsFor([low, high]: Vector2, [first, last]: Vector2) {
     const air = AIR * (last - first);
     return [Math.min(low, first - air), Math.max(high, last + air)];
   }
 
-  #draw([low, high]: number[]) {
+  #draw([low, high]: Vector2) {
     const {
       context,
       ends: [first, last],
@@ -147,12 +148,14 @@ export class ColourBar {
     if (event.key === "Home") windowTool.reset();
     if (!way || !window) return;
     event.preventDefault();
-    windowTool.put(this.#moved(k, window[k] + way * KEY_STEPS[event.shiftKey ? 1 : 0] * (this.ends[1] - this.ends[0])));
+    windowTool.put(
+      this.#moved(k, window[k] + way * KEY_STEPS[event.shiftKey ? 1 : 0] * (this.ends[1] - this.ends[0])) as Vector2,
+    );
     windowTool.keep();
   }
 
   /** The window with one of its values moved, black below white. */
-  #moved(k: number, value: number) {
+  #moved(k: number, value: number): Vector2 {
     const { windowTool, painter } = this.editor,
       step = windowStep(painter.source?.grey?.range ?? [0, 1]);
     const [low, high] = windowTool.window ?? [0, 1],

@@ -4,7 +4,7 @@
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
-import type { RegionData } from "../types.ts";
+import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
 
@@ -108,7 +108,7 @@ export class CutBar {
     let id = nextId(made, editor.sender.nextId),
       count = 0;
     for (const place of placesAlong(region.vertices, isClosed ? CLOSED_POINTS : OPEN_POINTS, isClosed)) {
-      const source = pointTools.seenAt(place);
+      const source = pointTools.seenAt(place as Vector2);
       if (source !== null) made.push(newPoint(id++, source, place, `outline ${++count}`));
     }
     if (!pointTools.edit(made, "add")) return;
@@ -130,7 +130,7 @@ export class CutBar {
     const made = [...editor.points];
     let id = nextId(made, editor.sender.nextId);
     for (const { from, to } of pulled) {
-      const source = pointTools.seenAt(from);
+      const source = pointTools.seenAt(from as Vector2);
       if (source === null) {
         editor.hint("It is open already: drag its points to pull further", 4000);
         return;
@@ -138,7 +138,7 @@ export class CutBar {
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {
-      const source = pointTools.seenAt(place);
+      const source = pointTools.seenAt(place as Vector2);
       const isNear = editor.points.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }

@@ -11,7 +11,17 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
 import { RestingTrait } from "../sync/edits.ts";
-import type { FitSettings, LayeredFit, Model, PartData, Point, PointsDetail, Shapes } from "../types.ts";
+import type {
+  FitSettings,
+  LayeredFit,
+  Model,
+  PartData,
+  Point,
+  PointsDetail,
+  Shapes,
+  Vector2,
+  Vector4,
+} from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
@@ -524,10 +534,10 @@ export class EditorView extends EditorDrawing {
   }
 
   /** The box of all that is drawn: the picture's, and what the result's holds beyond it. */
-  get sheet() {
+  get sheet(): Vector4 {
     const { box } = this,
       beyond = this.model.get("beyond") ?? [];
-    return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
+    return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x)) as Vector4;
   }
 
   // ---- the view -----------------------------------------------------------------------------------------------------
@@ -569,12 +579,12 @@ export class EditorView extends EditorDrawing {
    * The place of the picture at a place of the view.
    * @param at CSS pixels
    */
-  placeAt([x, y]: number[]) {
+  placeAt([x, y]: Vector2): Vector2 {
     return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k];
   }
 
   /** The place of the view at a place of the picture. */
-  onView([a, b]: number[]) {
+  onView([a, b]: Vector2): Vector2 {
     return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
   }
 
@@ -900,7 +910,7 @@ export class EditorView extends EditorDrawing {
   pointsInside({ x, y, width, height }: { x: number; y: number; width: number; height: number }) {
     return this.points
       .filter(({ target }) => {
-        const [px, py] = this.onView(target);
+        const [px, py] = this.onView(target as Vector2);
         return px >= x && py >= y && px - x <= width && py - y <= height;
       })
       .map((p) => p.id);
@@ -1003,7 +1013,7 @@ export class EditorView extends EditorDrawing {
   // ---- names and help -----------------------------------------------------------------------------------------------
 
   /** Request a name beside a place of the view. */
-  promptName(text: string, placeholder: string, [x, y]: number[], naming: Naming) {
+  promptName(text: string, placeholder: string, [x, y]: Vector2, naming: Naming) {
     const {
       input,
       view: { width, height },

@@ -6,17 +6,17 @@
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
-import type { LayeredFit, Point } from "../types.ts";
+import type { LayeredFit, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, SLACK, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
 export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
 /** id: of the new point. */
-export type NodeDrag = { n: number; pointer: number; from: number[]; id: number | null; slack: number };
+export type NodeDrag = { n: number; pointer: number; from: Vector2; id: number | null; slack: number };
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
-const NODE_STEPS: Record<string, number[]> = {
+const NODE_STEPS: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
   ArrowUp: [0, -1],
@@ -276,7 +276,7 @@ export class GridNodes {
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
     const at = editor.gestures.place(event),
-      by = [at[0] - drag.from[0], at[1] - drag.from[1]];
+      by: Vector2 = [at[0] - drag.from[0], at[1] - drag.from[1]];
     if (drag.id === null) {
       if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
       const { id, points } = this.#point(this.made.places, drag.n);
@@ -337,7 +337,7 @@ export class GridNodes {
   }
 
   /** To the next node that is free, over those that are points. */
-  #walk({ columns, rows }: GridPlaces, n: number, [di, dj]: number[]) {
+  #walk({ columns, rows }: GridPlaces, n: number, [di, dj]: Vector2) {
     let i = (n % columns) + di,
       j = Math.floor(n / columns) + dj;
     for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {

@@ -3,7 +3,7 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { middleOf } from "../maths/points.ts";
-import type { Mirror } from "../types.ts";
+import type { Mirror, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
@@ -30,13 +30,13 @@ export interface MarksScene {
   gripAway?: number;
   points: { id: number; target: number[]; locked?: boolean }[];
   selected: Set<number>;
-  brush: { isOn: boolean; at?: number[] | null; radius?: number };
+  brush: { isOn: boolean; at?: Vector2 | null; radius?: number };
   pen: { isOn: boolean };
   isLocked: boolean;
   /** whether points are being dragged */
   isHolding: boolean;
   isAdding: boolean;
-  onView: (place: number[]) => number[];
+  onView: (place: Vector2) => number[];
 }
 
 /** The elements of a point, and what they show. */
@@ -104,9 +104,11 @@ export function pointLabel(p: DrawnPoint) {
 
 /** The text where the mouse rests on a point. */
 function pointTip(p: DrawnPoint, reach: number) {
-  const by = p.target.map((value, k) => value - p.source[k]);
-  const place = (at: number[]) => at.map(shownLength).join(", ");
-  const drag = by.some((value) => value !== 0) ? `dragged by ${place(by)} from ${place(p.source)}` : "not dragged";
+  const by = p.target.map((value, k) => value - p.source[k]) as Vector2;
+  const place = (at: Vector2) => at.map(shownLength).join(", ");
+  const drag = by.some((value) => value !== 0)
+    ? `dragged by ${place(by)} from ${place(p.source as Vector2)}`
+    : "not dragged";
   const state = !p.active ? "; switched off" : reach ? `; reaches ${shownLength(reach)}` : "";
   return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
@@ -284,8 +286,8 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #place(parts: HandleParts, p: P, isSelected: boolean, { k, x, y, width, height }: View, radius: number) {
-    const at = [k * p.target[0] + x, k * p.target[1] + y],
-      from = [k * p.source[0] + x, k * p.source[1] + y];
+    const at: Vector2 = [k * p.target[0] + x, k * p.target[1] + y],
+      from: Vector2 = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
     const shown = isOutside ? inside : at,
@@ -318,7 +320,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
   }
 
-  #arrow(arrow: SVGElement, from: number[], at: number[]) {
+  #arrow(arrow: SVGElement, from: Vector2, at: Vector2) {
     const dx = at[0] - from[0],
       dy = at[1] - from[1],
       length = Math.hypot(dx, dy);
@@ -453,7 +455,7 @@ export class ToolMarks {
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
     const [x, y] = onView(middleOf(chosen)),
-      ys = chosen.map((p) => onView(p.target)[1]);
+      ys = chosen.map((p) => onView(p.target as Vector2)[1]);
     const up = Math.min(...ys) - TURN_AWAY,
       down = Math.max(...ys) + TURN_AWAY;
     const end = up > 12 ? up : Math.min(view.height - 12, down);

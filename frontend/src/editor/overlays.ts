@@ -3,13 +3,13 @@
 import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
-import type { LayeredFit, Raster } from "../types.ts";
+import type { LayeredFit, Raster, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
 import type { EditorView, Folds } from "./editor.ts";
 import type { GridPlaces } from "./grid_nodes.ts";
 import type { View } from "./painter.ts";
 import { bytesOf, context2d, drawGrid } from "./painter.ts";
-export type StrainArm = { from: number[]; to: number[]; grows: boolean };
+export type StrainArm = { from: Vector2; to: Vector2; grows: boolean };
 export type UncertaintyLegend = [level: number, text: string][];
 export type FoldPieces = ReturnType<typeof foldPieces>;
 
@@ -295,7 +295,7 @@ export class Overlay {
   }
 
   /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
-  #visible() {
+  #visible(): Vector4 | null {
     const {
       view: { k, x, y, width, height },
       sheet: [a0, a1, b0, b1],
@@ -305,7 +305,7 @@ export class Overlay {
     return right > left && bottom > top ? [left, right, top, bottom] : null;
   }
 
-  #drawMap(layered: LayeredFit, known: LayeredFit, part: number[], folds: Folds, isMoving: boolean) {
+  #drawMap(layered: LayeredFit, known: LayeredFit, part: Vector4, folds: Folds, isMoving: boolean) {
     const {
         kind,
         editor: {
@@ -361,7 +361,7 @@ export class Overlay {
     this.isUsed = true;
   }
 
-  #drawArea(dets: ArrayLike<number>, raster: Raster, part: number[]) {
+  #drawArea(dets: ArrayLike<number>, raster: Raster, part: Vector4) {
     const {
         shape: [rows, columns],
       } = raster,
@@ -404,7 +404,7 @@ export class Overlay {
     image: ImageData,
     { spacing: [da, db], origin: [a0, b0] }: { spacing: number[]; origin: number[] },
     alpha: number,
-    [left, right, top, bottom]: number[],
+    [left, right, top, bottom]: Vector4,
   ) {
     const { context: c } = this,
       { k, x, y, ratio } = this.editor.view,
@@ -428,7 +428,7 @@ export class Overlay {
   }
 
   /** The uncertainty as Python has it, with a line at every level that the legend names. */
-  #drawUncertainty(part: number[]) {
+  #drawUncertainty(part: Vector4) {
     const { width, height, legend } = this.#uncertaintyFacts,
       given = this.editor.model.get("uncertainty");
     if (!given || !width || given.byteLength !== width * height) return;
@@ -464,7 +464,7 @@ export class Overlay {
 
   /** A ring around the place where the map folds most. */
   #mark(folds: Folds | null) {
-    const place = folds && folds.least <= 0 ? folds.place : null;
+    const place = folds && folds.least <= 0 ? (folds.place as Vector2) : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
     const [x, y] = this.editor.onView(place);
@@ -481,7 +481,7 @@ export class Overlay {
       air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air,
       high = this.key.offsetHeight + air;
-    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at));
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at as Vector2));
     const hidden = ([row, column]: string[]) =>
       places.filter(
         ([x, y]) => (column === "left" ? x < wide : x > width - wide) && (row === "top" ? y < high : y > height - high),

@@ -4,7 +4,7 @@ import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
 import { sampledFits } from "../maths/sampled_fit.ts";
 
-import type { LayeredFit, PictureRaster, Raster, Vector2 } from "../types.ts";
+import type { LayeredFit, PictureRaster, Raster, Vector2, Vector4 } from "../types.ts";
 
 /**
  * The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
@@ -26,7 +26,7 @@ export type Part = { x: number; y: number; width: number; height: number };
 export type Lattice = { rows: number; columns: number; a0: number; b0: number; step: number };
 export type NearRegion = { distance: (a: number, b: number) => number };
 /** p = (a - origin) * scale + shift, in pixels of a level. */
-export type LevelPlaces = { origin: number[]; scale: number[]; shift: number };
+export type LevelPlaces = { origin: Vector2; scale: Vector2; shift: number };
 
 const NO_ORIGINAL: Original = { share: 0, opacity: 0 };
 const LATTICE_PIXELS = 8; // nodes of the map while something moves: 0.06 px of error for a drag of 60 px over 400
@@ -40,7 +40,7 @@ const BUDGET_MS = 9; // for the picture of one frame; the rest of 16 ms belongs 
  * @param most the number of the last one
  * @param range the values of number 0 and of the last one
  */
-export function greyTable(most: number, [first, last]: number[], [low, high]: number[]) {
+export function greyTable(most: number, [first, last]: Vector2, [low, high]: Vector2) {
   const table = new Uint8Array(most + 1);
   for (let k = 0; k <= most; k++) {
     // Uint8Array.from takes ten times as long
@@ -112,7 +112,7 @@ export class PictureSource {
   /**
    * Show grey values from black to white of a window. The pixels are made here, once, so that warping takes no longer.
    */
-  setWindow(window: number[]) {
+  setWindow(window: Vector2) {
     if (!this.grey) return;
     const { numbers, most, range, least } = this.grey,
       table = greyTable(most, range, window);
@@ -124,7 +124,7 @@ export class PictureSource {
   }
 
   /** The grey value of the pixel at a place of the picture; null outside, and in a picture in colour. */
-  valueAt([a, b]: number[]) {
+  valueAt([a, b]: Vector2) {
     const {
       raster: {
         shape: [nv, nu],
@@ -142,7 +142,7 @@ export class PictureSource {
    * Whether a place of the picture lies in the body: not in the air around it, which reaches the rim of the picture.
    * @param air the value up to which there is air
    */
-  isBody([a, b]: number[], air: number) {
+  isBody([a, b]: Vector2, air: number) {
     const {
       raster: {
         shape: [nv, nu],
@@ -322,7 +322,7 @@ export class Painter {
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
-    const whole = this.visible(view, sheet),
+    const whole = this.visible(view, sheet as Vector4),
       isFaded = original.opacity > 0;
     if (whole.width <= 0 || whole.height <= 0) return;
     const line = Math.round(original.share * canvas.width); // left of which the original is seen
@@ -371,7 +371,7 @@ export class Painter {
   }
 
   /** The part of the canvas that a box on the picture's plane covers. */
-  visible({ k, x, y, ratio }: View, [a0, a1, b0, b1]: number[]): Part {
+  visible({ k, x, y, ratio }: View, [a0, a1, b0, b1]: Vector4): Part {
     const { width, height } = this.canvas;
     const clamp = (value: number, most: number) => Math.max(0, Math.min(most, Math.round(value * ratio)));
     const left = clamp(k * a0 + x, width),
@@ -419,7 +419,7 @@ export class Painter {
     const shrink = Math.min(size / raster.spacing[0], size / raster.spacing[1]);
     const level = Math.max(0, Math.min(8, Math.floor(Math.log2(shrink) + 0.5)));
     const part2 = 2 ** level,
-      scale = raster.spacing.map((value) => 1 / (value * part2)),
+      scale = raster.spacing.map((value) => 1 / (value * part2)) as Vector2,
       shift = 0.5 / part2 - 0.5;
     const moves: Float32Array[] = [];
     const cutFit = fit && fit.regions.length > 0 ? fit : null,
@@ -463,7 +463,7 @@ export class Painter {
   }
 
   /** The edge of what is drawn, where its own edge is as dark as what is around. */
-  drawFrame({ k, x, y, ratio }: View, [a0, a1, b0, b1]: number[]) {
+  drawFrame({ k, x, y, ratio }: View, [a0, a1, b0, b1]: Vector4) {
     const { context: c } = this;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
     c.strokeStyle = "rgba(255, 255, 255, 0.28)";
@@ -659,8 +659,8 @@ class LayerPlan {
   layered: LayeredFit;
   maps: Float32Array<ArrayBufferLike>[];
   nodes: Lattice;
-  origin: number[];
-  scale: number[];
+  origin: Vector2;
+  scale: Vector2;
   shift: number;
   softness: number;
   isMoving: boolean;
@@ -935,7 +935,7 @@ export function between(values: Float32Array, at: number, east: number, south: n
 }
 
 /** The distance of two nodes' images in the picture. */
-function wayBetween(map: Float32Array, m: number, n: number, scale: number[]) {
+function wayBetween(map: Float32Array, m: number, n: number, scale: Vector2) {
   const a = (map[2 * m] - map[2 * n]) / scale[0],
     b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
   return Math.sqrt(a * a + b * b);

@@ -15,7 +15,7 @@ import {
   turnAndShift,
   withShape,
 } from "../maths/shapes.ts";
-import type { PartData, Point, Shapes } from "../types.ts";
+import type { PartData, Point, Shapes, Vector2 } from "../types.ts";
 import type { EditorView } from "./editor.ts";
 import type { PartHandle } from "./motion_handles.ts";
 import { MotionHandles } from "./motion_handles.ts";
@@ -33,7 +33,7 @@ export type PartDrag = {
   points: Point[];
   shapes: Shapes;
   wasFine: boolean;
-  start: number[];
+  start: Vector2;
   now: PartState;
 };
 
@@ -101,7 +101,7 @@ export class PartTools {
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /** Begin a drag at a place of the view. */
-  beginDrag(handle: PartHandle, from: number[]) {
+  beginDrag(handle: PartHandle, from: Vector2) {
     const {
         editor,
         editor: { points, shapes },
@@ -125,7 +125,7 @@ export class PartTools {
    * Move, turn or shift the pivot to a place of the view, as far as the map stays free of folds.
    * @param isStepped whether a turn goes in steps
    */
-  drag(at: number[], isStepped: boolean) {
+  drag(at: Vector2, isStepped: boolean) {
     const { editor, drag0 } = this;
     if (!drag0) return;
     const { part, index, handle } = drag0,
@@ -208,14 +208,14 @@ export class PartTools {
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   /** Move the part, or its pivot, by so many pixels of the picture. */
-  nudge([dx, dy]: number[], pixels: number, handle: PartHandle = "move") {
+  nudge([dx, dy]: Vector2, pixels: number, handle: PartHandle = "move") {
     const { editor } = this,
       own = this.#own,
       [du, dv] = editor.model.get("raster").spacing;
     if (!own || editor.isLocked) return;
     const { part, index } = own,
-      by = [dx * pixels * du, dy * pixels * dv];
-    const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by)(1);
+      by: Vector2 = [dx * pixels * du, dy * pixels * dv];
+    const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by as Vector2)(1);
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
     this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
     editor.drawNow();
@@ -242,7 +242,7 @@ export class PartTools {
   }
 
   /** The part with its pivot on the way from one place to another, held to the picture. Its motion stays. */
-  #pivoting(part: PartData, from: number[], to: number[]) {
+  #pivoting(part: PartData, from: Vector2, to: Vector2) {
     const [a0, a1, b0, b1] = this.editor.sheet,
       [a, b] = placeMoved(part.motion, pivotOf(part));
     return (share: number): PartData => {
@@ -259,7 +259,7 @@ function without(points: Point[], ids: number[]) {
 }
 
 /** A part on the way from one place to another. */
-function moving(part: PartData, from: number[], to: number[]) {
+function moving(part: PartData, from: Vector2, to: Vector2) {
   const { angle, shift } = turnAndShift(part);
   return (share: number) =>
     partTurned(
@@ -270,7 +270,7 @@ function moving(part: PartData, from: number[], to: number[]) {
 }
 
 /** A part that turns about its pivot as a pointer does from one place to another. */
-function turning(part: PartData, from: number[], to: number[], isStepped: boolean) {
+function turning(part: PartData, from: Vector2, to: Vector2, isStepped: boolean) {
   const { angle, shift } = turnAndShift(part),
     [a, b] = placeMoved(part.motion, pivotOf(part));
   const [x, y] = [from[0] - a, from[1] - b],

@@ -28,14 +28,14 @@ import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
 import { placeSeen } from "../maths/warp_map.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { LayeredFit, PartData, Point, Shapes } from "../types.ts";
+import type { LayeredFit, PartData, Point, Shapes, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { pointLabel } from "./handles.ts";
 /** the places of points that a drag moves */
 export type Moved = "target" | "source" | "both";
 /** points, ids of those that turn, the centre */
-export type Turn = { points: Point[]; ids: number[]; about: number[] };
+export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
 /** a point that a rigid part does not let in */
 export type Held = { point: Point; part: PartData };
 
@@ -57,11 +57,15 @@ function allowedMove(
   const held = heldIn(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
-  const way = (p: number[], q: number[], t: number) => p.map((v, c) => v + t * (q[c] - v));
+  const way = (p: Vector2, q: Vector2, t: number) => p.map((v, c) => v + t * (q[c] - v));
   const between = (t: number) =>
     before.map((p) => {
       const { source, target } = then.get(p.id) ?? p;
-      return { ...p, source: way(p.source, source, t), target: way(p.target, target, t) };
+      return {
+        ...p,
+        source: way(p.source as Vector2, source as Vector2, t),
+        target: way(p.target as Vector2, target as Vector2, t),
+      };
     });
   let low = 0,
     high = 1;
@@ -146,7 +150,7 @@ export class PointTools {
    * @param id the point under the pointer
    * @param isLoose whether that one need not keep to the grid
    */
-  drag(ids: number[], by: number[], what: Moved, id: number, isLoose: boolean = false) {
+  drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean = false) {
     const { editor, drag0 } = this;
     if (!drag0) return;
     if (!ids.length) {
@@ -226,7 +230,7 @@ export class PointTools {
   /**
    * Move the selected points, or the one in focus, by so many pixels of the picture; without any, move the view.
    */
-  nudge(focused: number | null, [dx, dy]: number[], pixels: number, what: Moved) {
+  nudge(focused: number | null, [dx, dy]: Vector2, pixels: number, what: Moved) {
     const { editor } = this,
       ids = editor.idsAt(focused);
     if (ids.length === 0) {
@@ -254,7 +258,7 @@ export class PointTools {
   }
 
   /** The place of the original picture that is seen at a place, null in a gap. */
-  seenAt([a, b]: number[]) {
+  seenAt([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
       layered = editor.isComparing ? null : editor.layered;
     const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1];
@@ -267,11 +271,11 @@ export class PointTools {
    * @param at CSS pixels
    * @returns its id, that of a point which is there already, or null in a gap
    */
-  addAt([x, y]: number[], isLoose = false): number | null {
+  addAt([x, y]: Vector2, isLoose = false): number | null {
     const { editor } = this,
       [near] = editor.points
         .map((p) => {
-          const [px, py] = editor.onView(p.target);
+          const [px, py] = editor.onView(p.target as Vector2);
           return { id: p.id, away: Math.hypot(px - x, py - y) };
         })
         .sort((p, q) => p.away - q.away);
@@ -324,7 +328,7 @@ export class PointTools {
     const { editor } = this,
       p = editor.pointOf(id);
     if (!p || editor.isLocked) return;
-    editor.promptName(p.name, `point ${id}`, editor.onView(p.target), {
+    editor.promptName(p.name, `point ${id}`, editor.onView(p.target as Vector2), {
       take: (text) => {
         this.edit(renamedPoint(editor.points, id, text), "rename");
       },
@@ -429,7 +433,7 @@ export class PointTools {
   }
 
   /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
-  #snappedPlace([a, b]: number[]) {
+  #snappedPlace([a, b]: Vector2) {
     const { snap } = this,
       cell = this.#cell,
       [a0, a1, b0, b1] = this.editor.box;
@@ -441,7 +445,7 @@ export class PointTools {
   }
 
   /** The way that brings the point under the pointer onto a node; the others go with it. */
-  #snappedWay(id: number, way: number[], what: Moved, isLoose: boolean) {
+  #snappedWay(id: number, way: Vector2, what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap > 0)) return way;
     const [a, b] = p[what],
@@ -463,7 +467,7 @@ export class PointTools {
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
     const [pin] = chosen,
       rim = rimOf(points, pin).filter((p) => !p.locked);
-    if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target };
+    if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target as Vector2 };
     const room = points.reduce(
       (least, p) =>
         p.id === pin.id || !p.active
@@ -474,7 +478,7 @@ export class PointTools {
     const id = nextId(points, editor.sender.nextId),
       distance = Math.min(editor.brush.radius, 0.6 * room);
     const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.layered));
-    return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target };
+    return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target as Vector2 };
   }
 
   /**
@@ -524,18 +528,18 @@ export class PointTools {
   // ---- strokes of brushes -------------------------------------------------------------------------------------------
 
   /** Begin a stroke; null and a hint where none can begin. */
-  beginStroke(place: number[], radius: number, tool: string) {
+  beginStroke(place: Vector2, radius: number, tool: string) {
     const { editor, mirror } = this,
       { settings } = editor;
     if (editor.isLocked) return null;
-    const isNear = (at: number[]) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
+    const isNear = (at: Vector2) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
     const stroke = new Stroke(editor.points, place, radius, {
       tool,
       box: editor.box,
       id: nextId(editor.points, editor.sender.nextId),
       reach: typeof settings.support === "number" ? settings.support : 0,
       sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.fitOf(points) : null),
-      settle: (at) => (isNear(at) ? onAxis(mirror, at) : at),
+      settle: (at) => (isNear(at as Vector2) ? onAxis(mirror, at) : at),
     });
     if (stroke.lockedBy) {
       this.hintLocked([stroke.lockedBy.id]);

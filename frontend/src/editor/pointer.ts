@@ -2,6 +2,7 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.ts";
+import type { Vector2 } from "../types.ts";
 import { SLACK, treeOf } from "../ui/dom.ts";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
 import type { EditorView } from "./editor.ts";
@@ -16,12 +17,12 @@ export type TwoFingers = { x: number; y: number; gap: number };
 export type RightClick = { id: number | null; shape: ShapeGrip | null };
 
 /** A gesture under way: where it began, where the pointer is, and whether that has not moved yet. */
-export type Gesture = { from: number[]; at: number[]; isPress: boolean } & (
-  | { kind: "pan" | "tap" | "band"; adds: boolean; shape: ShapeGrip | null; before?: number[] }
+export type Gesture = { from: Vector2; at: Vector2; isPress: boolean } & (
+  | { kind: "pan" | "tap" | "band"; adds: boolean; shape: ShapeGrip | null; before?: Vector2 }
   | { kind: "points"; id: number; ids: number[]; what: Moved; adds: boolean; was: boolean; isNew: boolean }
   | { kind: "shape"; grip: ShapeGrip }
   | { kind: "part"; handle: PartHandle }
-  | { kind: "turn"; turn: Turn; about: number[]; start: number[]; scales: boolean }
+  | { kind: "turn"; turn: Turn; about: Vector2; start: Vector2; scales: boolean }
   | { kind: "axis"; c: number; start: number }
   | { kind: "pinch"; was: TwoFingers }
   | { kind: "window"; click: RightClick | null }
@@ -29,7 +30,7 @@ export type Gesture = { from: number[]; at: number[]; isPress: boolean } & (
   | { kind: "brush" }
 );
 
-const arrows: Record<string, number[]> = {
+const arrows: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
   ArrowUp: [0, -1],
@@ -184,7 +185,7 @@ class EditorKeys {
     return true;
   }
 
-  #axisKey(arrow: number[], pixels: number) {
+  #axisKey(arrow: Vector2, pixels: number) {
     const {
         editor,
         editor: { pointTools },
@@ -204,7 +205,7 @@ class EditorKeys {
  */
 export class Gestures {
   editor: EditorView;
-  pointers: Map<number, number[]>;
+  pointers: Map<number, Vector2>;
   gesture: Gesture | null;
   kind: string;
   isOthers: boolean;
@@ -270,7 +271,7 @@ export class Gestures {
   }
 
   /** The place of a pointer in CSS pixels of the view. */
-  place(event: MouseEvent) {
+  place(event: MouseEvent): Vector2 {
     const box = this.editor.stage.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
@@ -379,7 +380,7 @@ export class Gestures {
   /**
    * On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
    */
-  #press(event: PointerEvent, at: number[]) {
+  #press(event: PointerEvent, at: Vector2) {
     const { editor, isOthers } = this,
       isFinger = this.kind === "touch";
     if (!isOthers) editor.focusStage();
@@ -394,7 +395,7 @@ export class Gestures {
     };
   }
 
-  #grab(event: PointerEvent, { id, what }: { id: number; what: "target" | "source" }, at: number[], isNew = false) {
+  #grab(event: PointerEvent, { id, what }: { id: number; what: "target" | "source" }, at: Vector2, isNew = false) {
     const { editor } = this,
       was = editor.selected.has(id);
     const adds = editor.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
@@ -415,15 +416,15 @@ export class Gestures {
     };
   }
 
-  #grabTurn(at: number[]) {
+  #grabTurn(at: Vector2) {
     const turn = this.editor.pointTools.beginTurn();
     if (!turn) return;
     const about = this.editor.onView(turn.about),
-      start = [at[0] - about[0], at[1] - about[1]];
+      start: Vector2 = [at[0] - about[0], at[1] - about[1]];
     this.gesture = { kind: "turn", turn, about, start, from: at, at, isPress: true, scales: false };
   }
 
-  #grabAxis(at: number[]) {
+  #grabAxis(at: Vector2) {
     const { editor } = this,
       { mirror } = editor.pointTools;
     editor.marks.grip.focus({ preventScroll: true });
@@ -442,7 +443,7 @@ export class Gestures {
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
-  #grabShape(grip: ShapeGrip, at: number[]) {
+  #grabShape(grip: ShapeGrip, at: Vector2) {
     this.#focusShape(grip);
     this.gesture = grip.handle
       ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
@@ -484,7 +485,7 @@ export class Gestures {
       editor.brush.drag(at);
       return;
     }
-    const by = [at[0] - g.from[0], at[1] - g.from[1]];
+    const by: Vector2 = [at[0] - g.from[0], at[1] - g.from[1]];
     if (g.isPress && Math.hypot(by[0], by[1]) < SLACK[this.kind]) return;
     if (g.kind === "pan") editor.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
@@ -506,7 +507,7 @@ export class Gestures {
       partTools.drag(at, event.shiftKey);
     } else if (g.kind === "points") {
       if (g.isPress) pointTools.beginDrag();
-      pointTools.drag(g.ids, by, g.what, g.id, event.altKey);
+      pointTools.drag(g.ids, by as Vector2, g.what, g.id, event.altKey);
     }
     g.isPress = false;
     g.at = at;
@@ -518,7 +519,7 @@ export class Gestures {
     if (brush.isOn && !this.gesture && !brush.isByKeys) brush.hover(null);
   }
 
-  #band(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>, at: number[]) {
+  #band(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>, at: Vector2) {
     const box = {
       x: Math.min(g.from[0], at[0]),
       y: Math.min(g.from[1], at[1]),
@@ -526,7 +527,7 @@ export class Gestures {
       height: Math.abs(at[1] - g.from[1]),
     };
     this.editor.handles.showBand(box);
-    g.before ??= g.adds ? [...this.editor.selected] : [];
+    g.before ??= (g.adds ? [...this.editor.selected] : []) as Vector2;
     this.editor.select([...g.before, ...this.editor.pointsInside(box)]);
   }
 
@@ -600,12 +601,12 @@ export class Gestures {
   #startPinch() {
     const { editor, gesture: g } = this,
       was = this.#twoFingers(),
-      at = [was.x, was.y];
+      at: Vector2 = [was.x, was.y];
     editor.handles.showBand(null);
     if (g?.kind === "brush") editor.brush.lift(true);
     if (g?.kind === "window") editor.windowTool.end(true);
     if (g?.kind === "band" && g.before) editor.select(g.before); // a band that was to be two fingers
-    this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
+    this.gesture = { kind: "pinch", was, from: at, at: at as Vector2, isPress: false };
   }
 
   #twoFingers(): TwoFingers {

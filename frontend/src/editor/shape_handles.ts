@@ -15,7 +15,7 @@ import {
   shapeName,
   stopsAt,
 } from "../maths/shapes.ts";
-import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 export type Chosen = { what: ShapeKind; index: number };
@@ -27,8 +27,8 @@ export type SideKey = (a: number, b: number) => number;
 /** A shape that is being drawn: the places that are set, and the one that would come next. */
 export type Draft = {
   tool: string;
-  places: number[][];
-  next: number[] | null;
+  places: Vector2[];
+  next: Vector2 | null;
   isByKeys?: boolean;
   canClose?: boolean;
   isClosing?: boolean;
@@ -38,7 +38,7 @@ export type Draft = {
  * Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
  * its name stands.
  */
-export type ShapePaths = { line: string; far: string; tips: string; inside: string; label: number[] };
+export type ShapePaths = { line: string; far: string; tips: string; inside: string; label: Vector2 };
 
 /** The elements of a shape. */
 export interface ShapeParts
@@ -249,9 +249,9 @@ export class ShapeHandles {
     const length = Math.hypot(r - p, s - q) || 1,
       way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
     const [first, other] = [way, -way].map((share) => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)]);
-    const isSeen = ([u, v]: number[]) =>
+    const isSeen = ([u, v]: Vector2) =>
       u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
-    const [u, v] = isSeen(first) || !isSeen(other) ? first : other,
+    const [u, v] = isSeen(first as Vector2) || !isSeen(other as Vector2) ? first : other,
       angle = (Math.atan2(s - q, r - p) * 180) / Math.PI;
     setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
     return false;
@@ -298,12 +298,13 @@ export class ShapeHandles {
     const [casing, line, next, start, cursor] = this.draftParts;
     setAttributes(this.draft, { visibility: draft ? "visible" : "hidden" });
     if (!draft) return;
-    const at = draft.places.map(([a, b]) => [k * a + x, k * b + y]),
+    const on = ([a, b]: Vector2): Vector2 => [k * a + x, k * b + y];
+    const at = draft.places.map(on),
       d = shapePath(at);
     setAttributes(casing, { d });
     setAttributes(line, { d });
-    const end = draft.next ? [k * draft.next[0] + x, k * draft.next[1] + y] : null,
-      last = at[at.length - 1];
+    const end = draft.next && on(draft.next),
+      last = at.at(-1);
     const back = draft.tool === "part" && at.length > 1 ? [at[0]] : [];
     setAttributes(next, { d: end && last ? shapePath([last, end, ...back]) : "" });
     setAttributes(start, {
@@ -384,7 +385,7 @@ export function namePlace(region: RegionData, motion: Motion, view: View, reach:
 }
 
 /** The farthest that a region reaches from a place; infinity for a half plane. */
-export function farthest(region: RegionData, [a, b]: number[]) {
+export function farthest(region: RegionData, [a, b]: Vector2) {
   if (region.kind === "half_space") return Infinity;
   const places = region.kind === "mask" ? outlineOf(region).corners : region.vertices;
   return Math.max(0, ...places.map(([p, q]) => Math.hypot(p - a, q - b)));
@@ -392,7 +393,7 @@ export function farthest(region: RegionData, [a, b]: number[]) {
 
 /** The farthest that a region reaches from its middle. */
 function extentOf(region: RegionData) {
-  return farthest(region, middleOfRegion(region));
+  return farthest(region, middleOfRegion(region) as Vector2);
 }
 
 /** A motion in the picture as one of CSS pixels. */
@@ -401,34 +402,37 @@ function onScreen({ matrix: [[a, c], [b, d]], shift: [s, t] }: NonNullable<Motio
   return `matrix(${values.map((v) => v.toFixed(6)).join(" ")})`;
 }
 
-function shapePath(places: number[][], isClosed = false) {
+function shapePath(places: Vector2[], isClosed = false) {
   const texts = places.map(([x, y]) => `${x.toFixed(1)} ${y.toFixed(1)}`);
   return texts.length ? `M${texts.join("L")}${isClosed ? "Z" : ""}` : "";
 }
 
 /** A disc where a cut stops. */
-function discPath([x, y]: number[]) {
+function discPath([x, y]: Vector2) {
   return `M${(x - 3.4).toFixed(1)} ${y.toFixed(1)}a3.4 3.4 0 1 0 6.8 0a3.4 3.4 0 1 0-6.8 0Z`;
 }
 
 export function shapePaths(region: RegionData, { k, x, y, width, height }: View, reach: number): ShapePaths {
   const endless = 3 * (width + height);
-  const on = ([a, b]: number[]) => [k * a + x, k * b + y];
+  const on = ([a, b]: Vector2): Vector2 => [k * a + x, k * b + y];
   if (region.kind === "mask") return maskPaths(region, on);
   const at = cornersOf(region, reach).map(on),
     n = at.length;
-  const away = ([px, py]: number[], [qx, qy]: number[]) => {
+  const away = ([px, py]: Vector2, [qx, qy]: Vector2): Vector2 => {
     const length = Math.hypot(qx - px, qy - py) || 1;
     return [qx + (endless * (qx - px)) / length, qy + (endless * (qy - py)) / length];
   };
   const first = n > 1 ? away(at[1], at[0]) : at[0],
     last = n > 1 ? away(at[n - 2], at[n - 1]) : at[0];
   const label = at.reduce((best, p) => (p[1] < best[1] ? p : best), at[0]);
-  const name = [Math.max(6, Math.min(width - 80, label[0] + 8)), Math.max(16, Math.min(height - 8, label[1] - 8))];
+  const name: Vector2 = [
+    Math.max(6, Math.min(width - 80, label[0] + 8)),
+    Math.max(16, Math.min(height - 8, label[1] - 8)),
+  ];
   const paths = { line: shapePath(at, region.kind === "polygon"), far: "", tips: "", inside: "", label: name };
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
   if (region.kind === "line") {
-    const ends = [
+    const ends: [Vector2, Vector2][] = [
         [at[0], first],
         [at[n - 1], last],
       ],
@@ -440,7 +444,7 @@ export function shapePaths(region: RegionData, { k, x, y, width, height }: View,
     };
   }
   const [na, nb] = region.normal;
-  const back = ([px, py]: number[]) => [px - 2 * endless * na, py - 2 * endless * nb];
+  const back = ([px, py]: Vector2): Vector2 => [px - 2 * endless * na, py - 2 * endless * nb];
   const [u, v] = on(region.point),
     side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
   return {
@@ -470,16 +474,16 @@ function maskOutline(region: MaskData) {
       origin: [a0, b0],
     } = region,
     isSet = maskPixels(region);
-  const faces: number[][][] = [],
-    rows: number[][][] = [];
+  const faces: Vector2[][] = [],
+    rows: Vector2[][] = [];
   const at = (i: number, j: number) => i >= 0 && j >= 0 && i < nv && j < nu && isSet[i * nu + j] === 1;
-  const corner = (i: number, j: number) => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
+  const corner = (i: number, j: number): Vector2 => [a0 + (j - 0.5) * du, b0 + (i - 0.5) * dv];
   for (let i = 0; i <= nv; i++)
     for (let j = 0, from = -1; j <= nu; j++) {
       const is = j < nu && at(i, j) !== at(i - 1, j);
       if (is && from < 0) from = j;
       if (!is && from >= 0) {
-        faces.push([corner(i, from), corner(i, j)]);
+        faces.push([corner(i, from), corner(i, j) as Vector2]);
         from = -1;
       }
     }
@@ -488,7 +492,7 @@ function maskOutline(region: MaskData) {
       const is = i < nv && at(i, j) !== at(i, j - 1);
       if (is && from < 0) from = i;
       if (!is && from >= 0) {
-        faces.push([corner(from, j), corner(i, j)]);
+        faces.push([corner(from, j) as Vector2, corner(i, j) as Vector2]);
         from = -1;
       }
     }
@@ -496,7 +500,12 @@ function maskOutline(region: MaskData) {
     for (let j = 0, from = -1; j <= nu; j++) {
       if (at(i, j) && from < 0) from = j;
       if (!at(i, j) && from >= 0) {
-        rows.push([corner(i, from), corner(i, j), corner(i + 1, j), corner(i + 1, from)]);
+        rows.push([
+          corner(i, from) as Vector2,
+          corner(i, j) as Vector2,
+          corner(i + 1, j) as Vector2,
+          corner(i + 1, from) as Vector2,
+        ]);
         from = -1;
       }
     }
@@ -506,7 +515,7 @@ function maskOutline(region: MaskData) {
   return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
-function maskPaths(region: MaskData, on: (place: number[]) => number[]) {
+function maskPaths(region: MaskData, on: (place: Vector2) => Vector2): ShapePaths {
   const { faces, rows } = outlineOf(region);
   const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
   return {
@@ -528,8 +537,8 @@ function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: 
     endless = 3 * (width + height);
   const edges = region.kind === "polygon" ? n : n - 1;
   for (let j = 0; j < edges; j++) {
-    const p = corners[j],
-      q = corners[(j + 1) % n],
+    const p = corners[j] as Vector2,
+      q = corners[(j + 1) % n] as Vector2,
       length = Math.hypot(q[0] - p[0], q[1] - p[1]);
     if (!length) continue;
     const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
@@ -542,7 +551,7 @@ function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: 
         nb = side * ta,
         nudge = Math.min(1.5 / k, length / 4);
       const mark = sideKey((p[0] + q[0]) / 2 + nudge * na, (p[1] + q[1]) / 2 + nudge * nb) % REGION_MARKS;
-      const place = ([a, b]: number[], along: number) => [
+      const place = ([a, b]: Vector2, along: number): Vector2 => [
         k * a + x + off * na + along * ta,
         k * b + y + off * nb + along * tb,
       ];

@@ -39,7 +39,7 @@ import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
 export type PenDraft = Draft & { isSet: boolean; canClose: boolean; shown?: number };
 
 /** The lists before a drag, the region, its corner that is dragged if it is one, and where that was. */
-export type ShapeDrag = { shapes: Shapes; region: RegionData; corner: number | null; at: number[]; wasFine: boolean };
+export type ShapeDrag = { shapes: Shapes; region: RegionData; corner: number | null; at: Vector2; wasFine: boolean };
 
 const PEN_HINTS: Record<string, string> = {
   cut:
@@ -58,7 +58,7 @@ export class Pen {
   editor: EditorView;
   endedAt: number;
   draft: PenDraft | null;
-  stroke: number[][] | null;
+  stroke: Vector2[] | null;
 
   constructor(editor: EditorView) {
     this.editor = editor;
@@ -109,12 +109,12 @@ export class Pen {
   // ---- the pointer --------------------------------------------------------------------------------------------------
 
   /** CSS pixels between a place of the picture and one of the view. */
-  #gap(place: number[], at: number[]) {
+  #gap(place: Vector2, at: Vector2) {
     const [x, y] = this.editor.onView(place);
     return Math.hypot(x - at[0], y - at[1]);
   }
 
-  hover(at: number[]) {
+  hover(at: Vector2) {
     const { draft } = this;
     if (!draft) return;
     draft.next = this.editor.placeAt(at);
@@ -124,7 +124,7 @@ export class Pen {
   }
 
   /** Go on with a stroke. */
-  drag(at: number[]) {
+  drag(at: Vector2) {
     const { draft } = this,
       place = this.editor.placeAt(at);
     if (!draft) return;
@@ -137,7 +137,7 @@ export class Pen {
   }
 
   /** End a stroke or a click. */
-  up(from: number[], at: number[]) {
+  up(from: Vector2, at: Vector2) {
     const { draft, stroke, editor } = this;
     if (!draft) return;
     if (!stroke) {
@@ -152,7 +152,7 @@ export class Pen {
     draft.shown = undefined;
     const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
-    draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)];
+    draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)] as Vector2[];
     this.#count(draft);
     if (isWhole && !this.finish(isClosed)) {
       draft.places = before;
@@ -161,7 +161,7 @@ export class Pen {
     editor.invalidate();
   }
 
-  click(at: number[]) {
+  click(at: Vector2) {
     const { draft } = this;
     if (!draft) return;
     const { places } = draft,
@@ -174,7 +174,7 @@ export class Pen {
     this.#set(draft, this.editor.placeAt(at));
   }
 
-  #set(draft: PenDraft, place: number[]) {
+  #set(draft: PenDraft, place: Vector2) {
     draft.places.push(place);
     draft.isSet = true;
     this.#count(draft);
@@ -192,7 +192,7 @@ export class Pen {
    * Whether a key means something to the pen.
    * @param arrow the direction of an arrow key
    */
-  key(key: string, event: KeyboardEvent, arrow?: number[]) {
+  key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { draft, editor } = this;
     if (!draft) return false;
     if (key === "Escape") {
@@ -503,7 +503,7 @@ export class ShapeTools {
   /**
    * Move a corner, or all of the shape, by so many pixels of the picture; the middle of an edge becomes a corner.
    */
-  nudge(grip: Grip, [dx, dy]: number[], pixels: number) {
+  nudge(grip: Grip, [dx, dy]: Vector2, pixels: number) {
     const { editor } = this,
       [du, dv] = editor.model.get("raster").spacing;
     const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
@@ -521,7 +521,7 @@ export class ShapeTools {
   /**
    * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
    */
-  #wayOf(way: number[]) {
+  #wayOf(way: Vector2) {
     return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way;
   }
 
@@ -537,7 +537,7 @@ export class ShapeTools {
       region,
       corner,
       wasFine: !editor.error,
-      at: corner === null ? [0, 0] : cornersOf(region, this.reach)[corner],
+      at: (corner === null ? [0, 0] : cornersOf(region, this.reach)[corner]) as Vector2,
     };
   }
 

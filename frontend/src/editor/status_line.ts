@@ -3,6 +3,7 @@
 import { NEARLY_FOLDED } from "../maths/constants.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
+import type { Vector2 } from "../types.ts";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
@@ -53,7 +54,7 @@ export class StatusLine {
    * Show the place under the pointer, and the grey value that is seen there.
    * @param at CSS pixels of the view; null for none
    */
-  pointAt(at: number[] | null) {
+  pointAt(at: Vector2 | null) {
     const {
       editor,
       editor: {

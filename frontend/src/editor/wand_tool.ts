@@ -3,6 +3,7 @@
 // Messages to Python: wand (what, place, tolerance, rule, through). The trait "wand" has the answer: region, words, share.
 
 import { shownLength } from "../maths/numbers.ts";
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { shapePaths } from "./shape_handles.ts";
@@ -36,10 +37,10 @@ export class Wand {
   isOn = false;
 
   /** The place of the picture that was clicked. */
-  place: number[] | null = null;
+  place: Vector2 | null = null;
 
   /** The cross of the keys, in CSS pixels. */
-  at: number[] | null = null;
+  at: Vector2 | null = null;
 
   timer = 0;
 
@@ -147,7 +148,7 @@ export class Wand {
   }
 
   /** @param at CSS pixels */
-  pick(at: number[]) {
+  pick(at: Vector2) {
     const { editor } = this,
       source = editor.pointTools.seenAt(editor.placeAt(at));
     if (source === null) {
@@ -206,9 +207,9 @@ export class Wand {
    * Whether a key means something to the wand.
    * @param arrow the direction of an arrow key
    */
-  key(key: string, event: KeyboardEvent, arrow?: number[]) {
+  key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      middle = [editor.view.width / 2, editor.view.height / 2];
+      middle: Vector2 = [editor.view.width / 2, editor.view.height / 2];
     if (key === "[" || key === "]") {
       this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));
       this.#changed();

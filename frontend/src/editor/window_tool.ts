@@ -2,8 +2,8 @@
 // of the tool.
 
 import { RestingTrait } from "../sync/edits.ts";
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-
 import type { EditorView } from "./editor.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
@@ -17,17 +17,17 @@ const NO_WINDOW = "Only pictures of grey values have a window: a slice, the maxi
 const clamp = (value: number, least: number, most: number) => Math.max(least, Math.min(most, value));
 
 /** The exponent of ten of the step to which values of a range are rounded. */
-function exponent([first, last]: number[]) {
+function exponent([first, last]: Vector2) {
   return Math.floor(Math.log10((last - first) / STEPS));
 }
 
 /** The step to which the values of a window are rounded. */
-export function windowStep(range: number[]) {
+export function windowStep(range: Vector2) {
   return 10 ** exponent(range);
 }
 
 /** A value of a range, rounded as it is shown. */
-export function shownValue(value: number, range: number[]) {
+export function shownValue(value: number, range: Vector2) {
   return Number(value.toFixed(clamp(-exponent(range), 0, 20)));
 }
 
@@ -36,17 +36,17 @@ export function shownValue(value: number, range: number[]) {
  * @param window the values shown as black and white
  * @param range the smallest and the largest value of the picture
  */
-export function draggedWindow([low, high]: number[], [dx, dy]: number[], [first, last]: number[]) {
+export function draggedWindow([low, high]: Vector2, [dx, dy]: Vector2, [first, last]: Vector2): Vector2 {
   const step = windowStep([first, last]),
     whole = last - first;
   const rounded = (value: number) => Math.round(value / step) * step;
   const width = rounded(clamp((high - low) * Math.exp(dx / WIDTH_PIXELS), step, WIDEST * whole));
   const level = rounded(clamp((low + high) / 2 - (dy / LEVEL_PIXELS) * (high - low), first, last));
-  return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15)));
+  return [level - width / 2, level + width / 2].map((value) => Number(value.toPrecision(15))) as Vector2;
 }
 
 /** Such as "window 80, level 40 HU". */
-export function windowWords([low, high]: number[], range: number[], unit: string) {
+export function windowWords([low, high]: Vector2, range: Vector2, unit: string) {
   const words = `window ${shownValue(high - low, range)}, level ${shownValue((low + high) / 2, range)}`;
   return unit ? `${words} ${unit}` : words;
 }
@@ -61,10 +61,10 @@ export class WindowTool {
   isOn = false;
 
   /** The window of a drag when it began, as the trait has it. */
-  from: number[] | null = null;
+  from: Vector2 | null = null;
 
   /** The same in values. */
-  start: number[] = [0, 1];
+  start: Vector2 = [0, 1];
 
   constructor(editor: EditorView) {
     this.editor = editor;
@@ -103,12 +103,12 @@ export class WindowTool {
   get words() {
     const { window } = this,
       grey = this.#grey;
-    return grey && window ? windowWords(window, grey.range, grey.unit) : "";
+    return grey && window ? windowWords(window as Vector2, grey.range, grey.unit) : "";
   }
 
   /** Show the picture in the window, as the trait has it. */
   apply() {
-    if (this.window) this.editor.painter.source?.setWindow(this.window);
+    if (this.window) this.editor.painter.source?.setWindow(this.window as Vector2);
     this.editor.moving();
   }
 
@@ -160,11 +160,11 @@ export class WindowTool {
     }
     this.trait.close(); // what a key has set goes with the drag
     this.from = editor.model.get("window") ?? [];
-    this.start = window;
+    this.start = window as Vector2;
   }
 
   /** @param by CSS pixels since the drag began */
-  drag(by: number[]) {
+  drag(by: Vector2) {
     const grey = this.#grey;
     if (!this.from || !grey) return;
     this.#set(draggedWindow(this.start, by, grey.range));
@@ -192,7 +192,7 @@ export class WindowTool {
    * Show a window that is on its way.
    * @param window empty for the automatic one
    */
-  put(window: number[]) {
+  put(window: Vector2 | []) {
     this.editor.model.set("window", window);
     this.apply();
   }
@@ -205,7 +205,7 @@ export class WindowTool {
   }
 
   /** @param window empty for the automatic one */
-  #set(window: number[]) {
+  #set(window: Vector2 | []) {
     this.put(window);
     if (!this.isOn) this.editor.hint(this.words); // else the bar has it
   }
@@ -214,7 +214,7 @@ export class WindowTool {
    * Whether a key means something to the tool.
    * @param arrow the direction of an arrow key
    */
-  key(key: string, event: KeyboardEvent, arrow?: number[]) {
+  key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const grey = this.#grey,
       { window } = this;
     if (key === "Home") {
@@ -223,7 +223,7 @@ export class WindowTool {
     }
     if (!arrow || !grey || !window) return false;
     const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1];
-    const next = draggedWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);
+    const next = draggedWindow(window as Vector2, [pixels * arrow[0], pixels * arrow[1]], grey.range) as Vector2;
     this.#set(next);
     this.trait.sendSoon(next);
     this.editor.announce(this.words);

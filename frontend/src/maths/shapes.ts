@@ -49,7 +49,7 @@ export function shapeRecord(shape: ShapeData) {
  * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has
  * none.
  */
-export function cornersOf(region: RegionData, reach: number): number[][] {
+export function cornersOf(region: RegionData, reach: number): Vector2[] {
   if (region.kind === "half_space") {
     const [a, b] = region.point,
       [na, nb] = region.normal;
