@@ -43,7 +43,7 @@ export class DrawRate {
     Object.assign(this, { movedAt: null, last: null, spans: [], waits: [] });
     if (waits.length < FEWEST_PICTURES || spans.length === 0) return null;
     const mean = spans.reduce((sum, span) => sum + span, 0) / spans.length;
-    const middle = waits.sort((a, b) => a - b)[waits.length >> 1];
+    const middle = waits.sort((a, b) => a - b)[waits.length >> 1]!;
     return { hz: Math.round(10000 / Math.max(mean, 1)) / 10, ms: Math.round(10 * middle) / 10 };
   }
 }
@@ -125,8 +125,10 @@ export class EditorDrawing {
     this.root.dataset.theme = this.model.get("theme") || "auto";
     this.root.classList.toggle("dnb-dark", this.theme.isDark);
     const style = getComputedStyle(this.root);
-    const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map((name) => style.getPropertyValue(name).trim() || "#777");
-    this.colours = { stage, grid };
+    const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map(
+      (name) => style.getPropertyValue(name).trim() || "#777",
+    ) as [string, string];
+    this.colours = { stage, grid: grid };
     this.invalidate();
   }
 

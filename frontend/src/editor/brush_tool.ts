@@ -58,7 +58,7 @@ export class Brush {
     this.done.textContent = "Done";
     this.slider.addEventListener("input", () =>
       editor.guard(() =>
-        this.setRadius(this.#limits[0] * (this.#limits[1] / this.#limits[0]) ** (Number(this.slider.value) / 100)),
+        this.setRadius(this.#limits[0]! * (this.#limits[1]! / this.#limits[0]!) ** (Number(this.slider.value) / 100)),
       ),
     );
     this.slider.addEventListener("change", () => editor.guard(() => editor.focusStage()));
@@ -89,7 +89,7 @@ export class Brush {
   }
 
   setRadius(radius: number) {
-    const [least, most] = this.#limits;
+    const [least, most] = this.#limits as Vector2;
     this.editor.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
     clearTimeout(this.timer); // a slider moves pixel by pixel
     this.timer = setTimeout(() => this.editor.model.save_changes(), 200);
@@ -107,7 +107,7 @@ export class Brush {
     this.tool = tool;
     this.isByKeys = false;
     editor.stage.classList.add("dnb-ed-brushing");
-    editor.hint(BRUSH_HINTS[tool], 8000);
+    editor.hint(BRUSH_HINTS[tool]!, 8000);
     editor.announce(`${BRUSH_WORDS[tool]} brush: arrows move it, Enter presses and lifts it, Escape ends`);
     editor.invalidate();
   }
@@ -125,8 +125,8 @@ export class Brush {
   show() {
     this.bar.hidden = !this.isOn;
     if (!this.tool) return;
-    const [least, most] = this.#limits;
-    setText(this.title, BRUSH_WORDS[this.tool]);
+    const [least, most] = this.#limits as Vector2;
+    setText(this.title, BRUSH_WORDS[this.tool]!);
     setText(this.value, shownLength(this.radius));
     this.slider.value = String((100 * Math.log(this.radius / least)) / Math.log(most / least));
   }
@@ -191,8 +191,8 @@ export class Brush {
       return true;
     }
     if (arrow) {
-      const step = BRUSH_KEYS[event.shiftKey ? 0 : 1];
-      const [x, y] = this.at ?? middle,
+      const step = BRUSH_KEYS[event.shiftKey ? 0 : 1]!;
+      const [x, y] = (this.at ?? middle) as Vector2,
         next: Vector2 = [x + step * arrow[0], y + step * arrow[1]];
       if (this.stroke) this.drag(next);
       else this.at = next as Vector2;

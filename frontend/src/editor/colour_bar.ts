@@ -74,15 +74,15 @@ export class ColourBar {
     this.root.hidden = !isShown || height < LEAST_HEIGHT;
     if (this.root.hidden || !grey || !window) return;
     if (held === null) this.ends = this.#endsFor(window as Vector2, grey.window);
-    const [first, last] = this.ends,
+    const [first, last] = this.ends as Vector2,
       key = JSON.stringify([window, this.ends, [...painter.colours.slice(100, 102)]]);
     if (key !== this.drawn) this.#draw(window as Vector2);
     this.drawn = key;
     this.root.style.height = `${Math.min(240, height)}px`;
     setText(this.unit, grey.unit);
     for (const [k, handle] of this.handles.entries()) {
-      handle.style.bottom = `${(100 * (window[k] - first)) / (last - first)}%`;
-      const value = String(shownValue(window[k], grey.range));
+      handle.style.bottom = `${(100 * (window[k]! - first)) / (last - first)}%`;
+      const value = String(shownValue(window[k]!, grey.range));
       setText(handle, value);
       setAttributes(handle, {
         "aria-valuenow": value,
@@ -110,9 +110,9 @@ export class ColourBar {
     const image = context.createImageData(1, ROWS),
       pixels = new Uint32Array(image.data.buffer);
     for (let row = 0; row < ROWS; row++) {
-      const value = last + ((first - last) * (row + 0.5)) / ROWS,
+      const value = last! + ((first! - last!) * (row + 0.5)) / ROWS,
         share = Math.max(0, Math.min(1, (value - low) / (high - low)));
-      pixels[row] = colours[Math.floor(255 * share + 0.5)];
+      pixels[row] = colours[Math.floor(255 * share + 0.5)]!;
     }
     context.putImageData(image, 0, 0);
   }
@@ -121,13 +121,13 @@ export class ColourBar {
     event.stopPropagation();
     if (event.button !== 0) return;
     this.held = k;
-    this.handles[k].setPointerCapture(event.pointerId);
+    this.handles[k]!.setPointerCapture(event.pointerId);
   }
 
   #drag(event: PointerEvent) {
     if (this.held === null) return;
     const { top, height } = this.canvas.getBoundingClientRect(),
-      [first, last] = this.ends;
+      [first, last] = this.ends as Vector2;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
     this.editor.windowTool.put(this.#moved(this.held, last + (first - last) * share));
   }
@@ -149,7 +149,10 @@ export class ColourBar {
     if (!way || !window) return;
     event.preventDefault();
     windowTool.put(
-      this.#moved(k, window[k] + way * KEY_STEPS[event.shiftKey ? 1 : 0] * (this.ends[1] - this.ends[0])) as Vector2,
+      this.#moved(
+        k,
+        window[k]! + way * KEY_STEPS[event.shiftKey ? 1 : 0]! * (this.ends[1]! - this.ends[0]!),
+      ) as Vector2,
     );
     windowTool.keep();
   }
@@ -158,7 +161,7 @@ export class ColourBar {
   #moved(k: number, value: number): Vector2 {
     const { windowTool, painter } = this.editor,
       step = windowStep(painter.source?.grey?.range ?? [0, 1]);
-    const [low, high] = windowTool.window ?? [0, 1],
+    const [low, high] = (windowTool.window ?? [0, 1]) as Vector2,
       rounded = Number((Math.round(value / step) * step).toPrecision(15));
     return k === 0 ? [Math.min(rounded, high - step), high] : [low, Math.max(rounded, low + step)];
   }

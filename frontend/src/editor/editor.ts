@@ -85,7 +85,7 @@ const COMMANDS: Record<string, (editor: EditorView, ids: number[]) => void> = {
   select: (editor) => editor.setSelecting(!editor.isSelecting),
   remove: (editor, ids) => editor.pointTools.remove(ids),
   rename: (editor, ids) => {
-    if (ids.length === 1) editor.pointTools.rename(ids[0]);
+    if (ids.length === 1) editor.pointTools.rename(ids[0]!);
   },
   switch: (editor, ids) => editor.pointTools.switch(ids),
   reset: (editor, ids) => editor.pointTools.reset(ids),
@@ -491,7 +491,7 @@ export class EditorView extends EditorDrawing {
    * @param at CSS pixels
    */
   fitAt([x]: number[]) {
-    return this.isOriginal || x < this.original.share * this.view.width ? null : this.layered;
+    return this.isOriginal || x! < this.original.share * this.view.width ? null : this.layered;
   }
 
   get isWaiting() {
@@ -625,7 +625,7 @@ export class EditorView extends EditorDrawing {
       v = this.view,
       k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
-    Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
+    Object.assign(v, { k, x: v.width / 2 - k * p.target[0]!, y: v.height / 2 - k * p.target[1]! });
     this.#keepInView();
     this.moving();
     this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight
@@ -836,7 +836,7 @@ export class EditorView extends EditorDrawing {
   #reach() {
     const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
     if (!fit) return 0;
-    const { order } = RBF_KERNELS[fit.kernel]; // with cuts, every region has its own reach: this is the first one's
+    const { order } = RBF_KERNELS[fit.kernel]!; // with cuts, every region has its own reach: this is the first one's
     return order >= 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
   }
 
@@ -1064,7 +1064,7 @@ function tissueTest(layered: LayeredFit, source: PictureSource, air: number) {
     } = source.raster,
     steps = [-2, 0, 2];
   return (a: number, b: number) => {
-    const [da, db] = placeOf(layered, a, b, du);
+    const [da, db] = placeOf(layered, a, b, du) as Vector2;
     return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
   };
 }

@@ -4,7 +4,7 @@ import { NEARLY_FOLDED } from "../maths/constants.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
 
-import type { Point, Shapes } from "../types.ts";
+import type { Point, Shapes, Vector2 } from "../types.ts";
 import type { EditorView } from "./editor.ts";
 /** what a map is fitted to */
 export type MapState = { points: Point[]; shapes: Shapes };
@@ -39,7 +39,7 @@ export class FoldStop {
     const { editor } = this;
     try {
       const layered = editor.fitOf(points, shapes);
-      const [few, many] = HOLD_NODES;
+      const [few, many] = HOLD_NODES as Vector2;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
       return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4), editor.tissueTest(layered)).least;
     } catch (error) {

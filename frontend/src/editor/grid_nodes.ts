@@ -7,7 +7,7 @@
 import { newPoint, nextId } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
 import type { LayeredFit, Point, Vector2 } from "../types.ts";
-import { OWN_KEYS, SLACK, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
 export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
@@ -107,7 +107,7 @@ export class GridNodes {
   shown(points: Point[]) {
     const { strength } = this.editor;
     if (strength === 1 || !this.isOn) return points;
-    return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
+    return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k]! - value)) }));
   }
 
   get advice() {
@@ -155,9 +155,9 @@ export class GridNodes {
       const node = this.nodes[n] ?? this.#make(n);
       const isFree = isSeen[n] === 1 && !held.has(n),
         kind = this.drag?.n === n ? "hand" : isFree ? "" : "gone";
-      const at = [k * target[2 * n] + x, k * target[2 * n + 1] + y];
+      const at = [k * target[2 * n]! + x, k * target[2 * n + 1]! + y];
       setAttributes(node.root, {
-        transform: `translate(${at[0].toFixed(2)} ${at[1].toFixed(2)})`,
+        transform: `translate(${at[0]!.toFixed(2)} ${at[1]!.toFixed(2)})`,
         class: kind ? `dnb-ed-node dnb-ed-node-${kind}` : "dnb-ed-node",
         tabindex: n === this.current && isFree ? "0" : "-1",
       });
@@ -197,16 +197,16 @@ export class GridNodes {
   #held() {
     const { box, points, model } = this.editor,
       [a0, a1, b0, b1] = box;
-    const [across, down] = gridShape(box, model.get("density"));
+    const [across, down] = gridShape(box, model.get("density")) as Vector2;
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0),
       held = new Set();
     for (const {
       source: [a, b],
     } of points) {
-      const i = Math.round(((a - a0) / (a1 - a0)) * across),
-        j = Math.round(((b - b0) / (b1 - b0)) * down);
+      const i = Math.round(((a! - a0) / (a1 - a0)) * across),
+        j = Math.round(((b! - b0) / (b1 - b0)) * down);
       if (i < 0 || j < 0 || i > across || j > down) continue;
-      const away = Math.hypot(a0 + ((a1 - a0) * i) / across - a, b0 + ((b1 - b0) * j) / down - b);
+      const away = Math.hypot(a0 + ((a1 - a0) * i) / across - a!, b0 + ((b1 - b0) * j) / down - b!);
       if (away < near) held.add(i + j * (across + 1));
     }
     return held;
@@ -224,9 +224,9 @@ export class GridNodes {
   #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this,
       id = nextId(editor.points, editor.sender.nextId);
-    const from = [source[2 * n], source[2 * n + 1]],
-      at = [target[2 * n], target[2 * n + 1]];
-    const to = from.map((value, k) => value + pull * (at[k] - value));
+    const [x, y] = [source[2 * n]!, source[2 * n + 1]!],
+      from: Vector2 = [x, y];
+    const to: Vector2 = [x + pull * (target[2 * n]! - x), y + pull * (target[2 * n + 1]! - y)];
     const name = `grid ${n % columns},${Math.floor(n / columns)}`;
     return { id, points: [...editor.points, newPoint(id, from, to, name)] };
   }
@@ -256,14 +256,14 @@ export class GridNodes {
     event.preventDefault();
     if (this.drag || !this.#isFree()) return;
     this.#focusable(n);
-    this.nodes[n].root.focus({ preventScroll: true });
+    this.nodes[n]!.root.focus({ preventScroll: true });
     this.group.setPointerCapture(event.pointerId);
     this.drag = {
       n,
       pointer: event.pointerId,
       from: editor.gestures.place(event),
       id: null,
-      slack: SLACK[event.pointerType] ?? 2,
+      slack: slackOf(event.pointerType),
     };
   }
 
@@ -341,7 +341,7 @@ export class GridNodes {
     let i = (n % columns) + di,
       j = Math.floor(n / columns) + dj;
     for (; i >= 0 && j >= 0 && i < columns && j < rows; i += di, j += dj) {
-      const node = this.nodes[i + j * columns].root;
+      const node = this.nodes[i + j * columns]!.root;
       if (node.classList.contains("dnb-ed-node-gone")) continue;
       this.#focusable(i + j * columns);
       node.focus({ preventScroll: true });

@@ -36,7 +36,7 @@ export interface MarksScene {
   /** whether points are being dragged */
   isHolding: boolean;
   isAdding: boolean;
-  onView: (place: Vector2) => number[];
+  onView: (place: Vector2) => Vector2;
 }
 
 /** The elements of a point, and what they show. */
@@ -91,8 +91,8 @@ export function keepFromScrolling(event: TouchEvent) {
 
 /** The description of a point for screen readers. */
 export function pointLabel(p: DrawnPoint) {
-  const da = p.target[0] - p.source[0],
-    db = p.target[1] - p.source[1];
+  const da = p.target[0]! - p.source[0]!,
+    db = p.target[1]! - p.source[1]!;
   const moves: string[] = [];
   if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
@@ -104,7 +104,7 @@ export function pointLabel(p: DrawnPoint) {
 
 /** The text where the mouse rests on a point. */
 function pointTip(p: DrawnPoint, reach: number) {
-  const by = p.target.map((value, k) => value - p.source[k]) as Vector2;
+  const by = p.target.map((value, k) => value - p.source[k]!) as Vector2;
   const place = (at: Vector2) => at.map(shownLength).join(", ");
   const drag = by.some((value) => value !== 0)
     ? `dragged by ${place(by)} from ${place(p.source as Vector2)}`
@@ -217,7 +217,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
    */
   focusNext(ids: number[], by: number, from: number | null = null) {
     const at = from === null ? -1 : ids.indexOf(from);
-    return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]);
+    return this.focus(at < 0 ? this.stop : ids[(at + by + ids.length) % ids.length]!);
   }
 
   /** The elements of a new point. */
@@ -265,7 +265,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
       if (mark === null) part.removeAttribute("data-region");
       else part.setAttribute("data-region", String(mark));
     }
-    parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]);
+    parts.form.setAttribute("d", mark === null ? "" : REGION_FORMS[mark]!);
     parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
   }
 
@@ -286,13 +286,13 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #place(parts: HandleParts, p: P, isSelected: boolean, { k, x, y, width, height }: View, radius: number) {
-    const at: Vector2 = [k * p.target[0] + x, k * p.target[1] + y],
-      from: Vector2 = [k * p.source[0] + x, k * p.source[1] + y];
+    const at: Vector2 = [k * p.target[0]! + x, k * p.target[1]! + y],
+      from: Vector2 = [k * p.source[0]! + x, k * p.source[1]! + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
     const shown = isOutside ? inside : at,
       { target, source, arrow } = parts;
-    target.setAttribute("transform", `translate(${shown[0].toFixed(2)} ${shown[1].toFixed(2)})`);
+    target.setAttribute("transform", `translate(${shown[0]!.toFixed(2)} ${shown[1]!.toFixed(2)})`);
     source.setAttribute("transform", `translate(${from[0].toFixed(2)} ${from[1].toFixed(2)})`);
     target.classList.toggle("dnb-ed-selected", isSelected);
     for (const part of [target, source, arrow]) part.classList.toggle("dnb-ed-off", !p.active);
@@ -301,7 +301,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     target.classList.toggle("dnb-ed-outside", isOutside);
     target.setAttribute("aria-pressed", String(isSelected));
     if (isOutside) {
-      const angle = (Math.atan2(at[1] - shown[1], at[0] - shown[0]) * 180) / Math.PI;
+      const angle = (Math.atan2(at[1] - shown[1]!, at[0] - shown[0]!) * 180) / Math.PI;
       parts.beyond.setAttribute("transform", `rotate(${angle.toFixed(1)})`);
     }
     this.#label(parts, p, shown, width);
@@ -314,7 +314,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #label({ target, text }: HandleParts, p: P, [left]: number[], width: number) {
-    const isLeft = left > width - 90;
+    const isLeft = left! > width - 90;
     setAttributes(target, { "aria-label": this.words.label(p) });
     setAttributes(text, { x: isLeft ? -12 : 12, y: -8, "text-anchor": isLeft ? "end" : "start" });
     setText(text, p.name.length > 24 ? `${p.name.slice(0, 23)}\u2026` : p.name || String(p.id));
@@ -333,9 +333,9 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     const place = (along: number, across: number) =>
       `${(from[0] + u * along - v * across).toFixed(2)} ` + `${(from[1] + v * along + u * across).toFixed(2)}`;
     const line = `M ${place(5, 0)} L ${place(Math.max(5, end), 0)}`;
-    arrow.children[0].setAttribute("d", line);
-    arrow.children[1].setAttribute("d", line);
-    arrow.children[2].setAttribute(
+    arrow.children[0]!.setAttribute("d", line);
+    arrow.children[1]!.setAttribute("d", line);
+    arrow.children[2]!.setAttribute(
       "d",
       hasRoom ? `M ${place(length - 7.5, 0)} L ${place(length - 16, 4.5)} L ${place(length - 16, -4.5)} Z` : "",
     );
@@ -454,7 +454,7 @@ export class ToolMarks {
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;
     this.turn.setAttribute("visibility", isShown ? "visible" : "hidden");
     if (!isShown) return;
-    const [x, y] = onView(middleOf(chosen)),
+    const [x, y] = onView(middleOf(chosen) as Vector2),
       ys = chosen.map((p) => onView(p.target as Vector2)[1]);
     const up = Math.min(...ys) - TURN_AWAY,
       down = Math.max(...ys) + TURN_AWAY;

@@ -86,7 +86,7 @@ export class MotionHandles {
       degrees = shownLength((angle * 180) / Math.PI);
     const name = shapeName(part, "parts", index),
       extent = k * farthest(part.region, pivot);
-    const radius = Math.max(RING[0], Math.min(RING[1], extent + AROUND));
+    const radius = Math.max(RING[0]!, Math.min(RING[1]!, extent + AROUND));
     for (const circle of this.circles) {
       setAttributes(circle, { cx: u.toFixed(1), cy: v.toFixed(1), r: radius.toFixed(1) });
     }

@@ -25,13 +25,13 @@ function strainArms(layered: LayeredFit, places: GridPlaces, cell: number) {
   const arms: StrainArm[] = [];
   for (let n = 0; n < places.isSeen.length; n++) {
     for (const m of [0, 1]) {
-      const strain = strains.stretch[2 * n + m] - 1,
+      const strain = strains.stretch[2 * n + m]! - 1,
         half = (gain * Math.abs(strain) * cell) / 2;
       if (!(half > 0.01 * cell)) continue;
-      const angle = strains.angle[n] + (m * Math.PI) / 2,
+      const angle = strains.angle[n]! + (m * Math.PI) / 2,
         da = half * Math.cos(angle),
         db = half * Math.sin(angle);
-      const [a, b] = [places.target[2 * n], places.target[2 * n + 1]];
+      const [a, b] = [places.target[2 * n]!, places.target[2 * n + 1]!];
       arms.push({ from: [a - da, b - db], to: [a + da, b + db], grows: strain > 0 });
     }
   }
@@ -93,7 +93,7 @@ function strainKey(parent: HTMLElement, gain: number, cell: number) {
   const size = gain === 1 ? "in their own size" : `${gain > 1 ? "exaggerated" : "drawn"} \u00d7 ${gain}`;
   pageElement("div", "", parent).textContent = size;
   setAttributes(parent, {
-    "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, ` + "dashed arms pressed",
+    "aria-label": `Crosses along the principal strains, ${size}: solid arms are stretched, dashed arms pressed`,
   });
 }
 
@@ -220,7 +220,7 @@ export class Overlay {
     const menus = editor.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
     for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
-      pageElement("option", "", this.select, { value, title }).textContent = label;
+      pageElement("option", "", this.select, { value, title: title! }).textContent = label!;
     }
     this.select.addEventListener("change", () => editor.guard(() => this.choose(this.select.value)));
   }
@@ -232,14 +232,14 @@ export class Overlay {
 
   choose(kind: string) {
     this.editor.set("overlay", kind);
-    this.editor.announce(`overlay: ${OVERLAYS[kind][1]}`);
+    this.editor.announce(`overlay: ${OVERLAYS[kind]![1]}`);
   }
 
   next() {
     const names = Object.keys(OVERLAYS),
-      kind = names[(names.indexOf(this.kind) + 1) % names.length];
+      kind = names[(names.indexOf(this.kind) + 1) % names.length]!;
     this.choose(kind);
-    this.editor.hint(`${OVERLAYS[kind][0]}: ${OVERLAYS[kind][1]}`);
+    this.editor.hint(`${OVERLAYS[kind]![0]}: ${OVERLAYS[kind]![1]}`);
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -341,11 +341,11 @@ export class Overlay {
       red = new Path2D(),
       rim = new Path2D();
     for (const polygon of fill) {
-      red.moveTo(k * polygon[0] + x, k * polygon[1] + y);
+      red.moveTo(k * polygon[0]! + x, k * polygon[1]! + y);
       // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
-      for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n] + x, k * polygon[n + 1] + y);
+      for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n]! + x, k * polygon[n + 1]! + y);
     }
-    for (const [a, b, p, q] of edge) {
+    for (const [a, b, p, q] of edge as [number, number, number, number][]) {
       rim.moveTo(k * a + x, k * b + y);
       rim.lineTo(k * p + x, k * q + y);
     }
@@ -369,10 +369,10 @@ export class Overlay {
       out = image.data;
     for (let n = 0, at = 0; n < dets.length; n++, at += 4) {
       if (Number.isNaN(dets[n])) continue; // a gap has no area
-      const t = Math.max(-1, Math.min(1, dets[n] > 0 ? -Math.log2(dets[n]) / AREA_OCTAVES : 1));
+      const t = Math.max(-1, Math.min(1, dets[n]! > 0 ? -Math.log2(dets[n]!) / AREA_OCTAVES : 1));
       const { same } = AREA_COLOURS,
         full = t < 0 ? AREA_COLOURS.shrinks : AREA_COLOURS.grows;
-      for (let i = 0; i < 3; i++) out[at + i] = same[i] + Math.abs(t) * (full[i] - same[i]);
+      for (let i = 0; i < 3; i++) out[at + i] = same[i]! + Math.abs(t) * (full[i]! - same[i]!);
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA, part);
@@ -418,7 +418,7 @@ export class Overlay {
     c.clip();
     c.globalAlpha = alpha;
     c.imageSmoothingEnabled = true;
-    c.drawImage(this.small, k * (a0 - da / 2) + x, k * (b0 - db / 2) + y, k * da * width, k * db * height);
+    c.drawImage(this.small, k * (a0! - da! / 2) + x, k * (b0! - db! / 2) + y, k * da! * width, k * db! * height);
     c.restore();
     this.isUsed = true;
   }
@@ -438,14 +438,14 @@ export class Overlay {
     const da = (a1 - a0) / width,
       db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++)
-      image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]], 4 * n);
+      image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]!], 4 * n);
     const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
     const { context: c } = this,
       { k, x, y, ratio } = this.editor.view,
       lines = new Path2D();
     for (const [level] of legend) {
-      for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
+      for (const [u, v, p, q] of contourOf(values, [height, width], level) as [number, number, number, number][]) {
         lines.moveTo(k * (raster.origin[0] + u * da) + x, k * (raster.origin[1] + v * db) + y);
         lines.lineTo(k * (raster.origin[0] + p * da) + x, k * (raster.origin[1] + q * db) + y);
       }
@@ -497,7 +497,7 @@ export class Overlay {
     if (this.select.value !== this.kind) this.select.value = this.kind;
     if (described === this.described) return;
     this.described = described;
-    this.select.title = `What lies over the picture: ${OVERLAYS[this.kind][1]} (V)`;
+    this.select.title = `What lies over the picture: ${OVERLAYS[this.kind]![1]} (V)`;
     this.key.hidden = kind !== "area" && kind !== "uncertainty";
     this.key.classList.remove("dnb-ed-key-wide");
     this.key.replaceChildren();

@@ -4,7 +4,7 @@ import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
 import { sampledFits } from "../maths/sampled_fit.ts";
 
-import type { LayeredFit, PictureRaster, Raster, Vector2, Vector4 } from "../types.ts";
+import type { LayeredFit, PictureRaster, Raster, Vector2, Vector3, Vector4 } from "../types.ts";
 
 /**
  * The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
@@ -70,7 +70,7 @@ class GreyValues {
   }
 
   value(at: number) {
-    return this.range[0] + ((this.range[1] - this.range[0]) * this.numbers[at]) / this.most;
+    return this.range[0] + ((this.range[1] - this.range[0]) * this.numbers[at]!) / this.most;
   }
 }
 
@@ -83,7 +83,7 @@ const GREYS = Uint32Array.from({ length: 256 }, (_, g) => OPAQUE | (g * 0x010101
  */
 export function colourTable(colours: ArrayLike<number> | null | undefined) {
   if (colours?.length !== 768) return GREYS;
-  return GREYS.map((_, g) => OPAQUE | (colours[3 * g + 2] << 16) | (colours[3 * g + 1] << 8) | colours[3 * g]);
+  return GREYS.map((_, g) => OPAQUE | (colours[3 * g + 2]! << 16) | (colours[3 * g + 1]! << 8) | colours[3 * g]!);
 }
 
 /** The pixels of a picture, at as many sizes as are looked at. */
@@ -118,9 +118,9 @@ export class PictureSource {
       table = greyTable(most, range, window);
     const [height, width] = this.raster.shape,
       pixels = new Uint8Array(numbers.length);
-    for (let k = 0; k < pixels.length; k++) pixels[k] = table[numbers[k]];
+    for (let k = 0; k < pixels.length; k++) pixels[k] = table[numbers[k]!]!;
     this.levels = [{ pixels, width, height }];
-    this.fill = table[least];
+    this.fill = table[least]!;
   }
 
   /** The grey value of the pixel at a place of the picture; null outside, and in a picture in colour. */
@@ -201,7 +201,7 @@ export class PictureSource {
 
   /** The picture averaged to half its size, `level` times: a picture seen from far must not shimmer. */
   level(level: number) {
-    while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1], this.channels));
+    while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1]!, this.channels));
     return this.levels[level];
   }
 }
@@ -224,7 +224,7 @@ export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
   if (channels > 2) return new PictureSource(rgba, raster);
   const numbers = new (channels === 1 ? Uint8Array : Uint16Array)(width * height);
   for (let k = 0; k < numbers.length; k++)
-    numbers[k] = channels === 1 ? rgba[4 * k] : 256 * rgba[4 * k] + rgba[4 * k + 1];
+    numbers[k] = channels === 1 ? rgba[4 * k]! : 256 * rgba[4 * k]! + rgba[4 * k + 1]!;
   return new PictureSource(new GreyValues(numbers, raster), raster);
 }
 
@@ -253,7 +253,8 @@ export function halved({ pixels, width, height }: Level, channels: number): Leve
         right = Math.min(2 * x + 1, width - 1);
       for (let c = 0; c < channels; c++) {
         const at = (row: number, column: number) => pixels[(row + column) * channels + c];
-        out[(y * w + x) * channels + c] = (at(up, left) + at(up, right) + at(down, left) + at(down, right) + 2) >> 2;
+        out[(y * w + x) * channels + c] =
+          (at(up, left)! + at(up, right)! + at(down, left)! + at(down, right)! + 2) >> 2;
       }
     }
   }
@@ -425,8 +426,8 @@ export class Painter {
     const cutFit = fit && fit.regions.length > 0 ? fit : null,
       count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
-      if (!(this.maps[m]?.length >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
-      const map = this.maps[m],
+      if (!(this.maps[m]?.length! >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
+      const map = this.maps[m]!,
         one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);
       else map.fill(0, 0, rows * columns * 2);
@@ -435,13 +436,13 @@ export class Painter {
       for (let i = 0, n = 0; i < rows; i++) {
         const b = b0 + i * lattice * size - raster.origin[1];
         for (let j = 0; j < columns; j++, n += 2) {
-          map[n] = (a0 + j * lattice * size - raster.origin[0] + map[n]) * scale[0] + shift;
-          map[n + 1] = (b + map[n + 1]) * scale[1] + shift;
+          map[n] = (a0 + j * lattice * size - raster.origin[0] + map[n]!) * scale[0] + shift;
+          map[n + 1] = (b + map[n + 1]!) * scale[1] + shift;
         }
       }
     }
     if (isMoving && fit) this.sampled = sampledFits(fit, nodes, moves);
-    const pixels = source.level(level),
+    const pixels = source.level(level)!,
       { channels, fill } = source,
       rim = 0.5 / part2;
     const out = new Uint32Array(this.image.data.buffer);
@@ -490,7 +491,7 @@ export function drawGrid(
   const edges = lines.filter((line) => line.isEdge).flatMap((line) => line.runs);
   const inner = lines.filter((line) => !line.isEdge).flatMap((line) => line.runs);
   const isLevel = (run: ArrayLike<number>) =>
-    Math.abs(run[run.length - 2] - run[0]) > Math.abs(run[run.length - 1] - run[1]);
+    Math.abs(run[run.length - 2]! - run[0]!) > Math.abs(run[run.length - 1]! - run[1]!);
   const level = inner.filter(isLevel),
     upright = inner.filter((run) => !isLevel(run));
   const stroke = (runs: ArrayLike<number>[], width: number, style: string, dx: number = 0, dy: number = 0) => {
@@ -498,8 +499,8 @@ export function drawGrid(
     c.lineWidth = width;
     c.beginPath();
     for (const run of runs) {
-      c.moveTo(k * run[0] + x + dx, k * run[1] + y + dy);
-      for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j] + x + dx, k * run[j + 1] + y + dy);
+      c.moveTo(k * run[0]! + x + dx, k * run[1]! + y + dy);
+      for (let j = 2; j < run.length; j += 2) c.lineTo(k * run[j]! + x + dx, k * run[j + 1]! + y + dy);
     }
     c.stroke();
   };
@@ -543,7 +544,7 @@ const lookUpGrey: LookUp = (
   rim,
   colours = GREYS,
 ) => {
-  const empty = colours[fill],
+  const empty = colours[fill]!,
     right = width - 1,
     bottom = height - 1;
   for (let y = 0; y < h; y++) {
@@ -557,16 +558,16 @@ const lookUpGrey: LookUp = (
         m = down + 2 * j,
         last = Math.min(w, x + lattice),
         full = lattice;
-      const layer = plan ? plan[i * columns + j] : 0;
+      const layer = plan ? plan[i * columns + j]! : 0;
       if (layer < 0) {
         x = last;
         continue;
       }
-      const map = maps[layer];
-      let u = map[n] + f * (map[m] - map[n]),
-        v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
-      const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / full;
-      const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / full;
+      const map = maps[layer]!;
+      let u = map[n]! + f * (map[m]! - map[n]!),
+        v = map[n + 1]! + f * (map[m + 1]! - map[n + 1]!);
+      const du = (map[n + 2]! + f * (map[m + 2]! - map[n + 2]!) - u) / full;
+      const dv = (map[n + 3]! + f * (map[m + 3]! - map[n + 3]!) - v) / full;
       for (; x < last; x++, u += du, v += dv) {
         let p = u,
           q = v;
@@ -585,10 +586,10 @@ const lookUpGrey: LookUp = (
           at = qi * width + pi;
         const east = pi < right ? 1 : 0,
           south = qi < bottom ? width : 0;
-        const top = pixels[at] + s * (pixels[at + east] - pixels[at]),
+        const top = pixels[at]! + s * (pixels[at + east]! - pixels[at]!),
           low = at + south;
-        const g = (top + t * (pixels[low] + s * (pixels[low + east] - pixels[low]) - top) + 0.5) | 0;
-        out[line + x] = colours[g];
+        const g = (top + t * (pixels[low]! + s * (pixels[low + east]! - pixels[low]!) - top) + 0.5) | 0;
+        out[line + x] = colours[g]!;
       }
     }
   }
@@ -608,16 +609,16 @@ const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels,
       const n = up + 2 * j,
         m = down + 2 * j,
         last = Math.min(w, x + lattice);
-      const layer = plan ? plan[i * columns + j] : 0;
+      const layer = plan ? plan[i * columns + j]! : 0;
       if (layer < 0) {
         x = last;
         continue;
       }
-      const map = maps[layer];
-      let u = map[n] + f * (map[m] - map[n]),
-        v = map[n + 1] + f * (map[m + 1] - map[n + 1]);
-      const du = (map[n + 2] + f * (map[m + 2] - map[n + 2]) - u) / lattice;
-      const dv = (map[n + 3] + f * (map[m + 3] - map[n + 3]) - v) / lattice;
+      const map = maps[layer]!;
+      let u = map[n]! + f * (map[m]! - map[n]!),
+        v = map[n + 1]! + f * (map[m + 1]! - map[n + 1]!);
+      const du = (map[n + 2]! + f * (map[m + 2]! - map[n + 2]!) - u) / lattice;
+      const dv = (map[n + 3]! + f * (map[m + 3]! - map[n + 3]!) - v) / lattice;
       for (; x < last; x++, u += du, v += dv) {
         if (!(u >= -rim && v >= -rim && u < right + rim && v < bottom + rim)) {
           out[line + x] = empty;
@@ -634,8 +635,8 @@ const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels,
           low = at + (qi < bottom ? 4 * width : 0);
         let colour = OPAQUE;
         for (let c = 0; c < 3; c++) {
-          const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);
-          const bed = pixels[low + c] + s * (pixels[low + east + c] - pixels[low + c]);
+          const top = pixels[at + c]! + s * (pixels[at + east + c]! - pixels[at + c]!);
+          const bed = pixels[low + c]! + s * (pixels[low + east + c]! - pixels[low + c]!);
           colour |= ((top + t * (bed - top) + 0.5) | 0) << (8 * c);
         }
         out[line + x] = colour;
@@ -727,7 +728,7 @@ class LayerPlan {
     ) => {
       for (let i = 0, at = 0; i < rows; i++) {
         for (let j = 0; j < columns; j++, at++) {
-          const before = j ? values[at - 1] : i ? values[at - columns] : 0,
+          const before = j ? values[at - 1]! : i ? values[at - columns]! : 0,
             from = j ? at - 1 : at - columns;
           const left = Math.abs(before) - (at ? way(from, at) : 0);
           values[at] = left > enough ? (before < 0 ? -left : left) : exact(at, i, j);
@@ -736,16 +737,16 @@ class LayerPlan {
     };
     for (const [k, { distance }] of regions.entries()) {
       fill(
-        this.here[k],
+        this.here[k]!,
         (_, i, j) => distance(a0 + j * step, b0 + i * step),
         () => step,
       );
     }
     for (const [k, { key }] of fits.entries()) {
-      const map = maps[k];
+      const map = maps[k]!;
       fill(
-        this.depths[k],
-        (at) => marginOf(regions, key, this.#a(map[2 * at]), this.#b(map[2 * at + 1])),
+        this.depths[k]!,
+        (at) => marginOf(regions, key, this.#a(map[2 * at]!), this.#b(map[2 * at + 1]!)),
         (m, at) => wayBetween(map, m, at, scale),
       );
     }
@@ -775,12 +776,12 @@ class LayerPlan {
     let key = 0,
       isOne = true;
     for (let k = 0; k < here.length && isOne; k++) {
-      const d = here[k],
-        least = Math.min(d[p], d[q], d[r], d[s]);
-      if (least < -reach && Math.max(d[p], d[q], d[r], d[s]) < -reach) key |= 1 << k;
+      const d = here[k]!,
+        least = Math.min(d[p]!, d[q]!, d[r]!, d[s]!);
+      if (least < -reach && Math.max(d[p]!, d[q]!, d[r]!, d[s]!) < -reach) key |= 1 << k;
       else isOne = least > reach;
     }
-    const own = isOne ? (this.fitOf[key] < 0 ? still : this.fitOf[key]) : LAYER_MIXED;
+    const own = isOne ? (this.fitOf[key]! < 0 ? still : this.fitOf[key]!) : LAYER_MIXED;
     if (layered.rule === "paper") {
       if (own === still || own === LAYER_MIXED) return own;
       const cover = this.#coverage(own, p, q, r, s, half);
@@ -802,11 +803,11 @@ class LayerPlan {
 
   /** 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0. */
   #coverage(k: number, p: number, q: number, r: number, s: number, half: number) {
-    const map = this.maps[k],
-      d = this.depths[k],
+    const map = this.maps[k]!,
+      d = this.depths[k]!,
       { scale } = this;
-    const least = Math.min(d[p], d[q], d[r], d[s]),
-      most = Math.max(d[p], d[q], d[r], d[s]);
+    const least = Math.min(d[p]!, d[q]!, d[r]!, d[s]!),
+      most = Math.max(d[p]!, d[q]!, d[r]!, d[s]!);
     if (least < half && most > -half) return 0;
     const reach =
       half +
@@ -839,7 +840,7 @@ class LayerPlan {
     const corners = [i, Math.min(i + 1, rows - 1)].flatMap((y) => [y * columns + j, y * columns + right]);
     for (const map of maps.slice(0, this.layered.fits.length)) {
       for (const c of corners) {
-        radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]) - a, this.#b(map[2 * c + 1]) - b));
+        radius = Math.max(radius, Math.hypot(this.#a(map[2 * c]!) - a, this.#b(map[2 * c + 1]!) - b));
       }
     }
     return regions.map((region) => ({ distance: region.near(a, b, radius) }));
@@ -868,30 +869,31 @@ class LayerPlan {
       sum = 0,
       best = 0;
     for (let k = 0; k < here.length; k++) {
-      const value = between(here[k], cell, e, d, s, t);
+      const value = between(here[k]!, cell, e, d, s, t);
       if (value < 0) key |= 1 << k;
       inside = Math.min(inside, Math.abs(value));
     }
-    const own = this.fitOf[key];
-    for (let k = 0; k < depths.length; k++) sum += covers[k] = coverage(between(depths[k], cell, e, d, s, t), softness);
+    const own = this.fitOf[key]!;
+    for (let k = 0; k < depths.length; k++)
+      sum += covers[k] = coverage(between(depths[k]!, cell, e, d, s, t), softness);
     let k = own;
     if (layered.rule === "paper") {
-      out[2] = own < 0 ? 1 : Math.min(1, covers[own] / coverage(inside, softness));
+      out[2] = own < 0 ? 1 : Math.min(1, covers[own]! / coverage(inside, softness));
     } else {
       if (layered.hasRest) still = own < 0 ? coverage(inside, softness) : 1 - coverage(inside, softness);
       else still = 0;
-      best = own < 0 ? still : covers[own];
+      best = own < 0 ? still : covers[own]!;
       if (best < 0.5) {
         for (let n = 0; n < covers.length && n < depths.length; n++)
-          if (covers[n] > best) {
-            best = covers[n];
+          if (covers[n]! > best) {
+            best = covers[n]!;
             k = n;
           }
         if (still > best) k = -1;
       }
       out[2] = Math.min(1, sum + still);
     }
-    const map = this.maps[k < 0 ? this.still : k];
+    const map = this.maps[k < 0 ? this.still : k]!;
     out[0] = between(map, 2 * cell, 2 * e, 2 * d, s, t);
     out[1] = between(map, 2 * cell + 1, 2 * e, 2 * d, s, t);
   }
@@ -907,37 +909,42 @@ class LayerPlan {
     const east = j < columns - 1 ? 2 : 0,
       south = i < rows - 1 ? 2 * columns : 0;
     for (let k = 0; k < layered.fits.length; k++) {
-      for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k], 2 * cell + c, east, south, s, t);
+      for (let c = 0; c < 2; c++) work.pixels[2 * k + c] = between(maps[k]!, 2 * cell + c, east, south, s, t);
       moves[k] ??= [0, 0];
-      moves[k][0] = this.#a(work.pixels[2 * k]) - a;
-      moves[k][1] = this.#b(work.pixels[2 * k + 1]) - b;
+      moves[k]![0] = this.#a(work.pixels[2 * k]!) - a;
+      moves[k]![1] = this.#b(work.pixels[2 * k + 1]!) - b;
     }
-    const [, , opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out);
+    const [, , opacity, k] = chosenPlace(layered, this.#regionsAt(cell), a, b, this.move, this.softness, work.out) as [
+      number,
+      number,
+      number,
+      number,
+    ];
     out[2] = opacity;
     if (k < 0) {
       out[0] = (a - this.origin[0]) * this.scale[0] + this.shift;
       out[1] = (b - this.origin[1]) * this.scale[1] + this.shift;
     } else {
-      out[0] = work.pixels[2 * k];
-      out[1] = work.pixels[2 * k + 1];
+      out[0] = work.pixels[2 * k]!;
+      out[1] = work.pixels[2 * k + 1]!;
     }
   }
 
-  move = (k: number) => this.moves[k];
+  move = (k: number) => this.moves[k]!;
 }
 
 /** Bilinear between four nodes. */
 export function between(values: Float32Array, at: number, east: number, south: number, s: number, t: number) {
-  const p = values[at],
-    r = values[at + south],
-    top = p + s * (values[at + east] - p);
-  return top + t * (r + s * (values[at + south + east] - r) - top);
+  const p = values[at]!,
+    r = values[at + south]!,
+    top = p + s * (values[at + east]! - p);
+  return top + t * (r + s * (values[at + south + east]! - r) - top);
 }
 
 /** The distance of two nodes' images in the picture. */
 function wayBetween(map: Float32Array, m: number, n: number, scale: Vector2) {
-  const a = (map[2 * m] - map[2 * n]) / scale[0],
-    b = (map[2 * m + 1] - map[2 * n + 1]) / scale[1];
+  const a = (map[2 * m]! - map[2 * n]!) / scale[0],
+    b = (map[2 * m + 1]! - map[2 * n + 1]!) / scale[1];
   return Math.sqrt(a * a + b * b);
 }
 
@@ -966,7 +973,7 @@ function lookUpLayers(
     seen = [0, 0, 1],
     right = width - 1,
     bottom = height - 1;
-  const empty = OPAQUE | (paper[2] << 16) | (paper[1] << 8) | paper[0];
+  const empty = OPAQUE | (paper[2]! << 16) | (paper[1]! << 8) | paper[0]!;
   for (let y = 0; y < h; y++) {
     const i = Math.min(Math.floor(y / lattice), Math.max(0, Math.floor((h - 2) / lattice))),
       t = y / lattice - i;
@@ -974,7 +981,7 @@ function lookUpLayers(
       const last = Math.min(w, x + lattice),
         cell = i * columns + j,
         first = x;
-      if (plan[cell] >= 0) {
+      if (plan[cell]! >= 0) {
         x = last;
         continue;
       }
@@ -985,7 +992,7 @@ function lookUpLayers(
       }
       for (; x < last; x++) {
         layers.look(cell, (x - first) / lattice, t, seen);
-        const [u, v, opacity] = seen;
+        const [u, v, opacity] = seen as Vector3;
         if (opacity === 0) {
           out[y * w + x] = empty;
           continue;
@@ -1004,12 +1011,12 @@ function lookUpLayers(
           looked = 0;
         for (let c = 0; c < 3; c++) {
           if (c === 0 || channels > 1) {
-            const top = pixels[at + c] + s * (pixels[at + east + c] - pixels[at + c]);
-            const bed = pixels[low + c] + s * (pixels[low + east + c] - pixels[low + c]);
+            const top = pixels[at + c]! + s * (pixels[at + east + c]! - pixels[at + c]!);
+            const bed = pixels[low + c]! + s * (pixels[low + east + c]! - pixels[low + c]!);
             looked = isIn ? top + f * (bed - top) : fill;
           }
-          const value = channels > 1 ? looked : (colours[(looked + 0.5) | 0] >>> (8 * c)) & 255;
-          colour |= ((paper[c] + opacity * (value - paper[c]) + 0.5) | 0) << (8 * c);
+          const value = channels > 1 ? looked : (colours[(looked + 0.5) | 0]! >>> (8 * c)) & 255;
+          colour |= ((paper[c]! + opacity * (value - paper[c]!) + 0.5) | 0) << (8 * c);
         }
         out[y * w + x] = colour;
       }

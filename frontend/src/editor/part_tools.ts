@@ -141,7 +141,7 @@ export class PartTools {
       return { ...state, points: without(state.points, state.held) };
     });
     Object.assign(editor, { points: drag0.now.points, shapes: drag0.now.shapes });
-    const shown = drag0.now.shapes.parts[index];
+    const shown = drag0.now.shapes.parts[index]!;
     editor.hint(this.#words(shown, handle, drag0.now.held.length));
     this.isLive = true;
     editor.changed(true);
@@ -155,7 +155,7 @@ export class PartTools {
         index,
         now: { points, shapes },
       } = drag0;
-      editor.sender.move(points, { index, motion: shapes.parts[index].motion });
+      editor.sender.move(points, { index, motion: shapes.parts[index]!.motion });
       this.isSent = true;
     }
     this.isLive = false;
@@ -228,7 +228,7 @@ export class PartTools {
     if (!own || editor.isLocked) return;
     const { part, index } = own,
       { angle, shift } = turnAndShift(part);
-    const after = partTurned(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0] * Math.PI) / 180, shift);
+    const after = partTurned(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0]! * Math.PI) / 180, shift);
     this.#edit(part, after, index, `turn ${part.name || SHAPE_NAMES.parts}`, { join: `turn part ${index}` });
     editor.drawNow();
   }
@@ -247,7 +247,7 @@ export class PartTools {
       [a, b] = placeMoved(part.motion, pivotOf(part));
     return (share: number): PartData => {
       const at = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
-      const inside = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
+      const inside = [Math.max(a0, Math.min(a1, at[0]!)), Math.max(b0, Math.min(b1, at[1]!))];
       return { ...part, pivot: placeBefore(part.motion, inside) };
     };
   }
@@ -265,7 +265,7 @@ function moving(part: PartData, from: Vector2, to: Vector2) {
     partTurned(
       part,
       angle,
-      shift.map((value, c) => value + share * (to[c] - from[c])),
+      shift.map((value, c) => value + share * (to[c]! - from[c]!)),
     );
 }
 
@@ -275,7 +275,7 @@ function turning(part: PartData, from: Vector2, to: Vector2, isStepped: boolean)
     [a, b] = placeMoved(part.motion, pivotOf(part));
   const [x, y] = [from[0] - a, from[1] - b],
     [u, v] = [to[0] - a, to[1] - b],
-    step = (TURN_STEPS[1] * Math.PI) / 180;
+    step = (TURN_STEPS[1]! * Math.PI) / 180;
   const by = Math.atan2(x * v - y * u, x * u + y * v);
   const way = isStepped ? step * Math.round((angle + by) / step) - angle : by;
   return (share: number) => partTurned(part, angle + share * way, shift);

@@ -28,7 +28,7 @@ import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
 import { placeSeen } from "../maths/warp_map.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { LayeredFit, PartData, Point, Shapes, Vector2 } from "../types.ts";
+import type { LayeredFit, PartData, Point, Shapes, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { pointLabel } from "./handles.ts";
@@ -57,7 +57,7 @@ function allowedMove(
   const held = heldIn(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
-  const way = (p: Vector2, q: Vector2, t: number) => p.map((v, c) => v + t * (q[c] - v));
+  const way = (p: Vector2, q: Vector2, t: number) => p.map((v, c) => v + t * (q[c]! - v));
   const between = (t: number) =>
     before.map((p) => {
       const { source, target } = then.get(p.id) ?? p;
@@ -160,7 +160,7 @@ export class PointTools {
     const f = (what === "target" ? editor.gridNodes.pull : 1) / editor.view.k;
     const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose),
       lead = this.#sideOf(id);
-    this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0], t * way[1], what), lead));
+    this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0]!, t * way[1]!, what), lead));
   }
 
   /**
@@ -172,7 +172,7 @@ export class PointTools {
     const { points: wanted } = editor.foldStop.limit((share) => ({ points: make(share), shapes }));
     const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
     editor.handles.lock(held.map(({ point }) => point.id));
-    if (held.length) this.#hintHeld(held[0]);
+    if (held.length) this.#hintHeld(held[0]!);
     editor.rate.moved(performance.now());
     this.#follow(points);
   }
@@ -223,7 +223,7 @@ export class PointTools {
   }
 
   hintLocked([id]: number[]) {
-    const p = this.editor.pointOf(id);
+    const p = this.editor.pointOf(id!);
     if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
@@ -241,7 +241,7 @@ export class PointTools {
     const [du, dv] = editor.model.get("raster").spacing,
       free = this.freed(ids);
     this.change(movedPoints(editor.points, free, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
-    const p = editor.pointOf(ids[0]);
+    const p = editor.pointOf(ids[0]!);
     if (p && ids.length === 1) editor.announce(pointLabel(p));
   }
 
@@ -252,8 +252,8 @@ export class PointTools {
   #sourcesOf(layered: LayeredFit | null): (target: number[]) => number[] | null {
     const strength = this.editor.strength || 1;
     return (target) => {
-      const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : [0, 0, 1];
-      return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];
+      const [da, db, opacity] = (layered ? placeOf(layered, target[0]!, target[1]!, 1e-9) : [0, 0, 1]) as Vector3;
+      return opacity < 0.5 ? null : [target[0]! + da / strength, target[1]! + db / strength];
     };
   }
 
@@ -261,7 +261,7 @@ export class PointTools {
   seenAt([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
       layered = editor.isComparing ? null : editor.layered;
-    const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1];
+    const [da, db, opacity] = (layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1]) as Vector3;
     return opacity < 0.5 ? null : [a + da, b + db];
   }
 
@@ -409,9 +409,9 @@ export class PointTools {
     if (!mirror.on) return after;
     const seenAt = (source: number[]) =>
       holds && layered && editor.strength === 1 && !editor.isOriginal
-        ? placeSeen(layered, source, 1e-6 * near.axis)
+        ? (placeSeen(layered, source, 1e-6 * near.axis) as Vector2)
         : null;
-    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
+    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt: seenAt });
   }
 
   // ---- the grid to which targets keep -------------------------------------------------------------------------------
@@ -448,7 +448,7 @@ export class PointTools {
   #snappedWay(id: number, way: Vector2, what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap > 0)) return way;
-    const [a, b] = p[what],
+    const [a, b] = p[what] as Vector2,
       to = this.#snappedPlace([a + way[0], b + way[1]]);
     return [to[0] - a, to[1] - b];
   }
@@ -465,14 +465,14 @@ export class PointTools {
       return null;
     }
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
-    const [pin] = chosen,
+    const [pin] = chosen as [Point],
       rim = rimOf(points, pin).filter((p) => !p.locked);
     if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target as Vector2 };
     const room = points.reduce(
       (least, p) =>
         p.id === pin.id || !p.active
           ? least
-          : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1])),
+          : Math.min(least, Math.hypot(p.target[0]! - pin.target[0]!, p.target[1]! - pin.target[1]!)),
       Infinity,
     );
     const id = nextId(points, editor.sender.nextId),
@@ -521,7 +521,7 @@ export class PointTools {
       return;
     }
     if (!this.edit(lockedPoints(editor.points, ids), "lock")) return;
-    const isLocked = editor.pointOf(ids[0])?.locked;
+    const isLocked = editor.pointOf(ids[0]!)?.locked;
     editor.announce(`${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`);
   }
 
@@ -565,7 +565,7 @@ export class PointTools {
       } = editor;
     const held = parts.length ? heldPoints(points, parts, strength) : [];
     if (held.length > heldPoints(drag0, parts, strength).length) {
-      this.#hintHeld(held[held.length - 1]);
+      this.#hintHeld(held[held.length - 1]!);
       return false;
     }
     if (editor.foldStop.refuses({ points, shapes: editor.shapes }, "The brush stops before the picture folds")) {

@@ -3,7 +3,7 @@
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, TURN_CODES, TURN_WAYS, turnOfDrag, withRims } from "../maths/points.ts";
 import type { Vector2 } from "../types.ts";
-import { SLACK, treeOf } from "../ui/dom.ts";
+import { slackOf, treeOf } from "../ui/dom.ts";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
 import type { EditorView } from "./editor.ts";
 import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "./handles.ts";
@@ -154,7 +154,7 @@ class EditorKeys {
       editor.pointTools.nudge(focused?.id ?? null, arrow, event.shiftKey ? 10 : 1, isAlt ? "both" : "target");
       return true;
     }
-    const way = TURN_WAYS[isAlt ? TURN_CODES[event.code] : key];
+    const way = TURN_WAYS[isAlt ? TURN_CODES[event.code]! : key];
     if (way && !isAlt && editor.selected.size === 0 && editor.partTools.isOn) {
       editor.partTools.turnKey(way, event.shiftKey);
       return true;
@@ -486,7 +486,7 @@ export class Gestures {
       return;
     }
     const by: Vector2 = [at[0] - g.from[0], at[1] - g.from[1]];
-    if (g.isPress && Math.hypot(by[0], by[1]) < SLACK[this.kind]) return;
+    if (g.isPress && Math.hypot(by[0], by[1]) < slackOf(this.kind)) return;
     if (g.kind === "pan") editor.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
     else if (g.kind === "window") {
@@ -498,7 +498,7 @@ export class Gestures {
       const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
       g.scales = event.altKey;
       pointTools.turnTo(g.turn, angle, factor);
-    } else if (g.kind === "axis") pointTools.moveAxis(g.start + by[g.c] / editor.view.k, false);
+    } else if (g.kind === "axis") pointTools.moveAxis(g.start + by[g.c]! / editor.view.k, false);
     else if (g.kind === "shape") {
       if (g.isPress) shapeTools.beginDrag(g.grip);
       shapeTools.drag(by[0], by[1]);
@@ -606,11 +606,11 @@ export class Gestures {
     if (g?.kind === "brush") editor.brush.lift(true);
     if (g?.kind === "window") editor.windowTool.end(true);
     if (g?.kind === "band" && g.before) editor.select(g.before); // a band that was to be two fingers
-    this.gesture = { kind: "pinch", was, from: at, at: at as Vector2, isPress: false };
+    this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
   }
 
   #twoFingers(): TwoFingers {
-    const [[ax, ay], [bx, by]] = [...this.pointers.values()];
+    const [[ax, ay], [bx, by]] = [...this.pointers.values()] as [Vector2, Vector2];
     return { x: (ax + bx) / 2, y: (ay + by) / 2, gap: Math.max(10, Math.hypot(ax - bx, ay - by)) };
   }
 

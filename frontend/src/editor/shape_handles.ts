@@ -156,7 +156,7 @@ export class ShapeHandles {
     const shape = chosen ? shapes[chosen.what][chosen.index] : null;
     const isSide = chosen?.what === "parts" && shape?.region.kind === "half_space" && !isLocked;
     if (this.#placeSwap(isSide && shape ? shape : null, view, reach) && this.swap === focused) isFocusLost = true;
-    const grips = chosen && !isLocked ? gripsOf(shapes[chosen.what][chosen.index], chosen, reach) : [];
+    const grips = chosen && !isLocked ? gripsOf(shapes[chosen.what][chosen.index]!, chosen, reach) : [];
     return this.#placeGrips(grips, view, focused) || isFocusLost;
   }
 
@@ -214,7 +214,7 @@ export class ShapeHandles {
     setAttributes(parts.root, { "aria-label": label, "aria-pressed": String(isChosen) });
     setText(parts.tip, `${label}. Click to choose it`);
     const { line, far, tips, inside } = shapePaths(region, view, reach),
-      [x, y] = namePlace(region, motion, view, reach);
+      [x, y] = namePlace(region, motion, view, reach) as Vector2;
     const whole = region.kind === "half_space" ? far : line;
     setAttributes(parts.body, { transform: motion ? onScreen(motion, view) : "" });
     for (const path of [parts.fill, parts.inside]) {
@@ -245,13 +245,16 @@ export class ShapeHandles {
     if (!shape) return true;
     const [[p, q], [r, s]] = cornersOf(shape.region, reach)
       .map((place) => placeMoved(motionOf(shape), place))
-      .map(([a, b]) => [k * a + x, k * b + y]);
+      .map(([a, b]) => [k * a + x, k * b + y]) as [[number, number], [number, number]];
     const length = Math.hypot(r - p, s - q) || 1,
-      way = Math.max(length / 2 + SWAP_ROOM[0], SWAP_ROOM[1]) / length;
-    const [first, other] = [way, -way].map((share) => [(p + r) / 2 + share * (r - p), (q + s) / 2 + share * (s - q)]);
+      way = Math.max(length / 2 + SWAP_ROOM[0]!, SWAP_ROOM[1]!) / length;
+    const [first, other] = [way, -way].map((share) => [
+      (p + r) / 2 + share * (r - p),
+      (q + s) / 2 + share * (s - q),
+    ]) as [number[], number[]];
     const isSeen = ([u, v]: Vector2) =>
-      u > SWAP_ROOM[2] && v > SWAP_ROOM[2] && u < width - SWAP_ROOM[2] && v < height - SWAP_ROOM[2];
-    const [u, v] = isSeen(first as Vector2) || !isSeen(other as Vector2) ? first : other,
+      u > SWAP_ROOM[2]! && v > SWAP_ROOM[2]! && u < width - SWAP_ROOM[2]! && v < height - SWAP_ROOM[2]!;
+    const [u, v] = (isSeen(first as Vector2) || !isSeen(other as Vector2) ? first : other) as Vector2,
       angle = (Math.atan2(s - q, r - p) * 180) / Math.PI;
     setAttributes(this.swap, { transform: `translate(${u.toFixed(1)} ${v.toFixed(1)}) rotate(${angle.toFixed(1)})` });
     return false;
@@ -264,7 +267,7 @@ export class ShapeHandles {
     for (const grip of gone) grip.remove();
     grips.forEach(({ sort, number, place: [a, b], room, label, isTip }, at) => {
       setAttributes(this.grips.children[at] ?? this.#makeGrip(), {
-        transform: `translate(${(k * a + x).toFixed(2)} ${(k * b + y).toFixed(2)})`,
+        transform: `translate(${(k * a! + x).toFixed(2)} ${(k * b! + y).toFixed(2)})`,
         class: `dnb-ed-grip dnb-ed-${sort}${isTip ? " dnb-ed-tip" : ""}`,
         "data-corner": "",
         "data-middle": "",
@@ -295,7 +298,13 @@ export class ShapeHandles {
   }
 
   showDraft(draft: Draft | null, { k, x, y }: View) {
-    const [casing, line, next, start, cursor] = this.draftParts;
+    const [casing, line, next, start, cursor] = this.draftParts as [
+      SVGCircleElement | SVGPathElement,
+      SVGCircleElement | SVGPathElement,
+      SVGCircleElement | SVGPathElement,
+      SVGCircleElement | SVGPathElement,
+      SVGCircleElement | SVGPathElement,
+    ];
     setAttributes(this.draft, { visibility: draft ? "visible" : "hidden" });
     if (!draft) return;
     const on = ([a, b]: Vector2): Vector2 => [k * a + x, k * b + y];
@@ -305,7 +314,7 @@ export class ShapeHandles {
     setAttributes(line, { d });
     const end = draft.next && on(draft.next),
       last = at.at(-1);
-    const back = draft.tool === "part" && at.length > 1 ? [at[0]] : [];
+    const back = draft.tool === "part" && at.length > 1 ? at.slice(0, 1) : [];
     setAttributes(next, { d: end && last ? shapePath([last, end, ...back]) : "" });
     setAttributes(start, {
       r: draft.canClose ? 7 : 4,
@@ -354,7 +363,7 @@ function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
       };
     }),
     ...edges.map((p, i) => {
-      const q = corners[(i + 1) % n],
+      const q = corners[(i + 1) % n]!,
         place = [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2];
       return {
         sort: "middle",
@@ -381,14 +390,14 @@ export function namePlace(region: RegionData, motion: Motion, view: View, reach:
   const name = [k * a + x, k * b + y];
   return isStill(motion)
     ? at
-    : [Math.max(6, Math.min(width - 80, name[0])), Math.max(16, Math.min(height - 8, name[1]))];
+    : [Math.max(6, Math.min(width - 80, name[0]!)), Math.max(16, Math.min(height - 8, name[1]!))];
 }
 
 /** The farthest that a region reaches from a place; infinity for a half plane. */
 export function farthest(region: RegionData, [a, b]: Vector2) {
   if (region.kind === "half_space") return Infinity;
   const places = region.kind === "mask" ? outlineOf(region).corners : region.vertices;
-  return Math.max(0, ...places.map(([p, q]) => Math.hypot(p - a, q - b)));
+  return Math.max(0, ...places.map(([p, q]) => Math.hypot(p! - a, q! - b)));
 }
 
 /** The farthest that a region reaches from its middle. */
@@ -422,9 +431,9 @@ export function shapePaths(region: RegionData, { k, x, y, width, height }: View,
     const length = Math.hypot(qx - px, qy - py) || 1;
     return [qx + (endless * (qx - px)) / length, qy + (endless * (qy - py)) / length];
   };
-  const first = n > 1 ? away(at[1], at[0]) : at[0],
-    last = n > 1 ? away(at[n - 2], at[n - 1]) : at[0];
-  const label = at.reduce((best, p) => (p[1] < best[1] ? p : best), at[0]);
+  const first = n > 1 ? away(at[1]!, at[0]!) : at[0]!,
+    last = n > 1 ? away(at[n - 2]!, at[n - 1]!) : at[0]!;
+  const label = at.reduce((best, p) => (p[1] < best![1] ? p : best), at[0])!;
   const name: Vector2 = [
     Math.max(6, Math.min(width - 80, label[0] + 8)),
     Math.max(16, Math.min(height - 8, label[1] - 8)),
@@ -433,8 +442,8 @@ export function shapePaths(region: RegionData, { k, x, y, width, height }: View,
   if (region.kind === "polygon") return { ...paths, inside: paths.line };
   if (region.kind === "line") {
     const ends: [Vector2, Vector2][] = [
-        [at[0], first],
-        [at[n - 1], last],
+        [at[0]!, first],
+        [at[n - 1]!, last],
       ],
       isTip = [0, n - 1].map((k) => stopsAt(region, k) === true);
     return {
@@ -446,12 +455,12 @@ export function shapePaths(region: RegionData, { k, x, y, width, height }: View,
   const [na, nb] = region.normal;
   const back = ([px, py]: Vector2): Vector2 => [px - 2 * endless * na, py - 2 * endless * nb];
   const [u, v] = on(region.point),
-    side = [u - NAME_IN[0] * na - NAME_IN[1], v - NAME_IN[0] * nb + 4]; // in the hatched half
+    side = [u - NAME_IN[0]! * na - NAME_IN[1]!, v - NAME_IN[0]! * nb + 4]; // in the hatched half
   return {
     ...paths,
     far: shapePath([first, last]),
     inside: shapePath([first, last, back(last), back(first)], true),
-    label: [Math.max(6, Math.min(width - 80, side[0])), Math.max(16, Math.min(height - 8, side[1]))],
+    label: [Math.max(6, Math.min(width - 80, side[0]!)), Math.max(16, Math.min(height - 8, side[1]!))],
   };
 }
 
@@ -510,14 +519,14 @@ function maskOutline(region: MaskData) {
       }
     }
   const [low, high] = [Math.min, Math.max].map((most) =>
-    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]), faces[0]?.[0][c] ?? 0)),
-  );
+    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]!), faces[0]?.[0]![c] ?? 0)),
+  ) as [number[], number[]];
   return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
 
 function maskPaths(region: MaskData, on: (place: Vector2) => Vector2): ShapePaths {
   const { faces, rows } = outlineOf(region);
-  const [x, y] = faces.length ? on(faces[0][0]) : [0, 0];
+  const [x, y] = faces.length ? on(faces[0]![0]!) : [0, 0];
   return {
     line: faces.map((face) => shapePath(face.map(on))).join(""),
     far: "",

@@ -82,9 +82,9 @@ export class Pen {
     this.stroke = null;
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
     editor.stage.classList.add("dnb-ed-drawing");
-    editor.hint(PEN_HINTS[tool], 12000);
+    editor.hint(PEN_HINTS[tool]!, 12000);
     editor.announce(
-      `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, ` + "Escape gives up",
+      `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape gives up`,
     );
     editor.invalidate();
   }
@@ -119,7 +119,7 @@ export class Pen {
     if (!draft) return;
     draft.next = this.editor.placeAt(at);
     draft.isByKeys = false;
-    draft.isClosing = draft.canClose && this.#gap(draft.places[0], at) < CLOSE_BY;
+    draft.isClosing = draft.canClose && this.#gap(draft.places[0]!, at) < CLOSE_BY;
     this.editor.invalidate();
   }
 
@@ -148,7 +148,7 @@ export class Pen {
     const before = draft.places.slice(0, draft.shown),
       isWhole = before.length === 0;
     const all = [editor.placeAt(from), ...stroke],
-      isNear = this.#gap(all[0], at) < 2 * CLOSE_BY;
+      isNear = this.#gap(all[0]!, at) < 2 * CLOSE_BY;
     draft.shown = undefined;
     const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
@@ -166,7 +166,7 @@ export class Pen {
     if (!draft) return;
     const { places } = draft,
       last = places[places.length - 1];
-    if (draft.canClose && this.#gap(places[0], at) < CLOSE_BY) {
+    if (draft.canClose && this.#gap(places[0]!, at) < CLOSE_BY) {
       this.finish(true);
       return;
     }
@@ -206,10 +206,10 @@ export class Pen {
       return true;
     }
     if (arrow) {
-      const step = PEN_STEPS[event.shiftKey ? 0 : 1] / editor.view.k;
+      const step = PEN_STEPS[event.shiftKey ? 0 : 1]! / editor.view.k;
       const middle = editor.placeAt([editor.view.width / 2, editor.view.height / 2]);
       const from = draft.next ?? draft.places[draft.places.length - 1] ?? middle;
-      const next = from.map((v, c) => v + step * arrow[c]);
+      const next = from.map((v, c) => v + step * arrow[c]!);
       Object.assign(draft, { next, isByKeys: true, isSet: false });
       editor.announce(`pen at ${next.map(shownLength).join(", ")}`);
       editor.invalidate();
@@ -237,7 +237,7 @@ export class Pen {
     }
     const region: RegionData =
       tool === "fixed"
-        ? fixedSideThrough(places[0], places[1], movedPlace(editor))
+        ? fixedSideThrough(places[0]!, places[1]!, movedPlace(editor))
         : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
     const fault = regionFault(region);
     if (fault) {
@@ -253,8 +253,8 @@ export class Pen {
 /** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
 function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: number[] }) {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
-  if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
-  return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c], 0) / dragged.length);
+  if (!dragged.length) return [(a0! + a1!) / 2, (b0! + b1!) / 2];
+  return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c]!, 0) / dragged.length);
 }
 
 /**
@@ -341,7 +341,7 @@ export class ShapeTools {
   /** The mark of a point: that of the region in which its source lies; null where no cut parts the picture. */
   markOf({ source: [a, b] }: Point) {
     const regions = this.editor.layered?.regions ?? [];
-    return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
+    return regions.length ? sidesKey(regions, a!, b!) % REGION_MARKS : null;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
@@ -385,7 +385,7 @@ export class ShapeTools {
   }
 
   add(what: ShapeKind, region: RegionData, name = "") {
-    const [shape] = cleanShapes([{ region, name }], what);
+    const shape = cleanShapes([{ region, name }], what)[0]!;
     if (this.edit(what, [...this.editor.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
     else this.editor.focusStage();
   }
@@ -397,7 +397,7 @@ export class ShapeTools {
     this.choose(chosen);
     editor.drawNow();
     this.handles.focus(chosen);
-    editor.announce(`${shapeLabel(editor.shapes[what][index], what, index)}, added`);
+    editor.announce(`${shapeLabel(editor.shapes[what][index]!, what, index)}, added`);
     if (what !== "cuts") return;
     editor.hint("Each side bends by its own points now. Pull open sets some, or add your own and drag them", 6000);
   }
@@ -441,7 +441,7 @@ export class ShapeTools {
     const { chosen, chosenShape: shape, editor } = this;
     if (editor.isLocked || !chosen || !shape) return;
     const { what, index } = chosen,
-      [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach);
+      [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach) as Vector2;
     editor.promptName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
         this.edit(what, withShape(editor.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
@@ -512,7 +512,7 @@ export class ShapeTools {
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
     else {
-      const [a, b] = cornersOf(shape.region, this.reach)[corner];
+      const [a, b] = cornersOf(shape.region, this.reach)[corner]!;
       this.#change({ region: movedCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
     }
     editor.drawNow();
@@ -595,10 +595,10 @@ export class ShapeTools {
     if (!held.length) return false;
     const one = held.length === 1,
       [who, it, whose] = one
-        ? [rbfLabel(held[0].point), "it", "its"]
+        ? [rbfLabel(held[0]!.point), "it", "its"]
         : [`${held.length} control points`, "them", "their"];
     editor.showMessage(
-      `${who[0].toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
+      `${who[0]!.toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
         `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`,
     );
     this.offered = offer;
@@ -606,7 +606,7 @@ export class ShapeTools {
       ["carry", `Carry ${it}`],
       ["off", `Switch ${it} off`],
       ["cancel", "Cancel"],
-    ]) {
+    ] as [string, string][]) {
       const button = pageElement("button", "dnb-ed-offer", editor.alert, {
         type: "button",
         "data-offer": how,
@@ -698,7 +698,7 @@ export class ShapeTools {
 function withMiddle(region: RegionData, k: number) {
   const { vertices } = region;
   if (!vertices) return region;
-  const p = vertices[k],
-    q = vertices[(k + 1) % vertices.length];
+  const p = vertices[k]!,
+    q = vertices[(k + 1) % vertices.length]!;
   return insertedCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
 }

@@ -56,7 +56,8 @@ export class Wand {
       "aria-label": "Wand",
     });
     this.rule = pageElement("select", "", this.bar, { "aria-label": "values to select", ...OWN_KEYS });
-    for (const [value, words] of RULES) pageElement("option", "", this.rule, { value }).textContent = words;
+    for (const [value, words] of RULES as [string, string][])
+      pageElement("option", "", this.rule, { value: value }).textContent = words;
     this.slider = pageElement("input", "", this.bar, {
       type: "range",
       min: 0,
@@ -216,7 +217,7 @@ export class Wand {
       return true;
     }
     if (arrow) {
-      const step = KEY_PIXELS[event.shiftKey ? 0 : 1],
+      const step = KEY_PIXELS[event.shiftKey ? 0 : 1]!,
         [x, y] = this.at ?? middle;
       this.at = [x + step * arrow[0], y + step * arrow[1]];
       editor.announce(`wand at ${editor.placeAt(this.at).map(shownLength).join(", ")}`);

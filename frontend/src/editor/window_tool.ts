@@ -222,7 +222,7 @@ export class WindowTool {
       return true;
     }
     if (!arrow || !grey || !window) return false;
-    const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1];
+    const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1]!;
     const next = draggedWindow(window as Vector2, [pixels * arrow[0], pixels * arrow[1]], grey.range) as Vector2;
     this.#set(next);
     this.trait.sendSoon(next);

@@ -137,7 +137,7 @@ function placesOf(fields: Texts, sizes: number[]) {
     throw new FileError(
       `a volume has three axes in space but this file has (${sizes
         .map((size, k) => `${shownText(kinds[k])}: ${size}`)
-        .join(", ")}). Save one channel or one time point as a file of its own and ` + "open that.",
+        .join(", ")}). Save one channel or one time point as a file of its own and open that.`,
     );
   }
   return places.slice(0, 3);

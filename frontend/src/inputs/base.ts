@@ -3,7 +3,7 @@
 
 import { EditLink } from "../sync/edits.ts";
 import type { Model, Vector2 } from "../types.ts";
-import { pageElement, SLACK, setText, targetOf, treeOf } from "../ui/dom.ts";
+import { pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
@@ -210,7 +210,7 @@ export function listenToDrags<T>(view: InputView, target: Element, handler: Drag
   view.listen(target, "pointermove", (event) => {
     if (held?.pointer !== event.pointerId) return;
     const by: Vector2 = [event.clientX - held.from[0], event.clientY - held.from[1]];
-    if (held.isPress && Math.hypot(...by) < (SLACK[event.pointerType] ?? SLACK.mouse)) return;
+    if (held.isPress && Math.hypot(...by) < slackOf(event.pointerType)) return;
     held.isPress = false;
     handler.drag(held.grabbed, by);
   });

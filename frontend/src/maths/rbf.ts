@@ -1189,7 +1189,7 @@ export function rbfCheckPoints(points: Point[], dim = 2) {
     const radius = p.radius ?? 1;
     if (!(radius > 0 && radius <= LARGEST_COORDINATE)) {
       throw new RbfError(
-        `the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that ` + "of all.",
+        `the radius of ${rbfLabel(p)} is ${radius}; a radius is a positive length, or null for that of all.`,
       );
     }
   }

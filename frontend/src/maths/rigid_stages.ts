@@ -198,7 +198,7 @@ function sortedPoints(points: Point[], ready: ReadyPart[]) {
       const torn = ready.find((r) => r.distance(p.source[0], p.source[1]) < 0);
       if (torn) {
         notes.push(
-          `${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen ` + "twice",
+          `${rbfLabel(p)} takes hold of ${partLabel(torn.part)}, which does not follow: its tissue is seen twice`,
         );
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {

@@ -12,13 +12,14 @@ export function inPane({ origin, u, v, n }: PaneInfo, place: number[]): Vector3 
 }
 
 /** The place in space of coordinates in a picture. */
-export function fromPane({ origin, u, v, n }: PaneInfo, [a, b, c]: number[]) {
-  return origin.map((o, k) => o + a * u[k] + b * v[k] + c * n[k]);
+export function fromPane({ origin, u, v, n }: PaneInfo, [a, b, c]: Vector3): Vector3 {
+  const at = (k: 0 | 1 | 2) => origin[k] + a * u[k] + b * v[k] + c * n[k];
+  return [at(0), at(1), at(2)];
 }
 
 /** The displacement in space of a displacement in a picture: it never leads out of the picture's plane. */
-export function wayInPane({ u, v }: PaneInfo, da: number, db: number) {
-  return u.map((x, k) => da * x + db * v[k]);
+export function wayInPane({ u, v }: PaneInfo, da: number, db: number): Vector3 {
+  return [da * u[0] + db * v[0], da * u[1] + db * v[1], da * u[2] + db * v[2]];
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */

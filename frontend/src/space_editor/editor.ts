@@ -9,7 +9,7 @@ import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
 import { MOST_CHARACTERS, RestingTrait } from "../sync/edits.ts";
-import type { Model, PaneInfo, Point, PointsDetail } from "../types.ts";
+import type { Model, PaneInfo, Point, PointsDetail, Vector2, Vector3 } from "../types.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
@@ -92,7 +92,7 @@ const SPACE_MORE: ToolEntry[][] = [
 export type Facts = { folds?: [number, number] | null; worst?: number[] | null; note?: string; isBad?: boolean };
 
 /** A request for other pictures. */
-export type ViewRequest = { cursor?: number[]; projection?: string; original?: boolean };
+export type ViewRequest = { cursor?: Vector3; projection?: string; original?: boolean };
 
 export class SpaceEditorView extends EditorDrawing {
   host: HTMLElement;
@@ -100,7 +100,7 @@ export class SpaceEditorView extends EditorDrawing {
   selection: RestingTrait;
   points: Point[];
   panes: PaneInfo[];
-  cursor: number[];
+  cursor: Vector3;
   pointTools: SpacePointTools;
   toolbar: Toolbar;
   chooser: HTMLSelectElement;
@@ -145,14 +145,14 @@ export class SpaceEditorView extends EditorDrawing {
     this.points = this.sender.points;
     this.panes = model.get("panes");
     /** the place that the slices meet at */
-    this.cursor = [...model.get("cursor")];
+    this.cursor = [...(model.get("cursor") as Vector3)];
     this.pointTools = new SpacePointTools(this);
     el.classList.add("dnb-ed-host");
     el.append(this.root);
     this.root.classList.add("dnb-space");
     this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     const group = pageElement("div", "dnb-ed-group", null);
-    this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]);
+    this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]!);
     this.chooser = pageElement("select", "dnb-sp-select", group, {
       "aria-label": "What the pictures show",
       ...OWN_KEYS,
@@ -176,7 +176,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.help = new HelpPanel(
       this.row,
       this.root,
-      () => this.pictures[0].stage.focus({ preventScroll: true }),
+      () => this.pictures[0]!.stage.focus({ preventScroll: true }),
       SPACE_EDITOR_KEYS,
     );
     const status = pageElement("div", "dnb-ed-status", this.root),
@@ -283,11 +283,11 @@ export class SpaceEditorView extends EditorDrawing {
       return;
     }
     const widths = this.pictures.map((pane) => Math.max(100, pane.stage.clientWidth || 260));
-    const wanted = this.panes.map(({ box: [a0, a1, b0, b1] }, k) => (widths[k] * (b1 - b0)) / (a1 - a0));
+    const wanted = this.panes.map(({ box: [a0, a1, b0, b1] }, k) => (widths[k]! * (b1 - b0)) / (a1 - a0));
     const most = this.model.get("height");
     const height = Math.round(Math.max(LEAST_HEIGHT, Math.min(most, Math.max(...wanted))));
     this.pictures.forEach((pane, k) => {
-      pane.layout(widths[k], height);
+      pane.layout(widths[k]!, height);
     });
     this.drawNow();
   }
@@ -496,7 +496,7 @@ export class SpaceEditorView extends EditorDrawing {
       { points, pictures, pointTools: tools } = this;
     const chosenOrAll = ids.length ? ids : points.map((p) => p.id);
     if (focused === null && this.toolbar.isOff(command)) return;
-    const active = this.paneOf(document.activeElement);
+    const active = this.paneOf(document.activeElement)!;
     const commands: Record<string, () => void> = {
       add: () => this.setAdding(!this.isAdding),
       select: () => this.setSelecting(!this.isSelecting),
@@ -504,13 +504,13 @@ export class SpaceEditorView extends EditorDrawing {
       undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"),
       rename: () => {
-        if (ids.length === 1) this.rename(ids[0], active);
+        if (ids.length === 1) this.rename(ids[0]!, active);
       },
       switch: () => tools.change(switchedPoints(points, ids), "switch"),
       reset: () => tools.change(resetPoints(points, freeIds(points, chosenOrAll)), "reset"),
       lock: () => tools.toggleLock(ids),
       go: () => {
-        if (ids.length === 1) this.goTo(ids[0]);
+        if (ids.length === 1) this.goTo(ids[0]!);
       },
       compare: () => this.look({ original: !this.model.get("shows_original") }),
       "zoom-in": () => {
@@ -574,7 +574,7 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   focusStage() {
-    this.paneOf(document.activeElement).stage.focus({ preventScroll: true });
+    this.paneOf(document.activeElement)!.stage.focus({ preventScroll: true });
   }
 
   // ---- data from Python ---------------------------------------------------------------------------------------------
@@ -599,9 +599,9 @@ export class SpaceEditorView extends EditorDrawing {
       return parts[used - 1];
     };
     for (const pane of panes) {
-      const pixels = next(),
-        depths = pane.hasDepths ? new Float32Array(next().slice().buffer) : null;
-      this.pictures[pane.index].take(pane, pixels, depths, pane.shapes ? next() : null);
+      const pixels = next()!,
+        depths = pane.hasDepths ? new Float32Array(next()!.slice().buffer) : null;
+      this.pictures[pane.index]!.take(pane, pixels, depths, pane.shapes ? next()! : null);
     }
     this.#expectPictures(false);
     this.facts = { folds: this.facts.folds, worst: this.facts.worst, ...facts };
@@ -646,7 +646,7 @@ export class SpaceEditorView extends EditorDrawing {
   receiveCursor() {
     const given = this.model.get("cursor");
     if (this.looked.delete(JSON.stringify(given)) || this.pendingLook) return; // our own, or an older one
-    this.cursor = [...given];
+    this.cursor = [...(given as Vector3)];
     this.invalidate();
   }
 
@@ -748,8 +748,8 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   /** @param place which is kept inside the volume */
-  setCursor(place: number[], isMoving: boolean) {
-    const next = this.panes.reduce((at, pane) => {
+  setCursor(place: Vector3, isMoving: boolean) {
+    const next = this.panes.reduce<Vector3>((at, pane) => {
       const [a, b, c] = inPane(pane, at),
         [low, high] = pane.depths;
       return c < low || c > high ? fromPane(pane, [a, b, Math.max(low, Math.min(high, c))]) : at;
@@ -778,10 +778,10 @@ export class SpaceEditorView extends EditorDrawing {
    * Move the cross-hair of a picture to a place on the screen: all of it, or one line only.
    * @param at in pixels
    */
-  moveCross(pane: SpacePane, at: number[], line: Line | null, isMoving: boolean) {
-    const [a, b] = pane.toPlane(at),
+  moveCross(pane: SpacePane, at: Vector2, line: Line | null, isMoving: boolean) {
+    const [a, b] = pane.toPlane(at) as Vector2,
       [a0, b0, c0] = inPane(pane.info, this.cursor);
-    const place =
+    const place: Vector3 =
       this.isSlice || line ? [line === "h" ? a0 : a, line === "v" ? b0 : b, c0] : inPane(pane.info, pane.under(at)); // of the whole volume: what is seen there
     this.setCursor(fromPane(pane.info, place), isMoving);
   }
@@ -791,14 +791,14 @@ export class SpaceEditorView extends EditorDrawing {
     const p = this.points.find((q) => q.id === id);
     if (!p) return;
     this.select([id]);
-    this.setCursor([...p.target], false);
+    this.setCursor([...p.target] as Vector3, false);
     this.announce(`slices at ${p.name || `point ${id}`}`);
   }
 
   /** Bring a point into sight. */
   lookAt(id: number) {
     const p = this.points.find((q) => q.id === id);
-    if (p) for (const pane of this.pictures) pane.lookAt(p.target);
+    if (p) for (const pane of this.pictures) pane.lookAt(p.target as Vector3);
   }
 
   /** The picture that contains an element, else the first. */

@@ -3,7 +3,7 @@
 import { Handles, ToolMarks } from "../editor/handles.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.ts";
-import type { FlatPoint, PaneInfo, Point, Raster } from "../types.ts";
+import type { FlatPoint, PaneInfo, Point, Raster, Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { SpaceEditorView } from "./editor.ts";
 
@@ -102,7 +102,7 @@ export class SpacePane {
   }
 
   get info(): PaneInfo {
-    return this.editor.panes[this.index];
+    return this.editor.panes[this.index]!;
   }
 
   /** The pane that a line stands for, by the direction of a or b in this picture. */
@@ -126,7 +126,7 @@ export class SpacePane {
         "the cross-hair; page up and down go through the slices; question mark lists the keys.",
     );
     [scaled(u, -1), u, scaled(v, -1), v].forEach((way, k) => {
-      setText(this.letters[k], sideOf(way));
+      setText(this.letters[k]!, sideOf(way)!);
     });
     setAttributes(this.slider, { min: depths[0], max: depths[1], step: spacing[2], "aria-label": `${name} slice` });
     this.slider.hidden = !isSlice;
@@ -187,7 +187,7 @@ export class SpacePane {
   }
 
   /** Bring a place into the middle of the view, if the picture is not all in sight anyway. */
-  lookAt(place: number[]) {
+  lookAt(place: Vector3) {
     const [a, b] = inPane(this.info, place),
       v = this.view;
     if (!this.isFitted) this.panBy(v.width / 2 - v.k * a - v.x, v.height / 2 - v.k * b - v.y);
@@ -196,14 +196,14 @@ export class SpacePane {
   // ---- places -------------------------------------------------------------------------------------------------------
 
   /** @param at in pixels */
-  toPlane([x, y]: number[]) {
+  toPlane([x, y]: Vector2) {
     return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k];
   }
 
   /** The place in space under a place of the screen: on the slice, or what is seen there of the whole volume. */
-  under(at: number[]) {
-    const [a, b] = this.toPlane(at);
-    return fromPane(this.info, [a, b, this.editor.isSlice ? this.depth : this.#seenDepth(a, b)]);
+  under(at: Vector2) {
+    const [a, b] = this.toPlane(at) as Vector2;
+    return fromPane(this.info, [a, b, this.editor.isSlice ? this.depth : this.#seenDepth(a, b)!]);
   }
 
   /** The ids of the points in a rectangle of the view; on slices of those near the slice only. */
@@ -220,8 +220,8 @@ export class SpacePane {
       .map((p) => p.id);
   }
 
-  isInside(at: number[]) {
-    const [a, b] = this.toPlane(at),
+  isInside(at: Vector2) {
+    const [a, b] = this.toPlane(at) as Vector2,
       [a0, a1, b0, b1] = this.info.box;
     return a >= a0 && a <= a1 && b >= b0 && b <= b1;
   }
@@ -255,7 +255,7 @@ export class SpacePane {
     for (let k = 0; k < out.length; k++) {
       const [r, g, b] =
         channels === 1 ? [pixels[k], pixels[k], pixels[k]] : [pixels[3 * k], pixels[3 * k + 1], pixels[3 * k + 2]];
-      out[k] = 0xff000000 | (b << 16) | (g << 8) | r;
+      out[k] = 0xff000000 | (b! << 16) | (g! << 8) | r!;
     }
     this.picture = makeCanvas(width, height);
     contextOf(this.picture).putImageData(made, 0, 0);
@@ -271,7 +271,7 @@ export class SpacePane {
     for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
       const [ink, share] = shares[k + 1] ? [CUT_INK, shares[k + 1]] : [PART_INK, shares[k]];
       made.data.set(ink.slice(0, 3), j);
-      made.data[j + 3] = ink[3] * share;
+      made.data[j + 3] = ink[3]! * share!;
     }
     contextOf(canvas).putImageData(made, 0, 0);
     return canvas;
@@ -356,8 +356,8 @@ export class SpacePane {
       `M 0 ${y} H ${x - gap} M ${x + gap} ${y} H ${v.width}`,
     ];
     this.lines.forEach((line, k) => {
-      for (const path of line.children) setAttributes(path, { d: paths[k] });
-      line.style.setProperty("--dnb-line-ink", `var(--dnb-pane${this.crossing(LINES[k])?.index})`);
+      for (const path of line.children) setAttributes(path, { d: paths[k]! });
+      line.style.setProperty("--dnb-line-ink", `var(--dnb-pane${this.crossing(LINES[k]!)?.index})`);
     });
   }
 

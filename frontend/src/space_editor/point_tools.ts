@@ -14,7 +14,7 @@ import {
   turnOfKey,
 } from "../maths/points.ts";
 import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
-import type { Mirror, PaneInfo, Point } from "../types.ts";
+import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { SpaceEditorView } from "./editor.ts";
 import type { SpacePane } from "./pane.ts";
@@ -45,7 +45,7 @@ export class SpacePointTools {
    * A step of a drag: points moved from where they were by a way in space.
    * @param id the point under the pointer
    */
-  drag(ids: number[], way: number[], what: Moved, id: number) {
+  drag(ids: number[], way: Vector3, what: Moved, id: number) {
     const {
       editor,
       editor: { drag0 },
@@ -57,7 +57,7 @@ export class SpacePointTools {
    * Move points by voxels of a picture, or the cross-hair if there are none.
    * @param id the point in focus
    */
-  nudge(pane: SpacePane, id: number | null, [dx, dy]: number[], voxels: number, what: Moved) {
+  nudge(pane: SpacePane, id: number | null, [dx, dy]: Vector2, voxels: number, what: Moved) {
     const {
       spacing: [du, dv],
     } = pane.info;
@@ -67,27 +67,19 @@ export class SpacePointTools {
   /** Move points across the slices. */
   nudgeDepth(pane: SpacePane, id: number | null, voxels: number) {
     const by = voxels * pane.info.spacing[2];
-    if (this.editor.chosenIds(id).length)
-      this.#nudgeBy(
-        id,
-        pane.info.n.map((x) => by * x),
-        "target",
-      );
+    if (this.editor.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x) as Vector3, "target");
   }
 
-  #nudgeBy(id: number | null, way: number[], what: Moved) {
+  #nudgeBy(id: number | null, way: Vector3, what: Moved) {
     const { editor } = this,
       ids = editor.chosenIds(id);
     if (ids.length === 0) {
-      editor.setCursor(
-        editor.cursor.map((x, k) => x + way[k]),
-        true,
-      );
+      editor.setCursor(editor.cursor.map((x, k) => x + way[k]!) as Vector3, true);
       return;
     }
     if (id !== null && !editor.selected.has(id)) editor.select([id]);
     const free = freeIds(editor.points, ids);
-    if (!free.length) this.announceLocked(ids[0]);
+    if (!free.length) this.announceLocked(ids[0]!);
     this.change(movedInSpace(editor.points, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 ? editor.points.find((q) => q.id === ids[0]) : null;
     if (p) editor.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
@@ -98,7 +90,7 @@ export class SpacePointTools {
    * Where there is a point already, it is selected. Returns its id, or null.
    * @param at in pixels
    */
-  addAt(pane: SpacePane, at: number[]) {
+  addAt(pane: SpacePane, at: Vector2) {
     const { editor } = this,
       { k, x, y } = pane.view;
     const near = editor.points
@@ -116,7 +108,7 @@ export class SpacePointTools {
     return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
   }
 
-  addPlace(place: number[], pane: SpacePane) {
+  addPlace(place: Vector3, pane: SpacePane) {
     const { editor } = this,
       id = nextId(editor.points, editor.sender.nextId);
     if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
@@ -143,9 +135,9 @@ export class SpacePointTools {
   remove(wanted: number[]) {
     const { editor } = this,
       ids = freeIds(editor.points, wanted);
-    if (wanted.length && !ids.length) this.announceLocked(wanted[0]);
+    if (wanted.length && !ids.length) this.announceLocked(wanted[0]!);
     const at = editor.points.findIndex((p) => p.id === ids[0]),
-      pane = editor.paneOf(document.activeElement);
+      pane = editor.paneOf(document.activeElement)!;
     const hadFocus = editor.root.contains(treeOf(editor.root).activeElement);
     if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
     editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
@@ -162,7 +154,7 @@ export class SpacePointTools {
    */
   #facing(axis: string) {
     const k = "xyz".indexOf(axis);
-    return this.editor.panes.reduce((p, q) => (Math.abs(q.n[k]) > Math.abs(p.n[k]) ? q : p));
+    return this.editor.panes.reduce((p, q) => (Math.abs(q.n[k]!) > Math.abs(p.n[k]!) ? q : p));
   }
 
   /**
@@ -171,14 +163,14 @@ export class SpacePointTools {
   get mirror() {
     const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {},
       pane = this.#facing(axis);
-    const sign = Math.sign(pane.n["xyz".indexOf(axis)]) || 1,
+    const sign = Math.sign(pane.n["xyz".indexOf(axis)]!) || 1,
       normal = scaled(pane.n, sign);
     return { on, axis, at: at ?? dot(normal, fromPane(pane, [0, 0, (pane.box[4] + pane.box[5]) / 2])), normal };
   }
 
   /** The lengths within which a source is on the plane, and a partner is found. */
   get #mirrorNear() {
-    const { spacing } = this.editor.panes[0];
+    const { spacing } = this.editor.panes[0]!;
     return { axis: 0.5 * Math.min(...spacing), partner: Math.max(...spacing) };
   }
 
@@ -197,11 +189,11 @@ export class SpacePointTools {
 
   /** Lay the plane across the next axis. */
   turnMirror() {
-    this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3], null);
+    this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3]!, null);
   }
 
   /** Move the plane to a place in space; Python gets it at the end. */
-  moveMirror(place: number[], isEnd: boolean) {
+  moveMirror(place: Vector3, isEnd: boolean) {
     const { model } = this.editor,
       { on, axis, normal } = this.mirror,
       pane = this.#facing(axis);
@@ -258,7 +250,7 @@ export class SpacePointTools {
       {
         box: [a0, a1, b0, b1, c0, c1],
         spacing,
-      } = editor.panes[0],
+      } = editor.panes[0]!,
       voxel = Math.min(...spacing);
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
     editor.set("snap", this.snap > 0 ? 0 : step);
@@ -266,7 +258,7 @@ export class SpacePointTools {
   }
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
-  #snapped(pane: PaneInfo, [a, b, c]: number[]) {
+  #snapped(pane: PaneInfo, [a, b, c]: Vector3): Vector3 {
     const { snap: step } = this,
       {
         box: [a0, , b0],
@@ -278,7 +270,7 @@ export class SpacePointTools {
   }
 
   /** The way that brings the point under the pointer onto a node; the others go with it. */
-  snappedWay(pane: PaneInfo, id: number, way: number[], what: Moved, isLoose: boolean) {
+  snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
     const p = this.editor.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const to = fromPane(
@@ -287,11 +279,11 @@ export class SpacePointTools {
         pane,
         inPane(
           pane,
-          p.target.map((x, k) => x + way[k]),
+          p.target.map((x, k) => x + way[k]!),
         ),
-      ),
+      ) as Vector3,
     );
-    return to.map((x, k) => x - p.target[k]);
+    return to.map((x, k) => x - p.target[k]!) as Vector3;
   }
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------
@@ -302,7 +294,7 @@ export class SpacePointTools {
       chosen = [...editor.selected],
       free = freeIds(editor.points, chosen);
     if (editor.isLocked || !chosen.length) return null;
-    if (!free.length) this.announceLocked(chosen[0]);
+    if (!free.length) this.announceLocked(chosen[0]!);
     else if (free.length < 2) editor.hint("Select two points or more to turn them", 4000);
     return free.length < 2 ? null : free;
   }

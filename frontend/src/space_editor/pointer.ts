@@ -4,7 +4,8 @@ import { isRightClick, keepFromScrolling, POINT_STEPS, WheelSteps } from "../edi
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.ts";
 import { inPane, wayInPane } from "../maths/space.ts";
-import { SLACK, targetOf, treeOf } from "../ui/dom.ts";
+import type { Vector2, Vector3 } from "../types.ts";
+import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { SpaceEditorView } from "./editor.ts";
 import type { Line, SpacePane } from "./pane.ts";
@@ -14,15 +15,15 @@ import type { Moved } from "./point_tools.ts";
 /** A press or a drag; places are in CSS pixels of the picture. */
 export interface Press {
   pointer: number;
-  from: number[];
-  at: number[];
+  from: Vector2;
+  at: Vector2;
   /** whether it has not moved yet */
   isPress: boolean;
   slack: number;
 }
 export type PlainGesture = Press & { kind: "pan" | "tap" };
 export type MirrorGesture = Press & { kind: "mirror"; start: number };
-export type TurnGesture = Press & { kind: "turn"; ids: number[]; about: number[]; start: number[]; scales: boolean };
+export type TurnGesture = Press & { kind: "turn"; ids: number[]; about: Vector2; start: Vector2; scales: boolean };
 export type BandGesture = Press & { kind: "band"; before: number[] };
 export type CrossGesture = Press & { kind: "cross"; line: Line | null };
 export type PointsGesture = Press & {
@@ -88,7 +89,7 @@ export class PaneGestures {
     }
   }
 
-  place(event: MouseEvent): number[] {
+  place(event: MouseEvent): Vector2 {
     if (!this.gesture) this.box = null;
     this.box ??= this.pane.stage.getBoundingClientRect();
     return [event.clientX - this.box.left, event.clientY - this.box.top];
@@ -124,7 +125,7 @@ export class PaneGestures {
     this.isOthers = event.pointerType === "touch" && !editor.isWorkedIn; // before this press gives it the focus
     pane.svg.setPointerCapture(event.pointerId);
     event.preventDefault();
-    const slack = SLACK[event.pointerType] ?? SLACK.mouse;
+    const slack = slackOf(event.pointerType);
     const begun = { pointer: event.pointerId, from: at, at, isPress: true, slack };
     if (event.button === 1 || (event.button === 0 && editor.isSpaceDown)) this.gesture = { ...begun, kind: "pan" };
     else if (event.button !== 0) return;
@@ -154,8 +155,8 @@ export class PaneGestures {
     if (!ids) return;
     const turned = editor.points.filter((p) => ids.includes(p.id));
     const [a, b] = middleOf(turned.map((p) => ({ target: inPane(pane.info, p.target) })));
-    const about = [k * a + x, k * b + y],
-      start = [begun.at[0] - about[0], begun.at[1] - about[1]];
+    const about: Vector2 = [k * a + x, k * b + y],
+      start: Vector2 = [begun.at[0] - about[0], begun.at[1] - about[1]];
     this.gesture = { ...begun, kind: "turn", ids, about, start, scales: false };
   }
 
@@ -204,7 +205,7 @@ export class PaneGestures {
   }
 
   /** Select what is drawn clearly in a rectangle, besides what was selected. */
-  #band(g: BandGesture, at: number[]) {
+  #band(g: BandGesture, at: Vector2) {
     const box = {
       x: Math.min(g.from[0], at[0]),
       y: Math.min(g.from[1], at[1]),
@@ -242,10 +243,7 @@ export class PaneGestures {
     const { pointTools: tools } = this.editor,
       { at, normal } = tools.mirror,
       held = isCancelled ? g.start : at;
-    tools.moveMirror(
-      normal.map((x) => held * x),
-      true,
-    );
+    tools.moveMirror(normal.map((x) => held * x) as Vector3, true);
   }
 
   /** Undo what a drag has done so far (Escape). Returns whether there was one. */
@@ -293,7 +291,7 @@ export class PaneGestures {
   }
 }
 
-const SPACE_ARROWS: Record<string, number[]> = {
+const SPACE_ARROWS: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
   ArrowUp: [0, -1],
@@ -309,7 +307,7 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
     fast = event.shiftKey ? 10 : 1;
   if (target.closest("input[type=text], select")) return false; // have keys of their own
   const onButton = target.closest("button"),
-    pane = editor.paneOf(target);
+    pane = editor.paneOf(target)!;
   const focused = target.closest("[data-id]"),
     id = focused ? Number(focused.getAttribute("data-id")) : null;
   if (isCommand && POINT_STEPS[key] && !onButton) {
@@ -323,14 +321,14 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
   if (target.closest("input[type=range]")) return false;
   if (onButton && key in SPACE_ARROWS) return editor.toolbar.focusNext(onButton, key);
   if (onButton && (key === "Enter" || key === " ")) return false;
-  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, SPACE_ARROWS[key], fast);
-  const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code] : key];
+  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, SPACE_ARROWS[key]!, fast);
+  const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code]! : key];
   if (way) {
     tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
     return true;
   }
   if (key in SPACE_ARROWS) {
-    tools.nudge(pane, id, SPACE_ARROWS[key], fast, event.altKey ? "both" : "target");
+    tools.nudge(pane, id, SPACE_ARROWS[key]!, fast, event.altKey ? "both" : "target");
     return true;
   }
   if (key === "PageUp" || key === "PageDown") {
@@ -357,7 +355,7 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
 }
 
 /** Move the plane of the mirror by voxels of a picture that looks along it. */
-function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: number[], voxels: number) {
+function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: Vector2, voxels: number) {
   const {
       info,
       info: {
@@ -367,10 +365,7 @@ function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: number[],
     { pointTools: tools } = editor,
     { at, normal } = tools.mirror;
   const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
-  tools.moveMirror(
-    normal.map((x, k) => at * x + way[k]),
-    true,
-  );
+  tools.moveMirror(normal.map((x, k) => at * x + way[k]!) as Vector3, true);
   editor.announce(`mirror at ${shownLength(tools.mirror.at)}`);
   return true;
 }

@@ -4,7 +4,10 @@ const SVG_SPACE = "http://www.w3.org/2000/svg";
 // JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
 export const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
 /** CSS pixels: a press that moves less is a click. */
-export const SLACK: Record<string, number> = { mouse: 2, pen: 3, touch: 6 };
+const SLACK = { mouse: 2, pen: 3, touch: 6 };
+
+/** CSS pixels that a pointer of this kind may move before a press becomes a drag. */
+export const slackOf = (kind: string): number => SLACK[kind as keyof typeof SLACK] ?? SLACK.mouse;
 
 export type Attributes = Record<string, string | number | boolean>;
 
