@@ -552,7 +552,8 @@ def test_dependabot_looks_where_requirements_are() -> None:
     updates = _yaml(".github/dependabot.yml")["updates"]
     assert {update["package-ecosystem"] for update in updates} == files.keys()
     for update in updates:
-        assert (ROOT / update["directory"].strip("/") / files[update["package-ecosystem"]]).is_file(), update
+        for folder in update.get("directories") or [update["directory"]]:
+            assert (ROOT / folder.strip("/") / files[update["package-ecosystem"]]).is_file(), update
         assert update["groups"], update
 
 
