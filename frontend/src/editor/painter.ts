@@ -426,7 +426,7 @@ export class Painter {
     const cutFit = fit && fit.regions.length > 0 ? fit : null,
       count = cutFit ? cutFit.fits.length + 1 : 1;
     for (let m = 0; m < count; m++) {
-      if (!(this.maps[m]?.length! >= rows * columns * 2)) this.maps[m] = new Float32Array(rows * columns * 2);
+      if ((this.maps[m]?.length ?? 0) < rows * columns * 2) this.maps[m] = new Float32Array(rows * columns * 2);
       const map = this.maps[m]!,
         one = fit?.fits[m]?.fit;
       if (one && !isStill(one)) fieldOnRaster(one, nodes, map);

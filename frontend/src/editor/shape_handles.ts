@@ -519,7 +519,7 @@ function maskOutline(region: MaskData) {
       }
     }
   const [low, high] = [Math.min, Math.max].map((most) =>
-    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]!), faces[0]?.[0]![c] ?? 0)),
+    [0, 1].map((c) => faces.flat().reduce((best, place) => most(best, place[c]!), faces[0]?.[0]?.[c] ?? 0)),
   ) as [number[], number[]];
   return { faces, rows, corners: [low, [low[0], high[1]], high, [high[0], low[1]]] };
 }
