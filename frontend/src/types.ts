@@ -19,6 +19,9 @@ export type Vector4 = [number, number, number, number];
 /** Two rows of a matrix. */
 export type Matrix2 = [Vector2, Vector2];
 
+/** Three rows, or columns, of a matrix. */
+export type Matrix3 = [Vector3, Vector3, Vector3];
+
 /** A control point of a picture (two coordinates) or of a volume (three). */
 export interface Point {
   id: number;

@@ -4,7 +4,7 @@
 import { Camera } from "../maths/camera.ts";
 import { pageElement, setText } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
-import { captionsOf, Frames } from "../ui/view_parts.ts";
+import { captionsOf, Frames, type Shows, type ViewName } from "../ui/view_parts.ts";
 import type { ViewDirection } from "../view/types.ts";
 import { APP_PAGE, callPython } from "./session.ts";
 import type { Component, Session } from "./types.ts";
@@ -14,13 +14,13 @@ const REMOTE_TOPIC = "trame.rca.topic.stream";
 /** a message of trame's */
 export interface RemotePicture {
   name: string;
-  meta?: { n: number; camera: ViewDirection; shows: string; layer: number; badge?: string };
+  meta?: { n: number; camera: ViewDirection; shows: Shows; layer: number; badge?: string };
 }
 
 export interface Remote {
   area: string;
   /** by the name of a side */
-  views: Record<string, ViewDirection>;
+  views: Record<ViewName, ViewDirection>;
   $refs: { root: HTMLElement };
   session: Session;
   subscription: object;
@@ -28,7 +28,7 @@ export interface Remote {
   cube: OrientationCube;
   badge: HTMLElement;
   receive: (picture: RemotePicture) => void;
-  look: (view: string) => void;
+  look: (view: ViewName) => void;
 }
 
 const AppRemote: Component<Remote> = {
@@ -45,7 +45,7 @@ const AppRemote: Component<Remote> = {
       () => this.look("home"),
     );
     this.badge = pageElement("div", "dnb-badge", root, { role: "status" });
-    this.subscription = this.session.subscribe(REMOTE_TOPIC, ([picture]: RemotePicture[]) => this.receive(picture));
+    this.subscription = this.session.subscribe<RemotePicture>(REMOTE_TOPIC, ([picture]) => this.receive(picture));
   },
   methods: {
     receive({ name, meta }: RemotePicture) {
@@ -59,7 +59,7 @@ const AppRemote: Component<Remote> = {
       Object.assign(this.$refs.root, { deformnb: meta }); // for tests and for debugging
       callPython(this.session, "deformnb.seen", [this.area, meta.n, APP_PAGE]);
     },
-    look(view: string) {
+    look(view: ViewName) {
       callPython(this.session, "deformnb.look", [view]);
     },
   },

@@ -3,7 +3,7 @@
 /** A connection by a web socket. */
 export interface Session {
   call<T>(method: string, given: unknown[]): Promise<T>;
-  subscribe<T>(topic: string, handler: (messages: T[]) => void): object;
+  subscribe<T>(topic: string, handler: (messages: [T]) => void): object;
   unsubscribe(subscription: object): Promise<unknown> | undefined;
 }
 

@@ -108,7 +108,7 @@ export class WidgetManager extends ManagerBase {
     this.opened = new Promise((resolve) => {
       this.haveOpened = resolve;
     });
-    this.subscription = session.subscribe(TOPIC, ([message]: CommMessage[]) => this.receive(message));
+    this.subscription = session.subscribe<CommMessage>(TOPIC, ([message]) => this.receive(message));
   }
 
   /** The view of the studio. */
@@ -139,12 +139,12 @@ export class WidgetManager extends ManagerBase {
       if (this.has_model(id)) continue;
       const comm = new SocketComm(this.session, id);
       this.comms.set(id, comm);
-      const [model_name, model_module, model_module_version] = [
-        "_model_name",
-        "_model_module",
-        "_model_module_version",
-      ].map((name) => String(state[name]));
-      this.new_model({ model_name, model_module, model_module_version, model_id: id, comm }, withViews(state));
+      const model = {
+        model_name: String(state._model_name),
+        model_module: String(state._model_module),
+        model_module_version: String(state._model_module_version),
+      };
+      this.new_model({ ...model, model_id: id, comm }, withViews(state));
     }
   }
 

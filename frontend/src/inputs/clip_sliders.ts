@@ -1,9 +1,10 @@
 // Three sliders with two ends each, which cut away what lies outside of a part of a view's box. They set the view's
 // trait `clip` in the front end, so a live view follows without the kernel.
 
+import { AXES, type Axis, perAxis } from "../maths/axes.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
-import { clipOf, isClipped, UNCLIPPED } from "../maths/clipping.ts";
-import type { Model } from "../types.ts";
+import { type Clip, clipOf, isClipped, UNCLIPPED } from "../maths/clipping.ts";
+import type { Matrix3, Model, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
 const CLIP_STEP = 0.01;
@@ -11,30 +12,35 @@ const THINNEST = 0.02; // of the box: a part can always be taken hold of again
 const SIDE_WORDS: Record<string, string> = { L: "left", R: "right", A: "front", P: "back", S: "top", I: "bottom" };
 
 /** The trait `volume_info`, as far as it is needed here; empty before there is a volume. */
-export type VolumeInfo = { axes?: number[][] };
+export type VolumeInfo = { axes?: Matrix3 };
+
+/** The lower or the upper end of what is seen. */
+type End = 0 | 1;
+type Ends<T> = [T, T];
+type Row = {
+  row: HTMLDivElement;
+  from: HTMLSpanElement;
+  track: HTMLDivElement;
+  ends: Ends<HTMLInputElement>;
+  to: HTMLSpanElement;
+  value: HTMLOutputElement;
+};
 
 /** The direction in space of an index axis. */
-const axisOf = ([x, y, z]: number[][], i: number): number[] => [x[i], y[i], z[i]];
+const axisOf = ([x, y, z]: Matrix3, i: Axis): Vector3 => [x[i], y[i], z[i]];
 const sideWords = (letters: string) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
 
 /** The clip that takes away the half of what is seen that lies towards a viewer. */
-function openedTowards(direction: number[], axes: number[][]): number[][] {
-  const along = [0, 1, 2].map((i) => dot(direction, axisOf(axes, i)));
-  const axis = along.reduce((best, x, i) => (Math.abs(x) > Math.abs(along[best]) ? i : best), 0);
-  return UNCLIPPED.map((pair, i) => (i !== axis ? pair : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
+function openedTowards(direction: Vector3, axes: Matrix3): Clip {
+  const along = perAxis((i) => dot(direction, axisOf(axes, i)));
+  const axis = AXES.reduce<Axis>((best, i) => (Math.abs(along[i]) > Math.abs(along[best]) ? i : best), 0);
+  return perAxis((i) => (i !== axis ? UNCLIPPED[i] : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
 }
 
 export class ClipSliders {
   model: Model;
   root: HTMLDivElement;
-  rows: {
-    row: HTMLDivElement;
-    from: HTMLSpanElement;
-    track: HTMLDivElement;
-    ends: HTMLInputElement[];
-    to: HTMLSpanElement;
-    value: HTMLOutputElement;
-  }[];
+  rows: [Row, Row, Row];
   whole: HTMLButtonElement;
   shown: () => void;
 
@@ -45,7 +51,7 @@ export class ClipSliders {
       role: "group",
       "aria-label": "Part of the volume that is seen",
     });
-    this.rows = [0, 1, 2].map((axis) => this.#row(axis));
+    this.rows = perAxis((axis) => this.#row(axis));
     const buttons = pageElement("div", "dnb-clip-buttons", this.root);
     this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
       const { axes } = this.info;
@@ -62,16 +68,17 @@ export class ClipSliders {
   }
 
   /** A copy of the view's clip. */
-  get clip(): number[][] {
-    return clipOf(this.model).map(([low, high]) => [low, high]);
+  get clip(): Clip {
+    const clip = clipOf(this.model);
+    return perAxis((axis) => [...clip[axis]]);
   }
 
-  #row(axis: number) {
+  #row(axis: Axis) {
     const row = pageElement("div", "dnb-clip-row", this.root);
     const from = pageElement("span", "dnb-clip-side", row),
       track = pageElement("div", "dnb-clip-track", row);
     pageElement("div", "dnb-clip-rail", track);
-    const ends = [0, 1].map((end) => {
+    const slider = (end: End) => {
       const input = pageElement("input", "dnb-clip-end", track, {
         type: "range",
         min: 0,
@@ -81,7 +88,8 @@ export class ClipSliders {
       });
       input.addEventListener("input", () => this.#moved(axis, end, Number(input.value)));
       return input;
-    });
+    };
+    const ends: Ends<HTMLInputElement> = [slider(0), slider(1)];
     return {
       row,
       from,
@@ -99,7 +107,7 @@ export class ClipSliders {
     return button;
   }
 
-  #moved(axis: number, end: number, value: number) {
+  #moved(axis: Axis, end: End, value: number) {
     const { clip } = this,
       [low, high] = clip[axis];
     clip[axis][end] = end
@@ -108,7 +116,7 @@ export class ClipSliders {
     this.put(clip);
   }
 
-  put(clip: number[][]) {
+  put(clip: Clip) {
     const rounded = clip.map((pair) => pair.map((share) => Number(share.toFixed(4))));
     if (JSON.stringify(rounded) !== JSON.stringify(this.clip)) {
       this.model.set("clip", rounded);
@@ -125,9 +133,10 @@ export class ClipSliders {
     this.root.classList.toggle("dnb-clip-idle", !axes);
     this.whole.disabled = !isClipped(clip);
     if (!axes) return;
-    this.rows.forEach(({ from, to, track, ends, value }, axis) => {
+    for (const axis of AXES) {
+      const { from, to, track, ends, value } = this.rows[axis];
       const along = axisOf(axes, axis),
-        sides = [sideOf(scaled(along, -1)), sideOf(along)],
+        sides: Ends<string> = [sideOf(scaled(along, -1)), sideOf(along)],
         [low, high] = clip[axis];
       setText(from, sides[0]);
       setText(to, sides[1]);
@@ -135,16 +144,17 @@ export class ClipSliders {
       track.style.setProperty("--high", String(high));
       const words = low > 0 || high < 1 ? `${Math.round(100 * low)}\u2013${Math.round(100 * high)} %` : "all";
       setText(value, words);
-      ends.forEach((input, end) => {
+      for (const end of [0, 1] as const) {
+        const input = ends[end];
         if (Number(input.value) !== clip[axis][end]) input.value = String(clip[axis][end]);
         setAttributes(input, {
           "aria-label": `cut away from the ${sideWords(sides[end])}`,
           "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent`,
         });
-      });
+      }
       // Where both ends lie together at the far side, only the lower one can be moved: it must lie above.
       track.classList.toggle("dnb-clip-far", low > 0.5);
-    });
+    }
   }
 
   close() {

@@ -2,33 +2,35 @@
 // one looks from there. Where one face hides all others, arrows beside it lead to its neighbours.
 
 import { cross, dot, scaled } from "../maths/camera.ts";
+import type { Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, svgElement } from "./dom.ts";
-import { VIEW_NAMES, VIEW_TITLES } from "./view_parts.ts";
+import { SIDES, type Side } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
 const FLAT = 0.985; // cosine: a face that is seen as straight as this hides the others
 
-const unit: (a: number[]) => number[] = (a) => scaled(a, 1 / Math.hypot(...a));
+const unit = (a: Vector3) => scaled(a, 1 / Math.hypot(...a));
 
 export class OrientationCube {
   root: HTMLDivElement;
   svg: SVGSVGElement;
-  faces: { view: string; group: SVGGElement; sheet: SVGRectElement }[];
-  arrows: { path: SVGPathElement; x: number; y: number; view: string }[];
+  faces: { view: Side; group: SVGGElement; sheet: SVGRectElement }[];
+  arrows: { path: SVGPathElement; x: number; y: number; view: Side | null }[];
   bar: HTMLDivElement | undefined;
   home: HTMLDivElement | undefined;
 
   /** @param choose called with the name of a view */
-  constructor(parent: Element, choose: (view: string) => void, home: () => void) {
+  constructor(parent: Element, choose: (view: Side) => void, home: () => void) {
     this.root = pageElement("div", "dnb-compass", parent);
     this.svg = svgElement("svg", { class: "dnb-cube", viewBox: "0 0 100 100", "aria-hidden": "true" }, this.root);
-    this.faces = Object.entries(VIEW_NAMES).map(([view, letter]) => this.#face(view, letter, choose));
-    this.arrows = [
+    this.faces = SIDES.map((side) => this.#face(side, choose));
+    const ways: Vector2[] = [
       [1, 0],
       [-1, 0],
       [0, 1],
       [0, -1],
-    ].map(([x, y]) => {
+    ];
+    this.arrows = ways.map(([x, y]) => {
       const path = svgElement(
         "path",
         {
@@ -38,7 +40,7 @@ export class OrientationCube {
         },
         this.svg,
       );
-      const arrow = { path, x, y, view: "" };
+      const arrow: OrientationCube["arrows"][number] = { path, x, y, view: null };
       path.addEventListener("click", () => {
         if (arrow.view) choose(arrow.view);
       });
@@ -47,9 +49,9 @@ export class OrientationCube {
     this.#buttons(choose, home);
   }
 
-  #face(view: string, letter: string, choose: (view: string) => void) {
+  #face([view, letter, title]: (typeof SIDES)[number], choose: (view: Side) => void) {
     const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
-    svgElement("title", {}, group).textContent = `${VIEW_TITLES[letter]} (${view})`;
+    svgElement("title", {}, group).textContent = `${title} (${view})`;
     const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
     const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group);
     text.textContent = letter;
@@ -58,7 +60,7 @@ export class OrientationCube {
   }
 
   /** The same for the keyboard and for screen readers: out of sight until one of them has the focus. */
-  #buttons(choose: (view: string) => void, home: () => void) {
+  #buttons(choose: (view: Side) => void, home: () => void) {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
     const add: (text: string, title: string, label: string, action: () => void, parent: Element) => void = (
       text,
@@ -76,8 +78,8 @@ export class OrientationCube {
       button.textContent = text;
       button.addEventListener("click", action);
     };
-    for (const [view, letter] of Object.entries(VIEW_NAMES)) {
-      add(letter, `${VIEW_TITLES[letter]} (${view})`, `view ${VIEW_TITLES[letter]}`, () => choose(view), this.bar);
+    for (const [view, letter, title] of SIDES) {
+      add(letter, `${title} (${view})`, `view ${title}`, () => choose(view), this.bar);
     }
     this.home = pageElement("div", "dnb-home", this.root);
     add("\u27f2", "reset (0 or double click)", "reset the view", home, this.home);
@@ -101,17 +103,14 @@ export class OrientationCube {
 
   /** Draw the cube as the camera sees it. All vectors are in space. */
   draw(
-    views: Record<string, { direction: number[]; up: number[] }>,
-    { direction, up, right }: { direction: number[]; up: number[]; right: number[] },
+    views: Record<Side, { direction: Vector3; up: Vector3 }>,
+    { direction, up, right }: { direction: Vector3; up: Vector3; right: Vector3 },
   ) {
     const sides = this.faces.map(({ view, group, sheet }) => {
       const n = scaled(unit(views[view].direction), -1),
         top = unit(views[view].up),
         across = cross(top, n);
-      const flat: (v: number[], k: number) => number[] = (v, k) => [
-        k * CUBE_SIDE * dot(v, right),
-        -k * CUBE_SIDE * dot(v, up),
-      ];
+      const flat = (v: Vector3, k: number): Vector2 => [k * CUBE_SIDE * dot(v, right), -k * CUBE_SIDE * dot(v, up)];
       const near = -dot(n, direction);
       const [a, b] = flat(across, 0.1),
         [c, d] = flat(top, -0.1),
@@ -125,7 +124,7 @@ export class OrientationCube {
     for (const arrow of this.arrows) {
       const { path, x, y } = arrow,
         best = sides.reduce((p, q) => (q.x * x + q.y * y > p.x * x + p.y * y ? q : p));
-      arrow.view = isFlat ? best.view : "";
+      arrow.view = isFlat ? best.view : null;
       path.style.display = isFlat ? "" : "none";
     }
   }

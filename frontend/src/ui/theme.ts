@@ -28,7 +28,9 @@ export class ThemeObserver {
   /** By the element's own colour, which variables of Jupyter and VS Code set; else by the browser's preference. */
   get isDark() {
     const [r, g, b, alpha = 1] = (getComputedStyle(this.element).backgroundColor.match(/[\d.]+/g) ?? []).map(Number);
-    return alpha > 0 && b !== undefined ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW : this.preference.matches;
+    return alpha > 0 && r !== undefined && g !== undefined && b !== undefined
+      ? 0.2126 * r + 0.7152 * g + 0.0722 * b < DARK_BELOW
+      : this.preference.matches;
   }
 
   close() {

@@ -5,14 +5,14 @@ import type { KeyTable } from "./keys.ts";
 import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.ts";
 
 /** A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ... */
-export type ToolEntry = [command: string, label: string, tip: string, stays?: boolean, needs?: Need];
+export type ToolEntry = [command: keyof typeof ICONS, label: string, tip: string, stays?: boolean, needs?: Need];
 export type Need = "points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future";
 
 /** The editor around a toolbar: `guard` reports an error of f, `run` does a command. */
 export type ToolbarHost = { guard: (f: () => void) => void; run: (command: string, focused: null) => void };
 
 /** Icons of 16 x 16, drawn with lines of the text's colour. */
-const ICONS: Record<string, string> = {
+const ICONS = {
   add: "M8 3v10M3 8h10",
   select: "M2.5 5V2.5H5M8 2.5h3M13.5 4.5V6M2.5 8v3M2.5 13.5H6M8 7l6 2.4-2.6 1L10.3 13z",
   remove: "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4",
@@ -167,7 +167,7 @@ export class Toolbar {
     this.menu = opener ? new MoreMenu(this, opener, more, table) : null;
   }
 
-  #button(name: string, parent: Element, command: string, tip: string, table: KeyTable) {
+  #button(name: string, parent: Element, command: keyof typeof ICONS, tip: string, table: KeyTable) {
     const keys = shortcutsOf(table, command);
     const button = pageElement("button", name, parent, {
       type: "button",
@@ -264,7 +264,7 @@ export class Toolbar {
         .filter((b) => !b.isItem && !b.button.hidden)
         .map((b) => b.button),
       at = all.indexOf(button);
-    const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length];
+    const next = all[(at + (key === "ArrowRight" ? 1 : -1) + all.length) % all.length]!;
     for (const other of all) other.tabIndex = other === next ? 0 : -1;
     next.focus();
     return true;
@@ -322,7 +322,7 @@ class MoreMenu {
     if (this.isOverAll) this.root.showPopover();
     this.opener.setAttribute("aria-expanded", "true");
     this.#place();
-    this.items[0].focus({ preventScroll: true });
+    this.items[0]!.focus({ preventScroll: true });
     for (const name of ["scroll", "resize"]) window.addEventListener(name, this.leave, { capture: true });
   }
 
@@ -367,7 +367,7 @@ class MoreMenu {
       End: items.length - 1,
     };
     const next: number | undefined = places[event.key];
-    if (next !== undefined) items[next % items.length].focus();
+    if (next !== undefined) items[next % items.length]!.focus();
     else if (event.key === "Escape") this.close();
     else if (event.key !== "Enter" && event.key !== " ") {
       if (event.key !== "Tab") event.stopPropagation();

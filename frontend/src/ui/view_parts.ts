@@ -1,8 +1,9 @@
 // Small parts of a view: its scale bar, size, captions and letters of directions, and the alternation of the
 // layers of a picture that flickers.
 
+import { AXES, perAxis } from "../maths/axes.ts";
 import { scaled, sideOf } from "../maths/camera.ts";
-import type { Model, Sides } from "../types.ts";
+import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
 import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
@@ -78,15 +79,20 @@ class ScaleBar {
   }
 }
 
-export const VIEW_NAMES: Record<string, string> = { "+y": "A", "-y": "P", "-x": "L", "+x": "R", "-z": "S", "+z": "I" };
-export const VIEW_TITLES: Record<string, string> = {
-  A: "from the front",
-  P: "from behind",
-  L: "from the left",
-  R: "from the right",
-  S: "from above",
-  I: "from below",
-};
+/** The views of the sides of a patient: name, letter and words. */
+export const SIDES = [
+  ["+y", "A", "from the front"],
+  ["-y", "P", "from behind"],
+  ["-x", "L", "from the left"],
+  ["+x", "R", "from the right"],
+  ["-z", "S", "from above"],
+  ["+z", "I", "from below"],
+] as const;
+export type Side = (typeof SIDES)[number][0];
+export type ViewName = Side | "home";
+
+const LETTER_SIDES = ["left", "right", "top", "bottom"] as const;
+type LetterSide = (typeof LETTER_SIDES)[number];
 
 const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
 
@@ -107,7 +113,9 @@ export function sized(root: HTMLElement, host: HTMLElement, model: Model) {
   return { width: box.width || width, height: box.height || height, ratio };
 }
 
-const CAPTIONS: Record<string, string[]> = {
+/** What a view shows: a value of its trait `shows`. */
+export type Shows = "deformed" | "original" | "side_by_side" | "flicker" | "wipe" | "fade";
+const CAPTIONS: Record<"deformed" | "original" | "side_by_side", string[]> = {
   deformed: [""],
   original: ["original"],
   side_by_side: ["original", "deformed"],
@@ -123,7 +131,7 @@ export function remarksOn({
 }: {
   info?: { note?: string } | null;
   field?: { coarse?: boolean } | null;
-  caster?: { folds?: any } | null;
+  caster?: { folds: boolean } | null;
   isScarce?: boolean;
 }) {
   return [
@@ -136,14 +144,14 @@ export function remarksOn({
 }
 
 /** The caption of each picture; layer: the one that is seen of a picture that flickers. */
-export function captionsOf(shows: string, layer: number) {
+export function captionsOf(shows: Shows, layer: number) {
   if (shows === "wipe") return ["original | deformed"];
   if (shows === "fade") return ["original over deformed"];
-  return shows === "flicker" ? [["deformed", "original"][layer]] : CAPTIONS[shows];
+  return shows === "flicker" ? [layer ? "original" : "deformed"] : CAPTIONS[shows];
 }
 
 /** The same in words, to follow a name. */
-export function aboutShown(shows: string) {
+export function aboutShown(shows: Shows) {
   if (shows === "deformed") return "";
   if (shows === "wipe") return ", original left of a line and deformed right of it";
   if (shows === "fade") return ", original laid over deformed";
@@ -163,7 +171,7 @@ export type Picture = {
  * The pictures in a canvas of this width: see FrameLoop.
  * @param wipe share of the width that shows the original in the mode "wipe"
  */
-export function picturesOf(shows: string, width: number, wipe: number = 0.5): Picture[] {
+export function picturesOf(shows: Shows, width: number, wipe: number = 0.5): Picture[] {
   const one: (layer: number, original: boolean, x: number, w: number) => Picture = (layer, original, x, w) => ({
     layer,
     original,
@@ -184,10 +192,10 @@ export function picturesOf(shows: string, width: number, wipe: number = 0.5): Pi
 }
 
 /** The corners of a box along the axes of a volume, from its middle, in space. */
-export function boxCorners({ low, high }: Sides, axes: number[][]) {
-  const half = low.map((l, i) => (high[i] - l) / 2);
+export function boxCorners({ low, high }: Sides, axes: Matrix3) {
+  const half = perAxis((i) => (high[i] - low[i]) / 2);
   return [0, 1, 2, 3, 4, 5, 6, 7].map((k) =>
-    [0, 1, 2].map((row) => [0, 1, 2].reduce((sum, j) => sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j]), 0)),
+    perAxis((row) => AXES.reduce<number>((sum, j) => sum + axes[row][j] * (k & (1 << j) ? half[j] : -half[j]), 0)),
   );
 }
 
@@ -231,7 +239,7 @@ export function measuredBy({
 }: {
   times: { drag: number[]; full: number; passes: number; frames: number };
   scale: number;
-  caster: { size: number[] };
+  caster: { size: Vector2 };
 }) {
   const sorted = [...drag].sort((a, b) => a - b);
   return { drag_ms: sorted[sorted.length >> 1] || 0, full_ms: full, passes, frames, scale, width, height };
@@ -242,16 +250,17 @@ export function measuredBy({
  */
 export class Frames {
   scale: ScaleBar;
-  frames: { frame: HTMLDivElement; caption: HTMLDivElement; letters: HTMLSpanElement[] }[];
+  frames: { frame: HTMLDivElement; caption: HTMLDivElement; letters: Record<LetterSide, HTMLSpanElement> }[];
 
   constructor(root: Element) {
     this.scale = new ScaleBar(root);
     this.frames = [0, 1].map(() => {
-      const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" });
+      const frame = pageElement("div", "dnb-frame", root, { "aria-hidden": "true" }),
+        letter = (side: LetterSide) => pageElement("span", `dnb-letter dnb-${side}`, frame);
       return {
         frame,
         caption: pageElement("div", "dnb-caption", frame),
-        letters: ["left", "right", "top", "bottom"].map((side) => pageElement("span", `dnb-letter dnb-${side}`, frame)),
+        letters: { left: letter("left"), right: letter("right"), top: letter("top"), bottom: letter("bottom") },
       };
     });
   }
@@ -273,17 +282,14 @@ export class Frames {
    * @param box of the view
    */
   write(
-    camera: { right: number[]; up: number[]; height: number; bend: number },
+    camera: { right: Vector3; up: Vector3; height: number; bend: number },
     unit?: string | null | undefined,
     box: Size = { width: 0, height: 0 },
   ) {
     const { right, up } = camera;
     this.scale.write(camera, unit, box, this.frames.filter(({ frame }) => !frame.hidden).length || 1);
-    const texts = [sideOf(scaled(right, -1)), sideOf(right), sideOf(up), sideOf(scaled(up, -1))];
-    for (const { letters } of this.frames)
-      letters.forEach((letter, i) => {
-        setText(letter, texts[i]);
-      });
+    const ways = { left: scaled(right, -1), right, top: up, bottom: scaled(up, -1) };
+    for (const { letters } of this.frames) for (const side of LETTER_SIDES) setText(letters[side], sideOf(ways[side]));
   }
 }
 

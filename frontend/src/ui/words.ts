@@ -72,7 +72,7 @@ export class Translator {
     for (const { part, regex, names, value } of this.patterns) {
       const match = core.includes(part) && regex.exec(core);
       if (!match) continue;
-      const values = new Map(names.map((name, k) => [name, this.#value(name, match[k + 1])]));
+      const values = new Map(names.map((name, k) => [name, this.#value(name, match[k + 1]!)]));
       if ([...values.values()].includes(null)) continue;
       return value.replace(/\{(\w+)\}/g, (whole, name) => values.get(name) ?? whole);
     }
@@ -96,9 +96,8 @@ export class Translator {
   #inTwo(at: RegExp, core: string) {
     const found = at.exec(core);
     if (!found) return null;
-    const [first, rest] = [core.slice(0, found.index), core.slice(found.index + found[0].length)].map((piece) =>
-      this.#piece(piece),
-    );
+    const first = this.#piece(core.slice(0, found.index)),
+      rest = this.#piece(core.slice(found.index + found[0].length));
     return first === null || rest === null ? null : first + found[0] + rest;
   }
 
@@ -113,9 +112,9 @@ export class Translator {
       const made = this.#inTwo(at, core);
       if (made !== null) return made;
     }
-    const aside = /^(.+?) \((.+)\)(\.?)$/s.exec(core),
-      main = aside && this.#find(aside[1]);
-    return aside && main ? `${main} (${this.translate(aside[2])})${aside[3]}` : null;
+    const [, before, aside, period] = /^(.+?) \((.+)\)(\.?)$/s.exec(core) ?? [],
+      main = before && this.#find(before);
+    return main && aside ? `${main} (${this.translate(aside)})${period}` : null;
   }
 }
 

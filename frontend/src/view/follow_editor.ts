@@ -28,7 +28,7 @@ export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): F
   const parts: Record<string, any> = Object.fromEntries(
     names.map((name, k) => [
       name,
-      isHalf(name) ? new Uint16Array(bytesOf(buffers[k]).slice().buffer) : floatsOf(buffers[k]),
+      isHalf(name) ? new Uint16Array(bytesOf(buffers[k]!).slice().buffer) : floatsOf(buffers[k]!),
     ]),
   );
   const planar = content.planar && { ...content.planar, maps: parts.maps, weights: parts.weights };
@@ -69,7 +69,7 @@ export function withLayers(
   keys.forEach((key, r) => {
     const k = layered.regions.length ? layered.fits.findIndex((f) => f.key === key) : 0;
     const at = (r * count + index) * size;
-    if (k >= 0) maps.set(values[k], at);
+    if (k >= 0) maps.set(values[k]!, at);
     else maps.fill(0, at, at + size); // a region without points stays
   });
   return { ...base, maps, shape: [keys.length * count, rows, columns], cut: cut && { ...cut, rule: layered.rule } };
@@ -94,7 +94,7 @@ function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCu
     keys = new Set(layered.fits.map(({ key }) => key));
   for (let i = 0; i < rows * columns; i++) {
     let bits = 0;
-    for (let c = 0; c < count; c++) if (distances[c * rows * columns + i] < 0) bits += 2 ** c;
+    for (let c = 0; c < count; c++) if (distances[c * rows * columns + i]! < 0) bits += 2 ** c;
     keys.add(bits);
   }
   if (keys.size > MOST_REGIONS) return null;
@@ -108,15 +108,15 @@ function rasterOf({ shape: [, rows, columns], origin, spacing }: PlaneCut): Rast
 
 /** Nodes around those of the maps. */
 function cutRaster({ shape: [, rows, columns], origin, spacing }: PlanarField): Raster {
-  const size = [(columns - 1) * spacing[0], (rows - 1) * spacing[1]],
-    margin = CUT_MARGIN * Math.max(...size);
-  const lengths = size.map((l) => l + 2 * margin),
-    longest = Math.max(...lengths);
-  const counts = lengths.map((l) => Math.max(8, Math.ceil((CUT_STEPS * l) / longest)));
+  const [width, height] = [(columns - 1) * spacing[0], (rows - 1) * spacing[1]],
+    margin = CUT_MARGIN * Math.max(width, height),
+    longest = Math.max(width, height) + 2 * margin;
+  const nodes = (length: number) => Math.max(8, Math.ceil((CUT_STEPS * length) / longest));
+  const [a, b] = [width + 2 * margin, height + 2 * margin];
   return {
-    shape: [counts[1], counts[0]],
+    shape: [nodes(b), nodes(a)],
     origin: [origin[0] - margin, origin[1] - margin],
-    spacing: [lengths[0] / (counts[0] - 1), lengths[1] / (counts[1] - 1)],
+    spacing: [a / (nodes(a) - 1), b / (nodes(b) - 1)],
   };
 }
 

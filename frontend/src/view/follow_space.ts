@@ -2,6 +2,7 @@
 // maths/rbf.js at as many nodes as Python would, and no displacement comes from Python. At rest Python's field is shown,
 // which has more nodes. Where Python's field is not the fit of these points alone it says so, and makes all of them.
 
+import { perAxis } from "../maths/axes.ts";
 import { forwardFit, forwardOnLattice } from "../maths/forward_fit.ts";
 import { RbfError, rbfFit, rbfOnLattice } from "../maths/rbf.ts";
 import { fitInFrame } from "../maths/space.ts";
@@ -114,8 +115,7 @@ export class SpaceLink {
       space: { shape: nodes, spacing: steps, origin },
       shape,
     } = given;
-    const along = (k: number) => (steps[k] * (nodes[k] - 1)) / (shape[k] - 1);
-    const spacing: Vector3 = [along(0), along(1), along(2)];
+    const spacing = perAxis((k) => (steps[k] * (nodes[k] - 1)) / (shape[k] - 1));
     try {
       const isForward = settings.direction === "forward",
         lattice = { shape, spacing, origin };

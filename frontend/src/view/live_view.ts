@@ -3,9 +3,9 @@
 // Frames of movies: see movie_frames.js.
 
 import { clipOf, isClipped } from "../maths/clipping.ts";
-import type { Model, Vector3 } from "../types.ts";
+import type { Model, Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-import type { Flicker } from "../ui/view_parts.ts";
+import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
 import { MemoryError, NOT_HELD, RayCaster } from "../webgl/raycaster.ts";
 import type { Picture, PlanarField, SpaceField, VolumeData } from "../webgl/types.ts";
@@ -33,9 +33,9 @@ class LiveVolumeView {
   elements: ViewElements;
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
-  pixels: [number, number];
+  pixels: Vector2;
   flicker: Flicker;
-  shown: string;
+  shown: Shows;
   info: VolumeInfo | null;
   field: Field | null;
   values: Uint8Array | null;
@@ -124,7 +124,8 @@ class LiveVolumeView {
   // -- canvas, captions, notice --------------------------------------------------------------------------------------
 
   size() {
-    const [w, h] = this.elements.fit().map((n) => Math.max(1, n));
+    const { width, height } = this.elements.fit(),
+      [w, h] = [Math.max(1, width), Math.max(1, height)];
     if (this.pixels[0] === w && this.pixels[1] === h) return;
     this.camera.reframed(() => {
       this.pixels = [w, h];
@@ -219,7 +220,7 @@ class LiveVolumeView {
     this.still?.request();
   }
 
-  showView(view: string) {
+  showView(view: ViewName) {
     if (!this.info) return;
     this.camera.seeAll(this.info.views[view]);
     this.touch();
@@ -377,9 +378,9 @@ class LiveVolumeView {
 
   receive(content: Message, buffers: Bytes[]) {
     if (content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
-    if (content.type === "chunk") return this.receiveChunk(content, buffers[0]);
+    if (content.type === "chunk") return this.receiveChunk(content, buffers[0]!);
     if (content.type === "field") return this.receiveField(content, buffers);
-    if (content.type === "still") return this.receiveStill(buffers[0]);
+    if (content.type === "still") return this.receiveStill(buffers[0]!);
     if (content.type === "drawn") return this.still?.drawn(content.info);
     if (content.type === "info") return this.still?.inform(content.info);
     if (content.type === "screenshot") return this.screenshot(content);
@@ -483,7 +484,9 @@ class LiveVolumeView {
   receiveField(content: Message, buffers: Bytes[]) {
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
-    const field = content.frames ? this.times.take(content, buffers) : fieldOf(content, buffers, this.cuts);
+    const field = content.frames
+      ? this.times.take(content, buffers as [Bytes, Bytes])
+      : fieldOf(content, buffers, this.cuts);
     if (!field) {
       this.hello();
       return;

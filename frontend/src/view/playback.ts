@@ -63,7 +63,7 @@ export class TimeLink {
   /**
    * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
    */
-  take({ box, planar, frames: { count, duration } }: Message, [maps, weights]: Bytes[]): Field {
+  take({ box, planar, frames: { count, duration } }: Message, [maps, weights]: [Bytes, Bytes]): Field {
     this.frames = { count, duration, maps: floatsOf(maps), planar: { ...planar, weights: floatsOf(weights) } };
     return { box, planar: planarAt(this.frames, this.time), space: null };
   }
@@ -102,6 +102,6 @@ function mapAt(maps: Float32Array, count: number, position: number) {
     result = new Float32Array(size),
     first = k * size,
     next = first + size;
-  for (let i = 0; i < size; i++) result[i] = (1 - share) * maps[first + i] + share * maps[next + i];
+  for (let i = 0; i < size; i++) result[i] = (1 - share) * maps[first + i]! + share * maps[next + i]!;
   return result;
 }

@@ -96,7 +96,7 @@ export class PointerControls {
   }
 
   pinch(id: number, before: Vector2, now: Vector2, box: ScreenBox) {
-    const [other] = [...this.points].filter(([key]) => key !== id).map(([, point]) => point);
+    const other = [...this.points].find(([key]) => key !== id)![1];
     const distance = (p: Vector2) => Math.max(8, Math.hypot(p[0] - other[0], p[1] - other[1]));
     this.pan((now[0] - before[0]) / 2, (now[1] - before[1]) / 2, box);
     this.zoom(distance(now) / distance(before));
@@ -153,7 +153,8 @@ export class PointerControls {
       ArrowDown: [0, step],
     };
     if (event.key === " " && !this.view.flicker.press(true)) return;
-    if (turns[event.key]) camera.turn(...turns[event.key]);
+    const turn = turns[event.key];
+    if (turn) camera.turn(...turn);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);
     else if (event.key === "-") this.zoom(1 / 1.2);
     else if (event.key === "0") this.view.showView("home");

@@ -6,16 +6,17 @@
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
 // canvas changes when the GPU has nothing left to do, and gets no more until that frame is on its way.
 
+import type { Vector2, Vector4 } from "../types.ts";
 import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
 
 /** x, y, width and height in pixels, from the lower left */
-export type Tile = [number, number, number, number];
+export type Tile = Vector4;
 
 /** a quick picture under way */
 export interface Rush {
   pieces: { picture: Picture; tile: Tile }[];
-  size: [number, number];
+  size: Vector2;
   coarseness: number;
   layers: number[];
   start: number;
@@ -42,7 +43,7 @@ export interface Work {
   /** the next one first */
   stages: Stage[];
   pictures: Picture[];
-  size: [number, number];
+  size: Vector2;
   spent: number;
   passes: number;
 }
@@ -66,12 +67,12 @@ const FINER = 1.2; // than the quick picture by at least so much, or the first a
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
 // [milliseconds, passes]: the faster a full picture, the more of them are averaged; without a GPU the processors have
 // other work to do.
-const PASSES = [
+const PASSES: Vector2[] = [
     [150, 8],
     [700, 4],
     [3000, 2],
   ],
-  SOFTWARE_PASSES = [
+  SOFTWARE_PASSES: Vector2[] = [
     [150, 4],
     [3000, 2],
   ];
@@ -226,8 +227,8 @@ export class FrameLoop {
     else this.#refine();
   }
 
-  get size(): [number, number] {
-    return [this.caster.size[0], this.caster.size[1]];
+  get size(): Vector2 {
+    return [...this.caster.size];
   }
 
   #present() {
@@ -301,7 +302,7 @@ export class FrameLoop {
     this.times.frames += 1;
     const [width, height] = rush.size;
     this.quickCosts = [...this.quickCosts.slice(1 - KNOWN_COSTS), rush.spent / (width * height)];
-    this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1];
+    this.quickCost = [...this.quickCosts].sort((a, b) => a - b)[this.quickCosts.length >> 1]!;
     this.#fitScale(width * height);
   }
 
@@ -358,7 +359,7 @@ export class FrameLoop {
   #stages(layer: number, pictures: Picture[], stride: number): Stage[] {
     const name = (s: number) => (s > 1 ? `stride${s}of${layer}` : `full${layer}`);
     if (stride === 1) return [{ layer, pieces: this.#pieces(pictures, [null]), shows: name(1), merged: null }];
-    const quarters: (numbers: [number, number][], s: number) => Quarter[] = (numbers, s) =>
+    const quarters: (numbers: Vector2[], s: number) => Quarter[] = (numbers, s) =>
       numbers.map(([x, y]) => ({ stride: s, x, y }));
     const stages: Stage[] = [
       { layer, pieces: this.#pieces(pictures, quarters([[0, 0]], stride)), shows: name(stride), merged: null },
@@ -394,17 +395,16 @@ export class FrameLoop {
     const most = Math.max(16, Math.min(Math.max(w, h), side));
     const pieces: Piece[] = [];
     for (const picture of pictures) {
-      const [{ stride }] = quarters.map((q) => q ?? { stride: 1 });
+      const stride = quarters[0]?.stride ?? 1;
       for (let y = 0; y < h; y += most * stride) {
         for (let x = picture.x; x < picture.x + picture.width; x += most * stride) {
           const right = Math.min(x + most * stride, picture.x + picture.width),
             top = Math.min(y + most * stride, h);
           for (const quarter of quarters) {
-            const within: (from: number, to: number, part?: number) => [number, number] = (from, to, part = 0) => {
-              const [a, b] = [from, to].map((n) => Math.ceil((n - (part * stride) / 2) / stride));
-              return [a, b - a];
-            };
-            const [[left, width], [low, height]] = [within(x, right, quarter?.x), within(y, top, quarter?.y)];
+            const before = (n: number, part: number) => Math.ceil((n - (part * stride) / 2) / stride);
+            const { x: column, y: row } = quarter ?? { x: 0, y: 0 };
+            const [left, low] = [before(x, column), before(y, row)];
+            const [width, height] = [before(right, column) - left, before(top, row) - low];
             if (width > 0 && height > 0) pieces.push({ picture, at: [left, low, width, height], quarter });
           }
         }

@@ -2,10 +2,10 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import type { Model } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { COMPARISONS } from "../ui/compare_controls.ts";
 import { pageElement } from "../ui/dom.ts";
-import type { Flicker } from "../ui/view_parts.ts";
+import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { opened } from "../ui/view_parts.ts";
 import { PointerControls } from "./pointer.ts";
 import { SpacePoints } from "./space_points.ts";
@@ -27,7 +27,7 @@ export class ServerVolumeView {
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   flicker: Flicker;
-  shown: string;
+  shown: Shows;
   info: VolumeInfo | null;
   layers: ImageBitmap[];
   drawn: number;
@@ -138,10 +138,11 @@ export class ServerVolumeView {
     if (this.closed) return;
     const { background, theme } = this.elements;
     this.root.dataset.background = background;
-    const [w, h] = this.elements.fit().map((n) => Math.min(4096, Math.max(16, n)));
+    const { width, height } = this.elements.fit(),
+      within = (n: number) => Math.min(4096, Math.max(16, n));
     const now = {
-      width: w,
-      height: h,
+      width: within(width),
+      height: within(height),
       background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }),
     }; // a frame of ours may be shown in pages of it
@@ -254,7 +255,7 @@ export class ServerVolumeView {
     this.readCamera(true);
   }
 
-  get pixels() {
+  get pixels(): Vector2 {
     return [this.canvas.width, this.canvas.height];
   }
 
@@ -297,7 +298,7 @@ export class ServerVolumeView {
     if (this.isLate) this.#sendCamera();
   }
 
-  showView(view: string) {
+  showView(view: ViewName) {
     if (!this.info) return;
     this.camera.seeAll(this.info.views[view]);
     this.touchParts();

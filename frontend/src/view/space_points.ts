@@ -3,9 +3,10 @@
 // go to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.ts";
+import { AXES, type Axis, perAxis } from "../maths/axes.ts";
 import type { Camera } from "../maths/camera.ts";
 import { added, dot, scaled, unitVector } from "../maths/camera.ts";
-import { clipSides, leftOf } from "../maths/clipping.ts";
+import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
 import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.ts";
 import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
@@ -36,6 +37,7 @@ export interface Held {
 
 const LATER = 120; // milliseconds between two computations of what is hidden
 const PIXELS = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }; // a view of handles whose places are CSS pixels
+const AXIS_NAMES = ["x", "y", "z"] as const;
 const HALF_SEEN = 0.5; // a surface is where half of the light is stopped
 
 // ---- rays between a view and the volume in it; no DOM ---------------------------------------------------------------
@@ -46,7 +48,7 @@ export class SpaceCamera {
   up: Vector3;
   ahead: Vector3;
   box: ScreenBox;
-  half: number[];
+  half: Vector2;
   bend: number;
   eye: Vector3;
 
@@ -55,7 +57,7 @@ export class SpaceCamera {
    * @param middle of what is seen
    * @param box of the picture
    */
-  constructor(camera: Camera, bend: number, middle: number[], box: ScreenBox) {
+  constructor(camera: Camera, bend: number, middle: Vector3, box: ScreenBox) {
     const { right, up, direction, pan, height } = camera,
       aspect = box.width / box.height;
     this.right = right;
@@ -68,9 +70,9 @@ export class SpaceCamera {
   }
 
   /** The pixel where a place is seen, its distance, and the length in space of one pixel there. */
-  see(place: number[]): { at: Vector2; depth: number; scale: number } {
+  see(place: Vector3): { at: Vector2; depth: number; scale: number } {
     const { box, bend, half } = this,
-      from = place.map((x, k) => x - this.eye[k]),
+      from = perAxis((k) => place[k] - this.eye[k]),
       depth = dot(from, this.ahead);
     const near = bend > 0 ? Math.max(1e-6, 1 + depth * bend) : 1; // how much smaller things look there
     const a = dot(from, this.right) / near / half[0],
@@ -83,15 +85,15 @@ export class SpaceCamera {
   }
 
   /** The way in space, parallel to the screen, of a way on it at a place. */
-  way(place: number[], [dx, dy]: Vector2): number[] {
+  way(place: Vector3, [dx, dy]: Vector2): Vector3 {
     const { scale } = this.see(place);
     return added(scaled(this.right, dx * scale), scaled(this.up, -dy * scale));
   }
 
   /** The same along one axis of space: as far as brings its picture nearest to the pointer. */
-  wayAlong(axis: number, place: number[], [dx, dy]: Vector2): number[] {
+  wayAlong(axis: Axis, place: Vector3, [dx, dy]: Vector2): Vector3 {
     const { at, scale } = this.see(place),
-      unit = [0, 1, 2].map((k) => (k === axis ? 1 : 0));
+      unit = perAxis((k) => (k === axis ? 1 : 0));
     const there = this.see(added(place, scaled(unit, scale))).at,
       [u, v] = [there[0] - at[0], there[1] - at[1]];
     const steep = u * u + v * v;
@@ -100,7 +102,7 @@ export class SpaceCamera {
   }
 
   /** The ray of a pixel. */
-  ray([x, y]: Vector2): { start: number[]; ray: number[] } {
+  ray([x, y]: Vector2): { start: Vector3; ray: Vector3 } {
     const { box, half, bend } = this;
     const a = ((x - box.left) / box.width) * 2 - 1,
       b = 1 - ((y - box.top) / box.height) * 2;
@@ -111,15 +113,15 @@ export class SpaceCamera {
   }
 
   /** The direction from a place to the viewer. */
-  toViewer(place: number[]) {
+  toViewer(place: Vector3) {
     if (!(this.bend > 0)) return scaled(this.ahead, -1);
     const eye = added(this.eye, scaled(this.ahead, -1 / this.bend));
-    return normalized(eye.map((x, k) => x - place[k]));
+    return normalized(perAxis((k) => eye[k] - place[k]));
   }
 }
 
 /** A vector that is not zero, with length 1. */
-function normalized(vector: number[]): number[] {
+function normalized(vector: Vector3): Vector3 {
   return unitVector(vector) ?? vector;
 }
 
@@ -150,7 +152,7 @@ export class Body {
     field?: Field | null;
     table: Float32Array /** the thickness that the table's opacities hold for */;
     unit: number;
-    clip?: number[][] | null;
+    clip?: Clip | null;
   }) {
     const box = field?.box ?? info.box;
     this.values = values;
@@ -165,36 +167,36 @@ export class Body {
   }
 
   /** A place of space in the volume's own frame. */
-  toFrame(place: number[]) {
-    return this.turned(place.map((x, k) => x - this.info.origin[k]));
+  toFrame(place: Vector3) {
+    return this.turned(perAxis((k) => place[k] - this.info.origin[k]));
   }
 
   /** A vector of space in the volume's own frame. */
-  turned(vector: number[]) {
-    return this.info.to_frame.map((row) => dot(row, vector));
+  turned(vector: Vector3) {
+    return perAxis((k) => dot(this.info.to_frame[k], vector));
   }
 
   /** The place that the value at x comes from. */
-  origin(x: number[]) {
+  origin(x: Vector3) {
     const { planar, space } = this,
       moved = planar ? added(x, planarAt(planar, x)) : x;
     return space ? added(moved, sampleAt(space, moved)) : moved;
   }
 
-  opacity(x: number[]) {
+  opacity(x: Vector3) {
     const { shape, spacing } = this.info,
       from = this.origin(x),
-      at = from.map((l, k) => Math.round(l / spacing[k]));
-    if (at.some((i, k) => i < 0 || i >= shape[k])) return 0;
-    return opacityOfByte(this.table, this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]]);
+      at = perAxis((k) => Math.round(from[k] / spacing[k]));
+    if (AXES.some((k) => at[k] < 0 || at[k] >= shape[k])) return 0;
+    return opacityOfByte(this.table, this.values[(at[2] * shape[1] + at[1]) * shape[0] + at[0]]!);
   }
 
   /** The place in the box where half of the light along a ray is stopped, as a length along it, or null. */
-  meet(start: number[], ray: number[], from = 0) {
+  meet(start: Vector3, ray: Vector3, from = 0) {
     const { low, high } = this.box;
     let first = from,
       last = Infinity;
-    for (let k = 0; k < 3; k++) {
+    for (const k of AXES) {
       const slope = Math.abs(ray[k]) < 1e-9 ? 1e-9 : ray[k];
       const a = (low[k] - start[k]) / slope,
         b = (high[k] - start[k]) / slope;
@@ -212,29 +214,28 @@ export class Body {
   /**
    * True if something lies between a place in space and the viewer; what is nearer than two voxels does not count.
    */
-  hides(place: number[], toViewer: number[]) {
+  hides(place: Vector3, toViewer: Vector3) {
     return this.meet(this.toFrame(place), normalized(this.turned(toViewer)), 2 * this.step) !== null;
   }
 
   /** The place in space where a ray in space meets the body, or null. */
-  surface({ start, ray }: { start: number[]; ray: number[] }) {
+  surface({ start, ray }: { start: Vector3; ray: Vector3 }) {
     const t = this.meet(this.toFrame(start), normalized(this.turned(ray)), -Infinity);
     return t === null ? null : added(start, scaled(ray, t));
   }
 }
 
 /** A displacement sampled in space, between its samples; x in the frame of the volume. */
-function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }: SpaceField, x: number[]) {
-  const n = [nx, ny, nz],
-    q = x.map((l, k) => Math.max(0, Math.min(n[k] - 1, (l - origin[k]) / spacing[k])));
-  const i = q.map((v, k) => Math.max(0, Math.min(n[k] - 2, Math.floor(v)))),
-    f = q.map((v, k) => v - i[k]);
-  const sum = [0, 0, 0];
+function sampleAt({ shape: n, origin, spacing, values }: SpaceField, x: Vector3) {
+  const q = perAxis((k) => Math.max(0, Math.min(n[k] - 1, (x[k] - origin[k]) / spacing[k])));
+  const i = perAxis((k) => Math.max(0, Math.min(n[k] - 2, Math.floor(q[k])))),
+    f = perAxis((k) => q[k] - i[k]);
+  const sum: Vector3 = [0, 0, 0];
   for (let corner = 0; corner < 8; corner++) {
-    const at = i.map((v, k) => Math.min(n[k] - 1, v + ((corner >> k) & 1)));
-    const weight = f.reduce((w, v, k) => w * ((corner >> k) & 1 ? v : 1 - v), 1);
-    const j = 3 * ((at[2] * ny + at[1]) * nx + at[0]);
-    if (weight) for (let m = 0; m < 3; m++) sum[m] += weight * values[j + m];
+    const at = perAxis((k) => Math.min(n[k] - 1, i[k] + ((corner >> k) & 1)));
+    const weight = AXES.reduce<number>((w, k) => w * ((corner >> k) & 1 ? f[k] : 1 - f[k]), 1);
+    const j = 3 * ((at[2] * n[1] + at[1]) * n[0] + at[0]);
+    if (weight) for (const m of AXES) sum[m] += weight * values[j + m]!;
   }
   return sum;
 }
@@ -242,32 +243,29 @@ function sampleAt({ shape: [nx, ny, nz], origin, spacing, values }: SpaceField, 
 /** The displacement of maps over a plane, weighted along its normal. */
 function planarAt(
   { shape: [count, rows, columns], origin, spacing, depth, plane, maps, weights }: PlanarField,
-  x: number[],
+  x: Vector3,
 ) {
   const { origin: o, u, v, n } = plane,
-    from = x.map((l, k) => l - o[k]),
+    from = perAxis((k) => x[k] - o[k]),
     knots = weights.length / count;
   const clamp: (value: number, most: number) => number = (value, most) => Math.max(0, Math.min(most, value));
   const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1);
   const q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
   const z = depth[1] > depth[0] ? clamp((dot(from, n) - depth[0]) / (depth[1] - depth[0]), 1) * (knots - 1) : 0;
-  const [i, j, k] = [
-    [p, columns],
-    [q, rows],
-    [z, knots],
-  ].map(([w, m]) => Math.max(0, Math.min(m - 2, Math.floor(w))));
+  const before = (at: number, nodes: number) => Math.max(0, Math.min(nodes - 2, Math.floor(at)));
+  const [i, j, k] = [before(p, columns), before(q, rows), before(z, knots)];
   const s = p - i,
     t = q - j,
     w = z - k,
-    sum = [0, 0];
+    sum: Vector2 = [0, 0];
   for (let m = 0; m < count; m++) {
-    const weight = weights[m * knots + k] * (1 - w) + (knots > 1 ? weights[m * knots + k + 1] * w : 0);
+    const weight = weights[m * knots + k]! * (1 - w) + (knots > 1 ? weights[m * knots + k + 1]! * w : 0);
     if (!weight) continue;
     const row = (m * rows + j) * columns + i,
       down = rows > 1 ? columns : 0,
       east = columns > 1 ? 1 : 0;
-    for (let c = 0; c < 2; c++) {
-      const value = (at: number) => maps[2 * at + c];
+    for (const c of [0, 1] as const) {
+      const value = (at: number) => maps[2 * at + c]!;
       sum[c] +=
         weight *
         ((1 - t) * ((1 - s) * value(row) + s * value(row + east)) +
@@ -290,7 +288,7 @@ export class SpacePoints {
   selected: Set<number>;
   held: Held | null;
   drag0: Point[] | null;
-  axis: number | null;
+  axis: Axis | null;
   order: number[];
   flat: WeakMap<Point, FlatPoint & { depth: number }>;
   seen: string;
@@ -433,7 +431,7 @@ export class SpacePoints {
         elements: { box },
       } = this.view,
       { info, middle } = camera;
-    const place = info.origin.map((o, row) => o + dot(info.axes[row], middle));
+    const place = perAxis((row) => info.origin[row] + dot(info.axes[row], middle));
     const width = Math.max(1, box.width / camera.parts);
     return new SpaceCamera(camera, camera.bend, place, {
       left: box.width - width,
@@ -484,13 +482,13 @@ export class SpacePoints {
     return this.points.map((p) => {
       const known = this.flat.get(p);
       if (known) return known;
-      const { at, depth } = camera.see(p.target);
+      const { at, depth } = camera.see(p.target as Vector3);
       const made = {
         id: p.id,
         name: p.name,
         active: p.active,
         target: at,
-        source: camera.see(p.source).at,
+        source: camera.see(p.source as Vector3).at,
         depth,
         away: 0,
         isFar: false,
@@ -506,10 +504,10 @@ export class SpacePoints {
       p = axis === null ? null : this.points.find((q) => this.selected.has(q.id));
     setAttributes(this.axisLine, { visibility: p ? "visible" : "hidden" });
     if (!p || axis === null) return;
-    const far = 1000 * camera.see(p.target).scale,
-      unit = [0, 1, 2].map((k) => (k === axis ? far : 0));
-    const [from, to] = [-1, 1].map((sign) => camera.see(added(p.target, scaled(unit, sign))).at);
-    setAttributes(this.axisLine, { d: `M ${from} L ${to}`, "data-axis": "xyz"[axis] });
+    const far = 1000 * camera.see(p.target as Vector3).scale,
+      unit = perAxis((k) => (k === axis ? far : 0));
+    const end = (sign: number) => camera.see(added(p.target as Vector3, scaled(unit, sign))).at;
+    setAttributes(this.axisLine, { d: `M ${end(-1)} L ${end(1)}`, "data-axis": AXIS_NAMES[axis] });
   }
 
   /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
@@ -525,7 +523,8 @@ export class SpacePoints {
     this.lookedAt = now;
     const { body } = this;
     for (const p of this.points) {
-      const isHidden = body?.hides(p.target, camera.toViewer(p.target)) ?? false,
+      const place = p.target as Vector3,
+        isHidden = body?.hides(place, camera.toViewer(place)) ?? false,
         parts = this.handles.byId.get(p.id);
       if (!parts) continue;
       for (const part of [parts.target, parts.source, parts.arrow]) part.classList.toggle("dnb-sp-hidden", isHidden);
@@ -600,14 +599,14 @@ export class SpacePoints {
       point = drag0?.find((p) => p.id === held.id);
     if (!drag0 || !point) return;
     const place = held.what === "source" ? point.source : point.target;
-    const way = this.#way(place, [at[0] - held.from[0], at[1] - held.from[1]]);
+    const way = this.#way(place as Vector3, [at[0] - held.from[0], at[1] - held.from[1]]);
     this.points = movedInSpace(drag0, held.ids, way, held.what);
     this.#publish("move");
     this.edited.sender.move(this.points);
     this.draw();
   }
 
-  #way(place: number[], by: Vector2) {
+  #way(place: Vector3, by: Vector2) {
     const { axis, camera } = this;
     return axis === null ? camera.way(place, by) : camera.wayAlong(axis, place, by);
   }
@@ -683,12 +682,14 @@ export class SpacePoints {
       return true;
     }
     if (!hit) return false;
-    if ("xyz".includes(key) && key.length === 1) {
-      this.#lock("xyz".indexOf(key));
+    const axis = AXES.find((k) => AXIS_NAMES[k] === key),
+      arrow = arrows[key];
+    if (axis !== undefined) {
+      this.#lock(axis);
       return true;
     }
-    if (key in arrows) {
-      this.#nudge(hit.id, arrows[key], event.shiftKey ? 10 : 1);
+    if (arrow) {
+      this.#nudge(hit.id, arrow, event.shiftKey ? 10 : 1);
       return true;
     }
     if (key === "Delete" || key === "Backspace") {
@@ -710,9 +711,9 @@ export class SpacePoints {
   }
 
   /** Drags along x, y or z only, until that key is pressed again. */
-  #lock(axis: number) {
+  #lock(axis: Axis) {
     this.axis = this.axis === axis ? null : axis;
-    this.liveRegion.textContent = this.axis === null ? "free" : `along ${"xyz"[axis]} only`;
+    this.liveRegion.textContent = this.axis === null ? "free" : `along ${AXIS_NAMES[axis]} only`;
     if (this.drag0 && this.held?.at) this.#dragTo(this.held, this.held.at);
     else this.draw();
   }
@@ -722,7 +723,7 @@ export class SpacePoints {
       length = voxels * Math.min(...this.view.camera.info.spacing);
     if (!p || this.isLocked) return;
     if (!this.selected.has(id)) this.select([id]);
-    const way = unitVector(this.#way(p.target, by)),
+    const way = unitVector(this.#way(p.target as Vector3, by)),
       ids = [...this.selected];
     if (way) this.edited.sender.edit(movedInSpace(this.points, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
   }

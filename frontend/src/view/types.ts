@@ -1,7 +1,7 @@
 // Shapes of what the front ends of a view share.
 
-import type { Model, Sides, Vector2, Vector3 } from "../types.ts";
-import type { Flicker } from "../ui/view_parts.ts";
+import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
+import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import type { RayCaster } from "../webgl/raycaster.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
 import type { PointerControls } from "./pointer.ts";
@@ -34,8 +34,8 @@ export interface VolumeInfo {
   origin: Vector3;
   chunks: number;
   /** Rows of a matrix, from vectors in space to the volume's own frame, and back. */
-  to_frame: Vector3[];
-  axes: Vector3[];
+  to_frame: Matrix3;
+  axes: Matrix3;
   /** In the volume's own frame. */
   box: Sides;
   outside: number;
@@ -45,7 +45,7 @@ export interface VolumeInfo {
   note: string;
   unit: string;
   /** Looks by the name of a side, and "home". */
-  views: Record<string, ViewDirection>;
+  views: Record<ViewName, ViewDirection>;
 }
 
 /** The displacement that is shown. */
@@ -65,11 +65,11 @@ export interface VolumeViewLike {
   canvas: HTMLCanvasElement;
   elements: ViewElements;
   /** Width and height of the full picture in pixels. */
-  pixels: number[];
+  pixels: Vector2;
   camera: ViewCamera;
   info: VolumeInfo | null;
   /** The value of the trait "shows" that the camera is for. */
-  shown: string;
+  shown: Shows;
   closed: boolean;
   flicker: Flicker;
   pointer: PointerControls;
@@ -83,7 +83,7 @@ export interface VolumeViewLike {
   fail(error: unknown): void;
   touch(held?: boolean): void;
   writeCamera(): void;
-  showView(view: string): void;
+  showView(view: ViewName): void;
   lost(event: Event): void;
   restored(): void;
 }

@@ -1,5 +1,6 @@
 // The camera of a view: it follows the trait `camera` and sees the box of what is shown.
 
+import { perAxis } from "../maths/axes.ts";
 import { Camera } from "../maths/camera.ts";
 import { boxCorners } from "../ui/view_parts.ts";
 
@@ -32,7 +33,7 @@ export class ViewCamera extends Camera {
   /** The middle of the box, in the volume's own frame. */
   get middle() {
     const { low, high } = this.box;
-    return low.map((l, i) => (l + high[i]) / 2);
+    return perAxis((i) => (low[i] + high[i]) / 2);
   }
 
   /** Pictures side by side. */

@@ -5,7 +5,18 @@ import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { Theme } from "../ui/theme.ts";
-import { aboutShown, captionsOf, Flicker, Frames, listen, sized } from "../ui/view_parts.ts";
+import {
+  aboutShown,
+  captionsOf,
+  Flicker,
+  Frames,
+  type Handlers,
+  listen,
+  type Shows,
+  sized,
+  type ViewName,
+} from "../ui/view_parts.ts";
+import type { Background } from "../webgl/raycaster.ts";
 import type { ViewCamera } from "./view_camera.ts";
 import type { Message } from "./volume_loader.ts";
 
@@ -15,7 +26,7 @@ const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
 /** what the elements call */
 export interface ElementActions {
   /** a side of the cube was pressed */
-  showView: (view: string) => void;
+  showView: (view: ViewName) => void;
   /** the page around has another theme */
   rethemed: () => void;
   /** the other picture of two in turn is seen */
@@ -84,12 +95,12 @@ export class ViewElements {
   }
 
   /** What is shown: a value of the trait. */
-  get shows(): string {
+  get shows(): Shows {
     return this.model.get("shows") || "deformed";
   }
 
-  get background(): string {
-    const background = this.model.get("background");
+  get background(): Background {
+    const background: Background | "auto" = this.model.get("background");
     return background === "auto" ? this.theme.name : background;
   }
 
@@ -97,7 +108,7 @@ export class ViewElements {
   fit() {
     const { ratio, ...box } = sized(this.root, this.host, this.model);
     this.box = box;
-    return [box.width * ratio, box.height * ratio].map(Math.round);
+    return { width: Math.round(box.width * ratio), height: Math.round(box.height * ratio) };
   }
 
   showMessage(text: string) {
@@ -148,7 +159,7 @@ export class ViewMessages {
   model: Model;
   fail: (error: unknown) => void;
   id: string;
-  handlers: [string, (...given: any[]) => void][];
+  handlers: Handlers;
 
   /** @param fail called with the error of a handler */
   constructor(model: Model, fail: (error: unknown) => void) {

@@ -80,7 +80,7 @@ export class VolumeLoader {
     }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
-    if (lag > 0) for (let i = lag; i < voxels.length; i++) voxels[i] += voxels[i - lag];
+    if (lag > 0) for (let i = lag; i < voxels.length; i++) voxels[i]! += voxels[i - lag]!;
     this.values.set(voxels, start);
     this.missing.delete(index);
     this.tries = 0;

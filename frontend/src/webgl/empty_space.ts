@@ -2,7 +2,8 @@
 // each cell a box is found that holds the origins of all of its places, and the blocks of the volume in it are looked
 // at. Pure arithmetic; no DOM, no WebGL. Lengths are physical, along the index axes of the volume (its own frame).
 
-import type { Sides, Vector3 } from "../types.ts";
+import { AXES, perAxis } from "../maths/axes.ts";
+import type { Matrix3, Sides, Vector2, Vector3 } from "../types.ts";
 import type { CastPlanar, CastSpace, Extremes, SpaceField } from "./types.ts";
 import { BLOCK } from "./volume_blocks.ts";
 
@@ -18,11 +19,10 @@ const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
 class PlanarRanges {
   planar: CastPlanar;
   knots: number;
-  size: number[];
-  matrix: number[];
-  offset: number[];
-  half: number[];
-  tiles: number[];
+  matrix: Matrix3;
+  offset: Vector3;
+  half: Vector3;
+  tiles: Vector2;
   values: Float32Array<ArrayBuffer>;
 
   /** @param half extents of a box */
@@ -36,59 +36,54 @@ class PlanarRanges {
     } = planar;
     this.planar = planar;
     this.knots = weights.length / count;
-    this.size = [columns, rows, this.knots];
-    this.matrix = matrix.map((m, i) => m * this.size[i % 3]); // to (column, row, knot)
-    this.offset = offset.map((o, i) => o * this.size[i] - 0.5);
-    this.half = [0, 1, 2].map((i) => half.reduce((sum, h, j) => sum + h * Math.abs(this.matrix[3 * j + i]), 0));
-    this.tiles = [columns, rows].map((n) => Math.max(1, Math.ceil((n - 1) / PLANAR_TILE)));
+    const size: Vector3 = [columns, rows, this.knots];
+    this.matrix = perAxis((j) => perAxis((i) => matrix[j][i] * size[i])); // to (column, row, knot)
+    this.offset = perAxis((i) => offset[i] * size[i] - 0.5);
+    this.half = perAxis((i) => AXES.reduce<number>((sum, j) => sum + half[j] * Math.abs(this.matrix[j][i]), 0));
+    const tiles = (n: number) => Math.max(1, Math.ceil((n - 1) / PLANAR_TILE));
+    this.tiles = [tiles(columns), tiles(rows)];
     this.values = planarTiles(maps, [layers, rows, columns], this.tiles);
-    [0, 1].forEach((axis) => {
+    for (const axis of [0, 1] as const) {
       // of all tiles that a box meets, at the first of them: one look-up for each box
       const stride = axis ? 4 * this.tiles[0] : 4,
         most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
       this.values = gathered(this.values, stride, this.tiles[axis], most);
-    });
+    }
   }
 
-  /**
-   * Widens a box around `middle` by what a region's displacement is in it.
-   * @param box low and high along x, y, z
-   */
-  widen(middle: Float64Array, region: number, box: Float64Array) {
+  /** Widens a box around `middle` by what a region's displacement is in it. */
+  widen([x, y, z]: Vector3, region: number, box: Sides) {
     const {
       planar: { count, isReplicated, weights, plane },
-      matrix: m,
+      matrix: [mx, my, mz],
       offset,
       half,
       values,
     } = this;
     const [wide, high] = this.tiles;
-    const x = middle[0],
-      y = middle[1],
-      z = middle[2];
-    const column = tileOf(m[0] * x + m[3] * y + m[6] * z + offset[0] - half[0], PLANAR_TILE, wide);
-    const row = tileOf(m[1] * x + m[4] * y + m[7] * z + offset[1] - half[1], PLANAR_TILE, high);
+    const column = tileOf(mx[0] * x + my[0] * y + mz[0] * z + offset[0] - half[0], PLANAR_TILE, wide);
+    const row = tileOf(mx[1] * x + my[1] * y + mz[1] * z + offset[1] - half[1], PLANAR_TILE, high);
     let u0 = 0,
       u1 = 0,
       v0 = 0,
       v1 = 0;
     for (let k = 0; k < count; k++) {
       const i = 4 * (((region * count + k) * high + row) * wide + column);
-      const lowU = values[i],
-        highU = values[i + 1],
-        lowV = values[i + 2],
-        highV = values[i + 3];
+      const lowU = values[i]!,
+        highU = values[i + 1]!,
+        lowV = values[i + 2]!,
+        highV = values[i + 3]!;
       let w0 = 1,
         w1 = 1;
       if (!isReplicated) {
-        const depth = m[2] * x + m[5] * y + m[8] * z + offset[2],
+        const depth = mx[2] * x + my[2] * y + mz[2] * z + offset[2],
           last = this.knots - 1;
         const from = Math.max(0, Math.min(last, Math.floor(depth - half[2])));
         const to = Math.max(0, Math.min(last, Math.ceil(depth + half[2])));
         w0 = Infinity;
         w1 = -Infinity;
         for (let n = from; n <= to; n++) {
-          const w = weights[k * this.knots + n];
+          const w = weights[k * this.knots + n]!;
           w0 = Math.min(w0, w);
           w1 = Math.max(w1, w);
         }
@@ -98,11 +93,11 @@ class PlanarRanges {
       v0 += Math.min(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
       v1 += Math.max(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
     }
-    for (let i = 0; i < 3; i++) {
+    for (const i of AXES) {
       const u = plane.u[i],
         v = plane.v[i];
-      box[i] += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
-      box[3 + i] += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
+      box.low[i] += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
+      box.high[i] += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
     }
   }
 }
@@ -122,8 +117,8 @@ function gathered(values: Float32Array, stride: number, tiles: number, most: num
   for (let i = 0; i < values.length; i++) {
     const left = Math.min(most, tiles - 1 - (Math.floor(i / stride) % tiles));
     for (let k = 1; k <= left; k++) {
-      const other = values[i + k * stride];
-      if (i % 2 ? other > out[i] : other < out[i]) out[i] = other;
+      const other = values[i + k * stride]!;
+      if (i % 2 ? other > out[i]! : other < out[i]!) out[i] = other;
     }
   }
   return out;
@@ -133,7 +128,7 @@ function gathered(values: Float32Array, stride: number, tiles: number, most: num
  * Smallest and largest value of both components in every tile, whose outermost nodes it shares with its neighbours.
  * @param tiles columns and rows of them
  */
-function planarTiles(maps: Float32Array, [layers, rows, columns]: Vector3, [wide, high]: number[]) {
+function planarTiles(maps: Float32Array, [layers, rows, columns]: Vector3, [wide, high]: Vector2) {
   const out = new Float32Array(4 * layers * high * wide);
   for (let layer = 0, o = 0; layer < layers; layer++) {
     for (let b = 0; b < high; b++) {
@@ -147,8 +142,8 @@ function planarTiles(maps: Float32Array, [layers, rows, columns]: Vector3, [wide
         for (let row = b * PLANAR_TILE; row <= rowEnd; row++) {
           let i = 2 * ((layer * rows + row) * columns + a * PLANAR_TILE);
           for (let column = a * PLANAR_TILE; column <= end; column++, i += 2) {
-            const u = maps[i],
-              v = maps[i + 1];
+            const u = maps[i]!,
+              v = maps[i + 1]!;
             if (u < lowU) lowU = u;
             if (u > highU) highU = u;
             if (v < lowV) lowV = v;
@@ -170,7 +165,7 @@ export class SpaceRanges {
   spacing: Vector3;
   origin: Vector3;
   regions: number;
-  tiles: number[];
+  tiles: Vector3;
   ranges: Float32Array<ArrayBuffer>[];
 
   constructor(space: SpaceField) {
@@ -178,7 +173,7 @@ export class SpaceRanges {
     this.spacing = spacing;
     this.origin = origin;
     this.regions = cut ? cut.regions : 1;
-    this.tiles = shape.map(tilesOf);
+    this.tiles = perAxis((i) => tilesOf(shape[i]));
     const parts = cut ? 4 : 3,
       floats = cut ? halfFloats(values as Uint16Array) : values;
     const each = shape[0] * shape[1] * shape[2] * parts;
@@ -188,48 +183,53 @@ export class SpaceRanges {
     );
   }
 
-  /**
-   * Widens a box by what a region's displacement is in it.
-   * @param box low and high along x, y, z
-   */
-  widen(region: number, box: Float64Array) {
+  /** Widens a box by what a region's displacement is in it. */
+  widen(region: number, box: Sides) {
     const {
       tiles: [wide, high, deep],
       origin,
       spacing,
       ranges,
     } = this;
-    const x0 = tileOf((box[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
-    const x1 = tileOf((box[3] - origin[0]) / spacing[0], SPACE_TILE, wide);
-    const y0 = tileOf((box[1] - origin[1]) / spacing[1], SPACE_TILE, high);
-    const y1 = tileOf((box[4] - origin[1]) / spacing[1], SPACE_TILE, high);
-    const z0 = tileOf((box[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
-    const z1 = tileOf((box[5] - origin[2]) / spacing[2], SPACE_TILE, deep);
-    const own = ranges[region],
-      moves = MOVES.fill(Infinity, 0, 3).fill(-Infinity, 3);
+    const x0 = tileOf((box.low[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const x1 = tileOf((box.high[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const y0 = tileOf((box.low[1] - origin[1]) / spacing[1], SPACE_TILE, high);
+    const y1 = tileOf((box.high[1] - origin[1]) / spacing[1], SPACE_TILE, high);
+    const z0 = tileOf((box.low[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const z1 = tileOf((box.high[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const own = ranges[region]!;
+    MOVES.low.fill(Infinity);
+    MOVES.high.fill(-Infinity);
     for (let z = z0; z <= z1; z++) {
       for (let y = y0; y <= y1; y++) {
         for (let x = x0, i = 6 * ((z * high + y) * wide + x0); x <= x1; x++, i += 6) {
-          for (let c = 0; c < 3; c++) {
-            if (own[i + c] < moves[c]) moves[c] = own[i + c];
-            if (own[i + 3 + c] > moves[3 + c]) moves[3 + c] = own[i + 3 + c];
+          for (const c of AXES) {
+            const low = own[i + c]!,
+              high = own[i + 3 + c]!;
+            if (low < MOVES.low[c]) MOVES.low[c] = low;
+            if (high > MOVES.high[c]) MOVES.high[c] = high;
           }
         }
       }
     }
-    for (let c = 0; c < 6; c++) box[c] += moves[c];
+    for (const c of AXES) {
+      box.low[c] += MOVES.low[c];
+      box.high[c] += MOVES.high[c];
+    }
   }
 }
 
-const MOVES = new Float64Array(6); // one for all: an array for each box would take longer than the rest
+const MOVES: Sides = { low: [0, 0, 0], high: [0, 0, 0] }; // one for all: an array for each box would take longer than the rest
 
 /**
  * The smallest values of the three components, then the largest, in every tile.
  * @param values [z][y][x][parts]
  */
 function spaceTiles(values: Float32Array | Uint16Array, [nx, ny, nz]: Vector3, parts: number) {
-  const [wide, high, deep] = [nx, ny, nz].map(tilesOf),
-    out = new Float32Array(6 * wide * high * deep);
+  const wide = tilesOf(nx),
+    high = tilesOf(ny),
+    deep = tilesOf(nz);
+  const out = new Float32Array(6 * wide * high * deep);
   let o = 0;
   for (let z = 0; z < deep; z++) {
     const endZ = Math.min(nz - 1, (z + 1) * SPACE_TILE);
@@ -243,8 +243,9 @@ function spaceTiles(values: Float32Array | Uint16Array, [nx, ny, nz]: Vector3, p
           for (let j = y * SPACE_TILE; j <= endY; j++) {
             for (let i = x * SPACE_TILE, at = parts * ((k * ny + j) * nx + i); i <= endX; i++, at += parts) {
               for (let c = 0; c < 3; c++) {
-                if (values[at + c] < out[o + c]) out[o + c] = values[at + c];
-                if (values[at + c] > out[o + 3 + c]) out[o + 3 + c] = values[at + c];
+                const value = values[at + c]!;
+                if (value < out[o + c]!) out[o + c] = value;
+                if (value > out[o + 3 + c]!) out[o + 3 + c] = value;
               }
             }
           }
@@ -269,7 +270,7 @@ function halfFloats(bits: Uint16Array) {
     if (exponent === 31) return share ? 0 : sign * Infinity;
     return sign * (exponent ? (1 + share / 1024) * 2 ** (exponent - 15) : share * 2 ** -24);
   });
-  return Float32Array.from(bits, (h) => known[h]);
+  return Float32Array.from(bits, (h) => known[h]!);
 }
 
 /**
@@ -306,21 +307,19 @@ export function emptyCells(
   },
   { planar, space }: { planar: CastPlanar | null; space: CastSpace | null },
 ): { size: Vector3; cells: Uint8Array; edge: Vector3 } {
-  const lengths = box.low.map((low, i) => box.high[i] - low);
-  const size = lengths.map((l, i) =>
-    Math.max(1, Math.min(MOST_CELLS, Math.ceil(l / (voxels * spacing[i]) - 1e-6))),
-  ) as Vector3;
-  const edge = lengths.map((l, i) => Math.max(voxels * spacing[i], l / size[i])) as Vector3;
-  const half = edge.map((e) => e / 2) as Vector3;
+  const lengths = perAxis((i) => box.high[i] - box.low[i]);
+  const size = perAxis((i) => Math.max(1, Math.min(MOST_CELLS, Math.ceil(lengths[i] / (voxels * spacing[i]) - 1e-6))));
+  const edge = perAxis((i) => Math.max(voxels * spacing[i], lengths[i] / size[i]));
+  const half = perAxis((i) => edge[i] / 2);
   const plane = planar && new PlanarRanges(planar, half),
     rest = space?.ranges;
   const regions = planar?.cut ? planar.cut.bits.length : 1,
     later = rest ? rest.regions : 1;
   const margin = planar || space ? MARGIN : 0,
     values = new Uint8Array(size[0] * size[1] * size[2]);
-  const middle = new Float64Array(3),
-    first = new Float64Array(6),
-    last = new Float64Array(6);
+  const middle: Vector3 = [0, 0, 0],
+    first: Sides = { low: [0, 0, 0], high: [0, 0, 0] },
+    last: Sides = { low: [0, 0, 0], high: [0, 0, 0] };
   let o = 0;
   for (let z = 0; z < size[2]; z++) {
     middle[2] = box.low[2] + (z + 0.5) * edge[2];
@@ -330,13 +329,16 @@ export function emptyCells(
         middle[0] = box.low[0] + (x + 0.5) * edge[0];
         let found = 0;
         for (let r = 0; r < regions && found < 255; r++) {
-          for (let i = 0; i < 3; i++) {
-            first[i] = middle[i] - half[i];
-            first[3 + i] = middle[i] + half[i];
+          for (const i of AXES) {
+            first.low[i] = middle[i] - half[i];
+            first.high[i] = middle[i] + half[i];
           }
           plane?.widen(middle, r, first);
           for (let s = 0; s < later && found < 255; s++) {
-            last.set(first);
+            for (const i of AXES) {
+              last.low[i] = first.low[i];
+              last.high[i] = first.high[i];
+            }
             rest?.widen(s, last);
             found = Math.max(found, largestIn(last, shape, spacing, margin, extremes.size, pairs, beyond));
           }
@@ -349,15 +351,15 @@ export function emptyCells(
     most = isLargest ? grown(values, size) : values;
   const cells = new Uint8Array(2 * o);
   for (let i = 0; i < o; i++) {
-    cells[2 * i] = rings[i];
-    cells[2 * i + 1] = most[i];
+    cells[2 * i] = rings[i]!;
+    cells[2 * i + 1] = most[i]!;
   }
   return { size, edge, cells };
 }
 
 /** The largest value of the blocks that a box meets. */
 function largestIn(
-  box: Float64Array,
+  box: Sides,
   shape: Vector3,
   spacing: Vector3,
   margin: number,
@@ -365,12 +367,12 @@ function largestIn(
   pairs: Uint8Array,
   beyond: number,
 ) {
-  const x0 = box[0] / spacing[0] + 0.5 - margin,
-    x1 = box[3] / spacing[0] + 0.5 + margin;
-  const y0 = box[1] / spacing[1] + 0.5 - margin,
-    y1 = box[4] / spacing[1] + 0.5 + margin;
-  const z0 = box[2] / spacing[2] + 0.5 - margin,
-    z1 = box[5] / spacing[2] + 0.5 + margin;
+  const x0 = box.low[0] / spacing[0] + 0.5 - margin,
+    x1 = box.high[0] / spacing[0] + 0.5 + margin;
+  const y0 = box.low[1] / spacing[1] + 0.5 - margin,
+    y1 = box.high[1] / spacing[1] + 0.5 + margin;
+  const z0 = box.low[2] / spacing[2] + 0.5 - margin,
+    z1 = box.high[2] / spacing[2] + 0.5 + margin;
   const isBeyond = x0 < 0 || y0 < 0 || z0 < 0 || x1 > shape[0] || y1 > shape[1] || z1 > shape[2];
   let most = isBeyond ? beyond : 0;
   const small = 1e-5; // of a block: a cell that ends where a block does is not in the next one
@@ -385,7 +387,7 @@ function largestIn(
     for (let b = b0; b < b1; b += 2) {
       const line = (slice + Math.max(b0, Math.min(b, b1 - 2))) * nx;
       for (let a = a0; a < a1; a += 2) {
-        const value = pairs[line + Math.max(a0, Math.min(a, a1 - 2))];
+        const value = pairs[line + Math.max(a0, Math.min(a, a1 - 2))]!;
         if (value > most) most = value;
       }
     }
@@ -399,12 +401,12 @@ function largestIn(
  */
 export function blockPairs(blocks: Uint8Array, size: Vector3) {
   let from = blocks;
-  for (let axis = 0; axis < 3; axis++) {
+  for (const axis of AXES) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1],
       n = size[axis],
       to = from.slice();
     for (let i = 0; i < from.length; i++) {
-      if (Math.floor(i / stride) % n < n - 1 && from[i + stride] > to[i]) to[i] = from[i + stride];
+      if (Math.floor(i / stride) % n < n - 1 && from[i + stride]! > to[i]!) to[i] = from[i + stride]!;
     }
     from = to;
   }
@@ -426,7 +428,7 @@ export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
       for (let at = (z + 1) * slice + (y + 1) * row + 1, end = at + nx; at < end; at++, i++) {
         let least = MOST_RINGS - 1;
         if (values[i]) least = -1;
-        else for (let k = 0; k < 13; k++) if (wide[at + before[k]] < least) least = wide[at + before[k]];
+        else for (let k = 0; k < 13; k++) if (wide[at + before[k]!]! < least) least = wide[at + before[k]!]!;
         wide[at] = least + 1;
       }
     }
@@ -435,8 +437,8 @@ export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
   for (let z = nz - 1, i = out.length - 1; z >= 0; z--) {
     for (let y = ny - 1; y >= 0; y--) {
       for (let at = (z + 1) * slice + (y + 1) * row + nx, end = at - nx; at > end; at--, i--) {
-        let least = wide[at] - 1;
-        for (let k = 0; k < 13; k++) if (wide[at - before[k]] < least) least = wide[at - before[k]];
+        let least = wide[at]! - 1;
+        for (let k = 0; k < 13; k++) if (wide[at - before[k]!]! < least) least = wide[at - before[k]!]!;
         out[i] = wide[at] = least + 1;
       }
     }
@@ -447,14 +449,14 @@ export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
 /** The largest of every value and its 26 neighbours. */
 function grown(values: Uint8Array, size: Vector3) {
   let from = values;
-  for (let axis = 0; axis < 3; axis++) {
+  for (const axis of AXES) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1],
       n = size[axis],
       to = from.slice();
     for (let i = 0; i < from.length; i++) {
       const place = Math.floor(i / stride) % n;
-      if (place > 0 && from[i - stride] > to[i]) to[i] = from[i - stride];
-      if (place < n - 1 && from[i + stride] > to[i]) to[i] = from[i + stride];
+      if (place > 0 && from[i - stride]! > to[i]!) to[i] = from[i - stride]!;
+      if (place < n - 1 && from[i + stride]! > to[i]!) to[i] = from[i + stride]!;
     }
     from = to;
   }

@@ -1,6 +1,7 @@
 // Folds of a volume's displacement: looked for in its maps once, and shown by the shader where there are some.
 
-import type { Vector3 } from "../types.ts";
+import { AXES } from "../maths/axes.ts";
+import type { Matrix2, Matrix3, Vector2, Vector3 } from "../types.ts";
 import type { PlanarField } from "./types.ts";
 
 export const FOLDS_GLSL = `
@@ -51,19 +52,19 @@ export function planarFolds(
       for (let c = 0; c + 1 < columns; c++, i += 2, j += 2) {
         if (
           turned(
-            (maps[i + 2] - maps[i]) / da,
-            (maps[j] - maps[i]) / db,
-            (maps[i + 3] - maps[i + 1]) / da,
-            (maps[j + 1] - maps[i + 1]) / db,
+            (maps[i + 2]! - maps[i]!) / da,
+            (maps[j]! - maps[i]!) / db,
+            (maps[i + 3]! - maps[i + 1]!) / da,
+            (maps[j + 1]! - maps[i + 1]!) / db,
           )
         )
           return true;
         if (
           turned(
-            (maps[j + 2] - maps[j]) / da,
-            (maps[j + 2] - maps[i + 2]) / db,
-            (maps[j + 3] - maps[j + 1]) / da,
-            (maps[j + 3] - maps[i + 3]) / db,
+            (maps[j + 2]! - maps[j]!) / da,
+            (maps[j + 2]! - maps[i + 2]!) / db,
+            (maps[j + 3]! - maps[j + 1]!) / da,
+            (maps[j + 3]! - maps[i + 3]!) / db,
           )
         )
           return true;
@@ -91,8 +92,9 @@ function severalFold(
     for (let n = 0; n + 1 < ends.length; n++) {
       let most = 0;
       const parts = Array.from({ length: count }, (_, k) => {
-        const [from, to] = [weights[k * knots + ends[n]], weights[k * knots + ends[n + 1]]];
-        most += Math.max(Math.abs(from), Math.abs(to)) * steep[r * count + k];
+        const from = weights[k * knots + ends[n]!]!,
+          to = weights[k * knots + ends[n + 1]!]!;
+        most += Math.max(Math.abs(from), Math.abs(to)) * steep[r * count + k]!;
         return { at: (r * count + k) * plane, from, way: to - from };
       });
       if (most < 1) continue; // nothing is turned over by what moves less than the places lie apart
@@ -109,7 +111,7 @@ function bendsOf(weights: Float32Array, count: number) {
   for (let i = 1; i + 1 < knots; i++) {
     for (let k = 0; k < count; k++) {
       const at = k * knots + i;
-      if (Math.abs(weights[at - 1] - 2 * weights[at] + weights[at + 1]) > 1e-6) {
+      if (Math.abs(weights[at - 1]! - 2 * weights[at]! + weights[at + 1]!) > 1e-6) {
         ends.push(i);
         break;
       }
@@ -125,30 +127,38 @@ function bendsOf(weights: Float32Array, count: number) {
 function turnedBetween(
   maps: Float32Array,
   parts: { at: number; from: number; way: number }[],
-  [rows, columns]: number[],
-  [da, db]: number[],
+  [rows, columns]: Vector2,
+  [da, db]: Vector2,
 ) {
-  const steps = [2, 2 * columns],
-    lengths = [da, db],
-    m = new Float64Array(8); // 1 + sum w M, and the change of it
+  const steps: Vector2 = [2, 2 * columns],
+    lengths: Vector2 = [da, db];
+  const [p, q]: Matrix2 = [
+      [0, 0],
+      [0, 0],
+    ], // rows of 1 + sum w M
+    [dp, dq]: Matrix2 = [
+      [0, 0],
+      [0, 0],
+    ]; // and of its change
   for (let row = 0; row + 1 < rows; row++) {
     for (let column = 0; column + 1 < columns; column++) {
       for (const isLast of [false, true]) {
-        m.fill(0);
-        m[0] = m[3] = 1;
+        p[0] = q[1] = 1;
+        p[1] = q[0] = dp[0] = dp[1] = dq[0] = dq[1] = 0;
         for (const { at, from, way } of parts) {
-          for (let axis = 0; axis < 2; axis++) {
-            const first = at + 2 * (row * columns + column) + (isLast ? steps[1 - axis] : 0);
-            for (let c = 0; c < 2; c++) {
-              const slope = (maps[first + steps[axis] + c] - maps[first + c]) / lengths[axis];
-              m[2 * c + axis] += from * slope;
-              m[4 + 2 * c + axis] += way * slope;
-            }
+          for (const axis of [0, 1] as const) {
+            const first = at + 2 * (row * columns + column) + (isLast ? steps[axis ? 0 : 1] : 0);
+            const u = (maps[first + steps[axis]]! - maps[first]!) / lengths[axis];
+            const v = (maps[first + steps[axis] + 1]! - maps[first + 1]!) / lengths[axis];
+            p[axis] += from * u;
+            q[axis] += from * v;
+            dp[axis] += way * u;
+            dq[axis] += way * v;
           }
         }
-        const start = m[0] * m[3] - m[1] * m[2],
-          bow = m[4] * m[7] - m[5] * m[6];
-        const tilt = m[0] * m[7] + m[3] * m[4] - m[1] * m[6] - m[2] * m[5],
+        const start = p[0] * q[1] - p[1] * q[0],
+          bow = dp[0] * dq[1] - dp[1] * dq[0];
+        const tilt = p[0] * dq[1] + q[1] * dp[0] - p[1] * dq[0] - q[0] * dp[1],
           lowest = -tilt / (2 * bow);
         const least =
           bow > 0 && lowest > 0 && lowest < 1
@@ -163,19 +173,23 @@ function turnedBetween(
 
 /** True if a displacement sampled in space, [z][y][x][3], turns over a cell, seen at its corner nearest to 0. */
 export function spaceFolds(values: Float32Array, [nx, ny, nz]: Vector3, spacing: Vector3) {
-  const strides = [3, 3 * nx, 3 * nx * ny],
-    m = new Float64Array(9);
+  const strides: Vector3 = [3, 3 * nx, 3 * nx * ny],
+    [p, q, r]: Matrix3 = [
+      [0, 0, 0],
+      [0, 0, 0],
+      [0, 0, 0],
+    ]; // rows of 1 + the slopes
   for (let z = 0; z + 1 < nz; z++) {
     for (let y = 0; y + 1 < ny; y++) {
       for (let x = 0, i = 3 * (z * ny + y) * nx; x + 1 < nx; x++, i += 3) {
-        for (let axis = 0; axis < 3; axis++) {
+        for (const axis of AXES) {
           const j = i + strides[axis];
-          for (let c = 0; c < 3; c++) {
-            m[3 * c + axis] = (c === axis ? 1 : 0) + (values[j + c] - values[i + c]) / spacing[axis];
-          }
+          p[axis] = (axis === 0 ? 1 : 0) + (values[j]! - values[i]!) / spacing[axis];
+          q[axis] = (axis === 1 ? 1 : 0) + (values[j + 1]! - values[i + 1]!) / spacing[axis];
+          r[axis] = (axis === 2 ? 1 : 0) + (values[j + 2]! - values[i + 2]!) / spacing[axis];
         }
         const det =
-          m[0] * (m[4] * m[8] - m[5] * m[7]) - m[1] * (m[3] * m[8] - m[5] * m[6]) + m[2] * (m[3] * m[7] - m[4] * m[6]);
+          p[0] * (q[1] * r[2] - q[2] * r[1]) - p[1] * (q[0] * r[2] - q[2] * r[0]) + p[2] * (q[0] * r[1] - q[1] * r[0]);
         if (det <= 0) return true;
       }
     }

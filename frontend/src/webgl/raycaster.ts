@@ -1,10 +1,11 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It has no widget and no pointer; all that comes in is arrays and numbers.
 
+import { perAxis } from "../maths/axes.ts";
 import { dot } from "../maths/camera.ts";
-import { clipSides, leftOf } from "../maths/clipping.ts";
+import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
 import { AMBIENT_CELL } from "../maths/constants.ts";
-import type { Sides, Vector3 } from "../types.ts";
+import type { Sides, Vector2, Vector3, Vector4 } from "../types.ts";
 import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.ts";
 import { planarFolds, spaceFolds } from "./fold_mesh.ts";
 import { FRAGMENT, MERGE, PRESENT, SIDE_SAMPLES, SIDES, VERTEX } from "./ray_shader.ts";
@@ -35,8 +36,8 @@ import {
   spaceSlope,
 } from "./volume_blocks.ts";
 
-/** locations of a program's uniforms, by name */
-export type Uniforms = Record<string, WebGLUniformLocation | null>;
+/** The location of a program's uniform; null where the program has none of that name. */
+export type Uniforms = (name: string) => WebGLUniformLocation | null;
 export type Program = { program: WebGLProgram; at: Uniforms };
 /**
  * A picture to draw into. `extent`: its pixels that are shown, which may be a fraction; `start`: where they begin.
@@ -46,7 +47,7 @@ export type Target = {
   height: number;
   texture: WebGLTexture;
   buffer: WebGLFramebuffer;
-  extent: [number, number];
+  extent: Vector2;
   start: number;
 };
 /**
@@ -58,7 +59,7 @@ export type Unit = keyof typeof UNITS;
 /**
  * Cells that rays may skip: what they were found of, how many there are, the edges of one, and where they begin.
  */
-export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: number[] };
+export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: Vector3 };
 
 // ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
 
@@ -81,21 +82,22 @@ export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
     throw new Error(`program: ${gl.getProgramInfoLog(program)}`);
   }
-  const at: Uniforms = {};
+  const locations = new Map<string, WebGLUniformLocation | null>();
   const count = gl.getProgramParameter(program, gl.ACTIVE_UNIFORMS) || 0;
   for (let i = 0; i < count; i++) {
     const { name } = gl.getActiveUniform(program, i) as WebGLActiveInfo;
-    at[name] = gl.getUniformLocation(program, name);
+    locations.set(name, gl.getUniformLocation(program, name));
   }
-  return { program, at };
+  return { program, at: (name) => locations.get(name) ?? null };
 }
 
 /** From places in the volume's frame to texture coordinates over a plane. */
-function toTextures({ origin, u, v, n }: FramePlane, starts: number[], lengths: number[]): ToTexture {
-  const scale = lengths.map((l) => (l > 0 ? 1 / l : 0));
+function toTextures({ origin, u, v, n }: FramePlane, starts: Vector3, lengths: Vector3): ToTexture {
+  const axes = [u, v, n] as const,
+    scale = perAxis((i) => (lengths[i] > 0 ? 1 / lengths[i] : 0));
   return {
-    matrix: [0, 1, 2].flatMap((j) => [u, v, n].map((axis, i) => axis[j] * scale[i])),
-    offset: [u, v, n].map((axis, i) => (scale[i] ? (-dot(axis, origin) - starts[i]) * scale[i] : 0.5)),
+    matrix: perAxis((j) => perAxis((i) => axes[i][j] * scale[i])),
+    offset: perAxis((i) => (scale[i] ? (-dot(axes[i], origin) - starts[i]) * scale[i] : 0.5)),
   };
 }
 
@@ -151,7 +153,9 @@ const LONG = 1.25; // a step of more voxels than this may lead so far below a su
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
-export const BACKGROUNDS: Record<string, { centre: Vector3; corner: Vector3; ink: Vector3 }> = {
+export type Background = "dark" | "light";
+
+export const BACKGROUNDS: Record<Background, { centre: Vector3; corner: Vector3; ink: Vector3 }> = {
   dark: { centre: [0.118, 0.126, 0.147], corner: [0.052, 0.056, 0.067], ink: [0.97, 0.96, 0.93] },
   light: { centre: [0.957, 0.96, 0.965], corner: [0.85, 0.857, 0.87], ink: [0.09, 0.1, 0.13] },
 };
@@ -162,12 +166,12 @@ export const NOT_HELD = "The graphics memory does not hold this volume.";
 export class RayCaster {
   gl: WebGL2RenderingContext;
   canvas: HTMLCanvasElement;
-  size: number[];
+  size: Vector2;
   floats: boolean;
   smoothFloats: boolean;
   name: string;
   isSoftware: boolean;
-  largest: any;
+  largest: number;
   programs: Record<string, Program>;
   textures: { [unit in Unit]?: WebGLTexture };
   targets: Record<string, Target>;
@@ -181,10 +185,10 @@ export class RayCaster {
   skips: boolean;
   distances: Float32Array | null;
   projection: string;
-  background: string;
+  background: Background;
   showFolds: boolean;
   occlusion: boolean;
-  clip: number[][] | null;
+  clip: Clip | null;
 
   /**
    * Throws an Error with a readable reason if there is no WebGL2.
@@ -334,7 +338,7 @@ export class RayCaster {
     if (!this.volume?.extremes) return;
     const gl = this.gl,
       { extremes, values, shape, spacing } = this.volume;
-    const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]);
+    const alphas = Float32Array.from({ length: rgba.length / 4 }, (_, i) => rgba[4 * i + 3]!);
     this.pairs = {
       opacity: blockPairs(blockOpacities(extremes, alphas), extremes.size),
       value: blockPairs(extremes.high, extremes.size),
@@ -360,7 +364,7 @@ export class RayCaster {
       const at = Math.floor(i / 4) / finer,
         k = Math.min(entries - 1, Math.floor(at)),
         from = 4 * k + (i % 4);
-      const value = rgba[from] + (at - k) * (rgba[from + 4] - rgba[from]);
+      const value = rgba[from]! + (at - k) * (rgba[from + 4]! - rgba[from]!);
       fitted[i] = i % 4 === 3 ? 1 - (1 - Math.min(value, 0.9999)) ** (step / unit) : value;
     }
     this.#texture("table", gl.TEXTURE_2D, false);
@@ -379,14 +383,14 @@ export class RayCaster {
     const regions = planar.cut ? planar.cut.sides.length : 1,
       count = layers / regions,
       knots = weights.length / count;
-    const kind = this.smoothFloats ? [gl.RG32F, gl.R32F] : [gl.RG16F, gl.R16F];
+    const [ofMaps, ofWeights] = this.smoothFloats ? ([gl.RG32F, gl.R32F] as const) : ([gl.RG16F, gl.R16F] as const);
     this.#texture("maps", gl.TEXTURE_2D_ARRAY, true);
-    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, kind[0], columns, rows, layers, 0, gl.RG, gl.FLOAT, maps);
+    gl.texImage3D(gl.TEXTURE_2D_ARRAY, 0, ofMaps, columns, rows, layers, 0, gl.RG, gl.FLOAT, maps);
     this.#texture("weights", gl.TEXTURE_2D, true);
-    gl.texImage2D(gl.TEXTURE_2D, 0, kind[1], knots, count, 0, gl.RED, gl.FLOAT, weights);
+    gl.texImage2D(gl.TEXTURE_2D, 0, ofWeights, knots, count, 0, gl.RED, gl.FLOAT, weights);
     const [c0, c1] = planar.depth;
-    const lengths = [spacing[0] * columns, spacing[1] * rows, ((c1 - c0) * knots) / Math.max(1, knots - 1)];
-    const starts = [
+    const lengths: Vector3 = [spacing[0] * columns, spacing[1] * rows, ((c1 - c0) * knots) / Math.max(1, knots - 1)];
+    const starts: Vector3 = [
       origin[0] - spacing[0] / 2,
       origin[1] - spacing[1] / 2,
       c0 - (c1 - c0) / Math.max(1, knots - 1) / 2,
@@ -405,7 +409,7 @@ export class RayCaster {
       { origin, distances } = cut,
       [count, rows, columns] = cut.shape,
       [da, db] = cut.spacing;
-    const lengths = [columns * da, rows * db, 0];
+    const lengths: Vector3 = [columns * da, rows * db, 0];
     if (this.distances !== distances) {
       // they change when a cut is drawn, not when points move
       this.distances = distances;
@@ -443,8 +447,8 @@ export class RayCaster {
       ...given,
       ...this.#castSpace(given),
       ranges: new SpaceRanges(given),
-      toSpace: given.shape.map((n, i) => 1 / (n * given.spacing[i])),
-      toSpace0: given.origin.map((o, i) => (0.5 * given.spacing[i] - o) / (given.shape[i] * given.spacing[i])),
+      toSpace: perAxis((i) => 1 / (given.shape[i] * given.spacing[i])),
+      toSpace0: perAxis((i) => (0.5 * given.spacing[i] - given.origin[i]) / (given.shape[i] * given.spacing[i])),
     };
   }
 
@@ -462,9 +466,9 @@ export class RayCaster {
     const floats = values as Float32Array,
       padded = new Float32Array((floats.length / 3) * 4);
     for (let i = 0, j = 0; i < floats.length; i += 3, j += 4) {
-      padded[j] = floats[i];
-      padded[j + 1] = floats[i + 1];
-      padded[j + 2] = floats[i + 2];
+      padded[j] = floats[i]!;
+      padded[j + 1] = floats[i + 1]!;
+      padded[j + 2] = floats[i + 2]!;
     }
     const kind = this.smoothFloats ? gl.RGBA32F : gl.RGBA16F;
     gl.texImage3D(gl.TEXTURE_3D, 0, kind, ...shape, 0, gl.RGBA, gl.FLOAT, padded);
@@ -510,10 +514,8 @@ export class RayCaster {
       occluded: this.occlusion,
     });
     const key = defines.join(" ");
-    if (!this.programs[key]) {
-      const lines = defines.map((d) => `#define ${d}\n`).join("");
-      this.programs[key] = linked(this.gl, FRAGMENT.replace("#version 300 es\n", `#version 300 es\n${lines}`));
-    }
+    const lines = defines.map((d) => `#define ${d}\n`).join("");
+    this.programs[key] ??= linked(this.gl, FRAGMENT.replace("#version 300 es\n", `#version 300 es\n${lines}`));
     return this.programs[key];
   }
 
@@ -521,7 +523,8 @@ export class RayCaster {
   #target(name: string, width: number, height: number, stride = 1) {
     const gl = this.gl,
       old = this.targets[name];
-    const [w, h] = stride > 1 ? [width, height].map((n) => 2 * Math.ceil(n / stride)) : [width, height];
+    const side = (n: number) => (stride > 1 ? 2 * Math.ceil(n / stride) : n),
+      [w, h] = [side(width), side(height)];
     const shown: Pick<Target, "extent" | "start"> = {
       extent: [width / stride, height / stride],
       start: 0.5 - 0.5 / stride,
@@ -560,7 +563,7 @@ export class RayCaster {
       coarseness = 1,
       quarter = null,
     }: {
-      tile?: [number, number, number, number] | null;
+      tile?: Vector4 | null;
       pass?: number;
       coarseness?: number;
       quarter?: Quarter | null;
@@ -581,28 +584,28 @@ export class RayCaster {
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
     gl.viewport(0, 0, target.width, target.height);
     gl.useProgram(program);
-    for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
+    for (const [sampler, unit] of Object.entries(UNITS)) gl.uniform1i(at(sampler), unit);
     this.#setCamera(at, camera, whole.width, height, pass);
     const [left, low] = [x * (target.width / 2), y * (target.height / 2)];
     // A pixel at (n + 1/2, m + 1/2) of the quarter is the one at (stride n + x stride / 2 + 1/2, ...) of the whole.
     const before = (from: number, part: number) => (from + 0.5) * stride - (part * stride) / 2 - 0.5;
-    gl.uniform1f(at.stride, stride);
-    gl.uniform2f(at.place, whole.x + before(left, x), before(low, y));
+    gl.uniform1f(at("stride"), stride);
+    gl.uniform2f(at("place"), whole.x + before(left, x), before(low, y));
     this.#setVolumeNumbers(at, volume, table, step, original ? volume.ownBox : volume.box);
     const {
       name: unit,
       cells: { size, edge, low: corner },
     } = this.#cells(volume, table, { planar, space }, original, coarseness > 1 ? QUICK_CELL : CELL);
-    gl.uniform1i(at.cells, UNITS[unit]);
-    gl.uniform3fv(at.cellCount, size);
-    gl.uniform1f(at.layers, step / table.unit);
+    gl.uniform1i(at("cells"), UNITS[unit]);
+    gl.uniform3fv(at("cellCount"), size);
+    gl.uniform1f(at("layers"), step / table.unit);
     gl.uniform3fv(
-      at.toCells,
+      at("toCells"),
       edge.map((e) => 1 / e),
     );
     gl.uniform3fv(
-      at.toCells0,
-      corner.map((c, i) => -c / edge[i]),
+      at("toCells0"),
+      perAxis((i) => -corner[i] / edge[i]),
     );
     this.#setFieldNumbers(at, planar, space, volume.spacing);
     if (pass > 0) {
@@ -620,60 +623,59 @@ export class RayCaster {
 
   #setCamera(at: Uniforms, camera: RayCamera, width: number, height: number, pass: number) {
     const gl = this.gl;
-    for (const name of ["eye", "right", "up", "ahead"] as const) gl.uniform3fv(at[name], camera[name]);
-    gl.uniform1f(at.bend, camera.bend || 0);
-    gl.uniform2f(at.resolution, width, height);
+    for (const name of ["eye", "right", "up", "ahead"] as const) gl.uniform3fv(at(name), camera[name]);
+    gl.uniform1f(at("bend"), camera.bend || 0);
+    gl.uniform2f(at("resolution"), width, height);
     // Later passes look through other places of each pixel, spread by the fractional parts of two irrational numbers.
     const spread = (x: number) => x - Math.floor(x) - 0.5;
-    gl.uniform2f(at.shift, pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
-    gl.uniform1f(at.phase, (pass * 0.618034) % 1);
-    const unit = (v: number[]) => v.map((x) => x / Math.hypot(...v));
+    gl.uniform2f(at("shift"), pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
+    gl.uniform1f(at("phase"), (pass * 0.618034) % 1);
+    const unit = (v: Vector3) => perAxis((i) => v[i] / Math.hypot(...v));
     const [r, u, n] = [unit(camera.right), unit(camera.up), camera.ahead];
-    const mixed: (a: number, b: number, c: number) => number[] = (a, b, c) =>
-      unit([0, 1, 2].map((i) => a * r[i] + b * u[i] + c * n[i]));
+    const mixed = (a: number, b: number, c: number) => unit(perAxis((i) => a * r[i] + b * u[i] + c * n[i]));
     // A lamp above the viewer's left shoulder: light from the eye alone looks flat. A weak one from the other side.
     const lamp = mixed(-0.42, 0.55, -0.72);
-    gl.uniform3fv(at.lamp, lamp);
-    gl.uniform3fv(at.halfway, unit([0, 1, 2].map((i) => lamp[i] - n[i])));
-    gl.uniform3fv(at.fillLamp, mixed(0.7, -0.25, -0.5));
+    gl.uniform3fv(at("lamp"), lamp);
+    gl.uniform3fv(at("halfway"), unit(perAxis((i) => lamp[i] - n[i])));
+    gl.uniform3fv(at("fillLamp"), mixed(0.7, -0.25, -0.5));
   }
 
   #setVolumeNumbers(at: Uniforms, volume: CastVolume, table: ColorTable, step: number, box: Sides) {
     const gl = this.gl,
       { shape, spacing } = volume;
-    gl.uniform1f(at.reach, Math.hypot(...box.low.map((low, i) => box.high[i] - low)) || 1);
+    gl.uniform1f(at("reach"), Math.hypot(...perAxis((i) => box.high[i] - box.low[i])) || 1);
     gl.uniform3fv(
-      at.middle,
-      box.low.map((low, i) => (low + box.high[i]) / 2),
+      at("middle"),
+      perAxis((i) => (box.low[i] + box.high[i]) / 2),
     );
     this.#setBox(at, volume, step, box);
     gl.uniform3fv(
-      at.toTexture,
-      shape.map((n, i) => 1 / (n * spacing[i])),
+      at("toTexture"),
+      perAxis((i) => 1 / (shape[i] * spacing[i])),
     );
     gl.uniform3fv(
-      at.toTexture0,
+      at("toTexture0"),
       shape.map((n) => 0.5 / n),
     );
-    gl.uniform1f(at.stepLength, step);
-    gl.uniform1f(at.steep, step > LONG * Math.min(...spacing) ? 0.08 : 2);
-    gl.uniform1f(at.outside, volume.outside / 255);
-    gl.uniform1f(at.outsideOpacity, opacityOfByte(table.rgba, volume.outside));
+    gl.uniform1f(at("stepLength"), step);
+    gl.uniform1f(at("steep"), step > LONG * Math.min(...spacing) ? 0.08 : 2);
+    gl.uniform1f(at("outside"), volume.outside / 255);
+    gl.uniform1f(at("outsideOpacity"), opacityOfByte(table.rgba, volume.outside));
     // Below two hundredths of the range per voxel a slope is noise; bytes of the gradient count 1/127 of the steepest.
-    gl.uniform1f(at.certain, ((volume.share ?? 1) * STEEPEST) / 127 / (0.012 * 255)); // of the range of all values
-    gl.uniform2fv(at.grey, volume.grey || [0, 1]);
-    gl.uniform3fv(at.ink, BACKGROUNDS[this.background].ink);
+    gl.uniform1f(at("certain"), ((volume.share ?? 1) * STEEPEST) / 127 / (0.012 * 255)); // of the range of all values
+    gl.uniform2fv(at("grey"), volume.grey || [0, 1]);
+    gl.uniform3fv(at("ink"), BACKGROUNDS[this.background].ink);
   }
 
   #setBox(at: Uniforms, volume: CastVolume, step: number, box: Sides) {
     const gl = this.gl,
       left = this.clip && leftOf(box, clipSides(volume.box, this.clip));
-    gl.uniform3fv(at.boxLow, (left ?? box).low);
-    gl.uniform3fv(at.boxHigh, (left ?? box).high);
+    gl.uniform3fv(at("boxLow"), (left ?? box).low);
+    gl.uniform3fv(at("boxHigh"), (left ?? box).high);
     if (!left) return;
-    gl.uniform3fv(at.openLow, left.openLow);
-    gl.uniform3fv(at.openHigh, left.openHigh);
-    gl.uniform1f(at.bareDepth, 2 * Math.max(step, Math.min(...volume.spacing)));
+    gl.uniform3fv(at("openLow"), left.openLow);
+    gl.uniform3fv(at("openHigh"), left.openHigh);
+    gl.uniform1f(at("bareDepth"), 2 * Math.max(step, Math.min(...volume.spacing)));
   }
 
   /** @param spacing of the voxels */
@@ -681,42 +683,42 @@ export class RayCaster {
     const gl = this.gl,
       finest = Math.min(...spacing);
     const axes = planar ? planar.plane : { u: [1, 0, 0], v: [0, 1, 0], n: [0, 0, 1] };
-    gl.uniform3fv(at.axisU, axes.u);
-    gl.uniform3fv(at.axisV, axes.v);
-    gl.uniform3fv(at.axisN, axes.n);
+    gl.uniform3fv(at("axisU"), axes.u);
+    gl.uniform3fv(at("axisV"), axes.v);
+    gl.uniform3fv(at("axisN"), axes.n);
     if (planar) {
-      gl.uniform1i(at.mapCount, planar.count);
-      gl.uniformMatrix3fv(at.toMap, false, planar.toMap.matrix);
-      gl.uniform3fv(at.toMap0, planar.toMap.offset);
+      gl.uniform1i(at("mapCount"), planar.count);
+      gl.uniformMatrix3fv(at("toMap"), false, planar.toMap.matrix.flat());
+      gl.uniform3fv(at("toMap0"), planar.toMap.offset);
     }
     if (planar?.cut) this.#setCutNumbers(at, planar.cut);
     const needed = planar?.cut ? planar.softness : space?.cut?.softness;
     if (needed !== undefined) {
       const softness = Math.max(needed, finest);
-      gl.uniform1f(at.softness, softness);
-      gl.uniform1f(at.faceWidth, FACE_VOXELS * softness);
+      gl.uniform1f(at("softness"), softness);
+      gl.uniform1f(at("faceWidth"), FACE_VOXELS * softness);
     }
     if (space?.cut) {
-      gl.uniform1i(at.spaceRegions, space.cut.regions);
-      gl.uniform1f(at.spaceEdge, 0.5 / space.shape[2]);
+      gl.uniform1i(at("spaceRegions"), space.cut.regions);
+      gl.uniform1f(at("spaceEdge"), 0.5 / space.shape[2]);
     }
     if (space) {
-      gl.uniform3fv(at.toSpace, space.toSpace);
-      gl.uniform3fv(at.toSpace0, space.toSpace0);
+      gl.uniform3fv(at("toSpace"), space.toSpace);
+      gl.uniform3fv(at("toSpace0"), space.toSpace0);
     }
     gl.uniform1f(
-      at.slopeStep,
+      at("slopeStep"),
       Math.max(finest, space ? Math.min(...space.spacing) / 2 : 0, planar ? Math.min(...planar.spacing) : 0),
     );
   }
 
   #setCutNumbers(at: Uniforms, cut: NonNullable<CastPlanar["cut"]>) {
     const gl = this.gl;
-    gl.uniformMatrix3fv(at.toCut, false, cut.toCut.matrix);
-    gl.uniform3fv(at.toCut0, cut.toCut.offset);
-    gl.uniform2fv(at.cutScale, cut.scale);
-    gl.uniform1i(at.regionCount, cut.bits.length);
-    gl.uniform1iv(at["sides[0]"], cut.bits);
+    gl.uniformMatrix3fv(at("toCut"), false, cut.toCut.matrix.flat());
+    gl.uniform3fv(at("toCut0"), cut.toCut.offset);
+    gl.uniform2fv(at("cutScale"), cut.scale);
+    gl.uniform1i(at("regionCount"), cut.bits.length);
+    gl.uniform1iv(at("sides[0]"), cut.bits);
   }
 
   /**
@@ -737,18 +739,18 @@ export class RayCaster {
     gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
-    for (const [sampler, unit] of Object.entries(UNITS)) if (at[sampler]) gl.uniform1i(at[sampler], unit);
+    for (const [sampler, unit] of Object.entries(UNITS)) gl.uniform1i(at(sampler), unit);
     this.#setVolumeNumbers(at, volume, table, 1, volume.box);
     this.#setFieldNumbers(at, planar, space, volume.spacing);
-    gl.uniform3fv(at.boxLow, volume.box.low); // of all of it, clipped or not
-    gl.uniform3fv(at.boxHigh, volume.box.high);
-    gl.uniform3fv(at.beyond, beyond);
-    gl.uniform1f(at.tissue, tissue);
+    gl.uniform3fv(at("boxLow"), volume.box.low); // of all of it, clipped or not
+    gl.uniform3fv(at("boxHigh"), volume.box.high);
+    gl.uniform3fv(at("beyond"), beyond);
+    gl.uniform1f(at("tissue"), tissue);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     const seen = this.floats ? new Float32Array(4 * width * height) : new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, this.floats ? gl.FLOAT : gl.UNSIGNED_BYTE, seen);
-    const counts = Array(6).fill(0);
-    for (let i = 0; i < width * height; i++) if (seen[4 * i] > 0) counts[Math.floor((i % width) / SIDE_SAMPLES)] += 1;
+    const counts = new Array<number>(6).fill(0);
+    for (let i = 0; i < width * height; i++) if (seen[4 * i]! > 0) counts[Math.floor((i % width) / SIDE_SAMPLES)]! += 1;
     return counts.flatMap((count, side) => (count >= FEWEST_SEEN ? [side] : []));
   }
 
@@ -759,7 +761,7 @@ export class RayCaster {
    */
   merge(from: string, to: string, width: number, height: number, stride: number) {
     const gl = this.gl,
-      { texture, ...quarters } = this.targets[from],
+      { texture, ...quarters } = this.targets[from]!,
       next = stride / 2;
     this.programs.merge ??= linked(gl, MERGE);
     const target = this.#target(to, width, height, next),
@@ -768,7 +770,7 @@ export class RayCaster {
     gl.viewport(0, 0, Math.ceil(width / next), Math.ceil(height / next));
     gl.useProgram(program);
     this.#show(at, texture);
-    gl.uniform2i(at.size, quarters.width / 2, quarters.height / 2);
+    gl.uniform2i(at("size"), quarters.width / 2, quarters.height / 2);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
@@ -776,7 +778,7 @@ export class RayCaster {
     const gl = this.gl;
     gl.activeTexture(gl.TEXTURE0 + UNITS.picture);
     gl.bindTexture(gl.TEXTURE_2D, texture);
-    gl.uniform1i(at.picture, UNITS.picture);
+    gl.uniform1i(at("picture"), UNITS.picture);
   }
 
   /**
@@ -797,7 +799,7 @@ export class RayCaster {
   ) {
     const gl = this.gl,
       ground = BACKGROUNDS[this.background];
-    const [width, height] = name && isQuick ? this.targets[name].extent.map(Math.ceil) : this.size;
+    const [width, height] = name && isQuick ? (this.targets[name]!.extent.map(Math.ceil) as Vector2) : this.size;
     this.#fit(width, height);
     this.programs.present ??= linked(gl, PRESENT);
     const { program, at } = this.programs.present;
@@ -806,24 +808,24 @@ export class RayCaster {
       extent: [width, height],
       start: 0,
     };
-    const first = name ? this.targets[name] : nothing,
-      second = over ? this.targets[over] : first;
+    const first = name ? this.targets[name]! : nothing,
+      second = over ? this.targets[over]! : first;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, width, height);
     gl.useProgram(program);
     this.#show(at, first.texture);
-    gl.uniform2f(at.extent, ...first.extent);
-    gl.uniform1f(at.start, first.start);
+    gl.uniform2f(at("extent"), ...first.extent);
+    gl.uniform1f(at("start"), first.start);
     gl.activeTexture(gl.TEXTURE0 + UNITS.second);
     gl.bindTexture(gl.TEXTURE_2D, second.texture);
-    gl.uniform1i(at.second, UNITS.second);
-    gl.uniform2f(at.secondExtent, ...second.extent);
-    gl.uniform1f(at.secondStart, second.start);
-    gl.uniform1f(at.share, over ? share : 0);
-    gl.uniform2f(at.resolution, width, height);
-    gl.uniform1f(at.parts, parts);
-    gl.uniform3fv(at.centre, ground.centre);
-    gl.uniform3fv(at.corner, ground.corner);
+    gl.uniform1i(at("second"), UNITS.second);
+    gl.uniform2f(at("secondExtent"), ...second.extent);
+    gl.uniform1f(at("secondStart"), second.start);
+    gl.uniform1f(at("share"), over ? share : 0);
+    gl.uniform2f(at("resolution"), width, height);
+    gl.uniform1f(at("parts"), parts);
+    gl.uniform3fv(at("centre"), ground.centre);
+    gl.uniform3fv(at("corner"), ground.corner);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 

@@ -1,7 +1,7 @@
 // Shapes of what the ray caster is given and what it makes of that. Lengths are physical, along the index axes of the
 // volume, from its first voxel (its own frame).
 
-import type { Sides, Vector2, Vector3 } from "../types.ts";
+import type { Matrix3, Sides, Vector2, Vector3 } from "../types.ts";
 import type { SpaceRanges } from "./empty_space.ts";
 
 /** Smallest and largest value of every block of voxels. */
@@ -111,8 +111,8 @@ export interface SpaceField {
 
 /** Where texture coordinates come from: a matrix, column by column, and an offset. */
 export interface ToTexture {
-  matrix: number[];
-  offset: number[];
+  matrix: Matrix3;
+  offset: Vector3;
 }
 
 /** A planar field with what the shader needs to know of it. */
@@ -128,8 +128,8 @@ export interface CastPlanar extends PlanarField {
 export interface CastSpace extends SpaceField {
   folds: boolean;
   ranges: SpaceRanges;
-  toSpace: number[];
-  toSpace0: number[];
+  toSpace: Vector3;
+  toSpace0: Vector3;
 }
 
 /** A camera in the volume's frame: right and up are half of the picture's extent; ahead has length 1. */

@@ -1,6 +1,7 @@
 // Gradients, empty blocks, ambient light and steepness of a volume and its displacement, computed before it is drawn.
 // Pure arithmetic on arrays [z][y][x] of bytes; no DOM, no WebGL.
 
+import { AXES, perAxis } from "../maths/axes.ts";
 import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../maths/constants.ts";
 
 import type { Vector2, Vector3 } from "../types.ts";
@@ -23,9 +24,11 @@ function entriesOfByte(entries: number) {
 
 /** The opacity that such a table, red, green, blue and alpha of each entry, has for a byte. */
 export function opacityOfByte(rgba: Float32Array, byte: number) {
-  return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3];
+  return rgba[4 * entriesOfByte(rgba.length / 4) * byte + 3]!;
 }
 
+const NEXT = [-2, -1, 0, 1, 2] as const; // the rows, or slices, that are smoothed together
+type Five<T> = [T, T, T, T, T];
 const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 
 /**
@@ -39,7 +42,7 @@ export class GradientSlabs {
   values: Uint8Array<ArrayBufferLike>;
   shape: Vector3;
   fill: number;
-  scales: number[];
+  scales: Vector3;
   flat: Map<number, Smoothed<Uint16Array>>;
   smooth: Map<number, Smoothed<Uint32Array>>;
   beyond: { sums: Uint32Array<ArrayBuffer>; empty: Uint8Array<ArrayBuffer> };
@@ -52,7 +55,7 @@ export class GradientSlabs {
     this.fill = fill;
     const finest = Math.min(...spacing),
       unit = 127 / STEEPEST / 2 / SMOOTHED;
-    this.scales = spacing.map((s) => (unit * finest) / s);
+    this.scales = perAxis((i) => (unit * finest) / spacing[i]);
     const [nx, ny] = shape;
     /** along x and y, those that the next slab needs too */
     this.flat = new Map();
@@ -73,7 +76,7 @@ export class GradientSlabs {
       [sx, sy, sz] = this.scales;
     const out = new Uint8Array(4 * nx * ny * (z1 - z0)),
       voxels = new Uint32Array(out.buffer);
-    const [background] = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer);
+    const background = new Uint32Array(Uint8Array.of(128, 128, 128, fill).buffer)[0]!;
     for (let z = z0; z < z1; z++) {
       const { sums: front, empty: isFront } = this.#smoothed(z - 1),
         { sums: here, empty: isHere } = this.#smoothed(z);
@@ -86,9 +89,9 @@ export class GradientSlabs {
           continue;
         }
         for (let x = 0, i = (y + 1) * row + 1, o = 4 * to; x < nx; x++, i++, o += 4) {
-          let gx = (here[i + 1] - here[i - 1]) * sx,
-            gy = (here[i + row] - here[i - row]) * sy;
-          let gz = (back[i] - front[i]) * sz;
+          let gx = (here[i + 1]! - here[i - 1]!) * sx,
+            gy = (here[i + row]! - here[i - row]!) * sy;
+          let gz = (back[i]! - front[i]!) * sz;
           const most = Math.max(Math.abs(gx), Math.abs(gy), Math.abs(gz));
           if (most > 127) {
             const k = 127 / most;
@@ -99,7 +102,7 @@ export class GradientSlabs {
           out[o] = 128.5 + gx;
           out[o + 1] = 128.5 + gy;
           out[o + 2] = 128.5 + gz;
-          out[o + 3] = values[from + x];
+          out[o + 3] = values[from + x]!;
         }
       }
     }
@@ -112,15 +115,15 @@ export class GradientSlabs {
     if (z < 0 || z >= nz) return this.beyond;
     const known = this.smooth.get(z);
     if (known) return known;
-    const near = [-2, -1, 0, 1, 2].map((k) => this.#flat(Math.max(0, Math.min(nz - 1, z + k))));
-    const [a, b, c, d, e] = near.map(({ sums }) => sums);
+    const near = NEXT.map((k) => this.#flat(Math.max(0, Math.min(nz - 1, z + k))));
+    const [a, b, c, d, e] = near.map(({ sums }) => sums) as Five<Uint16Array>;
     const made = { sums: this.beyond.sums.slice(), empty: this.beyond.empty.slice() },
       { sums } = made;
     for (let y = 0; y < ny; y++) {
       if (near.every(({ empty }) => empty[y])) continue;
       made.empty[y + 1] = 0;
       for (let x = 0, i = y * nx, o = (y + 1) * (nx + 2) + 1; x < nx; x++, i++, o++) {
-        sums[o] = a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i];
+        sums[o] = a[i]! + e[i]! + 4 * (b[i]! + d[i]!) + 6 * c[i]!;
       }
     }
     this.smooth.set(z, made);
@@ -145,12 +148,12 @@ export class GradientSlabs {
         continue;
       }
       // Beyond the edge of a slice lies the voxel at the edge.
-      let a = values[start],
+      let a = values[start]!,
         b = a,
         c = a,
-        d = values[Math.min(start + 1, end - 1)];
+        d = values[Math.min(start + 1, end - 1)]!;
       for (i = start; i < end; i++) {
-        const e = values[i + 2 < end ? i + 2 : end - 1];
+        const e = values[i + 2 < end ? i + 2 : end - 1]!;
         along[row + i] = a + e + 4 * (b + d) + 6 * c;
         a = b;
         b = c;
@@ -161,15 +164,15 @@ export class GradientSlabs {
     const made = { sums: new Uint16Array(nx * ny), empty: new Uint8Array(ny) },
       { sums, empty } = made;
     for (let y = 0; y < ny; y++) {
-      const rows = [-2, -1, 0, 1, 2].map((k) => Math.max(0, Math.min(ny - 1, y + k)));
-      const [a, b, c, d, e] = rows.map((r) => r * nx);
+      const rows = NEXT.map((k) => Math.max(0, Math.min(ny - 1, y + k)));
+      const [a, b, c, d, e] = rows.map((r) => r * nx) as Five<number>;
       if (rows.every((r) => isEmpty[r])) {
         empty[y] = 1;
         sums.fill(256 * fill, c, c + nx);
         continue;
       }
       for (let x = 0; x < nx; x++) {
-        sums[c + x] = along[a + x] + along[e + x] + 4 * (along[b + x] + along[d + x]) + 6 * along[c + x];
+        sums[c + x] = along[a + x]! + along[e + x]! + 4 * (along[b + x]! + along[d + x]!) + 6 * along[c + x]!;
       }
     }
     this.flat.set(z, made);
@@ -182,7 +185,7 @@ export function blockExtremes(values: Uint8Array, shape: Vector3): Extremes {
   const size: Vector3 = [...shape];
   let low = values,
     high = values;
-  for (let axis = 0; axis < 3; axis++) {
+  for (const axis of AXES) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
     const n = size[axis],
       m = Math.ceil(n / BLOCK);
@@ -199,8 +202,8 @@ export function blockExtremes(values: Uint8Array, shape: Vector3): Extremes {
             hi = 0;
           for (let k = first; k <= last; k++) {
             const at = (a * n + k) * stride + c;
-            if (low[at] < lo) lo = low[at];
-            if (high[at] > hi) hi = high[at];
+            if (low[at]! < lo) lo = low[at]!;
+            if (high[at]! > hi) hi = high[at]!;
           }
           const to = (a * m + b) * stride + c;
           nextLow[to] = lo;
@@ -224,14 +227,14 @@ export const OPACITY_SHARE = 0.25; // opacity of 255 and more, since rays take s
 export function blockOpacities({ low, high }: Extremes, alphas: Float32Array) {
   const each = entriesOfByte(alphas.length),
     known = new Int16Array(65536).fill(-1);
-  return Uint8Array.from(low, (least, i) => {
-    const key = 256 * least + high[i];
-    if (known[key] < 0) {
+  return low.map((least, i) => {
+    const key = 256 * least + high[i]!;
+    if (known[key]! < 0) {
       let most = 0;
-      for (let k = each * least; k <= each * high[i]; k++) most = Math.max(most, alphas[k]);
+      for (let k = each * least; k <= each * high[i]!; k++) most = Math.max(most, alphas[k]!);
       known[key] = Math.min(255, Math.ceil((255 * most) / OPACITY_SHARE));
     }
-    return known[key];
+    return known[key]!;
   });
 }
 
@@ -243,15 +246,15 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
   const sum = new Float32Array(size[0] * size[1] * size[2]);
   const opacity = new Float32Array(256),
     each = entriesOfByte(alphas.length);
-  for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i], 0.999)) ** thickness;
+  for (let i = 0; i < 256; i++) opacity[i] = 1 - (1 - Math.min(alphas[each * i]!, 0.999)) ** thickness;
   for (let z = 0, i = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
       let cell = (Math.floor(z / AMBIENT_CELL) * size[1] + Math.floor(y / AMBIENT_CELL)) * size[0];
       for (let x = 0; x < nx; cell++) {
         const end = Math.min(nx, x + AMBIENT_CELL);
         let total = 0;
-        for (; x < end; x++, i++) total += opacity[values[i]];
-        sum[cell] += total;
+        for (; x < end; x++, i++) total += opacity[values[i]!]!;
+        sum[cell]! += total;
       }
     }
   }
@@ -260,9 +263,10 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
     const x = k % size[0],
       y = Math.floor(k / size[0]) % size[1],
       z = Math.floor(k / size[0] / size[1]);
-    sum[k] /= along(nx, x) * along(ny, y) * along(nz, z);
+    sum[k]! /= along(nx, x) * along(ny, y) * along(nz, z);
   }
-  const [[close, strength], [wide, strengthFar]] = [AMBIENT_NEAR, AMBIENT_FAR];
+  const [close, strength] = AMBIENT_NEAR as Vector2,
+    [wide, strengthFar] = AMBIENT_FAR as Vector2;
   const near = blurred(sum, size, close),
     far = blurred(blurred(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
@@ -277,25 +281,25 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
  * Visits every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
  * far it lies beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
  */
-function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Int32Array, share: Float64Array) => void) {
+function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Vector3, share: Vector3) => void) {
   const [nx, ny] = size,
-    strides = [1, nx, nx * ny];
-  const cell = new Int32Array(3),
-    at = new Int32Array(3),
-    slope = new Float64Array(3),
-    share = new Float64Array(3);
+    strides: Vector3 = [1, nx, nx * ny];
+  const cell: Vector3 = [0, 0, 0],
+    at: Vector3 = [0, 0, 0],
+    slope: Vector3 = [0, 0, 0],
+    share: Vector3 = [0, 0, 0];
   for (let k = 0; k < values.length; k++) {
     cell[0] = k % nx;
     cell[1] = Math.floor(k / nx) % ny;
     cell[2] = Math.floor(k / strides[2]);
     let squares = 0;
-    for (let axis = 0; axis < 3; axis++) {
-      const after = cell[axis] + 1 < size[axis] ? values[k + strides[axis]] : 0;
-      slope[axis] = (after - (cell[axis] > 0 ? values[k - strides[axis]] : 0)) / 2;
+    for (const axis of AXES) {
+      const after = cell[axis] + 1 < size[axis] ? values[k + strides[axis]]! : 0;
+      slope[axis] = (after - (cell[axis] > 0 ? values[k - strides[axis]]! : 0)) / 2;
       squares += slope[axis] ** 2;
     }
     const scale = AMBIENT_AHEAD / Math.max(Math.sqrt(squares), AMBIENT_EVEN);
-    for (let axis = 0; axis < 3; axis++) {
+    for (const axis of AXES) {
       const place = cell[axis] - scale * slope[axis];
       at[axis] = Math.floor(place);
       share[axis] = place - at[axis];
@@ -309,7 +313,7 @@ function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Int
  * @param at (x, y, z) of the cell before the place
  * @param share of the way to the next one along each axis
  */
-function between(values: Float32Array, size: Vector3, at: Int32Array, share: Float64Array) {
+function between(values: Float32Array, size: Vector3, at: Vector3, share: Vector3) {
   const nx = size[0],
     ny = size[1],
     nz = size[2];
@@ -322,8 +326,8 @@ function between(values: Float32Array, size: Vector3, at: Int32Array, share: Flo
         x = at[0];
       if (y < 0 || y >= ny) continue;
       const line = (z * ny + y) * nx;
-      const low = x >= 0 && x < nx ? values[line + x] : 0,
-        high = x >= -1 && x + 1 < nx ? values[line + x + 1] : 0;
+      const low = x >= 0 && x < nx ? values[line + x]! : 0,
+        high = x >= -1 && x + 1 < nx ? values[line + x + 1]! : 0;
       sum += (dz ? share[2] : 1 - share[2]) * (dy ? share[1] : 1 - share[1]) * (low + share[0] * (high - low));
     }
   }
@@ -333,17 +337,17 @@ function between(values: Float32Array, size: Vector3, at: Int32Array, share: Flo
 /** Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light. */
 function blurred(values: Float32Array, size: Vector3, r: number) {
   let from = values;
-  for (let axis = 0; axis < 3; axis++) {
+  for (const axis of AXES) {
     const to = new Float32Array(from.length),
       stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1];
     const n = size[axis];
     for (let start = 0; start < from.length; start++) {
       if (Math.floor(start / stride) % n !== 0) continue;
       let total = 0;
-      for (let k = 0; k < Math.min(r, n); k++) total += from[start + k * stride];
+      for (let k = 0; k < Math.min(r, n); k++) total += from[start + k * stride]!;
       for (let k = 0; k < n; k++) {
-        if (k + r < n) total += from[start + (k + r) * stride];
-        if (k - r - 1 >= 0) total -= from[start + (k - r - 1) * stride];
+        if (k + r < n) total += from[start + (k + r) * stride]!;
+        if (k - r - 1 >= 0) total -= from[start + (k - r - 1) * stride]!;
         to[start + k * stride] = total / (2 * r + 1);
       }
     }
@@ -359,14 +363,14 @@ export function planarSlopes(maps: Float32Array, [count, rows, columns]: Vector3
     let steepest = 0; // squared: a root for each node would take ten times as long
     for (let r = 0; r < rows; r++) {
       for (let c = 0; c < columns; c++, i += 2) {
-        const u = maps[i],
-          v = maps[i + 1],
+        const u = maps[i]!,
+          v = maps[i + 1]!,
           east = i + (c < columns - 1 ? 2 : 0);
         const south = i + (r < rows - 1 ? 2 * columns : 0);
-        const ua = (maps[east] - u) / da,
-          va = (maps[east + 1] - v) / da;
-        const ub = (maps[south] - u) / db,
-          vb = (maps[south + 1] - v) / db;
+        const ua = (maps[east]! - u) / da,
+          va = (maps[east + 1]! - v) / da;
+        const ub = (maps[south]! - u) / db,
+          vb = (maps[south + 1]! - v) / db;
         steepest = Math.max(steepest, ua * ua + va * va + ub * ub + vb * vb);
       }
     }
@@ -377,19 +381,19 @@ export function planarSlopes(maps: Float32Array, [count, rows, columns]: Vector3
 
 /** The largest change per length of a displacement sampled in space, [z][y][x][3]. */
 export function spaceSlope(values: Float32Array, [nx, ny, nz]: Vector3, spacing: Vector3) {
-  const strides = [3, 3 * nx, 3 * nx * ny];
+  const strides: Vector3 = [3, 3 * nx, 3 * nx * ny];
   let steepest = 0;
   for (let z = 0, i = 0; z < nz; z++) {
     for (let y = 0; y < ny; y++) {
       for (let x = 0; x < nx; x++, i += 3) {
         let total = 0;
-        for (let axis = 0; axis < 3; axis++) {
-          if ([x < nx - 1, y < ny - 1, z < nz - 1][axis]) {
+        for (const axis of AXES) {
+          if (axis === 0 ? x < nx - 1 : axis === 1 ? y < ny - 1 : z < nz - 1) {
             const j = i + strides[axis];
             total +=
-              ((values[j] - values[i]) ** 2 +
-                (values[j + 1] - values[i + 1]) ** 2 +
-                (values[j + 2] - values[i + 2]) ** 2) /
+              ((values[j]! - values[i]!) ** 2 +
+                (values[j + 1]! - values[i + 1]!) ** 2 +
+                (values[j + 2]! - values[i + 2]!) ** 2) /
               spacing[axis] ** 2;
           }
         }

@@ -892,7 +892,7 @@ def _maps_for_cells(content: Any, buffers: dict[str, list[float]]) -> dict[str, 
         starts = [planar["origin"][0] - a / 2, planar["origin"][1] - b / 2, first - lengths[2] / knots / 2]
         axes = np.array([planar["plane"][n] for n in "uvn"]) / lengths[:, None]
         offset = -axes @ np.asarray(planar["plane"]["origin"]) - starts / lengths
-        to_map = {"matrix": axes.T.ravel().tolist(), "offset": offset.tolist()}
+        to_map = {"matrix": axes.T.tolist(), "offset": offset.tolist()}
         planar = {**planar, "maps": buffers["maps"], "weights": buffers["weights"]}
     return {"planar": planar, "toMap": to_map, "space": space and {**space, "values": buffers["space"]}}
 
