@@ -34,7 +34,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def _read(kind: str, path: Any) -> Any:
-    """What a path stands for where an object is wanted; its reader is imported when the first one is given."""
+    """Read the object for which a path stands; its reader is imported when the first one is given."""
     io = __getattr__("io")
     return {
         "volume": io.read_volume,
@@ -45,7 +45,7 @@ def _read(kind: str, path: Any) -> Any:
 
 
 def _converted(name: str, given: Any) -> Any:
-    """What an object of another package is where a volume is wanted; imported when the first one is given."""
+    """Convert an object of another package to a volume; the converter is imported when the first one is given."""
     from deformnb.volume import converters
 
     return getattr(converters, name)(given)

@@ -46,7 +46,7 @@ class Deferred:
 
 
 class _AfterImport(MetaPathFinder):
-    """What is to be called once a module has been imported. Python asks it first where the module is."""
+    """Calls that follow the import of a module. Python asks it first where the module is."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -194,7 +194,7 @@ def use_disk_cache() -> str | None:
 
 @cache
 def _takes_options(platform: str) -> bool:
-    """Whether the compiler of a platform takes the options above: they belong to that of the CPU."""
+    """Check whether the compiler of a platform takes the options above: they belong to that of the CPU."""
     if platform != "cpu":
         return False
     try:

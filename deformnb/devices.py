@@ -17,12 +17,12 @@ from deformnb._deferred import jax
 from deformnb.errors import DeformError
 
 KINDS = ("auto", "cpu", "gpu")
-"""What a device is chosen by; a number behind a colon, as in "gpu:1", chooses among several of a kind."""
+"""Names by which a device is chosen; a number behind a colon, as in "gpu:1", chooses among several of a kind."""
 
 _VARIABLE = "DEFORMNB_DEVICE"
 
 INSTALL = 'pip install -U "jax[cuda13]" (cuda12 for an older driver)'
-"""What gives JAX its CUDA plugin."""
+"""Command that installs JAX's CUDA plugin."""
 
 _chosen: str | None = None
 

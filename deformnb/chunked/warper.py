@@ -155,7 +155,7 @@ def warp(
 
 
 def _cautions(deformation: Any, volume: LargeVolume, field: AbstractField, grid: Grid) -> tuple[str, ...]:
-    """What is probably a mistake of a document, and folds of its map anywhere: no voxel is looked at.
+    """Probable mistakes of a document, and folds of its map anywhere: no voxel is looked at.
 
     A document that was made on one resolution of a pyramid belongs to all of them.
     """

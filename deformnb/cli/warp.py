@@ -448,7 +448,7 @@ def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
 
 
 def _unpacked_beside(options: argparse.Namespace) -> Path:
-    """Where the input is unpacked beside the output, until that is complete; another input has another name."""
+    """Path to unpack the input to, next to the output, until that is complete; another input has another name."""
     about, target = Path(options.input.partition("::")[0]).stat(), Path(options.output)
     return target.with_name(f".{target.name}.{about.st_size}-{about.st_mtime_ns}.source.zarr")
 
@@ -544,7 +544,7 @@ def _refuse_present(target: Path, *, force: bool) -> None:
 
 
 def _difference(document: Deformation, volume: Volume | Grid) -> Iterator[str]:
-    """Why the result may not be what the author of a session saw, and the option that may help."""
+    """Reasons why the result may differ from what the author of a session saw, and the option that may help."""
     from deformnb.volume.volume import as_grid
 
     found, made, grid = document.difference(volume), document.volume, document.own_grid(as_grid(volume))

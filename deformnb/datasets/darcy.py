@@ -236,7 +236,7 @@ def own_grid(
 
 
 def _are_landmarks(given: object) -> TypeGuard[Landmarks]:
-    """Whether these are landmarks; told by what they have, for their class comes with JAX."""
+    """Check whether these are landmarks, by their attributes, for their class comes with JAX."""
     return hasattr(given, "points") and hasattr(given, "names")
 
 
@@ -276,7 +276,7 @@ def _least_corners(nodes: Nodes) -> Nodes:
 
 
 GridLike: TypeAlias = "str | os.PathLike[str] | int | ThompsonGrid | Landmarks | ArrayLike"
-"""What stands for a grid: a species or figure of Thompson's, nodes or landmarks of your own, or a file of these."""
+"""A grid or its name: a species or figure of Thompson's, nodes or landmarks of your own, or a file of these."""
 
 
 def _grid_of(given: GridLike, name: str) -> ThompsonGrid:

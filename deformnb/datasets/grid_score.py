@@ -22,7 +22,7 @@ Nodes = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GridScore:
-    """How near a bent grid comes to Thompson's.
+    """Score of a bent grid: its nearness to Thompson's.
 
     Parameters
     ----------

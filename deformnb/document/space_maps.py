@@ -38,7 +38,7 @@ class HasLengths(Protocol):
 
     @property
     def plane(self) -> Plane | None:
-        """Where they lie."""
+        """The plane of the picture; None in space."""
 
     @property
     def support(self) -> Any:
@@ -50,7 +50,7 @@ class HasLengths(Protocol):
 
     @property
     def parts(self) -> tuple[RigidPart, ...]:
-        """What stays rigid."""
+        """The rigid parts."""
 
     @property
     def cuts(self) -> tuple[Cut, ...]:

@@ -15,7 +15,7 @@ from deformnb.volume.volume import Grid
 
 @dataclass(frozen=True)
 class Camera:
-    """Where a picture is taken from, and how much it shows.
+    """Place, direction and extent of a picture's view.
 
     Parameters
     ----------

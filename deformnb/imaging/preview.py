@@ -233,7 +233,7 @@ class _Stack:
         return list(range(count))[:: -1 if self._is_away else 1]
 
     def held(self, k: int) -> Any:
-        """Which voxels of a slice are not clipped; 1 for all."""
+        """Mask of the voxels of a slice that are not clipped; 1 for all."""
         return 1 if self._held is None else self._held[k]
 
     def slopes(self, k: int, rows: Index, columns: Index) -> NDArray[np.float32]:

@@ -304,7 +304,7 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
 
 
 def _thinly(spreads: NDArray[np.float64]) -> str:
-    """What control points that are thin in some direction lie nearly on, in words: the same however they are turned."""
+    """Line or plane near which thin control points lie, in words: the same however they are rotated."""
     wide = int((spreads >= THIN).sum())
     return "" if wide == len(spreads) else "on one line" if wide == 1 else "in one plane"
 

@@ -110,7 +110,7 @@ def cuts_outside(cuts: Sequence[Cut], low: ArrayLike, high: ArrayLike) -> tuple[
 def _crosses(
     region: AbstractRegion, nodes: NDArray[np.float64], cell: float, low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> bool:
-    """Whether the boundary of a region, or the drawn part of a line that stops, lies in a box."""
+    """Check whether the boundary of a region, or the drawn part of a line that stops, lies in a box."""
     if any(getattr(region, "stops", ())):
         v = np.asarray(region.vertices)  # type: ignore[attr-defined]
         t = np.linspace(0.0, 1.0, _BOX_NODES)[:, None]

@@ -18,11 +18,11 @@ control points may run in float32, which is 2.8 times as fast, by its estimated 
 from __future__ import annotations
 
 RESIDUAL = 1e-7
-"""What a solve may leave of its conditions, as a share of the largest displacement: far above the rounding of a healthy
+"""Largest residual of a solve, as a share of the largest displacement: far above the rounding of a healthy
 system (1e-15 times a condition of 1e6), far below anything visible (1e-3 voxel)."""
 
 ROUNDING = 1e-10
-"""What it may leave besides, as a share of the extent: rounding of the trend is that, however small the drag."""
+"""Further residual, as a share of the extent: rounding of the trend is that, however small the drag."""
 
 EXACT, EXACT_PLACE = 10 * RESIDUAL, 10 * ROUNDING
 """The promised shares of the largest displacement and of the extent, wherever a map is evaluated."""

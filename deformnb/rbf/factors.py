@@ -248,7 +248,7 @@ class _Base:
     kernel: type[AbstractKernel]
     matrix: Matrix
     fixed: _Fixed | None = None
-    """What stays as it is while the points are dragged that were dragged last."""
+    """The part that is constant while the points are dragged that were dragged last."""
 
     def updated(self, targets: Floats, moved: NDArray[np.intp]) -> Matrix:
         """The matrix after some of the points have moved to these targets (n, dim)."""

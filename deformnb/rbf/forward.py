@@ -172,7 +172,7 @@ class ForwardFit(AbstractField):
         return np.asarray(np.moveaxis(inverse, -1, 0) - np.eye(self.dim)).reshape(*y.shape, self.dim)
 
     def found(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Whether the source of each of the points (..., dim) of the result is certain.
+        """Check whether the source of each of the points (..., dim) of the result is certain.
 
         That is where the residual ``|x + F(x) - y|`` is below 1e-9 of the size of the points, and ``det(1 + dF/dx)``
         has the sign that it has at most of the control points.
@@ -185,7 +185,7 @@ class ForwardFit(AbstractField):
         return np.asarray(self._certain(flat, error, determinant(self._derivative(x))).reshape(y.shape[:-1]))
 
     def ends_of(self, points: Array, tolerance: float) -> tuple[Array, NDArray[np.bool_]]:
-        """Where points x (n, dim) of the input come to, exactly: x + F(x), and whether the result shows them there."""
+        """Exact places x + F(x) of points x (n, dim) of the input, and a check whether the result shows them there."""
         y = points + self.forward.displacement(points)
         back = lengths_of(y + self.displacement(y) - points)
         return y, (back <= max(tolerance, _FOUND * self.size)) & self.found(y)

@@ -408,7 +408,7 @@ class RBFInterpolant(AbstractField):
 
 
 def _reach(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
-    """How far from the origin, in supports, the sums of relative lines lie at most."""
+    """Largest distance from the origin, in supports, of the sums of relative lines."""
     return float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
 
 

@@ -130,7 +130,7 @@ def _root(s: Any) -> Any:
 
 
 class _Digits(NamedTuple):
-    """What a logarithm needs to know of a floating point type.
+    """Constants of a floating point type for its logarithm.
 
     width : bits of the mantissa; bias : of the exponent; root_half, two_to_width : bits of sqrt(1/2) and 2^width;
     log_2 : in two parts, the first so short that its product with an exponent is exact; series : coefficients of

@@ -49,7 +49,7 @@ MOST_JUDGED = 150
 """Points of a set by which fits are judged: evenly taken from larger sets, for what is left out costs N^3."""
 
 HALVINGS = (3, 2)
-"""How often the points are halved for the blocks that are left out."""
+"""Numbers of halvings of the points for the blocks that are left out."""
 
 # By how much a candidate has to predict better than the plain thin plates: 5 % where a smoother or rougher spline, a
 # quadratic trend or a smoothing is chosen too, and 25 % with a support radius. Of 51 pairs of drawn grids without a
@@ -133,7 +133,7 @@ def usual_candidates(dim: int) -> tuple[Candidate, ...]:
 
 @dataclass(frozen=True)
 class TriedFit:
-    """How one candidate has done.
+    """Result of one candidate.
 
     Parameters
     ----------
@@ -401,7 +401,7 @@ def _folds(fit: Any) -> bool:
 
 
 def _schemes(points: ControlPoints) -> tuple[Blocks, ...]:
-    """What is left out at a time: points one by one, eighths, quarters."""
+    """Sets of points that are left out together: single points, eighths, quarters."""
     one = [np.array([k]) for k in range(len(points))]
     return (one, *(blocks_of(points.source, halvings) for halvings in HALVINGS))
 
@@ -426,7 +426,7 @@ def _errors(points: ControlPoints, settings: FitSettings) -> list[Array]:
 
 
 def _is_plain(ready: PreparedPoints, settings: FitSettings) -> bool:
-    """Whether the fit is one linear system: no trend that shrinks, nothing merged, no radii of their own."""
+    """Check whether the fit is one linear system: no trend that shrinks, nothing merged, no separate radii."""
     span, is_bent = ready.span, settings.trend == "quadratic"
     is_shrunk = bool(np.any(span.ridge)) or (is_bent and span.bend is not None and bool(np.any(span.bend)))
     return (

@@ -59,7 +59,7 @@ class AbstractRegion(ABC):
         """The same in pure JAX."""
 
     def of_few_shapes(self) -> Any:
-        """What gives the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
+        """An equivalent with the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
         return self
 
     def samples(self, count: int) -> NDArray[np.float64]:
@@ -342,7 +342,7 @@ class Line(_Outline):
         _refuse_crossing(v, "line (its ends go on straight)", is_closed=False)
 
     def opening(self, points: Any, xp: Any = np) -> Any:
-        """How far a cut along the line is open, by places (..., 2) before the deformation: from 0, shut, to 1.
+        """Share of the opening of a cut along the line at places (..., 2) before the deformation: from 0, shut, to 1.
 
         The product over the tips, the vertices at which it stops, of ``S(t) = t^2 (3 - 2 t)`` with
         ``t = clamp((tip - x) . e / L, 0, 1)``; e is the unit direction in which the line would go on, and L half the

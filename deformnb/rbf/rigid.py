@@ -599,7 +599,7 @@ Separate the parts, or give them one motion.',)
 
 
 def _in_common(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
-    """Whether two parts claim the same tissue with different motions, and whether they overlap after their motions."""
+    """Check whether two parts claim the same tissue with different motions, and whether they overlap after them."""
     overlap = contact = False
     for one, two in ((part, other), (other, part)):
         x = one.region.samples(_SAMPLES)

@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volumes
 
 KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
-"""What channels are together, and how many they are then: any, or the parts of a colour."""
+"""Meanings of several channels, with their number: any, or the parts of a colour."""
 
 Colour = Float3
 
@@ -264,7 +264,7 @@ class Channels:
 
 
 ChannelsLike: TypeAlias = Channels | VolumeLike
-"""What channels are made of where they are wanted (:func:`as_channels`): Channels, what a volume is made of, an image
+"""Objects that :func:`as_channels` takes where channels are wanted: Channels, all that a volume may be, an image
 of several components, or the path of a file."""
 
 

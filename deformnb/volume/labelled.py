@@ -33,7 +33,7 @@ def is_labelled(given: object) -> bool:
 
 @dataclass(frozen=True)
 class LabelledAxes:
-    """Which dimensions of a labelled array are places, and the grid that their coordinates mean.
+    """Dimensions of a labelled array that are places, and the grid that their coordinates mean.
 
     The unit is that of the coordinates' attributes "units" (of the CF conventions) or "unit".
 
@@ -51,7 +51,7 @@ class LabelledAxes:
     unit_notes: tuple[str, ...] = ()
 
     def notes(self, array: Any) -> tuple[str, ...]:
-        """What the array does not say and was taken: which dimension is which, and places without coordinates."""
+        """Assumptions where the array states nothing: which dimension is which, and places without coordinates."""
         found = list(self.unit_notes)
         if not {str(dim).lower() for dim in self.spatial} & set(_SPATIAL):
             found.append(

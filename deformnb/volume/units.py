@@ -86,7 +86,7 @@ UNITS: dict[str, Unit] = {unit.symbol: unit for unit in _ROWS}
 """All units of length by their symbols."""
 
 UNIT_METRES = {unit.symbol: float(unit.metres) for unit in _ROWS}
-"""How long each is."""
+"""Length of each in metres."""
 
 UNIT_WORDS = {word: unit.symbol for unit in _ROWS for word in unit.words}
 """The symbol of each way to write a unit; capitals count in short ones: Mm are megametres."""
@@ -117,7 +117,7 @@ NO_UNITS = (
     "dimensionless",
     "index",
 )
-"""What programs write where they know of no unit: the elements of pictures, or a space without a scale."""
+"""Words of programs that know of no unit: the elements of pictures, or a space without a scale."""
 
 
 def find_unit(text: object) -> str | None:
@@ -177,7 +177,7 @@ def stated_unit(text: object) -> tuple[str, tuple[str, ...]]:
 
 
 def ratio(unit: str, to: str) -> float:
-    """How many of one unit one of another is; 1 where either is not known.
+    """Factor that converts lengths from one unit to another; 1 where either is not known.
 
     Examples
     --------

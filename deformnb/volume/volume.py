@@ -1046,7 +1046,7 @@ Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in
 
 
 VolumeLike: TypeAlias = Volume | ArrayLike | os.PathLike[str] | Any
-"""What a volume is made of wherever one is wanted (:func:`as_volume`): a Volume; an image of SimpleITK, ITK, nibabel,
+"""Objects that :func:`as_volume` takes wherever a volume is wanted: a Volume; an image of SimpleITK, ITK, nibabel,
 pyvista or VTK; a DataArray or a Dataset of one variable of xarray; a layer of napari; the path of a file; an array
 [z, y, x], which lies at the origin with voxels 1 apart. Every one of them lies where its own package says."""
 

@@ -69,7 +69,7 @@ class ComposedEvaluator:
         return Displacements(d, opacity=opacity)
 
     def left(self) -> list[Callable[[], Replacement]]:
-        """What is to be replaced in the blocks so far, see :meth:`NodeTable.left`."""
+        """Replacements due in the blocks so far, see :meth:`NodeTable.left`."""
         return [] if self._nodes is None else self._nodes.left()
 
     @cached_property

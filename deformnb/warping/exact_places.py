@@ -209,7 +209,7 @@ def _by_itself(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
 
 
 def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | None:
-    """What evaluates a field at places between corners (n, dim) in pure JAX; None where nothing does."""
+    """Form of a field that is evaluated between corners (n, dim) in pure JAX; None where there is none."""
 
     def all_of(fields: Sequence[AbstractField], around: Floats = corners) -> tuple[Any, ...] | None:
         forms = tuple(_form(f, around, resolution) for f in fields)

@@ -16,7 +16,7 @@ from deformnb.volume.volume import Grid, Volume
 Array = NDArray[np.float64]
 
 IsTissue = Callable[[Array], NDArray[np.bool_]]
-"""Whether tissue is at points (n, dim) of the input, such as of :func:`tissue_test`."""
+"""Test of tissue at points (n, dim) of the input, such as of :func:`tissue_test`."""
 
 # Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
 # tissue.

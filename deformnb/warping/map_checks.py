@@ -39,7 +39,7 @@ _SHELL = 48
 
 
 def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, ...]:
-    """What a user should know before using a result: nothing to see, folds in tissue, and tissue that is cut off.
+    """Notes on a result for its user: nothing to see, folds in tissue, and tissue that is cut off.
 
     Parameters
     ----------

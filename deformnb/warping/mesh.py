@@ -152,7 +152,7 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
 
 
 MeshLike: TypeAlias = Mesh | os.PathLike[str] | Any
-"""What a mesh is made of where one is wanted (:func:`as_mesh`): a Mesh, a PolyData of pyvista or VTK, the path of a
+"""Objects that :func:`as_mesh` takes where a mesh is wanted: a Mesh, a PolyData of pyvista or VTK, the path of a
 file."""
 
 

@@ -168,7 +168,7 @@ class NodeTable:
         return None
 
     def left(self) -> list[Callable[[], Replacement]]:
-        """What is to be replaced in all blocks so far beside :attr:`Displacements.exact`, each found when called."""
+        """Replacements due in all blocks so far besides :attr:`Displacements.exact`, each found when called."""
         if not self._left:
             return []
         pieces = _pieces(np.concatenate(self._left), self._whole.spacing, np.zeros(3, int), np.array(self._grid.shape))

@@ -224,7 +224,7 @@ class Walk:
         return np.asarray(blended(moves, [line.opening(source) for line in field.lines]))
 
     def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
-        """Where a region shows its own tissue, and both places lie deep in it, nothing jumps nearby."""
+        """Displacements of a cut field; places are marked unless they and their sources lie deep in one region."""
         here, total, farthest = self.distances(field, x), np.zeros_like(x), reach_of(field, x)
         # An odd factor above the number of regions: overflowing, it still tells ways apart that differ in one region.
         self.regions[...] = 257 * self.regions + sum((d < 0) << k for k, d in enumerate(here))

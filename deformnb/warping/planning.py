@@ -55,11 +55,11 @@ CHUNK_BYTES = 2**24
 the processors by itself. Beyond 32 MiB fresh memory for every edit would cost more than the edit."""
 
 _MORE_BETWEEN_NODES = 4
-"""How many times as many voxels are computed at once between nodes that many voxels apart: blocks of 64 planes of 256^3
+"""Factor of the voxels computed at once between nodes that many voxels apart: blocks of 64 planes of 256^3
 voxels evaluate 68 planes of nodes in all, those of 16 planes 80. A warp takes 0.8 times as long."""
 
 _MORE_ON_GPU = 32
-"""How many times as much a GPU does at once: its memory holds it, and each call has to be launched and waited for."""
+"""Factor of the work of a GPU at once: its memory holds it, and each call has to be launched and waited for."""
 
 
 NOT_FINITE = (
@@ -132,7 +132,7 @@ class Places:
 
     @cached_property
     def is_straight(self) -> bool:
-        """Whether each input axis depends on the output axis and the displacement of its own name only."""
+        """True where each input axis depends on the output axis and the displacement of its own name only."""
         others = self.matrix[:, ::-1][~np.eye(len(self.matrix), dtype=np.bool_)]
         return _is_parallel(self) and not others.any()
 
@@ -338,7 +338,7 @@ def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], 
 
 
 def _is_parallel(at: Places) -> bool:
-    """Whether each output axis runs along the input axis of its number."""
+    """Check whether each output axis runs along the input axis of its number."""
     axes = range(len(at.whole))
     return not any(at.whole[o][axis].any() or at.part[o][axis].any() for axis in axes for o in axes if o != axis)
 
@@ -472,7 +472,7 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
 
 
 def at_once(most: int) -> int:
-    """How much of something to compute in one call on the device in use, where a processor does ``most``."""
+    """Amount to compute in one call on the device in use, where a processor computes ``most``."""
     return most if devices.is_host() else _MORE_ON_GPU * most
 
 

@@ -111,7 +111,7 @@ def warp_points(
 
 
 def unit_factor(points: object, field: AbstractField, grid: Grid | VolumeLike | None = None) -> float:
-    """How many of the unit of a field, or of the volume that it deforms, one of that of landmarks is; 1 else."""
+    """Factor from the unit of landmarks to that of a field, or of the volume that it deforms; 1 else."""
     there = field.unit or ("" if grid is None else as_grid(grid).unit)
     return ratio(points.unit, there) if isinstance(points, Landmarks | ControlPoints) else 1.0
 
@@ -399,7 +399,7 @@ class Landmarks:
 
 
 LandmarksLike: TypeAlias = Landmarks | ControlPoints | ArrayLike
-"""What landmarks are made of where they are wanted (:func:`as_landmarks`)."""
+"""Objects that :func:`as_landmarks` takes where landmarks are wanted."""
 
 
 def as_landmarks(given: LandmarksLike) -> Landmarks:

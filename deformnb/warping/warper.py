@@ -172,7 +172,7 @@ def warp(
 
 
 def like_given(given: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
-    """What was given, deformed: channels as channels, an array of xarray as one, all else that is a volume as a Volume.
+    """Deform an object to one of its kind: channels, an array of xarray; all else that is a volume to a Volume.
 
     Parameters
     ----------
@@ -369,7 +369,7 @@ class Warper:
         return moved
 
     def _is_crowded(self, axis: int) -> bool:
-        """Whether slices along an axis begin whole pages apart, so that they drive each other out of the cache."""
+        """Check whether slices along an axis begin whole pages apart, so that they evict each other from the cache."""
         return axis == 0 and self._voxels[0].nbytes % 4096 == 0
 
     def _modulated(self, plan: planning.Extruded, count: int) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
@@ -404,7 +404,7 @@ class Warper:
         return moved
 
     def _has_words(self, normal: int) -> bool:
-        """Whether slices along ``normal`` have small integers that are read as words, and most of a slice is read."""
+        """Check whether slices along ``normal`` hold small integers, read as words, of which most are read."""
         source, output = (np.delete(shape, normal) for shape in (self.volume.shape, self.output.shape))
         return (
             normal != 2

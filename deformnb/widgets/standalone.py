@@ -219,7 +219,7 @@ def write_file_page(path: str | os.PathLike[str], *, language: str | None = None
 
 
 def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iterable[str], code: str) -> dict[str, Any]:
-    """What the scripts of a page get."""
+    """Data of a page for its scripts."""
     return {
         "language": code,
         "words": word_table(code),

@@ -60,7 +60,7 @@ class Translator:
         return text if found is None else text.replace(core, found, 1)
 
     def knows(self, text: str) -> bool:
-        """Whether all that are words in a text are in the table.
+        """Check whether all words of a text are in the table.
 
         Examples
         --------
@@ -92,7 +92,7 @@ class Translator:
         return None
 
     def _value(self, name: str, given: str) -> str | None:
-        """What stands in the place of a value; None if it is of words that the table does not have."""
+        """Text in the place of a value; None if it is of words that the table does not have."""
         if len(name) == 1 or _AS_GIVEN.fullmatch(name):
             return given
         found = self._piece(given)

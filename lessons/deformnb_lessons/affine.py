@@ -15,14 +15,14 @@ TURN = 15.0
 """Degrees by which the carp is turned at least in the exercise "turned"."""
 
 STRETCH = 0.05
-"""How much longer or shorter it may become there, as a share."""
+"""Largest share by which it may become longer or shorter there."""
 
 BENT = 5.0
 """Millimetres by which its places may differ from a straight map."""
 
 
 def _turned(session: Session, step: Step) -> str:
-    """What is missing in a carp that is turned and keeps its form."""
+    """Fault of a carp that is turned and keeps its form; empty if there is none."""
     a, b = np.meshgrid(np.linspace(20, 480, 9), np.linspace(60, 140, 5))
     places = np.stack([a, b], axis=-1).reshape(-1, 2)
     moved, found = warp_points(places, picture_field(step, session.volume.grid))

@@ -20,7 +20,7 @@ _COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; th
 
 @dataclass(frozen=True)
 class Result:
-    """Whether an answer is right, and a word about it; a notebook shows it in the language that was chosen.
+    """Verdict on an answer, and a word about it; a notebook shows it in the language that was chosen.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Result:
         return translate("Right." if self.right else "Not yet.")
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: the words, and the drawing below them."""
+        """HTML for a notebook: the words, and the drawing below them."""
         return self.words_html() + self.drawing
 
     def words_html(self) -> str:

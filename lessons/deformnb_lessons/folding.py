@@ -23,7 +23,7 @@ _BESIDE = 1.0  # millimetres from the line of a cut to the places whose ways are
 
 
 def _unfolded(session: Session, step: Step) -> str:
-    """What is missing in a long drag without a fold."""
+    """Fault of a long drag without a fold; empty if there is none."""
     far = step.strength * float(np.linalg.norm(step.points.displacement[step.points.active], axis=1).max(initial=0.0))
     if far < DRAG:
         return f"The longest drag is {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold in another way."
@@ -37,7 +37,7 @@ def _unfolded(session: Session, step: Step) -> str:
 
 
 def _cut(session: Session, step: Step) -> str:
-    """What is missing in a cut that is pulled open."""
+    """Fault of a cut that is pulled open; empty if there is none."""
     lines = [cut.region for cut in step.cuts if cut.enabled and isinstance(cut.region, Line)]
     if not lines:
         return (
@@ -54,7 +54,7 @@ def _cut(session: Session, step: Step) -> str:
 
 
 def _opening(line: Line, session: Session, step: Step) -> float:
-    """How far places on both sides of a line come apart, at most."""
+    """Largest distance by which places on both sides of a line come apart."""
     vertices = np.asarray(line.vertices)
     ways = np.diff(vertices, axis=0)
     normals = ways[:, ::-1] * (-1, 1) / np.linalg.norm(ways, axis=1)[:, None]

@@ -15,7 +15,7 @@ _HEIGHT = 150  # CSS pixels: a studio below does not jump when the drawing comes
 
 
 class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
-    """What a check of the studio answers, judged again after each gesture.
+    """Answer of a check of the studio, judged again after each gesture.
 
     Parameters
     ----------

@@ -17,14 +17,14 @@ STILL = 1.0
 """Millimetres that the head moves at most there."""
 
 BACK = (150.0, 400.0)
-"""Where the back of the lesson's carp is: a_min and a_max on the picture from the left."""
+"""Extent of the back of the lesson's carp: a_min and a_max on the picture from the left."""
 
 HEAD = (20.0, 100.0, 60.0, 140.0)
 """The head of the lesson's carp from the left: (a_min, a_max, b_min, b_max)."""
 
 
 def _local(session: Session, step: Step) -> str:
-    """What is missing in a back that is lifted while the head stays."""
+    """Fault of a back that is lifted while the head stays; empty if there is none."""
     points = step.points
     on_back = points.active & (points.source[:, 0] > BACK[0]) & (points.source[:, 0] < BACK[1])
     lifted = step.strength * float(points.displacement[on_back, 1].max(initial=0.0))  # backward, and b grows downwards

@@ -37,7 +37,7 @@ def lesson_carp() -> Volume:
 
 @dataclass(frozen=True)
 class _Page:
-    """What a lesson begins with, and what its page says and offers."""
+    """First picture of a lesson, and text and controls of its page."""
 
     begin: Callable[[Volume], Deformation]
     about: str

@@ -122,7 +122,7 @@ class FishTask(AbstractExercise):
 
 
 def _advice(score: GridScore) -> str:
-    """Where the worst node should go, in words."""
+    """Direction in which the worst node should go, in words."""
     row, column = score.worst
     right, down = score.missing[row, column]
     ways = ((down, ("{:.0f} mm up", "{:.0f} mm down")), (right, ("{:.0f} mm left", "{:.0f} mm right")))

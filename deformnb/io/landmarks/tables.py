@@ -152,7 +152,7 @@ def write_bigwarp(landmarks: Landmarks) -> str:
 
 @dataclass
 class _Columns:
-    """What the columns of a table are.
+    """Columns of a table by their meaning.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ _STATED = re.compile(rb"\b(?:backward|forward): from places of the [^\r\n\0\"<]{
 
 
 def stated_remark(path: Path) -> str:
-    r"""What a transform file that was written here says of its map; empty for any other file.
+    r"""The remark on the map in a transform file that was written here; empty for any other file.
 
     Examples
     --------

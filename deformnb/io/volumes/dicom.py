@@ -60,7 +60,7 @@ _TAGS = [
 ]
 
 UNEVEN = ("refuse", "resample")
-"""What is done where slices are missing, unevenly spaced or shifted against each other by a tilted gantry."""
+"""Rules for slices that are missing, unevenly spaced or shifted against each other by a tilted gantry."""
 
 # Transfer syntaxes whose pixels are pictures, by the end of their UID 1.2.840.10008.1.2.4, and their codecs.
 _PICTURES = {

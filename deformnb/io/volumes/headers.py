@@ -37,7 +37,7 @@ _MOST_CHANNELS = 1024
 
 @dataclass(frozen=True)
 class Layout:
-    """What a file holds beside the three axes of a volume: channels, moments in time, or both.
+    """Axes of a file besides the three of a volume: channels, moments in time, or both.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _COLOUR_TABLE = re.compile(r"\s*(\d{1,19})\s+(\S+)((?:\s+[\d.]+){3,4})\s*$")
 
 
 def read_label_names(path: str | Path) -> dict[int, str]:
-    r"""What the labels of a label volume are called.
+    r"""Read the names of the labels of a label volume.
 
     Parameters
     ----------

@@ -193,7 +193,7 @@ def segment_keys(path: Path) -> dict[str, str]:
 
 
 def segment_names(path: Path) -> dict[int, str]:
-    """What the labels of a segmentation of 3D Slicer (.seg.nrrd) are called; empty for other NRRD files.
+    """Names of the labels of a segmentation of 3D Slicer (.seg.nrrd); empty for other NRRD files.
 
     Parameters
     ----------

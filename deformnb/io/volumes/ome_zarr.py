@@ -136,7 +136,7 @@ class Level:
         return found if found.ndim == 3 else found[None][of["z"]]
 
     def present(self) -> NDArray[np.bool_] | None:
-        """Which stored chunks are there, along z, y and x; None where they are not counted."""
+        """Mask of the stored chunks that exist, along z, y and x; None where they are not counted."""
         grid = [-(-n // size) for n, size in zip(self.array.shape, self.stored, strict=True)]
         counted = [1 if isinstance(one, int) else n for one, n in zip(self.index, grid, strict=True)]
         if math.prod(counted) > _MOST_COUNTED or not self.path.is_dir():
@@ -549,7 +549,7 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
 
 
 def _axis_places(level: Level) -> dict[str, int]:
-    """Where the axes t and c of a level's array are: in this order where both are there."""
+    """Positions of the axes t and c of a level's array: in this order where both are there."""
     dimension = [k for k, one in enumerate(level.index) if isinstance(one, int)]
     return dict(zip(level.others, dimension, strict=True))
 

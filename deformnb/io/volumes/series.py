@@ -325,7 +325,7 @@ def _after(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:
 
 
 def _put_back(taken: list[Channels], queue: Iterator[Channels]) -> Iterator[Channels]:
-    """What was taken and then the rest; ``itertools.chain`` would hold what was taken until the end."""
+    """Yield the items taken and then the rest; ``itertools.chain`` would hold the former until the end."""
     yield taken.pop()
     yield from queue
 

@@ -313,7 +313,7 @@ def _contiguous(path: Path, page: Page, count: int) -> Iterator[Page]:
 
 @dataclass(frozen=True)
 class _Described:
-    """What the description of ImageJ, OME or tifffile in the first page says.
+    """Contents of the description of ImageJ, OME or tifffile in the first page.
 
     Parameters
     ----------
@@ -503,7 +503,7 @@ def _planes(path: Path, shape: list[int], tags: Tags) -> list[int]:
 
 
 def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[str, int]], tuple[str, ...]]:
-    """What the axes of pages are, the slowest first: slices, channels or moments."""
+    """Axes of the pages, the slowest first: slices, channels or moments."""
     real = [(names[k : k + 1], size) for k, size in enumerate(sizes) if size > 1]
     if len(real) > 3:
         raise fail(path, f"its pages lie along {len(real)} axes ({sizes}); a volume has slices, channels and moments.")

@@ -92,7 +92,7 @@ class GridDrawing(AbstractEdited):
 
     @property
     def picture(self) -> Picture:
-        """What the grid lies on."""
+        """The picture under the grid."""
         return self._picture
 
     def grid(self, name: str = "own grid") -> ThompsonGrid:

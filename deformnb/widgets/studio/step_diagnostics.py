@@ -95,7 +95,7 @@ class Diagnostics:
 
 
 def tissue_of(session: Session) -> IsTissue | None:
-    """Whether tissue is seen at points of the input of the step that a session edits, on a picture at any depth.
+    """Test of tissue at points of the input of the step that a session edits, on a picture at any depth.
 
     None, so that every fold counts, where steps before have deformed the volume.
     """

@@ -292,7 +292,7 @@ _PAGES_WITHOUT_INPUT = (
 
 
 def runs_for_later_readers() -> bool:
-    """Whether a program runs this notebook and nobody is in front of it (nbconvert, nbclient, papermill, MyST-NB).
+    """Check whether a program runs this notebook without a user (nbconvert, nbclient, papermill, MyST-NB).
 
     Those say with each cell that nobody answers ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
     type.

@@ -185,7 +185,7 @@ class SlowRequests:
         self._since: dict[Any, float] = {}
 
     def middleware(self) -> Any:
-        """What tells of each request when it is whole and when it is answered; it has to be the first.
+        """Middleware that reports when each request is whole and when it is answered; it has to be the first.
 
         aiohttp gives each request a task, which ends with the last byte of the answer: much later than the handler
         where a file is sent to a slow reader.
@@ -230,7 +230,7 @@ class SlowRequests:
 
 
 class RefusedByServer(logging.Filter):
-    """What aiohttp says of requests that it cannot read, as lines like those of :func:`access_check`.
+    """Log of requests that aiohttp cannot read, as lines like those of :func:`access_check`.
 
     Any page can send such requests, and aiohttp logs each of them with a traceback and with what was sent. An exception
     in what answers a request is a defect of ours and stays as it is.

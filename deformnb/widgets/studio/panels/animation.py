@@ -329,7 +329,7 @@ class MovieControls:
         self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
 
     def _takes_page(self) -> bool:
-        """Whether the page shall draw: where that was chosen, or has a graphics card."""
+        """Check whether the front end shall draw: where that was chosen, or where it has a GPU."""
         chosen = self.renderer.value
         if not hasattr(self._view, "page_scene") or chosen == "python":
             return False
