@@ -16,18 +16,24 @@ export type Vector3 = [number, number, number];
 /** Four numbers, such as two rows of a matrix in one. */
 export type Vector4 = [number, number, number, number];
 
+/** A place or a displacement of a picture or in space. */
+export type Vector = [number, number, ...number[]];
+
 /** Two rows of a matrix. */
 export type Matrix2 = [Vector2, Vector2];
 
 /** Three rows, or columns, of a matrix. */
 export type Matrix3 = [Vector3, Vector3, Vector3];
 
+/** Rows of a matrix of two or three rows and columns. */
+export type Matrix = [Vector, Vector, ...Vector[]];
+
 /** A control point of a picture (two coordinates) or of a volume (three). */
 export interface Point {
   id: number;
   name: string;
-  source: number[];
-  target: number[];
+  source: Vector;
+  target: Vector;
   active: boolean;
   weight: number;
   locked?: boolean;
@@ -46,7 +52,7 @@ export interface LineData {
   kind: "line";
   vertices: Vector2[];
   /** Whether a cut along it stops at its first and at its last vertex; left out where it stops at neither. */
-  stops?: boolean[];
+  stops?: [boolean, boolean];
 }
 
 /** A half plane; the normal points out of it. */
@@ -170,11 +176,11 @@ export interface RbfFit {
   scales: Float64Array | null;
   centers: Float64Array;
   coefficients: Float64Array;
-  linear: number[][];
-  constant: number[];
+  linear: Matrix;
+  constant: Vector;
   /** Symmetric matrices of the trend "quadratic", one for each component; null for the others. */
-  quadratic: number[][][] | null;
-  origin: number[];
+  quadratic: [Matrix, Matrix, ...Matrix[]] | null;
+  origin: Vector;
   support: number;
   kernel: string;
   trend: string;

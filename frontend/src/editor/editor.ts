@@ -2,6 +2,7 @@
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
 // draw (tool), parts (parts, kind), look (id).
 
+import { mapVector } from "../maths/camera.ts";
 import { layeredFit, placeOf } from "../maths/cuts.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { samePoints } from "../maths/points.ts";
@@ -524,7 +525,7 @@ export class EditorView extends EditorDrawing {
   }
 
   /** The picture's box, [a0, a1, b0, b1]. */
-  get box() {
+  get box(): Vector4 {
     const {
       shape: [nv, nu],
       spacing: [du, dv],
@@ -537,7 +538,7 @@ export class EditorView extends EditorDrawing {
   get sheet(): Vector4 {
     const { box } = this,
       beyond = this.model.get("beyond") ?? [];
-    return box.map((x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x)) as Vector4;
+    return mapVector(box, (x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
   }
 
   // ---- the view -----------------------------------------------------------------------------------------------------
@@ -1064,7 +1065,7 @@ function tissueTest(layered: LayeredFit, source: PictureSource, air: number) {
     } = source.raster,
     steps = [-2, 0, 2];
   return (a: number, b: number) => {
-    const [da, db] = placeOf(layered, a, b, du) as Vector2;
+    const [da, db] = placeOf(layered, a, b, du);
     return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
   };
 }

@@ -4,7 +4,7 @@
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_grid` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
 
-import { newPoint, nextId } from "../maths/points.ts";
+import { newPoint, nextId, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
 import type { LayeredFit, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
@@ -107,7 +107,7 @@ export class GridNodes {
   shown(points: Point[]) {
     const { strength } = this.editor;
     if (strength === 1 || !this.isOn) return points;
-    return points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k]! - value)) }));
+    return points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
   }
 
   get advice() {

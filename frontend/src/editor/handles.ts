@@ -3,7 +3,7 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { middleOf } from "../maths/points.ts";
-import type { Mirror, Vector2 } from "../types.ts";
+import type { Mirror, Vector, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
@@ -12,8 +12,8 @@ import { REGION_FORMS } from "./shape_handles.ts";
 export type DrawnPoint = {
   id: number;
   name: string;
-  source: number[];
-  target: number[];
+  source: Vector;
+  target: Vector;
   active: boolean;
   locked?: boolean;
   radius?: number | null;
@@ -28,7 +28,7 @@ export interface MarksScene {
   view: View;
   /** CSS pixels from the edge of the view to the grip of the axis */
   gripAway?: number;
-  points: { id: number; target: number[]; locked?: boolean }[];
+  points: { id: number; target: Vector; locked?: boolean }[];
   selected: Set<number>;
   brush: { isOn: boolean; at?: Vector2 | null; radius?: number };
   pen: { isOn: boolean };

@@ -345,7 +345,7 @@ export class Overlay {
       // Not closed: a fill does that, and Chromium measures the path at each closePath, for seconds in a large fold.
       for (let n = 2; n < polygon.length; n += 2) red.lineTo(k * polygon[n]! + x, k * polygon[n + 1]! + y);
     }
-    for (const [a, b, p, q] of edge as [number, number, number, number][]) {
+    for (const [a, b, p, q] of edge) {
       rim.moveTo(k * a + x, k * b + y);
       rim.lineTo(k * p + x, k * q + y);
     }
@@ -439,13 +439,13 @@ export class Overlay {
       db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++)
       image.data.set([...UNCERTAINTY_COLOUR, UNCERTAINTY_ALPHA * values[n]!], 4 * n);
-    const raster = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
+    const raster: Pick<Raster, "spacing" | "origin"> = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
     const { context: c } = this,
       { k, x, y, ratio } = this.editor.view,
       lines = new Path2D();
     for (const [level] of legend) {
-      for (const [u, v, p, q] of contourOf(values, [height, width], level) as [number, number, number, number][]) {
+      for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
         lines.moveTo(k * (raster.origin[0] + u * da) + x, k * (raster.origin[1] + v * db) + y);
         lines.lineTo(k * (raster.origin[0] + p * da) + x, k * (raster.origin[1] + q * db) + y);
       }

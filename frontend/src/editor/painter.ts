@@ -675,10 +675,10 @@ class LayerPlan {
   /** Regions as a cell sees them. */
   near: Map<number, NearRegion[]> = new Map();
 
-  work = { pixels: new Float64Array(512), covers: new Float64Array(256), out: [0, 0, 1, 0] };
+  work = { pixels: new Float64Array(512), covers: new Float64Array(256), out: [0, 0, 1, 0] as Vector4 };
 
   /** The displacement of each fit at a place. */
-  moves: number[][] = [];
+  moves: Vector2[] = [];
 
   /** @param maps one for each fit, and the identity for regions without points, which stay */
   constructor(

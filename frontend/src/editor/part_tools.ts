@@ -246,8 +246,8 @@ export class PartTools {
     const [a0, a1, b0, b1] = this.editor.sheet,
       [a, b] = placeMoved(part.motion, pivotOf(part));
     return (share: number): PartData => {
-      const at = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
-      const inside = [Math.max(a0, Math.min(a1, at[0]!)), Math.max(b0, Math.min(b1, at[1]!))];
+      const at: Vector2 = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
+      const inside: Vector2 = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
       return { ...part, pivot: placeBefore(part.motion, inside) };
     };
   }
@@ -262,11 +262,7 @@ function without(points: Point[], ids: number[]) {
 function moving(part: PartData, from: Vector2, to: Vector2) {
   const { angle, shift } = turnAndShift(part);
   return (share: number) =>
-    partTurned(
-      part,
-      angle,
-      shift.map((value, c) => value + share * (to[c]! - from[c]!)),
-    );
+    partTurned(part, angle, [shift[0] + share * (to[0] - from[0]), shift[1] + share * (to[1] - from[1])]);
 }
 
 /** A part that turns about its pivot as a pointer does from one place to another. */

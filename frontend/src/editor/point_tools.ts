@@ -13,6 +13,7 @@ import {
   newPoint,
   nextId,
   onAxis,
+  placeBetween,
   removedPoints,
   renamedPoint,
   resetPoints,
@@ -28,7 +29,7 @@ import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
 import { placeSeen } from "../maths/warp_map.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { LayeredFit, PartData, Point, Shapes, Vector2, Vector3 } from "../types.ts";
+import type { LayeredFit, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import { pointLabel } from "./handles.ts";
@@ -57,15 +58,10 @@ function allowedMove(
   const held = heldIn(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
-  const way = (p: Vector2, q: Vector2, t: number) => p.map((v, c) => v + t * (q[c]! - v));
   const between = (t: number) =>
     before.map((p) => {
       const { source, target } = then.get(p.id) ?? p;
-      return {
-        ...p,
-        source: way(p.source as Vector2, source as Vector2, t),
-        target: way(p.target as Vector2, target as Vector2, t),
-      };
+      return { ...p, source: placeBetween(p.source, source, t), target: placeBetween(p.target, target, t) };
     });
   let low = 0,
     high = 1;
@@ -249,11 +245,11 @@ export class PointTools {
    * A function of places of the picture: the source of a point there that moves nothing, null in a gap. As drags are
    * magnified by the strength, a feature must come from target + D / strength to be seen at the target.
    */
-  #sourcesOf(layered: LayeredFit | null): (target: number[]) => number[] | null {
+  #sourcesOf(layered: LayeredFit | null): (target: Vector) => Vector2 | null {
     const strength = this.editor.strength || 1;
     return (target) => {
-      const [da, db, opacity] = (layered ? placeOf(layered, target[0]!, target[1]!, 1e-9) : [0, 0, 1]) as Vector3;
-      return opacity < 0.5 ? null : [target[0]! + da / strength, target[1]! + db / strength];
+      const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : ([0, 0, 1] as const);
+      return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];
     };
   }
 
@@ -261,7 +257,7 @@ export class PointTools {
   seenAt([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
       layered = editor.isComparing ? null : editor.layered;
-    const [da, db, opacity] = (layered ? placeOf(layered, a, b, 1e-9) : [0, 0, 1]) as Vector3;
+    const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : ([0, 0, 1] as const);
     return opacity < 0.5 ? null : [a + da, b + db];
   }
 
@@ -384,7 +380,8 @@ export class PointTools {
   moveAxis(at: number, isEnd: boolean) {
     const { editor } = this,
       c = this.mirror.axis === "a" ? 0 : 1;
-    const [low, high] = [editor.box[2 * c], editor.box[2 * c + 1]];
+    const low = editor.box[2 * c]!,
+      high = editor.box[2 * c + 1]!;
     editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
     if (isEnd) editor.model.save_changes();
     editor.invalidate();
@@ -407,11 +404,11 @@ export class PointTools {
       { layered } = editor,
       near = this.#mirrorNear;
     if (!mirror.on) return after;
-    const seenAt = (source: number[]) =>
+    const seenAt = (source: Vector) =>
       holds && layered && editor.strength === 1 && !editor.isOriginal
-        ? (placeSeen(layered, source, 1e-6 * near.axis) as Vector2)
+        ? placeSeen(layered, source, 1e-6 * near.axis)
         : null;
-    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt: seenAt });
+    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
   }
 
   // ---- the grid to which targets keep -------------------------------------------------------------------------------
@@ -433,7 +430,7 @@ export class PointTools {
   }
 
   /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
-  #snappedPlace([a, b]: Vector2) {
+  #snappedPlace([a, b]: Vector2): Vector2 {
     const { snap } = this,
       cell = this.#cell,
       [a0, a1, b0, b1] = this.editor.box;

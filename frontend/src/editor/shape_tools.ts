@@ -2,7 +2,7 @@
 
 import { sidesKey } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
-import { changed, cleanShapes, sameShapes } from "../maths/points.ts";
+import { changed, cleanShapes, middleOf, sameShapes } from "../maths/points.ts";
 import { rbfLabel } from "../maths/rbf.ts";
 import { regionFault } from "../maths/regions.ts";
 import { heldPoints } from "../maths/rigid_stages.ts";
@@ -30,7 +30,7 @@ import {
   withStop,
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2 } from "../types.ts";
+import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
 import type { EditorView } from "./editor.ts";
 import type { Chosen, Draft, Grip } from "./shape_handles.ts";
@@ -251,10 +251,10 @@ export class Pen {
 }
 
 /** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
-function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: number[] }) {
+function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: Vector4 }): Vector2 {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
-  if (!dragged.length) return [(a0! + a1!) / 2, (b0! + b1!) / 2];
-  return [0, 1].map((c) => dragged.reduce((sum, p) => sum + p.target[c]!, 0) / dragged.length);
+  if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
+  return middleOf(dragged);
 }
 
 /**

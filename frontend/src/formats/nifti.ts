@@ -1,8 +1,9 @@
 // NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/volumes/nifti.py: the sform if its code is above 0, else the qform
 // if its code is above 0, else the voxel sizes alone. NIfTI is RAS: x and y change sign. Source: nifti1.h and nifti2.h.
 
-import type { Vector3 } from "../types.ts";
-
+import { perAxis } from "../maths/axes.ts";
+import type { Vector2, Vector3, Vector4 } from "../types.ts";
+import { IDENTITY } from "../volume/grid.ts";
 import type { VoxelType } from "./reading.ts";
 import { ByteReader, FileError, volumeShape } from "./reading.ts";
 import type { Header } from "./volume_files.ts";
@@ -132,7 +133,7 @@ export async function niftiHeader(blob: Blob): Promise<Header> {
   };
 }
 
-function scalingOf({ scaling: [slope, intercept] }: Fields) {
+function scalingOf({ scaling: [slope, intercept] }: Fields): Vector2 {
   if (slope === 0 || Number.isNaN(slope)) return [1, 0]; // "not scaled" in the standard
   if (!(Number.isFinite(slope) && Number.isFinite(intercept))) {
     throw new FileError(`the fields 'scl_slope' and 'scl_inter' are ${slope} and ${intercept}; they must be finite.`);
@@ -140,8 +141,10 @@ function scalingOf({ scaling: [slope, intercept] }: Fields) {
   return [slope, intercept];
 }
 
+type Place = Pick<Header, "affine" | "direction" | "origin">;
+
 /** The sform as an affine map if it counts, else direction and origin. */
-function placeOfVoxels(fields: Fields, notes: string[]) {
+function placeOfVoxels(fields: Fields, notes: string[]): Place {
   const [qform, sform] = fields.codes,
     { srow, pixdim } = fields;
   if (sform <= 0) {
@@ -151,8 +154,8 @@ function placeOfVoxels(fields: Fields, notes: string[]) {
     return { affine: null, ...qformOf(fields) };
   }
   if (!srow.every(Number.isFinite)) throw new FileError("the sform (srow_x, srow_y, srow_z) is not finite.");
-  const affine = [0, 1, 2].map((k) => srow.slice(4 * k, 4 * k + 4).map((x) => (k < 2 ? -x : x)));
-  const place = { affine, direction: [] as Vector3[], origin: [0, 0, 0] as Vector3 };
+  const affine = perAxis((k) => srow.slice(4 * k, 4 * k + 4).map((x) => (k < 2 ? -x : x)) as Vector4);
+  const place: Place = { affine, direction: IDENTITY, origin: [0, 0, 0] };
   if (qform > 0) {
     const { direction, origin } = qformOf(fields);
     const most = Math.max(...affine.flatMap((row) => row.slice(0, 3).map(Math.abs)));
@@ -168,7 +171,7 @@ function placeOfVoxels(fields: Fields, notes: string[]) {
 }
 
 /** Direction and origin of the qform, or of the bare axes if it does not count. */
-function qformOf({ codes, quatern, pixdim }: Fields): { direction: Vector3[]; origin: Vector3 } {
+function qformOf({ codes, quatern, pixdim }: Fields): Omit<Place, "affine"> {
   if (codes[0] <= 0)
     return {
       direction: [

@@ -1,9 +1,10 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
+import { perAxis } from "../maths/axes.ts";
 import { cross } from "../maths/camera.ts";
-import type { Vector3 } from "../types.ts";
+import type { Vector3, Vector4 } from "../types.ts";
+import { IDENTITY } from "../volume/grid.ts";
 import { commonUnit, statedUnit } from "../volume/units.ts";
-
 import type { VoxelType } from "./reading.ts";
 import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.ts";
 import type { Header } from "./volume_files.ts";
@@ -187,7 +188,7 @@ async function beginningOf(blob: Blob, fields: Texts, end: number, expected: num
 }
 
 /** The unit of lengths, and by how much the numbers along the three axes are multiplied to be in it. */
-function unitOfAxes(fields: Texts, axes: number[], notes: string[]) {
+function unitOfAxes(fields: Texts, axes: number[], notes: string[]): { unit: string; factors: Vector3 } {
   const given = fields.spaceunits ?? fields.units;
   if (given === undefined) {
     const isPatient = /anterior|posterior|^(lps|ras|las)$/.test((fields.space ?? "").toLowerCase());
@@ -213,8 +214,8 @@ function placeOfVoxels(
   fields: Texts,
   axes: number[],
   dimension: number,
-  factors: number[],
-): { affine: number[][] | null; spacing: Vector3; origin: Vector3; direction: Vector3[] } {
+  factors: Vector3,
+): Pick<Header, "affine" | "spacing" | "origin" | "direction"> {
   const space = (fields.space ?? "").toLowerCase();
   if (space && !Object.hasOwn(SPACES, space)) {
     throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
@@ -222,25 +223,21 @@ function placeOfVoxels(
   const signs = (SPACES[space] ?? [1, 1, 1]).map((sign, k) => sign * factors[k]);
   const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
   const corner = three("space origin", first === undefined ? [0, 0, 0] : first).map((x, k) => x * signs[k]) as Vector3;
-  const direction = [
-    [1, 0, 0],
-    [0, 1, 0],
-    [0, 0, 1],
-  ] as Vector3[];
   if (fields.spacedirections === undefined) {
     const { spacing, origin } = spacingsOf(fields, axes, dimension, factors);
-    return { affine: null, spacing, origin: first === undefined ? origin : corner, direction };
+    return { affine: null, spacing, origin: first === undefined ? origin : corner, direction: IDENTITY };
   }
   const vectors = vectorsOf("space directions", fields.spacedirections);
   const columns = axes.map((axis) => three("space directions", vectors[axis]).map((x, k) => x * signs[k]));
   while (columns.length < 3) {
     // a single picture: its normal, of length 1
-    const normal = columns.length === 2 ? cross(columns[0], columns[1]) : [0, 0, 0];
+    const normal = columns.length === 2 ? cross(columns[0] as Vector3, columns[1] as Vector3) : [0, 0, 0];
     const length = Math.hypot(...normal) || 1;
     columns.push(normal.map((x) => x / length));
   }
-  const affine = [0, 1, 2].map((i) => [...columns.map((c) => c[i]), corner[i]]);
-  return { affine, spacing: [1, 1, 1], origin: corner, direction };
+  const [x, y, z] = columns as [Vector3, Vector3, Vector3];
+  const affine = perAxis((i): Vector4 => [x[i], y[i], z[i], corner[i]]);
+  return { affine, spacing: [1, 1, 1], origin: corner, direction: IDENTITY };
 }
 
 function three(field: string, vector: number[] | null | undefined) {

@@ -1,7 +1,7 @@
 // Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
 // rounds them, turned as the camera says, rows along y. The browser unpacks them.
 
-import { checkedGrid } from "../volume/grid.ts";
+import { checkedGrid, IDENTITY } from "../volume/grid.ts";
 import { FileError, shownText } from "./reading.ts";
 
 import type { Volume } from "./volume_files.ts";
@@ -78,16 +78,7 @@ async function decoded(blob: Blob, name: string) {
   for (let k = 0; k < values.length; k++) {
     values[k] = (rgba[4 * k] * 19595 + rgba[4 * k + 1] * 38470 + rgba[4 * k + 2] * 7471 + 0x8000) >> 16;
   }
-  const grid = checkedGrid(
-    [1, height, width],
-    [1, 1, 1],
-    [0, 0, 0],
-    [
-      [1, 0, 0],
-      [0, 1, 0],
-      [0, 0, 1],
-    ],
-  );
+  const grid = checkedGrid([1, height, width], [1, 1, 1], [0, 0, 0], IDENTITY);
   const volume = {
     name: name.replace(/\.[^.]*$/, "") || name,
     grid,

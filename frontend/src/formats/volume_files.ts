@@ -1,7 +1,7 @@
 // Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
 
-import type { Vector3 } from "../types.ts";
-import type { Grid } from "../volume/grid.ts";
+import type { Matrix3, Vector3 } from "../types.ts";
+import type { Affine, Grid } from "../volume/grid.ts";
 import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.ts";
 import { niftiHeader } from "./nifti.ts";
 import { nrrdHeader } from "./nrrd.ts";
@@ -18,11 +18,11 @@ export interface Header {
   /** voxels mean slope * stored + intercept */
   slope: number;
   intercept: number;
-  /** of the indices, three rows of four numbers; null where spacing, origin and direction are stated instead */
-  affine: number[][] | null;
+  /** of the indices; null where spacing, origin and direction are stated instead */
+  affine: Affine | null;
   spacing: Vector3;
   origin: Vector3;
-  direction: Vector3[];
+  direction: Matrix3;
   /** of lengths; "" where it is not known */
   unit: string;
   isLabels: boolean;

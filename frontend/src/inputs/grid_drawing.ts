@@ -3,12 +3,12 @@
 
 import { newPoint } from "../maths/points.ts";
 import { rbfAt, rbfFit } from "../maths/rbf.ts";
-import type { Model, Point } from "../types.ts";
+import type { Model, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { InputView, listenToDrags, targetIndex } from "./base.ts";
 
 export type NodeDrag = { index: number; before: Grid };
-export type Grid = { nodes: number[][][]; placed: number[] };
+export type Grid = { nodes: Vector2[][]; placed: number[] };
 
 const ARROWS: Record<string, [number, number]> = {
   ArrowLeft: [-1, 0],
@@ -112,7 +112,7 @@ class GridDrawingView extends InputView {
    * The grid with a node at another place. It goes where it is put, the corners and the other nodes that were placed stay,
    * and all between them follow.
    */
-  moved(before: Grid, index: number, place: number[]): Grid {
+  moved(before: Grid, index: number, place: Vector2): Grid {
     const placed = before.placed.includes(index) ? before.placed : [...before.placed, index];
     return { nodes: this.spline(before, placed, index, place), placed };
   }
@@ -121,16 +121,16 @@ class GridDrawingView extends InputView {
    * All nodes by the thin-plate spline through corners and placed ones.
    * @param place of the node of that index, if it has moved
    */
-  spline(before: Grid, placed: number[], index: number = -1, place: number[] | null = null) {
+  spline(before: Grid, placed: number[], index: number = -1, place: Vector2 | null = null) {
     const { rows, columns } = this,
       knots = [...new Set([...this.corners, ...placed])];
-    const regular = (k: number) => [(k % columns) / (columns - 1), Math.floor(k / columns) / (rows - 1)];
+    const regular = (k: number): Vector2 => [(k % columns) / (columns - 1), Math.floor(k / columns) / (rows - 1)];
     const points: Point[] = knots.map((k, n) =>
       newPoint(n, k === index && place ? place : this.placeOf(before, k), regular(k)),
     );
     const fit = rbfFit(points, { kernel: "thin_plate", trend: "affine", support: 1 });
     return before.nodes.map((row, i) =>
-      row.map((_, j) => {
+      row.map((_, j): Vector2 => {
         const [u, v] = [j / (columns - 1), i / (rows - 1)],
           [da, db] = rbfAt(fit, u, v);
         return [u + da, v + db];
@@ -190,7 +190,7 @@ class GridDrawingView extends InputView {
     this.invalidate();
   }
 
-  inside([a, b]: number[]) {
+  inside([a, b]: Vector2): Vector2 {
     const [a0, a1, b0, b1] = this.model.get("box");
     return [Math.max(a0, Math.min(a1, a)), Math.max(b0, Math.min(b1, b))];
   }

@@ -5,7 +5,7 @@
 // it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
-import type { Point } from "../types.ts";
+import type { Point, Vector, Vector2, Vector4 } from "../types.ts";
 import { newPoint } from "./points.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
@@ -32,25 +32,25 @@ function nextStroke(points: Point[]) {
   return Math.max(0, ...numbers) + 1;
 }
 
-function distanceTo(p: Point, [a, b]: number[]) {
+function distanceTo(p: Point, [a, b]: Vector) {
   return Math.hypot(p.target[0] - a, p.target[1] - b);
 }
 
 /** The distance to the nearest active point. */
-function gapTo(points: Point[], place: number[]) {
+function gapTo(points: Point[], place: Vector) {
   return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
 export class Stroke {
   points: Point[];
-  middle: number[];
+  middle: Vector2;
   radius: number;
   tool: string;
   id: number;
-  sourceAt: (points: Point[]) => (place: number[]) => number[] | null;
-  box: number[];
+  sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
+  box: Vector4;
   reach: number;
-  settle: (place: number[]) => number[];
+  settle: (place: Vector) => Vector;
   way: number;
   done: number;
   swell: number;
@@ -59,7 +59,7 @@ export class Stroke {
   isBegun: boolean;
   lead: number;
   lockedBy: Point | null;
-  source: (place: number[]) => number[] | null;
+  source: (place: Vector) => Vector | null;
 
   /**
    * Begin a stroke.
@@ -69,7 +69,7 @@ export class Stroke {
    */
   constructor(
     points: Point[],
-    middle: number[],
+    middle: Vector2,
     radius: number,
     {
       tool,
@@ -81,10 +81,10 @@ export class Stroke {
     }: {
       tool: string;
       id: number;
-      sourceAt: (points: Point[]) => (place: number[]) => number[] | null;
-      box: number[];
+      sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
+      box: Vector4;
       reach?: number;
-      settle?: (place: number[]) => number[];
+      settle?: (place: Vector) => Vector;
     },
   ) {
     this.points = points;
@@ -127,7 +127,7 @@ export class Stroke {
   }
 
   /** Add a point that holds what is seen at a place; its id, or null where it is not needed. */
-  #add(there: number[], room: number) {
+  #add(there: Vector, room: number) {
     const place = this.settle(there),
       [a0, a1, b0, b1] = this.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
@@ -164,7 +164,7 @@ export class Stroke {
 
   // ---- the flow -----------------------------------------------------------------------------------------------------
 
-  #flow(by: (p: Point, x: number, y: number, share: number) => number[]) {
+  #flow(by: (p: Point, x: number, y: number, share: number) => Vector2) {
     this.points = this.points.map((p) => {
       if (!p.active || p.locked) return p;
       const x = p.target[0] - this.middle[0],
@@ -178,8 +178,8 @@ export class Stroke {
    * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold:
    * after a while the brush moves faster than what it holds, which stays behind.
    */
-  move(place: number[]) {
-    const way = [place[0] - this.middle[0], place[1] - this.middle[1]],
+  move(place: Vector2) {
+    const way: Vector2 = [place[0] - this.middle[0], place[1] - this.middle[1]],
       length = Math.hypot(...way);
     const count = Math.ceil(length / (BRUSH_STEP * this.radius) - 1e-9);
     for (let k = 0; k < count; k++) {

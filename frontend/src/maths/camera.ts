@@ -1,21 +1,26 @@
 // The camera: parallel projection along a direction, with an up vector and the height of the view.
 // Vectors are in space (LPS); the ray caster gets them in the volume's own frame.
 
-import type { Vector3 } from "../types.ts";
+import type { Matrix3, Vector, Vector2, Vector3 } from "../types.ts";
 
-export const dot: (a: number[], b: number[]) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-export const cross: (a: number[], b: number[]) => Vector3 = (a, b) => [
+export const dot: (a: Vector3, b: Vector3) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const cross: (a: Vector3, b: Vector3) => Vector3 = (a, b) => [
   a[1] * b[2] - a[2] * b[1],
   a[2] * b[0] - a[0] * b[2],
   a[0] * b[1] - a[1] * b[0],
 ];
-export const scaled: (a: number[], k: number) => Vector3 = ([x, y, z], k) => [x * k, y * k, z * k];
-export const added: (a: number[], b: number[]) => Vector3 = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
-export const unitVector: (a: number[]) => Vector3 | null = (a) => {
+export const scaled: (a: Vector3, k: number) => Vector3 = ([x, y, z], k) => [x * k, y * k, z * k];
+export const added: (a: Vector3, b: Vector3) => Vector3 = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+/** The vector of the values of a function of each coordinate. */
+export const mapVector = <V extends Vector>(vector: V, value: (x: number, k: number) => number) =>
+  vector.map(value) as { [K in keyof V]: number };
+/** a - b */
+export const difference = <V extends Vector>(a: V, b: V) => mapVector(a, (x, k) => x - (b[k] as number));
+export const unitVector: (a: Vector3) => Vector3 | null = (a) => {
   const n = Math.hypot(...a);
   return n > 1e-9 ? scaled(a, 1 / n) : null;
 };
-const rotated: (a: number[], side: number[], angle: number) => Vector3 = (a, side, angle) =>
+const rotated: (a: Vector3, side: Vector3, angle: number) => Vector3 = (a, side, angle) =>
   added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
 const SEEN = 1.02; // a small margin around the box, as in the still pictures
@@ -26,7 +31,7 @@ export class Camera {
   direction: Vector3;
   up: Vector3;
   height: number;
-  pan: number[];
+  pan: Vector2;
   bend: number;
 
   constructor() {
@@ -44,7 +49,7 @@ export class Camera {
 
   #straighten() {
     this.direction = unitVector(this.direction) || [0, 1, 0];
-    const other = Math.abs(this.direction[2]) > 0.99 ? [0, -1, 0] : [0, 0, 1];
+    const other: Vector3 = Math.abs(this.direction[2]) > 0.99 ? [0, -1, 0] : [0, 0, 1];
     const across = unitVector(cross(this.direction, this.up)) ?? unitVector(cross(this.direction, other)) ?? [1, 0, 0];
     this.up = unitVector(cross(across, this.direction)) ?? this.up;
   }
@@ -52,7 +57,7 @@ export class Camera {
   /**
    * Look along a direction; without an up vector, up is towards the head, or the front in views from above or below.
    */
-  look(direction: number[], up?: number[] | null) {
+  look(direction: Vector3, up?: Vector3 | null) {
     const [x, y, z] = direction,
       [u, v, w] = up ?? (Math.abs(z) > 0.999 * Math.hypot(x, y, z) ? [0, -1, 0] : [0, 0, 1]);
     this.direction = [x, y, z];
@@ -77,7 +82,7 @@ export class Camera {
   }
 
   /** The height of the view, a length in space, at which all corners (vectors from the middle) are visible. */
-  fit(corners: number[][], aspect: number) {
+  fit(corners: Vector3[], aspect: number) {
     const right = this.right;
     let a = 0,
       b = 0,
@@ -94,14 +99,15 @@ export class Camera {
    * Moves the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
    * tenth of it.
    */
-  keepInView(corners: number[][], aspect: number) {
+  keepInView(corners: Vector3[], aspect: number) {
     const height = this.height / 2,
-      halves = [height * aspect, height];
-    [this.right, this.up].forEach((axis, i) => {
-      const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
-      const most = half + halves[i] - 2 * LEAST_SEEN * Math.min(half, halves[i]);
-      this.pan[i] = Math.max(-most, Math.min(most, this.pan[i]));
-    });
+      limited = (way: number, axis: Vector3, side: number) => {
+        const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
+        const most = half + side - 2 * LEAST_SEEN * Math.min(half, side);
+        return Math.max(-most, Math.min(most, way));
+      };
+    const [across, up] = this.pan;
+    this.pan = [limited(across, this.right, height * aspect), limited(up, this.up, height)];
   }
 
   /**
@@ -109,8 +115,8 @@ export class Camera {
    * @param toFrame 3 x 3, from space to the volume's frame
    * @param middle in the volume's frame
    */
-  inFrame([first, second, third]: number[][], middle: number[], aspect: number) {
-    const turned: (v: number[]) => Vector3 = (v) => [dot(first, v), dot(second, v), dot(third, v)];
+  inFrame([first, second, third]: Matrix3, middle: Vector3, aspect: number) {
+    const turned: (v: Vector3) => Vector3 = (v) => [dot(first, v), dot(second, v), dot(third, v)];
     const right = turned(this.right),
       up = turned(this.up),
       ahead = turned(this.direction),
@@ -121,13 +127,14 @@ export class Camera {
 }
 
 /** The side of a patient that a direction in space leads to, one or two letters: "L", "PS". */
-export function sideOf(vector: number[]) {
-  const names = [
-    ["L", "R"],
-    ["P", "A"],
-    ["S", "I"],
-  ];
-  const order = [0, 1, 2].sort((i, j) => Math.abs(vector[j]) - Math.abs(vector[i]));
-  const [first, second] = order.map((i) => names[i][vector[i] < 0 ? 1 : 0]);
-  return Math.abs(vector[order[1]]) > 0.45 ? first + second : first;
+export function sideOf([x, y, z]: Vector3) {
+  const sides = [
+    { way: Math.abs(x), name: x < 0 ? "R" : "L" },
+    { way: Math.abs(y), name: y < 0 ? "A" : "P" },
+    { way: Math.abs(z), name: z < 0 ? "I" : "S" },
+  ].sort((p, q) => q.way - p.way);
+  return sides
+    .filter(({ way }, k) => k === 0 || (k === 1 && way > 0.45))
+    .map(({ name }) => name)
+    .join("");
 }

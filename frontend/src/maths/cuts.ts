@@ -1,7 +1,7 @@
 // Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
 // stop inside the body.
 
-import type { Fit, FitSettings, LayeredFit, Point, Raster, Region } from "../types.ts";
+import type { Fit, FitSettings, LayeredFit, Point, Raster, Region, Vector2, Vector4 } from "../types.ts";
 import { MOST_SLITS } from "./constants.ts";
 import { RbfError, rbfCheckPoints } from "./rbf.ts";
 import { regionOf } from "./regions.ts";
@@ -150,7 +150,7 @@ export function layersOnRaster(layered: LayeredFit, raster: Raster, outs: (Float
 }
 
 /** What is seen at a place: [da, db, opacity, k] of fit k; -1 in a region without points, which does not move. */
-export function placeOf(layered: LayeredFit, a: number, b: number, softness: number, out: number[] = [0, 0, 1, 0]) {
+export function placeOf(layered: LayeredFit, a: number, b: number, softness: number, out: Vector4 = [0, 0, 1, 0]) {
   const { fits, regions } = layered;
   if (!regions.length) {
     [out[0], out[1]] = fieldAt(fits[0].fit, a, b);
@@ -171,9 +171,9 @@ export function chosenPlace(
   regions: Pick<Region, "distance">[],
   a: number,
   b: number,
-  move: (k: number) => number[],
+  move: (k: number) => Vector2,
   softness: number,
-  out: number[],
+  out: Vector4,
 ) {
   const { fits } = layered,
     own = sidesKey(regions, a, b),
@@ -213,4 +213,4 @@ export function chosenPlace(
   return out;
 }
 
-const NO_MOVE = [0, 0];
+const NO_MOVE: Vector2 = [0, 0];

@@ -2,7 +2,7 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
-import type { Fit, LayeredFit, Raster, RbfFit } from "../types.ts";
+import type { Fit, LayeredFit, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
 import { NEARLY_FOLDED } from "./constants.ts";
 import { placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
@@ -14,7 +14,7 @@ export type Probe = [a: number, b: number, det: number];
 /** its corners x, y, x, y, ... */
 export type Polygon = number[];
 /** [x, y, x', y'] */
-export type Segment = number[];
+export type Segment = Vector4;
 
 const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a fold beside a point may hide
 const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
@@ -26,7 +26,7 @@ function detOf(fit: Fit, a: number, b: number, work: Float64Array) {
 }
 
 const DET_WORK = new Float64Array(6),
-  DET_SEEN = [0, 0, 1, 0];
+  DET_SEEN: Vector4 = [0, 0, 1, 0];
 
 /** det J of what is seen at a place. */
 function detAt(layered: LayeredFit, a: number, b: number) {
@@ -154,7 +154,7 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
  */
 export function foldsOf(
   layered: LayeredFit,
-  box: number[],
+  box: Vector4,
   nodes: number,
   probes: Probe[] = probesOf(layered),
   isTissue: (a: number, b: number) => boolean = () => true,
@@ -164,11 +164,11 @@ export function foldsOf(
     db = (b1 - b0) / (nodes - 1);
   const dets = detsOnRaster(layered, { shape: [nodes, nodes], spacing: [da, db], origin: [a0, b0] });
   let least = Infinity,
-    place = [(a0 + a1) / 2, (b0 + b1) / 2],
+    place: Vector2 = [(a0 + a1) / 2, (b0 + b1) / 2],
     folded = 0,
     inAir = 0;
   for (let n = 0; n < dets.length; n++) {
-    const at = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db],
+    const at: Vector2 = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db],
       isFold = dets[n] <= 0;
     const counts = !(dets[n] <= NEARLY_FOLDED) || isTissue(at[0], at[1]);
     if (isFold && counts) folded += 1;
@@ -202,20 +202,20 @@ export function foldsOf(
  */
 function downhill(
   layered: LayeredFit,
-  [a0, a1, b0, b1]: number[],
-  start: { least: number; place: number[] },
+  [a0, a1, b0, b1]: Vector4,
+  start: { least: number; place: Vector2 },
   step: number,
   isTissue: (a: number, b: number) => boolean,
 ) {
   let { least, place } = start;
   for (let turn = 0, h = step; turn < 24 && h > step / 64; turn++) {
-    let better = null;
+    let better: Vector2 | null = null;
     for (const [u, v] of [
       [h, 0],
       [-h, 0],
       [0, h],
       [0, -h],
-    ]) {
+    ] as const) {
       const a = place[0] + u,
         b = place[1] + v;
       if (a < a0 || a > a1 || b < b0 || b > b1) continue;
@@ -271,7 +271,7 @@ function clippedCell(
     ends.push(cx, cy);
   }
   if (polygon.length >= 6) fill?.push(polygon);
-  for (let k = 0; k + 3 < ends.length; k += 4) edge.push(ends.slice(k, k + 4));
+  for (let k = 0; k + 3 < ends.length; k += 4) edge.push(ends.slice(k, k + 4) as Segment);
 }
 
 /** A gap neither folds nor bounds a fold. */
@@ -294,8 +294,8 @@ export function foldPieces(
       spacing: [da, db],
       origin: [a0, b0],
     } = raster,
-    hit = new Set(),
-    near = [];
+    hit = new Set<number>(),
+    near: Vector2[] = [];
   const fill: Polygon[] = [];
   const edge: Segment[] = [];
   for (const [a, b, det] of probes) {
@@ -333,11 +333,11 @@ export function foldPieces(
 /** Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones. */
 export class Runs {
   fill: Polygon[];
-  origin: number[];
-  spacing: number[];
+  origin: Vector2;
+  spacing: Vector2;
   open: Map<number, [first: number, last: number]>;
 
-  constructor(fill: Polygon[], origin: number[], spacing: number[]) {
+  constructor(fill: Polygon[], origin: Vector2, spacing: Vector2) {
     this.fill = fill;
     this.origin = origin;
     this.spacing = spacing;
@@ -359,7 +359,7 @@ export class Runs {
     for (const [row, run] of this.open) this.#close(row, run);
   }
 
-  #close(row: number, [first, last]: number[]) {
+  #close(row: number, [first, last]: Vector2) {
     const [a0, b0] = this.origin,
       [da, db] = this.spacing,
       top = b0 + row * db,
@@ -413,7 +413,7 @@ function finePieces(
  * The line of a level in a lattice of values: segments in columns and rows.
  * @param shape [rows, columns]
  */
-export function contourOf(values: ArrayLike<number>, [rows, columns]: number[], level: number) {
+export function contourOf(values: ArrayLike<number>, [rows, columns]: Vector2, level: number) {
   const edge: Segment[] = [];
   for (let i = 0; i + 1 < rows; i++) {
     for (let j = 0; j + 1 < columns; j++) {

@@ -3,6 +3,7 @@
 // the residual vanishes to rounding and F does not fold at x.
 
 import type { Fit, FitSettings, Lattice, Point, Raster, RbfFit } from "../types.ts";
+import { placeBetween } from "./points.ts";
 import { RBF_KERNELS, rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport } from "./rbf.ts";
 
 const AIM = 1e-12,
@@ -28,9 +29,7 @@ export function forwardFit(
   const strength = settings.strength ?? 1,
     support = rbfSupport(turnedPoints(points), settings);
   const dragged =
-    strength === 1
-      ? points
-      : points.map((p) => ({ ...p, target: p.source.map((value, k) => value + strength * (p.target[k] - value)) }));
+    strength === 1 ? points : points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
   const previous = settings.previous?.forward ?? null;
   const forward = rbfFit(turnedPoints(dragged), { ...settings, strength: 1, support, previous }, dim);
   return { ...forward, forward };

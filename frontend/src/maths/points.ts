@@ -1,6 +1,7 @@
 // Edits of a list of control points and their undo. No edit changes an object it was given.
 
-import type { Mirror, Point, RegionData, ShapeKind, Shapes, Vector2 } from "../types.ts";
+import type { Mirror, Point, RegionData, ShapeKind, Shapes, Vector, Vector2 } from "../types.ts";
+import { difference, mapVector } from "./camera.ts";
 
 export function samePoints(p: unknown, q: unknown) {
   return p === q || JSON.stringify(p) === JSON.stringify(q);
@@ -20,13 +21,18 @@ export function cleanPoints(list: any): Point[] {
     .map((p) => ({
       id: p.id,
       name: String(p.name ?? ""),
-      source: [...p.source],
-      target: [...p.target],
+      source: [...p.source] as Vector,
+      target: [...p.target] as Vector,
       active: p.active !== false,
       weight: Number.isFinite(p.weight) && p.weight > 0 ? p.weight : 1,
       locked: p.locked === true,
       radius: Number.isFinite(p.radius) && p.radius > 0 ? p.radius : null,
     }));
+}
+
+/** The place at a share of the way from p to q. */
+export function placeBetween<V extends Vector>(p: V, q: V, share: number) {
+  return mapVector(p, (value, k) => value + share * ((q[k] as number) - value));
 }
 
 /** The points with these ids changed. */
@@ -37,7 +43,7 @@ export function changed(points: Point[], ids: number[], change: (point: Point) =
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by (da, db). */
 export function movedPoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
-  const by: (place: number[]) => number[] = ([a, b]) => [a + da, b + db];
+  const by: (place: Vector) => Vector = ([a, b]) => [a + da, b + db];
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
@@ -45,16 +51,11 @@ export function movedPoints(points: Point[], ids: number[], da: number, db: numb
 }
 
 /** A point, its fields in the order in which Python sends them: lists are compared as text. */
-export function newPoint(
-  id: number,
-  source: ArrayLike<number> & Iterable<number>,
-  target: ArrayLike<number> & Iterable<number>,
-  name: string = "",
-): Point {
+export function newPoint(id: number, source: Vector, target: Vector, name: string = ""): Point {
   return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
 }
 
-export function addedPoint(points: Point[], id: number, source: number[], target: number[]) {
+export function addedPoint(points: Point[], id: number, source: Vector, target: Vector) {
   return [...points, newPoint(id, source, target)];
 }
 
@@ -130,8 +131,9 @@ function plainRegion(region: RegionData): RegionData {
   if (kind === "half_space") return { kind, point: region.point, normal: region.normal };
   if (kind === "polygon") return { kind, vertices: region.vertices };
   if (kind === "line") {
-    const { vertices, stops } = region;
-    return { kind, vertices, ...(stops?.some(Boolean) && { stops: [Boolean(stops[0]), Boolean(stops[1])] }) };
+    const { vertices, stops } = region,
+      isStop: [boolean, boolean] = [Boolean(stops?.[0]), Boolean(stops?.[1])];
+    return { kind, vertices, ...(isStop.includes(true) && { stops: isStop }) };
   }
   const { shape, spacing, origin, bits } = region;
   return { kind, shape, spacing, origin, bits };
@@ -149,17 +151,17 @@ export function sameShapes(p: unknown, q: unknown) {
  */
 export const TURN_WAYS: Record<string, number> = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 };
 export const TURN_CODES: Record<string, string> = { Comma: ",", Period: "." };
-const TURN_STEPS = [2, 15]; // degrees, or percent, of a key alone and with Shift
+const TURN_STEPS: Vector2 = [2, 15]; // degrees, or percent, of a key alone and with Shift
 const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls beside another point
 
 /** The middle of the targets. */
-export function middleOf(points: { target: number[] }[]): Vector2 {
-  const mean: (c: number) => number = (c) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
+export function middleOf(points: { target: Vector }[]): Vector2 {
+  const mean: (c: 0 | 1) => number = (c) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
   return [mean(0), mean(1)];
 }
 
 /** Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place. */
-export function turnedPoints(points: Point[], ids: number[], about: number[], angle: number, factor: number = 1) {
+export function turnedPoints(points: Point[], ids: number[], about: Vector, angle: number, factor: number = 1) {
   const c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
   return changed(points, ids, (p) => {
@@ -178,7 +180,7 @@ export function turnOfKey(way: number, { isLarge, isScale }: { isLarge?: boolean
 /**
  * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift goes in steps.
  */
-export function turnOfDrag([x, y]: number[], to: number[], event: { altKey: boolean; shiftKey: boolean }): Vector2 {
+export function turnOfDrag([x, y]: Vector2, to: Vector2, event: { altKey: boolean; shiftKey: boolean }): Vector2 {
   if (event.altKey) {
     const factor = Math.max(0.1, Math.min(10, Math.hypot(...to) / Math.hypot(x, y)));
     return [0, event.shiftKey ? Math.max(0.1, Math.round(10 * factor) / 10) : factor];
@@ -220,15 +222,15 @@ export function rimmedPoints(
   pin: Point,
   distance: number,
   id: number,
-  sourceAt: (place: number[]) => number[] | null,
+  sourceAt: (place: Vector2) => Vector | null,
 ) {
   const others = points.filter((p) => p.active && p.id !== pin.id);
-  const placesFrom: (start: number) => number[][] = (start) =>
+  const placesFrom: (start: number) => Vector2[] = (start) =>
     [0, 1, 2].map((k) => {
       const angle = start + (k * 2 * Math.PI) / 3;
       return [pin.target[0] + distance * Math.cos(angle), pin.target[1] + distance * Math.sin(angle)];
     });
-  const room: (places: number[][]) => number = (places) =>
+  const room: (places: Vector2[]) => number = (places) =>
     Math.min(...places.flatMap(([a, b]) => others.map((p) => Math.hypot(p.target[0] - a, p.target[1] - b))), distance);
   const tried = Array.from({ length: RIM_ANGLES }, (_, k) =>
     placesFrom(-Math.PI / 2 + (k * 2 * Math.PI) / 3 / RIM_ANGLES),
@@ -244,37 +246,37 @@ export function rimmedPoints(
 
 // ---- mirror symmetry: an edit of a point is also done to its partner on the other side of an axis ------------------
 
-function mirrorNormal({ normal, axis }: Mirror) {
+function mirrorNormal({ normal, axis }: Mirror): Vector {
   return normal ?? (axis === "a" ? [1, 0] : [0, 1]);
 }
 
 /** The distance of a place on the positive side. */
-function awayFrom(mirror: Mirror, place: number[]) {
-  return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * place[k], 0) - mirror.at;
+function awayFrom(mirror: Mirror, place: Vector) {
+  return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * (place[k] as number), 0) - mirror.at;
 }
 
 /** A place, moved along the normal. */
-function acrossBy(mirror: Mirror, place: number[], way: number) {
-  return mirrorNormal(mirror).map((n, k) => place[k] + way * n);
+function acrossBy(mirror: Mirror, place: Vector, way: number) {
+  return mapVector(mirrorNormal(mirror), (n, k) => (place[k] as number) + way * n);
 }
 
-function mirrorPlace(mirror: Mirror, place: number[]) {
+function mirrorPlace(mirror: Mirror, place: Vector) {
   return acrossBy(mirror, place, -2 * awayFrom(mirror, place));
 }
 
 /** 1 or -1 for the side of the axis on which a place lies, 0 within `near` of it. */
-export function mirrorSide(mirror: Mirror, place: number[], near: number) {
+export function mirrorSide(mirror: Mirror, place: Vector, near: number) {
   const away = awayFrom(mirror, place);
   return Math.abs(away) <= near ? 0 : Math.sign(away);
 }
 
 /** The nearest place on the axis. */
-export function onAxis(mirror: Mirror, place: number[]) {
+export function onAxis(mirror: Mirror, place: Vector) {
   return acrossBy(mirror, place, -awayFrom(mirror, place));
 }
 
-export function distance(p: number[], q: number[]) {
-  return Math.hypot(...p.map((value, k) => value - q[k]));
+export function distance(p: Vector, q: Vector) {
+  return Math.hypot(...difference(p, q));
 }
 
 /** The point whose source lies where the mirror shows that of `p`, or null. */
@@ -293,7 +295,7 @@ function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
 }
 
 /** A target that stays on the side of its source: beyond the axis it would meet its partner. */
-function keptOnSide(mirror: Mirror, place: number[], side: number, near: number) {
+function keptOnSide(mirror: Mirror, place: Vector, side: number, near: number) {
   const away = awayFrom(mirror, place);
   return away * side >= near ? place : acrossBy(mirror, place, side * near - away);
 }
@@ -318,7 +320,7 @@ export function mirroredEdit(
     near: { axis: number; partner: number };
     id: number;
     lead?: number;
-    seenAt?: (source: number[]) => number[] | null;
+    seenAt?: (source: Vector) => Vector | null;
   },
 ) {
   const was = new Map(before.map((p) => [p.id, p])),
@@ -361,7 +363,7 @@ export function mirroredEdit(
 }
 
 /** The place where the tissue is seen; one that differs by rounding alone is the mirror's own. */
-function heldPlace({ target }: Point, seen: number[] | null, near: number) {
+function heldPlace({ target }: Point, seen: Vector | null, near: number) {
   return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 

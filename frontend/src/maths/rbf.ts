@@ -1,7 +1,19 @@
 // The fit of control points on a picture or in space, equal to deformnb.rbf.fitting.fit_rbf. All arithmetic is in
 // float64, as in the package; a test compares the two for every kernel and trend.
 
-import type { FitSettings, KernelTable, Lattice, Point, Raster, RbfFit, Vector2 } from "../types.ts";
+import type {
+  FitSettings,
+  KernelTable,
+  Lattice,
+  Matrix,
+  Matrix2,
+  Point,
+  Raster,
+  RbfFit,
+  Vector,
+  Vector2,
+  Vector3,
+} from "../types.ts";
 import {
   COLLAPSED,
   FAR_BEHIND,
@@ -50,7 +62,7 @@ export type Place = { point: Point; w: number; x: number[]; d: number[] };
 export type Ready = Span & {
   n: number;
   merged: Place[];
-  origin: number[];
+  origin: Vector;
   radius: number;
   trend: string;
   notes: string[];
@@ -62,7 +74,7 @@ export type Ready = Span & {
 
 /** A matrix by its entries. */
 function rbfMatrix(dim: number, entry: (i: number, j: number) => number) {
-  return Array.from({ length: dim }, (_, i) => Array.from({ length: dim }, (__, j) => entry(i, j)));
+  return Array.from({ length: dim }, (_, i) => Array.from({ length: dim }, (__, j) => entry(i, j))) as Matrix;
 }
 
 function rbfEye(dim: number) {
@@ -77,11 +89,17 @@ function rbfTimes(a: number[][], b: number[][]) {
   return rbfMatrix(a.length, (i, j) => a[i].reduce((sum, value, k) => sum + value * b[k][j], 0));
 }
 
+function rbfTimesNumber(m: number[][], factor: number) {
+  return m.map((row) => row.map((value) => value * factor)) as Matrix;
+}
+
 function rbfTrace(m: number[][]) {
   return m.reduce((sum, row, k) => sum + row[k], 0);
 }
 
-function rbfCross([a, b, c]: number[], [d, e, f]: number[]) {
+function rbfCross(p: number[], q: number[]): Vector3 {
+  const [a, b, c] = p as Vector3,
+    [d, e, f] = q as Vector3;
   return [b * f - c * e, c * d - a * f, a * e - b * d];
 }
 
@@ -1347,7 +1365,7 @@ function rbfPrepare(
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, size), smoothing);
   const n = merged.length;
-  const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k], 0) / n);
+  const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k], 0) / n) as Vector;
   const centred = merged.map((q) => q.x.map((value, k) => value - origin[k])),
     basis = rbfSpan(centred);
   const { ridge, where } = rbfThinness(merged, basis);
@@ -1516,7 +1534,7 @@ function rbfIdentity(ready: Ready, kernel: string, trend: string, support: numbe
     centers,
     coefficients: new Float64Array(dim * ready.n),
     linear: rbfMatrix(dim, () => 0),
-    constant: new Array(dim).fill(0),
+    constant: new Array(dim).fill(0) as Vector,
     quadratic: null,
     origin: ready.origin,
     support,
@@ -1576,9 +1594,9 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   const solved = {
     ...fit,
     coefficients: alpha.map((value) => value * r),
-    linear: linear.map((row) => row.map((m) => m * r)),
-    constant: constant.map((value) => value * r),
-    quadratic: quadratic?.map((m) => m.map((row) => row.map((value) => value * r))) ?? null,
+    linear: rbfTimesNumber(linear, r),
+    constant: constant.map((value) => value * r) as Vector,
+    quadratic: (quadratic?.map((m) => rbfTimesNumber(m, r)) as RbfFit["quadratic"] | undefined) ?? null,
   };
   crossed.push(
     ...rbfCrossingPairs(ready, map)
@@ -1688,19 +1706,21 @@ export function rbfAt(fit: RbfFit, a: number, b: number): Vector2 {
  * The value of a quadratic form.
  * @param h symmetric
  */
-export function rbfQuadraticAt(h: number[][], place: number[]) {
+export function rbfQuadraticAt(h: Matrix, place: number[]) {
   return place.reduce((sum, p, i) => sum + p * rbfDot(h[i], place), 0);
 }
 
 /** The derivative of the trend at a place in relative coordinates. */
-export function rbfLinearAt({ quadratic, linear }: RbfFit, p: number, q: number) {
-  return quadratic
-    ? linear.map((row, m) => row.map((value, k) => value + 2 * (quadratic[m][k][0] * p + quadratic[m][k][1] * q)))
-    : linear;
+export function rbfLinearAt({ quadratic, linear }: RbfFit, p: number, q: number): Matrix {
+  if (!quadratic) return linear;
+  return rbfMatrix(linear.length, (m, k) => {
+    const [a, b] = quadratic[m]![k]!;
+    return linear[m]![k]! + 2 * (a * p + b * q);
+  });
 }
 
 /** [[dDa/da, dDa/db], [dDb/da, dDb/db]] at a place. */
-export function rbfJacobianAt(fit: RbfFit, a: number, b: number) {
+export function rbfJacobianAt(fit: RbfFit, a: number, b: number): Matrix2 {
   const r = fit.support,
     p = (a - fit.origin[0]) / r,
     q = (b - fit.origin[1]) / r;

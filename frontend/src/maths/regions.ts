@@ -8,7 +8,7 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
-import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData } from "../types.ts";
+import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData, Vector2 } from "../types.ts";
 import { LARGEST_SHAPE } from "./constants.ts";
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
@@ -168,6 +168,8 @@ export function inflated(bytes: Uint8Array) {
 
 /** the next n bits */
 export type Take = (n: number) => number;
+/** readers of lengths and of distances */
+type Codes = [symbols: (take: Take) => number, distances: (take: Take) => number];
 
 /** A reader of the Huffman code whose symbols have these numbers of bits. */
 function codeReader(lengths: number[]): (take: Take) => number {
@@ -192,12 +194,12 @@ function codeReader(lengths: number[]): (take: Take) => number {
   };
 }
 
-function fixedCodes() {
+function fixedCodes(): Codes {
   const lengths = Array.from({ length: 288 }, (_, k) => (k < 144 ? 8 : k < 256 ? 9 : k < 280 ? 7 : 8));
   return [codeReader(lengths), codeReader(new Array(30).fill(5))];
 }
 
-function sentCodes(take: Take) {
+function sentCodes(take: Take): Codes {
   const literals = take(5) + 257,
     distances = take(5) + 1,
     count = take(4) + 4,
@@ -268,7 +270,7 @@ function outlineEdges({ kind, vertices }: OutlineData) {
   const count = isClosed ? n : n - 1,
     turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
   const data = new Float64Array(12 * count);
-  const normal: (j: number) => number[] = (j) => {
+  const normal: (j: number) => Vector2 = (j) => {
     const p = corners[j],
       q = corners[(j + 1) % n],
       length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
@@ -306,7 +308,7 @@ function outlineEdges({ kind, vertices }: OutlineData) {
 }
 
 /** The vertices without those that repeat the one before. */
-function withoutTwins(vertices: number[][], isClosed: boolean) {
+function withoutTwins(vertices: Vector2[], isClosed: boolean) {
   return vertices.filter(([a, b], k) => {
     const before = k ? vertices[k - 1] : isClosed ? vertices[vertices.length - 1] : null;
     return !before || vertices.length < 2 || before[0] !== a || before[1] !== b;
@@ -314,7 +316,7 @@ function withoutTwins(vertices: number[][], isClosed: boolean) {
 }
 
 /** Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen. */
-function signedArea(corners: number[][]) {
+function signedArea(corners: Vector2[]) {
   return corners.reduce((sum, p, k) => {
     const q = corners[(k + 1) % corners.length];
     return sum + p[0] * q[1] - p[1] * q[0];
@@ -343,10 +345,10 @@ function outlineRegion(data: OutlineData): Region {
 /**
  * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
  */
-function openingOf({ vertices, stops = [] }: LineData): NonNullable<Region["opening"]> {
+function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<Region["opening"]> {
   const corners = withoutTwins(vertices, false),
     n = corners.length;
-  const way: (p: number[], q: number[]) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
+  const way: (p: Vector2, q: Vector2) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
   for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
   const ends = [
@@ -447,7 +449,7 @@ export function regionFault(data: RegionData) {
 }
 
 /** Whether two edges that are no neighbours meet; the ends of an open line continue without end. */
-export function crossing(corners: number[][], isClosed: boolean) {
+export function crossing(corners: Vector2[], isClosed: boolean) {
   const n = corners.length,
     count = isClosed ? n : n - 1;
   for (let i = 0; i < count; i++) {
@@ -462,11 +464,11 @@ export function crossing(corners: number[][], isClosed: boolean) {
 /**
  * The range of an edge's own parameter: a line's first edge continues backwards and its last one forwards, without end.
  */
-function reachOf(j: number, isClosed: boolean, count: number) {
+function reachOf(j: number, isClosed: boolean, count: number): Vector2 {
   return [!isClosed && j === 0 ? -Infinity : 0, !isClosed && j === count - 1 ? Infinity : 1];
 }
 
-function edgesMeet(corners: number[][], i: number, j: number, isClosed: boolean, count: number) {
+function edgesMeet(corners: Vector2[], i: number, j: number, isClosed: boolean, count: number) {
   const n = corners.length,
     [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
   const d = [q[0] - p[0], q[1] - p[1]],
@@ -482,7 +484,7 @@ function edgesMeet(corners: number[][], i: number, j: number, isClosed: boolean,
     return t >= low && t <= high && u >= from && u <= to;
   }
   if (g[0] * d[1] - g[1] * d[0] !== 0) return false; // side by side
-  const along: (v: number[]) => number = (v) =>
+  const along: (v: Vector2) => number = (v) =>
     ((v[0] - p[0]) * d[0] + (v[1] - p[1]) * d[1]) / (d[0] * d[0] + d[1] * d[1]);
   const a = along(r),
     b = along(s),
@@ -492,7 +494,7 @@ function edgesMeet(corners: number[][], i: number, j: number, isClosed: boolean,
 }
 
 /** Whether neighbours meet in more than their corner: the second goes straight back over the first. */
-function turnsBack(corners: number[][], i: number, j: number, count: number) {
+function turnsBack(corners: Vector2[], i: number, j: number, count: number) {
   const n = corners.length,
     [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
   const [p, q, r] = [corners[f], corners[(f + 1) % n], corners[(g + 1) % n]];

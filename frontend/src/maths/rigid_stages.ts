@@ -1,9 +1,21 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
-import type { Fit, FitSettings, Motion, PartData, Point, Raster, ReadyPart, TipBlend, Vector2 } from "../types.ts";
+import type {
+  Fit,
+  FitSettings,
+  Motion,
+  PartData,
+  Point,
+  Raster,
+  ReadyPart,
+  TipBlend,
+  Vector,
+  Vector2,
+} from "../types.ts";
 import { MOST_STAGES, SAME_MOTION } from "./constants.ts";
 import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
+import { placeBetween } from "./points.ts";
 import {
   RbfError,
   rbfAt,
@@ -119,14 +131,13 @@ function draggedPoints(points: Point[], strength: number, parts: PartData[] = []
     const k = p.active === false ? -1 : whole.findLastIndex((part) => isCarried(part, p, near));
     return {
       ...p,
-      target:
-        k >= 0 ? forward(scaled[k], p.source) : p.source.map((value, c) => value + strength * (p.target[c] - value)),
+      target: k >= 0 ? forward(scaled[k] as ReadyPart, p.source) : placeBetween(p.source, p.target, strength),
     };
   });
 }
 
 /** Where a part takes a place. */
-function forward({ back: { m, s } }: ReadyPart, [a, b]: number[]) {
+function forward({ back: { m, s } }: ReadyPart, [a, b]: Vector): Vector2 {
   const x = a - s[0],
     y = b - s[1];
   return [m[0] * x + m[2] * y, m[1] * x + m[3] * y];
@@ -236,7 +247,7 @@ export function rigidFit(
     );
   }
   for (const r of ready) r.scale = partScale(r, free);
-  const required = free.map((p) => {
+  const required = free.map((p): Point => {
     const [x, y] = p.target,
       [da, db, w] = partsAt(ready, x, y, out);
     return {
@@ -405,7 +416,7 @@ function checkStages(count: number, parts: PartData[] | undefined) {
 /** The points of stage j, from 1. */
 function partOfWay(points: Point[], j: number, count: number) {
   return points.map((p) => {
-    const way: (t: number) => number[] = (t) => p.source.map((value, k) => value + t * (p.target[k] - value));
+    const way = (t: number) => placeBetween(p.source, p.target, t);
     return { ...p, source: way((j - 1) / count), target: j === count ? p.target : way(j / count) };
   });
 }

@@ -9,7 +9,9 @@ import type {
   RegionData,
   ShapeData,
   ShapeKind,
+  Vector,
   Vector2,
+  Vector4,
 } from "../types.ts";
 import { shownLength } from "./numbers.ts";
 import { maskPixels } from "./regions.ts";
@@ -67,11 +69,11 @@ export function movedCorner(region: RegionData, k: number, place: Vector2, reach
   if (region.kind !== "half_space") {
     return { ...region, vertices: region.vertices.map((v, i) => (i === k ? place : v)) };
   }
-  const other = cornersOf(region, reach)[1 - k],
-    [p, q] = k === 0 ? [place, other] : [other, place];
+  const [start, end] = cornersOf(region, reach) as [Vector2, Vector2],
+    [p, q] = k === 0 ? [place, end] : [start, place];
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]);
   if (length === 0) return region;
-  const along = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
+  const along: Vector2 = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
     way = k === 0 ? reach : -reach;
   return {
     kind: "half_space",
@@ -104,7 +106,7 @@ export function turnedRegion(region: RegionData): RegionData | null {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
   if (region.kind !== "line") return null;
   const { stops } = region;
-  return { ...region, vertices: [...region.vertices].reverse(), ...(stops && { stops: [...stops].reverse() }) };
+  return { ...region, vertices: [...region.vertices].reverse(), ...(stops && { stops: [stops[1], stops[0]] }) };
 }
 
 /** Whether a cut along a region stops at its corner k; null where the corner is no end of a line. */
@@ -117,12 +119,12 @@ export function stopsAt(region: RegionData, k: number) {
 export function withStop(region: RegionData, k: number, isStop: boolean): RegionData | null {
   if (region.kind !== "line" || stopsAt(region, k) === null) return null;
   const { kind, vertices, stops = [false, false] } = region,
-    next = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
+    next: [boolean, boolean] = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
   return { kind, vertices, ...(next.some(Boolean) && { stops: next }) };
 }
 
 /** Places evenly spread along a line, of an open one with both ends. */
-export function placesAlong(vertices: number[][], count: number, isClosed: boolean) {
+export function placesAlong(vertices: Vector2[], count: number, isClosed: boolean) {
   const line = isClosed ? [...vertices, vertices[0]] : vertices;
   return Array.from({ length: count }, (_, k) => alongLine(line, k / (isClosed ? count : count - 1)).place);
 }
@@ -133,25 +135,21 @@ export function placesAlong(vertices: number[][], count: number, isClosed: boole
  * @param vertices of the cut
  * @param box [a0, a1, b0, b1]
  */
-export function openingPlaces(vertices: number[][], [a0, a1, b0, b1]: number[]) {
-  const first = vertices[0],
-    last = vertices[vertices.length - 1],
+export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
+  const first = vertices[0] as Vector2,
+    last = vertices.at(-1) as Vector2,
     chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
   const { place: middle, way } = alongLine(vertices, 0.5);
   const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way,
     half = chord / 2 || 1;
-  const low = [a0, b0],
-    high = [a1, b1];
   /** Towards a side, u being the way across, and no farther than the box. */
-  const room: (way: number[]) => number = (across) =>
-    Math.min(
-      ...across.map((w, c) => (w > 0 ? (high[c] - middle[c]) / w : w < 0 ? (low[c] - middle[c]) / w : Infinity)),
-    );
-  const at: (along: number, across: number) => number[] = (along, across) =>
-    [middle[0] + along * u - across * v, middle[1] + along * v + across * u].map((x, c) =>
-      Math.min(high[c], Math.max(low[c], x)),
-    );
-  const pulled: { from: number[]; to: number[] }[] = [];
+  const room: (across: Vector2) => number = ([x, y]) =>
+    Math.min(roomAlong(x, middle[0], a0, a1), roomAlong(y, middle[1], b0, b1));
+  const at: (along: number, across: number) => Vector2 = (along, across) => [
+    Math.min(a1, Math.max(a0, middle[0] + along * u - across * v)),
+    Math.min(b1, Math.max(b0, middle[1] + along * v + across * u)),
+  ];
+  const pulled: { from: Vector2; to: Vector2 }[] = [];
   const held = [at(-1.4 * half, 0), at(1.4 * half, 0)];
   for (const side of [-1, 1]) {
     const reach = Math.min(1.2 * half, 0.9 * room([-side * v, side * u]));
@@ -163,18 +161,24 @@ export function openingPlaces(vertices: number[][], [a0, a1, b0, b1]: number[]) 
   return { pulled, held };
 }
 
+/** How often a way fits between a place and the end of a range that it leads to. */
+function roomAlong(way: number, from: number, low: number, high: number) {
+  return way > 0 ? (high - from) / way : way < 0 ? (low - from) / way : Infinity;
+}
+
 /**
  * A place on a line at a share of its length, and the direction there.
  * @param share 0 to 1
  */
-function alongLine(vertices: number[][], share: number) {
+function alongLine(vertices: Vector2[], share: number): { place: Vector2; way: Vector2 } {
   const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k][0], b - vertices[k][1]));
   let left = share * lengths.reduce((sum, length) => sum + length, 0),
     k = 0;
   while (k < lengths.length - 1 && left > lengths[k]) left -= lengths[k++];
-  const [p, q] = [vertices[k], vertices[k + 1]],
+  const p = vertices[k] as Vector2,
+    q = vertices[k + 1] as Vector2,
     length = lengths[k] || 1,
-    way = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
+    way: Vector2 = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
   return { place: [p[0] + left * way[0], p[1] + left * way[1]], way };
 }
 
@@ -188,7 +192,7 @@ export function motionOf(shape: ShapeData) {
 }
 
 /** Where a motion takes a place. */
-export function placeMoved(motion: Motion, [a, b]: number[]): Vector2 {
+export function placeMoved(motion: Motion, [a, b]: Vector): Vector2 {
   if (!motion) return [a, b];
   const {
     matrix: [[c, d], [e, f]],
@@ -198,7 +202,7 @@ export function placeMoved(motion: Motion, [a, b]: number[]): Vector2 {
 }
 
 /** A direction as it was before a motion. */
-export function wayBefore(motion: Motion, [a, b]: number[]): Vector2 {
+export function wayBefore(motion: Motion, [a, b]: Vector2): Vector2 {
   if (!motion) return [a, b];
   const {
     matrix: [[c, d], [e, f]],
@@ -207,7 +211,7 @@ export function wayBefore(motion: Motion, [a, b]: number[]): Vector2 {
 }
 
 /** The place that a motion takes to this one. */
-export function placeBefore(motion: Motion, [a, b]: number[]) {
+export function placeBefore(motion: Motion, [a, b]: Vector2) {
   const [s, t] = motion?.shift ?? [0, 0];
   return wayBefore(motion, [a - s, b - t]);
 }
@@ -237,7 +241,7 @@ function maskMiddle(mask: MaskData): Vector2 {
 }
 
 /** The middle of a region, as of widgets/studio/panels/shapes.py. */
-export function middleOfRegion(region: RegionData): number[] {
+export function middleOfRegion(region: RegionData): Vector2 {
   if (region.kind === "half_space") return region.point;
   if (region.kind === "mask") {
     const middle = maskMiddles.get(region) ?? maskMiddle(region);
@@ -263,7 +267,7 @@ export function pivotOf(part: PartData) {
 }
 
 /** The motion of a part as an angle about its pivot, in radians, and a shift. */
-export function turnAndShift(part: PartData) {
+export function turnAndShift(part: PartData): { angle: number; shift: Vector2 } {
   const { motion } = part,
     [a, b] = pivotOf(part),
     [x, y] = placeMoved(motion, [a, b]);
@@ -271,7 +275,7 @@ export function turnAndShift(part: PartData) {
 }
 
 /** A part turned by an angle and shifted, whatever its motion was. */
-export function partTurned(part: PartData, angle: number, [da, db]: number[]): PartData {
+export function partTurned(part: PartData, angle: number, [da, db]: Vector2): PartData {
   const [a, b] = pivotOf(part),
     c = Math.cos(angle),
     s = Math.sin(angle);
@@ -303,7 +307,7 @@ export function motionWords(part: PartData) {
 // ---- drawing --------------------------------------------------------------------------------------------------------
 
 /** The half plane on the other side of the line from p to q than a place. */
-export function fixedSideThrough(p: number[], q: number[], place: number[]): HalfSpaceData {
+export function fixedSideThrough(p: Vector2, q: Vector2, place: Vector2): HalfSpaceData {
   const length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1,
     n: Vector2 = [-(q[1] - p[1]) / length, (q[0] - p[0]) / length];
   const isTowards = (place[0] - p[0]) * n[0] + (place[1] - p[1]) * n[1] >= 0;
@@ -315,7 +319,7 @@ export function fixedSideThrough(p: number[], q: number[], place: number[]): Hal
 }
 
 /** The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
-export function simplified(path: number[][], tolerance: number): number[][] {
+export function simplified(path: Vector2[], tolerance: number): Vector2[] {
   if (path.length < 3) return path;
   const [p, q] = [path[0], path[path.length - 1]],
     d = [q[0] - p[0], q[1] - p[1]],
@@ -348,7 +352,7 @@ const REGION_WORDS: Record<string, string> = {
 };
 
 /** Where a cut stops, in words. */
-function stopWords([first, last]: boolean[]) {
+function stopWords([first, last]: [boolean, boolean]) {
   return first && last ? "stops at both ends" : first ? "stops at its first end" : last ? "stops at its last end" : "";
 }
 

@@ -1,30 +1,31 @@
 // Points in space and their places in the pictures of a volume. Pure functions of plain lists.
 
-import type { FlatPoint, PaneInfo, Point, RbfFit, Vector3 } from "../types.ts";
-import { dot } from "./camera.ts";
+import type { FlatPoint, Matrix3, PaneInfo, Point, RbfFit, Vector, Vector3 } from "../types.ts";
+import type { Axis } from "./axes.ts";
+import { perAxis } from "./axes.ts";
+import { added, difference, dot, scaled } from "./camera.ts";
 import { shownLength } from "./numbers.ts";
 import { changed } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
-export function inPane({ origin, u, v, n }: PaneInfo, place: number[]): Vector3 {
-  const from = place.map((x, k) => x - origin[k]);
+export function inPane({ origin, u, v, n }: PaneInfo, place: Vector): Vector3 {
+  const from = difference(place as Vector3, origin);
   return [dot(from, u), dot(from, v), dot(from, n)];
 }
 
 /** The place in space of coordinates in a picture. */
 export function fromPane({ origin, u, v, n }: PaneInfo, [a, b, c]: Vector3): Vector3 {
-  const at = (k: 0 | 1 | 2) => origin[k] + a * u[k] + b * v[k] + c * n[k];
-  return [at(0), at(1), at(2)];
+  return perAxis((k) => origin[k] + a * u[k] + b * v[k] + c * n[k]);
 }
 
 /** The displacement in space of a displacement in a picture: it never leads out of the picture's plane. */
-export function wayInPane({ u, v }: PaneInfo, da: number, db: number): Vector3 {
-  return [da * u[0] + db * v[0], da * u[1] + db * v[1], da * u[2] + db * v[2]];
+export function wayInPane({ u, v }: PaneInfo, da: number, db: number) {
+  return added(scaled(u, da), scaled(v, db));
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */
-export function movedInSpace(points: Point[], ids: number[], way: number[], what: string = "target") {
-  const by: (place: number[]) => number[] = (place) => place.map((x, k) => x + way[k]);
+export function movedInSpace(points: Point[], ids: number[], way: Vector3, what: string = "target") {
+  const by: (place: Vector) => Vector = (place) => added(place as Vector3, way);
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
@@ -36,14 +37,20 @@ export function turnedInSpace(points: Point[], ids: number[], pane: PaneInfo, an
   const chosen = points.filter((p) => ids.includes(p.id)),
     c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
-  const about = inPane(
-    pane,
-    [0, 1, 2].map((k) => chosen.reduce((sum, p) => sum + p.target[k], 0) / chosen.length),
-  );
+  const mean = (k: number) => chosen.reduce((sum, p) => sum + (p.target[k] as number), 0) / chosen.length,
+    about = inPane(pane, perAxis(mean));
   return changed(points, ids, (p) => {
-    const [a, b, d] = inPane(pane, p.target).map((x, k) => x - about[k]);
+    const [a, b, d] = difference(inPane(pane, p.target), about);
     return { target: fromPane(pane, [about[0] + c * a - s * b, about[1] + s * a + c * b, about[2] + factor * d]) };
   });
+}
+
+/** The lists of a fit in space, all of three. */
+interface SpaceFit extends RbfFit {
+  linear: Matrix3;
+  constant: Vector3;
+  origin: Vector3;
+  quadratic: [Matrix3, Matrix3, Matrix3] | null;
 }
 
 /**
@@ -51,39 +58,42 @@ export function turnedInSpace(points: Point[], ids: number[], pane: PaneInfo, an
  * @param axes of the frame, which are orthonormal
  * @param origin of the frame
  */
-export function fitInFrame(fit: RbfFit, axes: number[][], origin: number[]): RbfFit {
-  const turned = (v: number[]) => axes.map((axis) => dot(axis, v));
+export function fitInFrame(fit: RbfFit, axes: Matrix3, origin: Vector3): RbfFit {
+  const { linear, constant, origin: middle, quadratic } = fit as SpaceFit;
+  const turned = (v: Vector3) => perAxis((k) => dot(axes[k], v));
   const allTurned: (vectors: Float64Array) => Float64Array = (vectors) =>
-    Float64Array.from(vectors, (_, i) => dot(axes[i % 3], Array.from(vectors.subarray(i - (i % 3), i - (i % 3) + 3))));
-  const seen: (m: number[][]) => number[][] = (m) =>
-    axes.map((left) =>
-      axes.map((right) =>
+    Float64Array.from(vectors, (_, i) =>
+      dot(axes[(i % 3) as Axis], Array.from(vectors.subarray(i - (i % 3), i - (i % 3) + 3)) as Vector3),
+    );
+  const seen: (m: Matrix3) => Matrix3 = (m) =>
+    perAxis((i) =>
+      perAxis((j) =>
         dot(
-          left,
-          m.map((row) => dot(row, right)),
+          axes[i],
+          perAxis((k) => dot(m[k], axes[j])),
         ),
       ),
     );
-  const forms = fit.quadratic?.map(seen);
+  const forms = quadratic && perAxis((k) => seen(quadratic[k]));
   return {
     ...fit,
     centers: allTurned(fit.centers),
     coefficients: allTurned(fit.coefficients),
-    linear: seen(fit.linear),
-    constant: turned(fit.constant),
-    origin: turned(fit.origin.map((x, k) => x - origin[k])),
-    quadratic: forms
-      ? axes.map((axis) =>
-          forms[0].map((row, i) =>
-            row.map((_, j) =>
-              dot(
-                axis,
-                forms.map((form) => form[i][j]),
-              ),
+    linear: seen(linear),
+    constant: turned(constant),
+    origin: turned(difference(middle, origin)),
+    quadratic:
+      forms &&
+      perAxis((m) =>
+        perAxis((i) =>
+          perAxis((j) =>
+            dot(
+              axes[m],
+              perAxis((k) => forms[k][i][j]),
             ),
           ),
-        )
-      : null,
+        ),
+      ),
   };
 }
 
@@ -92,7 +102,7 @@ export function withSources(points: Point[], known: Point[]) {
   const sources = new Map(known.map((p) => [p.id, p.source]));
   return points.map((p) => {
     const source = sources.get(p.id);
-    return source ? { ...p, source: [...source] } : p;
+    return source ? { ...p, source: [...source] as Vector } : p;
   });
 }
 
@@ -131,17 +141,19 @@ const SIDES = [
   ["L", "R"],
   ["P", "A"],
   ["S", "I"],
-]; // of a patient, along growing and falling x, y, z
+] as const; // of a patient, along growing and falling x, y, z
 
-function wayInWords(way: number[]) {
-  const parts = way.map((x, k) => (Math.abs(x) < 0.05 ? "" : `${shownLength(Math.abs(x))} ${SIDES[k][x > 0 ? 0 : 1]}`));
+function wayInWords(way: Vector3) {
+  const parts = perAxis((k) =>
+    Math.abs(way[k]) < 0.05 ? "" : `${shownLength(Math.abs(way[k]))} ${SIDES[k][way[k] > 0 ? 0 : 1]}`,
+  );
   const shown = parts.filter(Boolean);
   return shown.length ? `dragged ${shown.join(", ")}` : "not dragged";
 }
 
 /** The label of a point in a picture for screen readers. */
 export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
-  const way = p.target.map((x, k) => x - p.source[k]);
+  const way = difference(p.target, p.source) as Vector3;
   const far = isFar ? `, ${shownLength(Math.abs(away))} off the slice` : "";
   return (
     `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(shownLength).join(", ")}, ${wayInWords(way)}` +
@@ -151,7 +163,7 @@ export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
 
 /** The tip of a point in a picture. */
 export function spaceTip({ whole: p, isFar, away }: FlatPoint) {
-  const way = p.target.map((x, k) => x - p.source[k]);
+  const way = difference(p.target, p.source) as Vector3;
   const far = isFar ? `; ${shownLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
   return (
     `${p.name || `point ${p.id}`}: ${wayInWords(way)}${p.active ? "" : "; switched off"}` +

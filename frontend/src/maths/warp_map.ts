@@ -1,6 +1,6 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
-import type { Fit, LayeredFit, RbfFit, TipBlend } from "../types.ts";
+import type { Fit, LayeredFit, RbfFit, TipBlend, Vector, Vector2, Vector4 } from "../types.ts";
 import { marginOf, regionKey } from "./cuts.ts";
 import { forwardEnd, forwardWithSlope } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.ts";
@@ -18,7 +18,8 @@ export const NO_CUTS: LayeredFit = {
   hasRest: false,
 };
 
-const PARTS_AROUND = Array.from({ length: 5 }, () => new Float64Array(3)); // at a place and beside it
+const PART_WORK = () => new Float64Array(3),
+  PARTS_AROUND = [PART_WORK(), PART_WORK(), PART_WORK(), PART_WORK(), PART_WORK()] as const; // at a place and beside it
 
 /** y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences. */
 export function fieldWithSlope(fit: Fit, a: number, b: number, out: Float64Array): Float64Array {
@@ -194,12 +195,12 @@ function newtonInverse(fit: Fit, a: number, b: number, at: Float64Array, toleran
  * @param box [a0, a1, b0, b1]
  * @param cells along its longer side
  */
-function gridLines(box: number[], cells: number) {
+function gridLines(box: Vector4, cells: number) {
   const [a0, a1, b0, b1] = box,
     size = Math.max(a1 - a0, b1 - b0) / cells;
   const across = Math.max(1, Math.round((a1 - a0) / size)),
     down = Math.max(1, Math.round((b1 - b0) / size));
-  const lines = [];
+  const lines: { from: Vector2; to: Vector2; pieces: number; isEdge: boolean }[] = [];
   for (let k = 0; k <= across; k++) {
     const a = a0 + ((a1 - a0) * k) / across;
     lines.push({ from: [a, b0], to: [a, b1], pieces: down, isEdge: k === 0 || k === across });
@@ -223,7 +224,7 @@ export function follow(at: Float64Array, da: number, db: number, [, , j00, j01, 
  * The grid on the deformed picture: each line as runs of places, broken where the map folds and at cuts.
  * @param parts pieces of a line per cell
  */
-export function deformedGrid(layered: LayeredFit, box: number[], cells: number, parts: number, tolerance: number) {
+export function deformedGrid(layered: LayeredFit, box: Vector4, cells: number, parts: number, tolerance: number) {
   const work = new Float64Array(6);
   return gridLines(box, cells).map(({ from, to, pieces, isEdge }) => {
     const n = pieces * parts;
@@ -250,7 +251,7 @@ export function deformedGrid(layered: LayeredFit, box: number[], cells: number, 
 /**
  * The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
  */
-function piecesOfLine(layered: LayeredFit, from: number[], to: number[], n: number) {
+function piecesOfLine(layered: LayeredFit, from: Vector2, to: Vector2, n: number) {
   if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
   const keyAt: (t: number) => number = (t) =>
     regionKey(layered, from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
@@ -286,7 +287,7 @@ function piecesOfLine(layered: LayeredFit, from: number[], to: number[], n: numb
 function traceLine(
   layered: LayeredFit,
   k: number,
-  place: (j: number) => number[],
+  place: (j: number) => Vector2,
   count: number,
   tolerance: number,
   work: Float64Array,
@@ -363,7 +364,7 @@ function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
 export const LONGEST_ARM = 0.9; // of a cell, tip to tip of a cross
 
 /** The cells of the grid that gridLines draws: [across, down]. */
-export function gridShape([a0, a1, b0, b1]: number[], cells: number) {
+export function gridShape([a0, a1, b0, b1]: Vector4, cells: number): Vector2 {
   const size = Math.max(a1 - a0, b1 - b0) / cells;
   return [Math.max(1, Math.round((a1 - a0) / size)), Math.max(1, Math.round((b1 - b0) / size))];
 }
@@ -371,7 +372,7 @@ export function gridShape([a0, a1, b0, b1]: number[], cells: number) {
 /**
  * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of a node that is not seen is meaningless.
  */
-export function gridPlaces(layered: LayeredFit | null, box: number[], cells: number, tolerance: number) {
+export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: number, tolerance: number) {
   const [a0, a1, b0, b1] = box,
     [across, down] = gridShape(box, cells),
     columns = across + 1,
@@ -422,7 +423,7 @@ function fitFrom(layered: LayeredFit | null, x: number, y: number) {
 }
 
 /** The place where the tissue of a place is seen, null where it is not. */
-export function placeSeen(layered: LayeredFit | null, [x, y]: number[], tolerance: number) {
+export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance: number): Vector2 | null {
   const k = fitFrom(layered, x, y),
     at = new Float64Array(2);
   if (!layered || k < 0) return [x, y];
@@ -434,7 +435,7 @@ export function placeSeen(layered: LayeredFit | null, [x, y]: number[], toleranc
     at[1] = y;
     isFound = mapInverse(fit, x, y, at, tolerance);
   }
-  return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [...at] : null;
+  return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [at[0], at[1]] : null;
 }
 
 /** A first guess of the inverse. */

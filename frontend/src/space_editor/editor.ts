@@ -89,7 +89,7 @@ const SPACE_MORE: ToolEntry[][] = [
 /**
  * Remarks of Python: the least det J and the share of the volume that folds, the place where it folds most, a sentence.
  */
-export type Facts = { folds?: [number, number] | null; worst?: number[] | null; note?: string; isBad?: boolean };
+export type Facts = { folds?: [number, number] | null; worst?: Vector3 | null; note?: string; isBad?: boolean };
 
 /** A request for other pictures. */
 export type ViewRequest = { cursor?: Vector3; projection?: string; original?: boolean };

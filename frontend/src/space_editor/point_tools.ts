@@ -1,7 +1,7 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
-import { dot, scaled } from "../maths/camera.ts";
+import { added, difference, dot, scaled } from "../maths/camera.ts";
 import { shownLength } from "../maths/numbers.ts";
 import {
   addedPoint,
@@ -213,10 +213,7 @@ export class SpacePointTools {
       a = dot(normal, pane.u),
       b = dot(normal, pane.v);
     if (!on || Math.max(Math.abs(a), Math.abs(b)) < 0.9) return null;
-    const place = inPane(
-        pane,
-        normal.map((x) => at * x),
-      ),
+    const place = inPane(pane, scaled(normal, at)),
       k = Math.abs(a) > Math.abs(b) ? 0 : 1;
     return { on, axis: "ab"[k], at: place[k] };
   }
@@ -273,17 +270,8 @@ export class SpacePointTools {
   snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
     const p = this.editor.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
-    const to = fromPane(
-      pane,
-      this.#snapped(
-        pane,
-        inPane(
-          pane,
-          p.target.map((x, k) => x + way[k]!),
-        ),
-      ) as Vector3,
-    );
-    return to.map((x, k) => x - p.target[k]!) as Vector3;
+    const target = p.target as Vector3;
+    return difference(fromPane(pane, this.#snapped(pane, inPane(pane, added(target, way)))), target);
   }
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------

@@ -3,7 +3,6 @@
 import { perAxis } from "../maths/axes.ts";
 import { Camera } from "../maths/camera.ts";
 import { boxCorners } from "../ui/view_parts.ts";
-
 import type { CameraTrait, ViewDirection, VolumeViewLike } from "./types.ts";
 
 const PERSPECTIVE = 0.7; // bend of a camera with perspective

@@ -1,9 +1,10 @@
 // The grid of a volume's voxels and the planes of pictures of it, as deformnb/volume/volume.py and plane.py have them.
 // Arrays are [z, y, x]; places are (x, y, z) in space (LPS).
 
-import { cross, dot, scaled, unitVector } from "../maths/camera.ts";
-
-import type { Raster, Vector3 } from "../types.ts";
+import type { Axis } from "../maths/axes.ts";
+import { AXES, perAxis } from "../maths/axes.ts";
+import { added, cross, difference, dot, mapVector, scaled, unitVector } from "../maths/camera.ts";
+import type { Matrix3, Raster, Sides, Vector3, Vector4 } from "../types.ts";
 
 export interface Grid {
   /** [nz, ny, nx] */
@@ -13,10 +14,16 @@ export interface Grid {
   /** the centre of the first voxel */
   origin: Vector3;
   /** rows; the columns are the directions of the x, y and z index */
-  direction: Vector3[];
+  direction: Matrix3;
   /** of spacing and origin; "" where it is not known */
   unit: string;
 }
+
+export const IDENTITY: Matrix3 = [
+  [1, 0, 0],
+  [0, 1, 0],
+  [0, 0, 1],
+];
 
 export type Plane = { origin: Vector3; u: Vector3; v: Vector3; n: Vector3 };
 
@@ -24,21 +31,23 @@ export type Plane = { origin: Vector3; u: Vector3; v: Vector3; n: Vector3 };
 export class GridError extends Error {}
 
 const ORTHONORMAL_TOLERANCE = 2e-4;
-const SPACINGS = [1e-12, 1e12];
+const SPACINGS = [1e-12, 1e12] as const;
 const LARGEST_COORDINATE = 1e15;
 
+type AxisName = (typeof AXIS_NAMES)[number];
+
 /** Up of the picture for each viewing axis: the head, or in a picture along z the front of the patient. */
-const UP = { x: [0, 0, 1], y: [0, 0, 1], z: [0, -1, 0] };
-const AXES = ["x", "y", "z"] as const;
+const UP: Record<AxisName, Vector3> = { x: [0, 0, 1], y: [0, 0, 1], z: [0, -1, 0] };
+const AXIS_NAMES = ["x", "y", "z"] as const;
 
-const column = (rows: Vector3[], k: number) => rows.map((row) => row[k]) as Vector3;
+const column = (rows: Matrix3, k: Axis) => perAxis((i) => rows[i][k]);
 
-const times = (rows: Vector3[], vector: number[]) => rows.map((row) => dot(row, vector)) as Vector3;
+const times = (rows: Matrix3, vector: Vector3) => perAxis((i) => dot(rows[i], vector));
 
 const plain = (value: number) => value + 0; // -0 is 0 in a file
 
 /** A grid whose numbers are checked. */
-export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, direction: Vector3[]): Grid {
+export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, direction: Matrix3): Grid {
   const all = [...spacing, ...origin, ...direction.flat()];
   if (!all.every(Number.isFinite)) throw new GridError("spacing, origin or direction are not finite.");
   if (Math.min(...spacing) <= 0) throw new GridError(`spacing must be positive, got ${spacing.join(", ")}.`);
@@ -48,8 +57,8 @@ export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, d
   if (Math.max(...origin.map(Math.abs)) > LARGEST_COORDINATE) {
     throw new GridError(`the origin is ${origin.join(", ")}; coordinates must be below ${LARGEST_COORDINATE}.`);
   }
-  for (let i = 0; i < 3; i++) {
-    for (let j = 0; j < 3; j++) {
+  for (const i of AXES) {
+    for (const j of AXES) {
       const wanted = i === j ? 1 : 0,
         off = Math.abs(dot(column(direction, i), column(direction, j)) - wanted);
       if (off > ORTHONORMAL_TOLERANCE + 1e-5 * wanted) {
@@ -63,16 +72,24 @@ export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, d
   return { shape, spacing, origin, direction, unit: "" };
 }
 
-/** The grid of an affine map of the indices (i, j, k), three rows of four numbers. */
-export function gridOfAffine(shape: Vector3, affine: number[][]) {
-  const columns = [0, 1, 2].map((k) => affine.map((row) => row[k]));
-  const largest = columns.map((c) => Math.max(...c.map(Math.abs)));
+/** Three rows of four numbers. */
+export type Affine = [Vector4, Vector4, Vector4];
+
+/** The grid of an affine map of the indices (i, j, k). */
+export function gridOfAffine(shape: Vector3, affine: Affine) {
+  const columns = perAxis((k) => perAxis((i) => affine[i][k]));
+  const largest = perAxis((k) => Math.max(...columns[k].map(Math.abs)));
   if (!affine.flat().every(Number.isFinite)) throw new GridError("the place of its voxels is not finite.");
   if (largest.some((length) => length === 0)) throw new GridError("the axes of its voxels do not span space.");
-  const lengths = columns.map((c, k) => Math.sqrt(c.reduce((sum, x) => sum + (x / largest[k]) ** 2, 0)));
-  const rows = [0, 1, 2].map((i) => columns.map((c, k) => c[i] / largest[k] / lengths[k]) as Vector3);
-  const spacing = lengths.map((length, k) => length * largest[k]) as Vector3;
-  return checkedGrid(shape, spacing, affine.map((row) => row[3]) as Vector3, rows);
+  const lengths = perAxis((k) => Math.sqrt(columns[k].reduce((sum, x) => sum + (x / largest[k]) ** 2, 0)));
+  const rows = perAxis((i) => perAxis((k) => columns[k][i] / largest[k] / lengths[k]));
+  const spacing = perAxis((k) => lengths[k] * largest[k]);
+  return checkedGrid(
+    shape,
+    spacing,
+    perAxis((i) => affine[i][3]),
+    rows,
+  );
 }
 
 /** The grid of spacings of which some may be negative: the axis is flipped then, which a note says. */
@@ -80,30 +97,37 @@ export function straightenedGrid(
   shape: Vector3,
   spacing: Vector3,
   origin: Vector3,
-  direction: Vector3[],
+  direction: Matrix3,
   notes: string[],
 ) {
-  const signs = spacing.map((s) => (s < 0 ? -1 : 1)),
-    names = AXES.filter((_, k) => signs[k] < 0);
+  const signs = perAxis((k) => (spacing[k] < 0 ? -1 : 1)),
+    names = AXES.filter((k) => signs[k] < 0).map((k) => AXIS_NAMES[k]);
   if (names.length) {
     notes.push(`the spacing along ${names.join(" and ")} is negative in the file: the axis is flipped instead`);
   }
-  const turned = direction.map((row) => row.map((x, k) => x * signs[k]) as Vector3);
-  return checkedGrid(shape, spacing.map((s, k) => s * signs[k]) as Vector3, origin, turned);
+  const turned = perAxis((i) => perAxis((k) => direction[i][k] * signs[k]));
+  return checkedGrid(
+    shape,
+    perAxis((k) => spacing[k] * signs[k]),
+    origin,
+    turned,
+  );
 }
 
 /** The place of an index (i, j, k). */
-export function placeOf({ spacing, origin, direction }: Grid, index: number[]) {
-  const moved = times(
-    direction,
-    index.map((n, k) => n * spacing[k]),
+export function placeOf({ spacing, origin, direction }: Grid, index: Vector3) {
+  return added(
+    origin,
+    times(
+      direction,
+      perAxis((k) => index[k] * spacing[k]),
+    ),
   );
-  return origin.map((o, k) => o + moved[k]) as Vector3;
 }
 
 /** The eight corners of the box; `centres` takes those of the outermost voxels' centres. */
 export function cornersOf(grid: Grid, centres = false) {
-  const [nx, ny, nz] = grid.shape.toReversed(),
+  const [nz, ny, nx] = grid.shape,
     edge = centres ? 0 : 0.5;
   return [0, 1].flatMap((k) =>
     [0, 1].flatMap((j) =>
@@ -115,95 +139,103 @@ export function cornersOf(grid: Grid, centres = false) {
 }
 
 /** The edge lengths of the box along its own axes. */
-export function lengthsOf({ shape, spacing }: Grid) {
-  return spacing.map((s, k) => s * shape[2 - k]) as Vector3;
+export function lengthsOf({ shape, spacing }: Grid): Vector3 {
+  const [nz, ny, nx] = shape;
+  return [spacing[0] * nx, spacing[1] * ny, spacing[2] * nz];
 }
 
 /** The rows of the inverse of the direction: from vectors in space to lengths along the index axes. */
-export function frameOf({ direction }: Grid): Vector3[] {
-  const [a, b, c] = [0, 1, 2].map((k) => column(direction, k)),
+export function frameOf({ direction }: Grid): Matrix3 {
+  const [a, b, c] = perAxis((k) => column(direction, k)),
     det = dot(a, cross(b, c));
   return [scaled(cross(b, c), 1 / det), scaled(cross(c, a), 1 / det), scaled(cross(a, b), 1 / det)];
 }
 
 /** A place in space as lengths along the index axes from the first voxel's centre. */
-export function inFrame(grid: Grid, place: number[]) {
-  return times(
-    frameOf(grid),
-    place.map((x, k) => x - grid.origin[k]),
-  );
+export function inFrame(grid: Grid, place: Vector3) {
+  return times(frameOf(grid), difference(place, grid.origin));
 }
 
 /** The grid of blocks of so many voxels along x, y, z. */
-export function coarserGrid(grid: Grid, factors: number[]): Grid {
-  const shape = grid.shape.map((n, k) => Math.ceil(n / factors[2 - k])) as Vector3;
-  const spacing = grid.spacing.map((s, k) => s * factors[k]) as Vector3;
+export function coarserGrid(grid: Grid, factors: Vector3): Grid {
+  const [nz, ny, nx] = grid.shape,
+    [fx, fy, fz] = factors;
+  const shape: Vector3 = [Math.ceil(nz / fz), Math.ceil(ny / fy), Math.ceil(nx / fx)];
+  const spacing = perAxis((k) => grid.spacing[k] * factors[k]);
   return {
     ...grid,
     shape,
     spacing,
     origin: placeOf(
       grid,
-      factors.map((f) => (f - 1) / 2),
+      perAxis((k) => (factors[k] - 1) / 2),
     ),
   };
 }
 
+/** The axis along which a vector is longest, the first of several. */
+function longestOf(vector: Vector3) {
+  return AXES.reduce((longest, k) => (Math.abs(vector[k]) > Math.abs(vector[longest]) ? k : longest));
+}
+
 /** Index and sign of the column of a direction nearest to a vector, not counting the one parallel to `without`. */
-function nearestColumn(direction: Vector3[], toward: number[], without: number[] | null = null) {
-  const columns = [0, 1, 2].map((k) => column(direction, k));
-  const score = columns.map((c) => (without && Math.abs(dot(c, without)) > 0.5 ? 0 : dot(c, toward)));
-  let k = 0;
-  for (let j = 1; j < 3; j++) if (Math.abs(score[j]) > Math.abs(score[k])) k = j;
+function nearestColumn(direction: Matrix3, toward: Vector3, without: Vector3 | null = null) {
+  const columns = perAxis((k) => column(direction, k));
+  const score = perAxis((k) => (without && Math.abs(dot(columns[k], without)) > 0.5 ? 0 : dot(columns[k], toward)));
+  const k = longestOf(score);
   return scaled(columns[k], score[k] >= 0 ? 1 : -1);
 }
 
 /** The plane of a picture seen along one of the grid's own axes, such as "+y", in the middle of its depth. */
 export function planeAlong(grid: Grid, view: string): Plane {
-  const axis = view[1] as "x" | "y" | "z",
+  const axis = view[1] as AxisName,
     sign = view[0] === "+" ? 1 : -1;
   const unit = (vector: Vector3) => unitVector(vector) as Vector3;
   const n = unit(
     nearestColumn(
       grid.direction,
-      AXES.map((name) => (name === axis ? sign : 0)),
+      perAxis((k) => (AXIS_NAMES[k] === axis ? sign : 0)),
     ),
   );
   const down = scaled(nearestColumn(grid.direction, UP[axis], n), -1),
     along = dot(down, n);
-  const v = unit(down.map((x, k) => x - along * n[k]) as Vector3),
+  const v = unit(perAxis((k) => down[k] - along * n[k])),
     u = cross(v, n);
   const corners = cornersOf(grid, true),
-    [a, b, c] = [u, v, n].map((w) => Math.min(...corners.map((p) => dot(p, w))));
+    least = (w: Vector3) => Math.min(...corners.map((p) => dot(p, w))),
+    [a, b, c] = [least(u), least(v), least(n)];
   const depth = c + (Math.max(...corners.map((p) => dot(p, n))) - c) / 2;
-  const origin = [0, 1, 2].map((k) => plain(a * u[k] + b * v[k] + depth * n[k]));
-  const straight = [u, v, n].map((w) => w.map(plain) as Vector3);
-  return { origin: origin as Vector3, u: straight[0], v: straight[1], n: straight[2] };
+  const origin = perAxis((k) => plain(a * u[k] + b * v[k] + depth * n[k]));
+  return { origin, u: mapVector(u, plain), v: mapVector(v, plain), n: mapVector(n, plain) };
 }
 
 /** Coordinates [a, b, c] in a plane of places in space. */
 export function toPlane({ origin, u, v, n }: Plane, places: Vector3[]) {
-  return places.map((place) => {
-    const away = place.map((x, k) => x - origin[k]);
+  return places.map((place): Vector3 => {
+    const away = difference(place, origin);
     return [dot(away, u), dot(away, v), dot(away, n)];
   });
 }
 
 /** Least and largest of each coordinate. */
-export function boundsOf(places: number[][]) {
-  const range = (least: (...values: number[]) => number) =>
-    places[0].map((_, k) => least(...places.map((place) => place[k])));
+export function boundsOf(places: Vector3[]): Sides {
+  const range = (least: (...values: number[]) => number) => perAxis((k) => least(...places.map((place) => place[k])));
   return { low: range(Math.min), high: range(Math.max) };
 }
 
 /** Index axis (0 is x) and sign of depth, v and u of a plane along the grid's axes. */
 export function voxelOrder(grid: Grid, { u, v, n }: Plane) {
-  return [n, v, u].map((w) => {
-    const cosines = [0, 1, 2].map((k) => dot(w, column(grid.direction, k)));
-    let axis = 0;
-    for (let k = 1; k < 3; k++) if (Math.abs(cosines[k]) > Math.abs(cosines[axis])) axis = k;
+  const along = (w: Vector3) => {
+    const cosines = perAxis((k) => dot(w, column(grid.direction, k))),
+      axis = longestOf(cosines);
     return { axis, sign: cosines[axis] > 0 ? 1 : -1 };
-  });
+  };
+  return [along(n), along(v), along(u)] as const;
+}
+
+/** The number of voxels along an index axis. */
+export function countAlong({ shape }: Grid, axis: Axis) {
+  return shape[(2 - axis) as Axis];
 }
 
 /** The raster of a picture along the grid's axes: a pixel is a column of voxels. */
@@ -211,7 +243,7 @@ export function voxelRaster(grid: Grid, plane: Plane): Raster {
   const [, v, u] = voxelOrder(grid, plane),
     { low } = boundsOf(toPlane(plane, cornersOf(grid, true)));
   return {
-    shape: [grid.shape[2 - v.axis], grid.shape[2 - u.axis]],
+    shape: [countAlong(grid, v.axis), countAlong(grid, u.axis)],
     spacing: [grid.spacing[u.axis], grid.spacing[v.axis]],
     origin: [low[0], low[1]],
   };
@@ -221,16 +253,15 @@ const TOWARDS = [
   ["left side (L)", "right side (R)"],
   ["back (P)", "front (A)"],
   ["top (S)", "bottom (I)"],
-];
+] as const;
 
 /** The six sides of the box in words: where x is lowest and highest, then y, then z. */
 export function sideNames({ direction }: Grid) {
-  return [0, 1, 2].flatMap((k) => {
-    const along = column(direction, k);
-    let world = 0;
-    for (let j = 1; j < 3; j++) if (Math.abs(along[j]) > Math.abs(along[world])) world = j;
-    const [here, there] = along[world] < 0 ? [0, 1] : [1, 0];
-    return [TOWARDS[world][here], TOWARDS[world][there]];
+  return AXES.flatMap((k) => {
+    const along = column(direction, k),
+      world = longestOf(along),
+      [positive, negative] = TOWARDS[world];
+    return along[world] < 0 ? [positive, negative] : [negative, positive];
   });
 }
 

@@ -33,7 +33,7 @@ const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
 
 /** Numbers of voxels to average along x, y, z: always where they lie closest. */
 export function factorsOf({ shape, spacing }: Grid) {
-  const factors = [1, 1, 1];
+  const factors: Vector3 = [1, 1, 1];
   for (;;) {
     const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)),
       isLong = left.map((n) => n > LONGEST);

@@ -2,6 +2,7 @@
 
 import { shownText } from "../formats/reading.ts";
 import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.ts";
+import type { Vector3 } from "../types.ts";
 
 const WORDS: Record<string, string> = UNIT_WORDS,
   LOWER: Record<string, string> = UNIT_LOWER_WORDS;
@@ -41,5 +42,5 @@ export function commonUnit(units: string[], notes: string[]) {
     const each = units.map((one, k) => "xyz"[k] + (one ? ` in ${one}` : " without a unit")).join(", ");
     notes.push(`the axes of the file are measured in different units (${each}); all are in ${unit} now`);
   }
-  return { unit, factors };
+  return { unit, factors: factors as Vector3 };
 }
