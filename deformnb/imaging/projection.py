@@ -35,7 +35,7 @@ from deformnb.volume.clip import Part
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import Warper
 
 # Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
 _LAYERS = 32
@@ -387,7 +387,7 @@ def _project_lattice(
         if not near <= (depth or 0.0) <= far:
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
-        values = warp(volume if part is None else part.emptied(volume), Identity(3), output=one).values[0]
+        values = Warper(volume if part is None else part.emptied(volume), output=one)(Identity(3)).values[0]
     else:
         is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
         layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)

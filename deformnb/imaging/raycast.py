@@ -23,7 +23,7 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.sampling import aligned_empty
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import Warper
 
 _AMBIENT, _DIFFUSE, _GLOSS, _POWER = 0.35, 0.75, 0.35, 24
 
@@ -320,9 +320,9 @@ def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCame
     deep, tall, wide = ((n - 1) // _AMBIENT_STEP + 2 for n in lattice.shape)  # one beyond the last sample
     few = replace(lattice, shape=(deep, tall, wide), spacing=(_AMBIENT_STEP * lattice.spacing[0],) * 3)
     if eye is None:
-        return np.asarray(warp(light, Identity(3), output=few, fill=1.0).values, np.float32)
+        return np.asarray(Warper(light, output=few, fill=1.0)(Identity(3)).values, np.float32)
     layers = [eye.layer(few, plane, k) for k in range(deep)]
-    return np.concatenate([warp(light, Identity(3), output=layer, fill=1.0).values for layer in layers]).astype(
+    return np.concatenate([Warper(light, output=layer, fill=1.0)(Identity(3)).values for layer in layers]).astype(
         np.float32
     )
 
@@ -377,7 +377,7 @@ def faces_of(
 
 
 def _seen(volume: Volume, lattice: Grid, part: Part | None) -> NDArray[Any]:
-    seen = warp(volume, Identity(3), output=lattice)
+    seen = Warper(volume, output=lattice)(Identity(3))
     return (
         seen.values
         if part is None

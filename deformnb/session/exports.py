@@ -37,7 +37,7 @@ from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import warp, warp_all
+from deformnb.warping.warper import Warper, warp, warp_all
 
 _RENDERING = (1600, 1200)
 _BAND = 64  # rows of a picture between two checks for cancellation
@@ -319,7 +319,7 @@ def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
         drawn = [project_channels(one, it.plane, it.method, displays=it.displays, depth=it.depth) for one in both]
         draw_pictures(drawn, points=[None, points], titles=titles, path=path)
         return
-    original = it.volume if it.output is None else warp(it.volume, Identity(3), output=it.output)
+    original = it.volume if it.output is None else Warper(it.volume, output=it.output)(Identity(3))
     before, after = (_projected(it, volume) for volume in (original, it.deformed(lambda share: progress(0.6 * share))))
     progress(0.8)
     draw_pictures([before, after], points=[None, points], titles=titles, path=path)

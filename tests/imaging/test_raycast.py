@@ -47,6 +47,14 @@ def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, 
         assert (cut != project(labels, plane, "mip", spacing=0.5).values).any()
 
 
+@pytest.mark.filterwarnings("error::deformnb.errors.DeformWarning")  # nothing is deformed: there is nothing to tell
+@pytest.mark.parametrize("method", ["slice", "mip", "composite", "shaded"])
+def test_a_picture_of_a_volume_warns_of_no_deformation(method: str) -> None:
+    volume = Volume(np.full(GRID.shape, 200, np.uint8), GRID)  # its ambient light is all but the same everywhere
+    for plane in (Plane.along(GRID, "+y"), Plane.through(GRID.center, (0.3, 1.0, -0.2))):
+        project(volume, plane, method, spacing=2.0)
+
+
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("pair", [(0.5, 1.0), (0.0, 0.5)])

@@ -22,7 +22,7 @@ from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import Warper
 from deformnb.widgets.packed_volume import packed_volume
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
@@ -166,7 +166,7 @@ class SpacePictures:
         """One slice of the deformed volume through a place."""
         pane = self.panes[index]
         lattice = pane.lattice(pane.depth_of(place), most)
-        values = warp(self.volume, Identity(3) if field is None else field, output=lattice).values[0]
+        values = Warper(self.volume, output=lattice)(Identity(3) if field is None else field).values[0]
         greys = _grey(values, *self.window)
         return Shown(greys if self._colours is None else self._colours[greys], pane.raster(most))
 
@@ -175,7 +175,7 @@ class SpacePictures:
         limit = (_MAXIMUM if method == "mip" else _LIGHT)[0 if is_quick else 1]
         key = (id(field), method, limit)
         if self._projected[0] != (key, field):
-            warped = self._coarse(limit) if field is None else warp(self._coarse(limit), field, step=2)
+            warped = self._coarse(limit) if field is None else Warper(self._coarse(limit), step=2)(field)
             self._projected = ((key, field), {k: self._project(warped, k, method) for k in range(len(self.panes))})
         return self._projected[1][index]
 

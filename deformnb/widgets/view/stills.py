@@ -30,7 +30,7 @@ from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import warp
+from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
 from deformnb.widgets.packed_volume import PackedVolume, factors_of, packed_volume
 from deformnb.widgets.vtk.folds import Folding
@@ -154,7 +154,7 @@ def _render(
 
 def _seen(scene: SceneDescription, field: AbstractField | None, lattice: Grid, progress: Progress | None) -> Volume:
     """The voxels of a scene: deformed on a lattice, or as they are."""
-    return scene.shown.volume if field is None else warp(scene.shown.volume, field, output=lattice, progress=progress)
+    return scene.shown.volume if field is None else Warper(scene.shown.volume, output=lattice)(field, progress=progress)
 
 
 def _part(scene: SceneDescription) -> Part | None:
@@ -166,7 +166,7 @@ def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField |
     light = ambient_light(volume, transfer)
     if field is None:
         return light
-    return warp(light, field, output=coarser(box, (AMBIENT_CELL,) * 3), fill=1.0)
+    return Warper(light, output=coarser(box, (AMBIENT_CELL,) * 3), fill=1.0)(field)
 
 
 def preview_png(scene: SceneDescription) -> bytes:
