@@ -14,8 +14,17 @@ Progress: TypeAlias = Callable[[float], None]
 Image: TypeAlias = NDArray[np.uint8]
 """A picture (height, width, 3) in red, green and blue."""
 
+Floats: TypeAlias = NDArray[np.float64]
+"""Numbers of double precision, such as points (N, dim) or displacements on a grid."""
+
+PictureBox: TypeAlias = tuple[float, float, float, float]
+"""Limits (a_min, a_max, b_min, b_max) in picture coordinates."""
+
 Float3: TypeAlias = tuple[float, float, float]
 """Three coordinates (x, y, z), or a length along each of three axes."""
 
 Spacing: TypeAlias = Sequence[float] | NDArray[Any] | float
 """Distances of neighbouring voxels (x, y, z), or one number for all axes."""
+
+Stage: TypeAlias = Callable[[str], Progress]
+"""Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""

@@ -18,14 +18,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import determinant, one_plus
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.newton import map_of, newton
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import foreground_level, leaving_voxels, side_names
 from deformnb.warping.points import warp_points
-
-Array = NDArray[np.float64]
 
 MOST = 8.0
 """A box is made as large as this many times the voxels of the volume, and no larger."""
@@ -71,11 +70,11 @@ class Foreground:
     grid: Grid
     block: int
     table: NDArray[np.intp]
-    low: Array
-    high: Array
+    low: Floats
+    high: Floats
 
     @cached_property
-    def corners(self) -> Array:
+    def corners(self) -> Floats:
         """The corners (n, 3) of all boxes at the surface, in space: what lies among others cannot stick out."""
         there = np.pad(self.table >= 0, 1)
         inner = (slice(1, -1),) * 3
@@ -92,7 +91,7 @@ class Foreground:
     def __contains__(self, point: ArrayLike) -> bool:
         return bool(self.holds(np.asarray(point, dtype=np.float64)[None])[0])
 
-    def holds(self, points: Array) -> NDArray[np.bool_]:
+    def holds(self, points: Floats) -> NDArray[np.bool_]:
         """Test points (n, 3) in space for lying in one of the boxes."""
         at = self.grid.point_to_index(points)
         part = np.floor((np.where(np.isfinite(at), at, -1e9) + 0.5) / self.block).astype(np.int64)
@@ -137,7 +136,7 @@ def foreground_of(volume: Volume) -> Foreground:
     return Foreground(volume.grid, block, table, low[occupied], high[occupied])
 
 
-def reached_places(foreground: Foreground, field: AbstractField | None) -> Array:
+def reached_places(foreground: Foreground, field: AbstractField | None) -> Floats:
     """Places (n, 3) in space that deformed foreground reaches, the outermost among them.
 
     Parameters
@@ -167,7 +166,7 @@ def reached_places(foreground: Foreground, field: AbstractField | None) -> Array
     return np.concatenate([places, _beside_nodes(foreground, followed, places)])
 
 
-def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Array) -> Array:
+def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Floats) -> Floats:
     """Places (n, 3) of the corners on all sheets of a map that folds, followed from the outermost places on each side.
 
     A corner has a place on every sheet, and following it finds one; between the nodes of a lattice the tip of another
@@ -189,13 +188,13 @@ def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Array
     return np.concatenate(found)
 
 
-def _is_folded(field: AbstractField, places: Array) -> bool:
+def _is_folded(field: AbstractField, places: Floats) -> bool:
     """Check whether det J of the map has both signs at the places (n, 3)."""
     det = determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1)))
     return bool((det < 0).any() and (det > 0).any())
 
 
-def _beside_nodes(foreground: Foreground, followed: Array, places: Array) -> Array:
+def _beside_nodes(foreground: Foreground, followed: Floats, places: Floats) -> Floats:
     """Two corners of the box of places, a cell of the lattice farther where only its nodes have found foreground."""
     (first, last), (low, high) = _box(foreground, followed), _box(foreground, places)
     cell = (high - low) * (1 + 2 * _AROUND) / (_NODES - 1)
@@ -203,26 +202,26 @@ def _beside_nodes(foreground: Foreground, followed: Array, places: Array) -> Arr
     return foreground.grid.index_to_point(np.stack([low, high]))
 
 
-def _far(foreground: Foreground, field: AbstractField) -> Iterator[Array]:
+def _far(foreground: Foreground, field: AbstractField) -> Iterator[Floats]:
     """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
     counts = np.array(foreground.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
         yield _looked_up(foreground, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
 
 
-def _box(foreground: Foreground, places: Array) -> tuple[Array, Array]:
+def _box(foreground: Foreground, places: Floats) -> tuple[Floats, Floats]:
     at = foreground.grid.point_to_index(places if len(places) else foreground.corners)
     return at.min(axis=0), at.max(axis=0)
 
 
-def _lattice(foreground: Foreground, low: Array, high: Array) -> Array:
+def _lattice(foreground: Foreground, low: Floats, high: Floats) -> Floats:
     lines = [np.linspace(a, b, _NODES) for a, b in zip(low, high, strict=True)]
     return foreground.grid.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
 def _looked_up(
-    foreground: Foreground, field: AbstractField, low: Array, high: Array, around: Array
-) -> tuple[Array, bool]:
+    foreground: Foreground, field: AbstractField, low: Floats, high: Floats, around: Floats
+) -> tuple[Floats, bool]:
     """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
     nodes = _lattice(foreground, low - around, high + around)
     seen = foreground.holds(nodes + field.displacement(nodes)).reshape((_NODES,) * 3)
@@ -325,7 +324,7 @@ def padded(grid: Grid, margin: ArrayLike) -> Grid:
     return _padded(grid, voxels, voxels)
 
 
-def exceeded_sides(places: Array, box: Grid) -> tuple[str, ...]:
+def exceeded_sides(places: Floats, box: Grid) -> tuple[str, ...]:
     """The sides of a box where the foreground leaves it, in words; none if all of it stays inside.
 
     Parameters

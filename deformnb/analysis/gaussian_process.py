@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jnp, lax
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
 from deformnb.rbf.evaluation import capacity, few_sizes
@@ -30,8 +31,6 @@ from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.trends import Span, products, trend_named
-
-Floats = NDArray[np.float64]
 
 _BLOCK = 1024  # places at a time: with 32 points their kernel values stay in the second-level cache
 

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, jax
-from deformnb.analysis.gaussian_process import FitSystem, Floats, fit_system, process_scale
+from deformnb._typing import Floats
+from deformnb.analysis.gaussian_process import FitSystem, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, diameter_of, same_place
 from deformnb.rbf.evaluation import capacity
 from deformnb.rbf.fitting import fit_one_system

@@ -11,14 +11,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from deformnb._jax import adjugate, determinant, one_plus
+from deformnb._typing import Floats
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.volume import Grid, VolumeLike
 from deformnb.warping.points import Landmarks, checked_points
-
-Array = NDArray[np.float64]
 
 _POINTS_AT_A_TIME = 2**16
 
@@ -41,9 +40,9 @@ class Stretches:
     [1.5]
     """
 
-    area: Array
-    principal: Array
-    directions: Array
+    area: Floats
+    principal: Floats
+    directions: Floats
 
 
 def stretches(
@@ -88,7 +87,7 @@ def stretches(
     return Stretches(area.reshape(shape), principal.reshape(x.shape), directions.reshape(*shape, dim, dim))
 
 
-def _of_derivative(derivative: Array) -> tuple[Any, Any, Any]:
+def _of_derivative(derivative: Floats) -> tuple[Any, Any, Any]:
     """Area (n), stretches (n, dim) and directions (n, dim, dim) from dD/dx (n, dim, dim)."""
     j = one_plus(np.moveaxis(derivative, 0, -1))
     det = determinant(j)
@@ -101,7 +100,7 @@ def _of_derivative(derivative: Array) -> tuple[Any, Any, Any]:
     return np.where(whole, 1 / safe, np.nan), principal, directions
 
 
-def _in_the_plane(f: Array) -> tuple[Array, Array]:
+def _in_the_plane(f: Floats) -> tuple[Floats, Floats]:
     """The singular values of matrices (2, 2, n) and their left vectors, in closed form.
 
     F is a turn and growth plus a mirrored one, of sizes q and r: their sum stretches most, their difference least.
@@ -116,6 +115,6 @@ def _in_the_plane(f: Array) -> tuple[Array, Array]:
     return np.stack([largest, least], axis=-1), np.stack([along, across], axis=1)
 
 
-def _in_space(f: Array) -> tuple[Array, Array]:
+def _in_space(f: Floats) -> tuple[Floats, Floats]:
     u, principal, _ = np.linalg.svd(np.moveaxis(f, -1, 0))
     return principal, np.swapaxes(u, 1, 2)

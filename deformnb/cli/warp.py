@@ -17,9 +17,10 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from deformnb._progress import time_left
+from deformnb._typing import Stage
 from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
     from deformnb.volume.volume import Grid, Volume
 
 _PATIENCE = 1.0  # seconds of silence
-
-Stage: TypeAlias = Callable[[str], Callable[[float], None]]
 
 
 def note(*notes: str) -> None:

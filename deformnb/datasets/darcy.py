@@ -18,17 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deformnb._typing import Floats, PictureBox
 from deformnb.checks import real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 
 if TYPE_CHECKING:  # the grids of the book are read without JAX
     from deformnb.warping.points import Landmarks
-
-Nodes = NDArray[np.float64]
-Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +54,9 @@ class ThompsonGrid:
     modern: str
     image: str
     quality: str
-    nodes: Nodes
+    nodes: Floats
 
-    def polylines(self) -> list[Nodes]:
+    def polylines(self) -> list[Floats]:
         """The grid lines for drawing: all rows, then all columns, each (n, 2)."""
         return grid_lines(self.nodes)
 
@@ -80,8 +78,8 @@ class ThompsonMap:
 
     source: ThompsonGrid
     target: ThompsonGrid
-    source_nodes: Nodes
-    target_nodes: Nodes
+    source_nodes: Floats
+    target_nodes: Floats
 
     @property
     def points(self) -> ControlPoints:
@@ -91,12 +89,12 @@ class ThompsonMap:
         source, target = self.source_nodes.reshape(-1, 2), self.target_nodes.reshape(-1, 2)
         return ControlPoints.from_arrays(source, target, names=names)
 
-    def polylines(self) -> tuple[list[Nodes], list[Nodes]]:
+    def polylines(self) -> tuple[list[Floats], list[Floats]]:
         """The lines of the source grid and of the target grid, in picture coordinates."""
         return grid_lines(self.source_nodes), grid_lines(self.target_nodes)
 
 
-def grid_lines(nodes: ArrayLike) -> list[Nodes]:
+def grid_lines(nodes: ArrayLike) -> list[Floats]:
     """Rows and then columns of a grid of nodes (rows, columns, 2) as polylines."""
     n = np.asarray(nodes, dtype=np.float64)
     return [*n, *n.transpose(1, 0, 2)]
@@ -152,23 +150,27 @@ def thompson_pairs() -> list[tuple[str, str]]:
     return [(grids[a].species, grids[b].species) for a, b in _file()["pairs"]]
 
 
-def _by_area(source: Nodes, target: Nodes, room: Nodes) -> float:
+def _by_area(source: Floats, target: Floats, room: Floats) -> float:
     """Both grids cover the same area: a body inscribed in them neither grows nor shrinks as a whole."""
     return float(np.sqrt(_area(source) / _area(target)))
 
 
-def _by_length(source: Nodes, target: Nodes, room: Nodes) -> float:
+def _by_length(source: Floats, target: Floats, room: Floats) -> float:
     """Both fishes are equally long: equal mean distance from the head column to the tail column."""
     return _length(source) / _length(target)
 
 
-def _inside(source: Nodes, target: Nodes, room: Nodes) -> float:
+def _inside(source: Floats, target: Floats, room: Floats) -> float:
     """As large as equal area, but no larger than what lets every node of the target stay in the frame."""
     ratio = room / np.ptp(target.reshape(-1, 2), axis=0)
     return min(_by_area(source, target, room), float(ratio.min()))
 
 
-SCALES: dict[str, Callable[[Nodes, Nodes, Nodes], float]] = {"inside": _inside, "area": _by_area, "length": _by_length}
+SCALES: dict[str, Callable[[Floats, Floats, Floats], float]] = {
+    "inside": _inside,
+    "area": _by_area,
+    "length": _by_length,
+}
 """Scales of the target grid beside the source grid: a factor on Thompson's own drawing, from both grids and the width
 and height of the frame, in pixels of the source's drawing."""
 
@@ -240,7 +242,7 @@ def _are_landmarks(given: object) -> TypeGuard[Landmarks]:
     return hasattr(given, "points") and hasattr(given, "names")
 
 
-def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Nodes:
+def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     """Landmarks as rows of nodes: by their names, or row by row."""
     places, count = np.asarray(landmarks.points, dtype=np.float64), len(landmarks.points)
     if places.shape[1] == 3 and np.ptp(places[:, 2]) > 0:
@@ -265,7 +267,7 @@ def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Nodes:
     return places[:, :2].reshape(rows, -1, 2)
 
 
-def _least_corners(nodes: Nodes) -> Nodes:
+def _least_corners(nodes: Floats) -> Floats:
     """(rows - 1, columns - 1): the least of the signed areas of the four triangles at the corners of each cell."""
     p, q, r, s = nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
     areas = [
@@ -294,8 +296,8 @@ def thompson_map(
     source: GridLike = "Polyprion",
     target: GridLike = "Antigonia",
     *,
-    box: Box = (0.0, 1.0, 0.0, 1.0),
-    frame: Box | None = None,
+    box: PictureBox = (0.0, 1.0, 0.0, 1.0),
+    frame: PictureBox | None = None,
     scale: str = "inside",
     cells: str = "fill",
     head: str = "left",
@@ -384,29 +386,29 @@ def _file() -> dict[str, Any]:
     return dict(json.loads(text))
 
 
-def _check_box(box: Box) -> tuple[Nodes, Nodes]:
+def _check_box(box: PictureBox) -> tuple[Floats, Floats]:
     values = np.asarray(box, dtype=np.float64)
     if values.shape != (4,) or not np.isfinite(values).all() or values[1] <= values[0] or values[3] <= values[2]:
         raise DeformError(f"a box is (a_min, a_max, b_min, b_max) with a_min < a_max and b_min < b_max, got {box!r}.")
     return values[[0, 2]], values[[1, 3]] - values[[0, 2]]
 
 
-def _area(nodes: Nodes) -> float:
+def _area(nodes: Floats) -> float:
     """Area inside the outline of a grid (shoelace formula)."""
     rim = np.concatenate([nodes[0], nodes[1:, -1], nodes[-1, -2::-1], nodes[-2:0:-1, 0]])
     x, y = rim.T
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
 
 
-def _length(nodes: Nodes) -> float:
+def _length(nodes: Floats) -> float:
     return float(np.linalg.norm(nodes[:, -1] - nodes[:, 0], axis=-1).mean())
 
 
-def _mean(nodes: Nodes) -> Nodes:
+def _mean(nodes: Floats) -> Floats:
     return np.asarray(nodes.reshape(-1, 2).mean(axis=0))
 
 
-def _way_back(nodes: Nodes, corner: Nodes, size: Nodes) -> Nodes:
+def _way_back(nodes: Floats, corner: Floats, size: Floats) -> Floats:
     """The smallest translation that brings all nodes into a box they fit in."""
     flat = nodes.reshape(-1, 2)
     below, above = corner - flat.min(axis=0), corner + size - flat.max(axis=0)

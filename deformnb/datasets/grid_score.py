@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from deformnb._typing import Floats
 from deformnb.checks import finite_array, shown_value
 from deformnb.datasets.darcy import ThompsonMap
 from deformnb.errors import DeformError
@@ -16,8 +17,6 @@ if TYPE_CHECKING:  # the grids themselves are read without JAX
     from deformnb.document.deformation import Deformation, Step
     from deformnb.rbf.fields import AbstractField
     from deformnb.volume.volume import Grid, VolumeLike
-
-Nodes = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +37,10 @@ class GridScore:
     75.0
     """
 
-    reached: Nodes
-    missing: Nodes
-    distances: Nodes
-    before: Nodes
+    reached: Floats
+    missing: Floats
+    distances: Floats
+    before: Floats
 
     @property
     def mean(self) -> float:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.analysis.folds import (
     NEARLY_FOLDED,
     Folds,
@@ -40,8 +40,6 @@ from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.foreground import IsTissue
-
-Floats = NDArray[np.float64]
 
 LEAST = NEARLY_FOLDED
 """The smallest determinant that counts as safe."""

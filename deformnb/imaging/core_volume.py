@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Image, Progress
+from deformnb._typing import Float3, Image, Progress
 from deformnb.imaging.camera import Camera
 from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
@@ -16,15 +16,13 @@ from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Volume
 
-Color = tuple[float, float, float]
-
 
 def draw_core(
     volume: Volume,
     camera: Camera,
     size: tuple[int, int],
     transfer: TransferFunction,
-    background: Color,
+    background: Float3,
     *,
     projection: str = "shaded",
     part: Part | None = None,
@@ -73,8 +71,8 @@ def draw_core_mip(
     camera: Camera,
     size: tuple[int, int],
     white: float,
-    ink: Color,
-    background: Color,
+    ink: Float3,
+    background: Float3,
     *,
     part: Part | None = None,
     progress: Progress | None = None,
@@ -102,7 +100,7 @@ def draw_core_mip(
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
 
 
-def bytes_of(color: Color) -> tuple[int, int, int]:
+def bytes_of(color: Float3) -> tuple[int, int, int]:
     """A colour in [0, 1] as numbers from 0 to 255."""
     r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     return r, g, b

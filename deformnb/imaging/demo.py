@@ -5,14 +5,13 @@ It is also the shortest complete example of the package: load, project, place po
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Float3
+from deformnb._typing import Float3, Stage
 from deformnb.datasets.darcy import ThompsonMap, thompson_grid, thompson_map, thompson_pairs
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
@@ -22,9 +21,6 @@ from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import otsu_threshold
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import warp_points
-
-Stage = Callable[[str], Callable[[float], None]]
-"""Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""
 
 # Pixels of the subject: brighter than this share of the range of the picture, in at least this share of a row or
 # column. A carp's fins in CT are at 15 % of the range, the noise of the air below 5 %, a stray label a few pixels.

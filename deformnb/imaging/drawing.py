@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import PictureBox
 from deformnb.checks import one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Box = tuple[float, float, float, float]
 
 # Colours of sources and targets that stay apart for every kind of colour-blindness (Okabe and Ito 2008).
 SOURCE = "#0072B2"
@@ -127,7 +127,7 @@ def _listed(given: Any, what: str, kind: Any) -> list[Any]:
     return list(given)
 
 
-def _layout(figure: Figure, boxes: Sequence[Box], *, titled: bool) -> list[Box]:
+def _layout(figure: Figure, boxes: Sequence[PictureBox], *, titled: bool) -> list[PictureBox]:
     """Size the figure and place the pictures in it to one scale: (left, bottom, width, height) in figure shares."""
     sizes = np.array([(b[1] - b[0], b[3] - b[2]) for b in boxes])
     sizes = sizes * (_LONG_SIDE / sizes.max())  # inches
@@ -172,7 +172,7 @@ def _format(path: str | PathLike[str]) -> str:
     return suffix
 
 
-def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> Box:
+def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> PictureBox:
     """Limits of the plot: the picture and all of its grid, with a little margin."""
     a0, a1, b0, b1 = picture.raster.box
     for line in grid:
@@ -185,7 +185,7 @@ def _box(picture: Picture, grid: Sequence[NDArray[np.float64]]) -> Box:
 def _draw(
     axes: Axes,
     picture: Picture,
-    box: Box,
+    box: PictureBox,
     colours: Style,
     grid: Sequence[NDArray[np.float64]],
     points: ControlPoints | None,

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._typing import PictureBox
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
-from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure, show_picture
+from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, save_figure, show_picture
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -72,7 +73,7 @@ class Panel:
     at: str = "both"
     cuts: Sequence[Cut] = ()
     parts: Sequence[RigidPart] = ()
-    box: Box | None = None
+    box: PictureBox | None = None
 
     def __post_init__(self) -> None:
         if self.at not in WHERE:
@@ -87,7 +88,7 @@ class Panel:
             raise DeformError("a panel without a picture needs a box or a grid, else it has no size.")
 
     @property
-    def shown(self) -> Box:
+    def shown(self) -> PictureBox:
         """Limits of the panel, in picture coordinates; in pixels for an image."""
         if isinstance(self.picture, np.ndarray):
             return -0.5, self.picture.shape[1] - 0.5, -0.5, self.picture.shape[0] - 0.5
@@ -159,7 +160,7 @@ def draw_figure(
     return figure
 
 
-def _row_sizes(boxes: Sequence[Box], width: float, tallest: float) -> list[tuple[float, float]]:
+def _row_sizes(boxes: Sequence[PictureBox], width: float, tallest: float) -> list[tuple[float, float]]:
     """(width, height) of panels that fill a row, in inches."""
     aspects = [(b[1] - b[0]) / (b[3] - b[2]) for b in boxes]
     height = min(tallest, (width - _GAP * (len(boxes) + 1)) / sum(aspects))
@@ -185,7 +186,7 @@ def _fill(axes: Axes, panel: Panel, colours: Style) -> None:
     axes.set_axis_off()
 
 
-def _outline(axes: Axes, region: AbstractRegion, box: Box, color: str, *, fill: bool) -> None:
+def _outline(axes: Axes, region: AbstractRegion, box: PictureBox, color: str, *, fill: bool) -> None:
     """Zero contour of the signed distance of a region, whatever kind of region it is."""
     step = max(box[1] - box[0], box[3] - box[2]) / _FINE
     a, b = (np.linspace(low, high, max(2, round((high - low) / step))) for low, high in (box[:2], box[2:]))
@@ -237,7 +238,7 @@ def _caption(axes: Axes, text: str, colours: Style, room: float) -> None:
 # ---- grids -----------------------------------------------------------------------------------------------------------
 
 
-def rectangular_grid(box: Box, columns: int, rows: int) -> Lines:
+def rectangular_grid(box: PictureBox, columns: int, rows: int) -> Lines:
     """A rectangular grid over a box: so many cells across and down.
 
     Examples

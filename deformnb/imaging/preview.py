@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Image
+from deformnb._typing import Float3, Image
 from deformnb.imaging.camera import Camera
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET
 from deformnb.imaging.raycast import LAMP, glow_of
@@ -29,7 +29,6 @@ from deformnb.volume.volume import Volume
 if TYPE_CHECKING:
     from PIL.Image import Image as Pillow
 
-Color = tuple[float, float, float]
 Index = NDArray[np.intp]
 Window = tuple[slice, slice]
 
@@ -113,7 +112,7 @@ def draw_slices(
     camera: Camera,
     size: tuple[int, int],
     transfer: TransferFunction,
-    background: Color,
+    background: Float3,
     *,
     is_lit: bool = True,
     part: Part | None = None,
@@ -170,8 +169,8 @@ def draw_slices_mip(
     camera: Camera,
     size: tuple[int, int],
     white: float,
-    ink: Color,
-    background: Color,
+    ink: Float3,
+    background: Float3,
     *,
     part: Part | None = None,
 ) -> Image:

@@ -20,12 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import pytree
+from deformnb._typing import PictureBox
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches
 from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
-from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Box, Style, save_figure
+from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, save_figure
 from deformnb.imaging.figures import Lines, moved_lines, picture_field, rectangular_grid
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
@@ -305,7 +306,7 @@ class Sheet:
         one, two = (self._panel(box, size, start) for box, size, start in zip(boxes, inches, starts, strict=True))
         return one, two
 
-    def _around(self, box: Box, places: list[NDArray[np.float64]]) -> Box:
+    def _around(self, box: PictureBox, places: list[NDArray[np.float64]]) -> PictureBox:
         """The box of the picture and of what is drawn on it, which may leave it, but not by far."""
         (a0, b0), (a1, b1) = (
             reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0) for reach in (np.min, np.max)
@@ -319,7 +320,7 @@ class Sheet:
             min(float(b1), box[3] + far_b) + air,
         )
 
-    def _panel(self, box: Box, size: NDArray[np.float64], start: tuple[float, float]) -> _Place:
+    def _panel(self, box: PictureBox, size: NDArray[np.float64], start: tuple[float, float]) -> _Place:
         (w, h), (left, top) = size, start
         axes = self.figure.add_axes((left / self.width, (top - h) / self.height, w / self.width, h / self.height))
         axes.set(xlim=box[:2], ylim=(box[3], box[2]))
@@ -328,7 +329,7 @@ class Sheet:
 
     # -- what is drawn ---
 
-    def _output(self, box: Box) -> Raster:
+    def _output(self, box: PictureBox) -> Raster:
         """Pixels as large as the picture's, or a part of them where it is coarse, over a box of its plane."""
         parts = ceil(_FEWEST / max(self.picture.raster.shape))
         da, db = (d / parts for d in self.picture.raster.spacing)
@@ -530,7 +531,7 @@ class Sheet:
 class _Place:
     """A panel: its axes, what it shows, and where it lies in inches."""
 
-    def __init__(self, axes: Axes, box: Box, left: float, bottom: float, width: float, height: float) -> None:
+    def __init__(self, axes: Axes, box: PictureBox, left: float, bottom: float, width: float, height: float) -> None:
         self.axes, self.box = axes, box
         self.left, self.bottom, self.width, self.height = left, bottom, width, height
 

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import float64
+from deformnb._typing import Floats
 from deformnb.rbf.conditioning import SAME_DISTANCE
 from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.system import plain_moments
 from deformnb.rbf.trends import FLAT, TRENDS, Span, products, spread_of
 
-Floats = NDArray[np.float64]
 Positions = NDArray[np.intp]
 
 MOST_LEFT_OUT = 512

@@ -25,12 +25,11 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
 from deformnb.rbf.evaluation import capacity, is_numpy_faster, profile_of
 from deformnb.rbf.kernels import AbstractKernel
-
-Floats = NDArray[np.float64]
 
 DENSE = 1000
 """Points up to which the matrix of a compact kernel is a dense one; beyond it is a band."""

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import adjugate, determinant, in_full_precision, jax, jnp, lax, one_plus, pytree
+from deformnb._typing import Floats
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.exactness import SHARES
@@ -30,8 +31,6 @@ from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, searched
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
-
-Array = NDArray[np.float64]
 
 DIRECTIONS = ("backward", "forward")
 """Directions of a fit: from the result to the input, or from the input to the result. The first is the default."""
@@ -154,12 +153,12 @@ class ForwardFit(AbstractField):
         x = lax.custom_root(lambda x: x + forward(x) - y, y - forward(y), _newton_in_jax, _tangent)
         return x - y
 
-    def displacement(self, points: ArrayLike) -> Array:
+    def displacement(self, points: ArrayLike) -> Floats:
         """Displacements (..., dim); where no place was found that is certain (:meth:`found`), to the best one known."""
         y = self._checked(points)
         return np.asarray(self._solved(y.reshape(-1, self.dim))[0].reshape(y.shape) - y)
 
-    def jacobian(self, points: ArrayLike) -> Array:
+    def jacobian(self, points: ArrayLike) -> Floats:
         """dD/dy: the inverse of ``1 + dF/dx``, less 1; where nothing is found the map has the determinant 0."""
         y = self._checked(points)
         if self.is_identity:
@@ -184,7 +183,7 @@ class ForwardFit(AbstractField):
         x, error = self._solved(flat)
         return np.asarray(self._certain(flat, error, determinant(self._derivative(x))).reshape(y.shape[:-1]))
 
-    def ends_of(self, points: Array, tolerance: float) -> tuple[Array, NDArray[np.bool_]]:
+    def ends_of(self, points: Floats, tolerance: float) -> tuple[Floats, NDArray[np.bool_]]:
         """Exact places x + F(x) of points x (n, dim) of the input, and a check whether the result shows them there."""
         y = points + self.forward.displacement(points)
         back = lengths_of(y + self.displacement(y) - points)
@@ -199,7 +198,7 @@ class ForwardFit(AbstractField):
             out[:, start : start + step] = np.moveaxis(self._on_lines(y, _PIXEL_SHARE * resolution), -1, 0)
         return out
 
-    def _on_lines(self, y: Array, tolerance: float) -> Array:
+    def _on_lines(self, y: Floats, tolerance: float) -> Floats:
         """Displacements at places (rows, columns, dim) along straight lines at equal steps."""
         count = y.shape[1]
         if count < 2 * _STRIDE:
@@ -216,22 +215,22 @@ class ForwardFit(AbstractField):
             x[lost] = self._solved(flat[lost])[0]
         return np.asarray((x - flat).reshape(y.shape))
 
-    def _checked(self, points: ArrayLike) -> Array:
+    def _checked(self, points: ArrayLike) -> Floats:
         y = np.asarray(points, dtype=np.float64)
         if y.shape[-1:] != (self.dim,):
             raise DeformError(f"points must have shape (..., {self.dim}), got {y.shape}.")
         return y
 
-    def _derivative(self, x: Array) -> Array:
+    def _derivative(self, x: Floats) -> Floats:
         """1 + dF/dx as (dim, dim, n)."""
         return one_plus(np.moveaxis(self.forward.jacobian(x), 0, -1))
 
-    def _certain(self, y: Array, error: Array, det: Array) -> NDArray[np.bool_]:
+    def _certain(self, y: Floats, error: Floats, det: Floats) -> NDArray[np.bool_]:
         far = np.maximum(self.size, lengths_of(y - self._middle))
         return np.asarray((error <= _FOUND * far) & (det * self._sign > 0))
 
     @cached_property
-    def _sources(self) -> Array:
+    def _sources(self) -> Floats:
         """The sources of the control points, (n, dim)."""
         fits = self.forward.fits if isinstance(self.forward, LocalFits) else (self.forward,)
         every = [
@@ -240,11 +239,11 @@ class ForwardFit(AbstractField):
         return np.unique(np.concatenate(every), axis=0)  # boxes of local fits share some
 
     @cached_property
-    def _targets(self) -> Array:
+    def _targets(self) -> Floats:
         return self._sources + self.forward.displacement(self._sources)
 
     @cached_property
-    def _middle(self) -> Array:
+    def _middle(self) -> Floats:
         return np.asarray(self._targets.mean(axis=0))
 
     @cached_property
@@ -256,7 +255,7 @@ class ForwardFit(AbstractField):
         return float(np.linalg.norm(np.ptp(both, axis=0))) or self.support
 
     @cached_property
-    def _at_points(self) -> tuple[Any, Array, float]:
+    def _at_points(self) -> tuple[Any, Floats, float]:
         """A tree of the targets, ``(1 + dF/dx)^-1`` at the sources (n, dim, dim), and the sign of most determinants."""
         a = self._derivative(self._sources)
         det = determinant(a)
@@ -270,7 +269,7 @@ class ForwardFit(AbstractField):
         return self._at_points[2] or 1.0
 
     @cached_property
-    def _lattice(self) -> tuple[Array, Any]:
+    def _lattice(self) -> tuple[Floats, Any]:
         """Places of the input around the sources, and a tree of where they come to."""
         low, high = self._sources.min(axis=0), self._sources.max(axis=0)
         reach = _AROUND * max(float(np.linalg.norm(high - low)), 1e-3 * self.size)
@@ -278,7 +277,7 @@ class ForwardFit(AbstractField):
         nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
         return nodes, scipy.spatial.cKDTree(nodes + self.forward.displacement(nodes))
 
-    def _solved(self, y: Array) -> tuple[Array, Array]:
+    def _solved(self, y: Floats) -> tuple[Floats, Floats]:
         """The places x with x + F(x) = y that are found for places y (n, dim), and their residuals (n)."""
         if self.is_identity or not len(y):
             return y.copy(), np.zeros(len(y))
@@ -297,7 +296,7 @@ class ForwardFit(AbstractField):
         return x, error
 
     def _keep_certain(
-        self, x: Array, error: Array, left: NDArray[np.intp], y: Array, x_new: Array, error_new: Array
+        self, x: Floats, error: Floats, left: NDArray[np.intp], y: Floats, x_new: Floats, error_new: Floats
     ) -> None:
         """Take places that are certain, and of the others those with a smaller residual."""
         certain = self._certain(y[left], error_new, determinant(self._derivative(x_new)))

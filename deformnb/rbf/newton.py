@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import adjugate, determinant, one_plus
+from deformnb._typing import Floats
 from deformnb.rbf.fields import AbstractField
-
-Array = NDArray[np.float64]
 
 # A Newton step halved this far without gain leads nowhere.
 _SHORTEST_STEP = 1e-4
@@ -28,8 +27,8 @@ _SINGULAR = 1e-9
 class BackwardMap:
     """D (n, dim) and its derivative (n, dim, dim), of places (n, dim) and the numbers (n) of their points."""
 
-    displacement: Callable[[Array, NDArray[np.intp]], Array]
-    jacobian: Callable[[Array, NDArray[np.intp]], Array]
+    displacement: Callable[[Floats, NDArray[np.intp]], Floats]
+    jacobian: Callable[[Floats, NDArray[np.intp]], Floats]
 
 
 def map_of(field: AbstractField) -> BackwardMap:
@@ -38,8 +37,8 @@ def map_of(field: AbstractField) -> BackwardMap:
 
 
 def searched(
-    x: Array, at: BackwardMap, tolerance: float, max_iterations: int, start: Array | None
-) -> tuple[Array, Array]:
+    x: Floats, at: BackwardMap, tolerance: float, max_iterations: int, start: Floats | None
+) -> tuple[Floats, Floats]:
     """The best places found for points x (N, dim), and their errors, from two or three starts."""
     d = at.displacement(x, np.arange(len(x)))
     starts = (start, np.where(np.isfinite(d), x - d, x), x)
@@ -54,13 +53,13 @@ def searched(
     return y, error
 
 
-def keep_better(y: Array, error: Array, k: NDArray[np.intp], y_new: Array, error_new: Array) -> None:
+def keep_better(y: Floats, error: Floats, k: NDArray[np.intp], y_new: Floats, error_new: Floats) -> None:
     """Replace places y[k] and their errors, in place, by new ones where these are better."""
     better = error_new < error[k]
     y[k[better]], error[k[better]] = y_new[better], error_new[better]
 
 
-def lengths_of(r: Array) -> Array:
+def lengths_of(r: Floats) -> Floats:
     """Lengths (n) of vectors (n, dim); infinite for what is not finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.sqrt(np.einsum("nk,nk->n", r, r))
@@ -68,8 +67,8 @@ def lengths_of(r: Array) -> Array:
 
 
 def newton(
-    start: Array, x: Array, numbers: NDArray[np.intp], at: BackwardMap, tolerance: float, max_iterations: int
-) -> tuple[Array, Array]:
+    start: Floats, x: Floats, numbers: NDArray[np.intp], at: BackwardMap, tolerance: float, max_iterations: int
+) -> tuple[Floats, Floats]:
     """The best places y found from ``start`` and their errors |y + D(y) - x|."""
     y = start.copy()
     r = y + at.displacement(y, numbers) - x
@@ -93,7 +92,7 @@ def newton(
     return y, error
 
 
-def _newton_step(jacobian: Array, r: Array) -> Array:
+def _newton_step(jacobian: Floats, r: Floats) -> Floats:
     """Minus the inverse of 1 + dD/dx (n, dim, dim), times the residual; finite also where there is no inverse."""
     a = one_plus(np.moveaxis(jacobian, 0, -1))
     det = determinant(a)

@@ -22,14 +22,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import jax, jnp, lax, pytree
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import SAME_DISTANCE, PreparedPoints, diameter_of
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.trends import Span, quadric_span, ridge_of, spread_of, spreads_of
-
-Floats = NDArray[np.float64]
 
 LEAF = 150
 """Points of a box at most; with those around it a fit has a few hundred, which takes milliseconds."""

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
@@ -42,7 +42,6 @@ from deformnb.rbf.newton import lengths_of, map_of, searched
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.trends import products, trend_named
 
-Array = NDArray[np.float64]
 Blocks = list[NDArray[np.intp]]
 
 MOST_JUDGED = 150
@@ -334,7 +333,7 @@ def _distinct(points: ControlPoints) -> ControlPoints:
     return points.take(np.flatnonzero(keep))
 
 
-def _size(places: Array) -> float:
+def _size(places: Floats) -> float:
     """The diagonal of a box that points fill evenly, by their distances from their middle: however they are turned."""
     return float(np.sqrt(12 * ((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
@@ -348,7 +347,7 @@ def _evenly(points: ControlPoints) -> ControlPoints:
     return points.take(np.sort(order[np.linspace(0, len(order) - 1, MOST_JUDGED).astype(int)]))
 
 
-def blocks_of(places: Array, halvings: int) -> Blocks:
+def blocks_of(places: Floats, halvings: int) -> Blocks:
     """Blocks of neighbours: places (n, dim) halved again and again across their longest axis.
 
     Which side of a half the middle of an odd number goes to is decided by the third moment along the axis, and between
@@ -406,7 +405,7 @@ def _schemes(points: ControlPoints) -> tuple[Blocks, ...]:
     return (one, *(blocks_of(points.source, halvings) for halvings in HALVINGS))
 
 
-def _errors(points: ControlPoints, settings: FitSettings) -> list[Array]:
+def _errors(points: ControlPoints, settings: FitSettings) -> list[Floats]:
     """Squared distances (n) in the result between targets and where left-out sources come to, for each scheme."""
     turned, schemes = oriented(points, settings.direction), _schemes(points)
     kind, trend = kernel_named(settings.kernel), trend_named(settings.trend)
@@ -447,7 +446,7 @@ class _LinearSystem:
     values : (n, dim) that it has there.
     """
 
-    def __init__(self, ready: PreparedPoints, values: Array, settings: FitSettings) -> None:
+    def __init__(self, ready: PreparedPoints, values: Floats, settings: FitSettings) -> None:
         self._origin, self._support = ready.origin, ready.support
         self._kernel, self._is_bent = kernel_named(settings.kernel), settings.trend == "quadratic"
         self._x, n = ready.relative, ready.count
@@ -461,26 +460,26 @@ class _LinearSystem:
         self._inverse, self._n, self._places = np.linalg.inv(whole), n, ready.targets
         self._solution = self._inverse[:, :n] @ values
 
-    def _polynomials(self, x: Array) -> Array:
+    def _polynomials(self, x: Floats) -> Floats:
         x = x / self._scale
         bent = [products(x)] if self._is_bent else []
         return np.concatenate([np.ones((len(x), 1)), x, *bent], axis=1)
 
-    def _change(self, block: NDArray[np.intp]) -> Array:
+    def _change(self, block: NDArray[np.intp]) -> Floats:
         """``C_BB^-1 alpha_B``: what the values of the block miss by without it."""
         own = self._inverse[np.ix_(block, block)]
         if not np.linalg.cond(own) < 1e12:
             raise np.linalg.LinAlgError("it is not determined without some of the points")
         return np.asarray(np.linalg.solve(own, self._solution[block]))
 
-    def misses(self, blocks: Blocks) -> Array:
+    def misses(self, blocks: Blocks) -> Floats:
         """Values less predictions (n, dim) at the places, each without its block."""
         found = np.empty((self._n, self._solution.shape[1]))
         for block in blocks:
             found[block] = self._change(block)
         return found
 
-    def ends_without(self, blocks: Blocks, points: ControlPoints) -> Array:
+    def ends_without(self, blocks: Blocks, points: ControlPoints) -> Floats:
         """Targets less the places (n, dim) at which the map without its block has the source of each point.
 
         By damped Newton steps from the targets; where none is found, what is left of the source counts twice.
@@ -497,7 +496,7 @@ class _LinearSystem:
         worst = 2 * np.maximum(lengths_of(miss), lengths_of(self.misses(blocks)))
         return np.where(lost[:, None], worst[:, None] / np.sqrt(points.dim), miss)
 
-    def _values(self, y: Array, solutions: Array) -> Array:
+    def _values(self, y: Floats, solutions: Floats) -> Floats:
         """The map of each point's own solution at its own place, (n, dim)."""
         x = (y - self._origin) / self._support
         square = ((x[:, None] - self._x[None]) ** 2).sum(axis=-1)
@@ -505,7 +504,7 @@ class _LinearSystem:
         return np.asarray(np.einsum("ij,ijk->ik", np.concatenate([phi, self._polynomials(x)], axis=1), solutions))
 
 
-def _newton(values: Callable[[Array], Array], goal: Array, start: Array, size: float) -> tuple[Array, Array]:
+def _newton(values: Callable[[Floats], Floats], goal: Floats, start: Floats, size: float) -> tuple[Floats, Floats]:
     """Places y (n, dim) where each map has its goal, and the lengths of what is left."""
     y, h = start.copy(), 1e-5 * size
     r = goal - values(y)
@@ -527,21 +526,21 @@ def _newton(values: Callable[[Array], Array], goal: Array, start: Array, size: f
     return y, left
 
 
-def _solved(a: Array, r: Array) -> Array:
+def _solved(a: Floats, r: Floats) -> Floats:
     """a^-1 r of each row; nothing where a is singular."""
     is_flat = ~(np.abs(np.linalg.det(a)) > 1e-12 * np.prod(np.linalg.norm(a, axis=1), axis=-1))
     a = np.where(is_flat[:, None, None], np.eye(a.shape[-1]), a)
     return np.where(is_flat[:, None], 0.0, np.linalg.solve(a, r[..., None])[..., 0])
 
 
-def _refitted(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Array:
+def _refitted(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Floats:
     """The same by a fit for each block; of points that are left out one by one some are taken."""
     if len(blocks) > _MOST_REFITTED:
         blocks = [blocks[k] for k in np.linspace(0, len(blocks) - 1, _MOST_REFITTED).astype(int)]
     return np.concatenate([*_squares_of(points, settings, blocks)])
 
 
-def _squares_of(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Iterator[Array]:
+def _squares_of(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Iterator[Floats]:
     size = _size(points.target)
     for block in blocks:
         fit = settings.fit(points.take(np.setdiff1d(np.arange(len(points)), block)))

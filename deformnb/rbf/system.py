@@ -9,9 +9,9 @@ import contextlib
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deformnb._jax import compiled, jax, jnp
+from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, steadied
@@ -192,8 +192,6 @@ def _bordered(
 
 
 # ---- matrices that are factored on the host --------------------------------------------------------------------------
-
-Floats = NDArray[np.float64]
 
 
 def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, *, is_skew: bool, trend: str) -> Solved:

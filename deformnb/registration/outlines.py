@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
-
-Floats = NDArray[np.float64]
 
 # An outline around less than this share of the picture is a speck.
 _SPECK = 1e-3

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
+from deformnb._typing import Floats
 from deformnb.rbf.cuts import Choice, Decoupled, is_doubtful
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.volume import Grid
-from deformnb.warping.node_walk import Floats, Walk, depth_in, lagrange, reach_of
+from deformnb.warping.node_walk import Walk, depth_in, lagrange, reach_of
 
 # Cells that a compiled loop takes at a time, and the most of them in one call.
 _GROUP, _GROUPS = 32, 64

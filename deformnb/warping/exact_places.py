@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax, pytree
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Choice, Decoupled
 from deformnb.rbf.evaluation import RadialSum, checked_parts, outer_sum, stacked
@@ -27,8 +28,6 @@ from deformnb.rbf.slits import TipBlend, blended
 from deformnb.rbf.stages import Staged
 from deformnb.volume.volume import Grid
 from deformnb.warping.planning import NOT_FINITE
-
-Floats = NDArray[np.float64]
 
 Components = Sequence[Any]
 

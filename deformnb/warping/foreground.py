@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
+from deformnb._typing import Floats
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume
 
-Array = NDArray[np.float64]
-
-IsTissue = Callable[[Array], NDArray[np.bool_]]
+IsTissue = Callable[[Floats], NDArray[np.bool_]]
 """Test of tissue at points (n, dim) of the input, such as of :func:`tissue_test`."""
 
 # Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
@@ -79,9 +78,9 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
     return is_tissue
 
 
-def leaving_voxels(box: Grid) -> Array:
+def leaving_voxels(box: Grid) -> Floats:
     """Voxels along x, y, z beyond the sides of a box, from which on foreground counts as outside."""
-    most: Array = 1.0 + _LEAVES * np.array(box.shape[::-1])
+    most: Floats = 1.0 + _LEAVES * np.array(box.shape[::-1])
     return most
 
 

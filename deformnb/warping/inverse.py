@@ -15,15 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import unchanging_axes
 from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points, default_tolerance, moved, warp_points
-
-Array = NDArray[np.float64]
 
 # A thousandth of the smallest step of the lattice: far less than what linear interpolation between nodes errs by.
 _NODE_TOLERANCE = 1e-3
@@ -206,7 +204,7 @@ def _inverted(
     )
 
 
-def _nodes(lattice: Grid | Raster) -> Iterator[tuple[slice, Array]]:
+def _nodes(lattice: Grid | Raster) -> Iterator[tuple[slice, Floats]]:
     """The nodes (n, dim) of a lattice, block by block in the order of its array."""
     count = int(np.prod(lattice.shape))
     for first in range(0, count, POINTS_AT_A_TIME):

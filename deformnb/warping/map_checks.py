@@ -14,6 +14,7 @@ from dataclasses import is_dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Floats
 from deformnb.checks import warn
 from deformnb.rbf.extrusion import Extrusion, unchanging_axes
 from deformnb.rbf.fields import AbstractField
@@ -22,8 +23,6 @@ from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume, empty_note, label_note
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
-
-Array = NDArray[np.float64]
 
 # Nodes along the longest side of a box at which every determinant is computed; between them candidates of the fits and
 # a search around the smallest one find what is narrower.
@@ -134,12 +133,12 @@ def fold_note(volume: Volume | None, field: AbstractField, box: Grid) -> str:
     )
 
 
-def everywhere(places: Array) -> NDArray[np.bool_]:
+def everywhere(places: Floats) -> NDArray[np.bool_]:
     """A test for tissue that finds it at all places (n, dim)."""
     return np.ones(len(places), np.bool_)
 
 
-def _lowest(field: AbstractField, box: Grid) -> tuple[Array, Array]:
+def _lowest(field: AbstractField, box: Grid) -> tuple[Floats, Floats]:
     """The places (n, 3) in folds and their determinants (n,), the smallest first."""
     places = np.concatenate([_nodes(field, box), _candidates(field, box)])
     values = _determinants(field, places)
@@ -150,12 +149,12 @@ def _lowest(field: AbstractField, box: Grid) -> tuple[Array, Array]:
     return places[order], values[order]
 
 
-def _determinants(field: AbstractField, places: Array) -> Array:
-    values: Array = np.linalg.det(np.eye(3) + field.jacobian(places))
+def _determinants(field: AbstractField, places: Floats) -> Floats:
+    values: Floats = np.linalg.det(np.eye(3) + field.jacobian(places))
     return np.where(np.isfinite(values), values, 1.0)
 
 
-def _nodes(field: AbstractField, box: Grid) -> Array:
+def _nodes(field: AbstractField, box: Grid) -> Floats:
     """Nodes of a lattice that covers the box; one slice stands for all along an axis on which nothing changes."""
     counts = np.array(box.shape[::-1])
     lengths = np.asarray(box.spacing) * counts
@@ -170,7 +169,7 @@ def _nodes(field: AbstractField, box: Grid) -> Array:
     return box.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
-def _candidates(field: AbstractField, box: Grid) -> Array:
+def _candidates(field: AbstractField, box: Grid) -> Floats:
     """Places in the box at and between the control points of a map, where it is steepest."""
     found = [np.zeros((0, 3))]
     for plane, depths, fit in _fits(field, None, np.zeros(1)):
@@ -186,7 +185,7 @@ def _candidates(field: AbstractField, box: Grid) -> Array:
     return places[:: max(1, -(-len(places) // _CANDIDATES))]
 
 
-def _fits(field: object, plane: Plane | None, depths: Array) -> Iterator[tuple[Plane | None, Array, RBFInterpolant]]:
+def _fits(field: object, plane: Plane | None, depths: Floats) -> Iterator[tuple[Plane | None, Floats, RBFInterpolant]]:
     """The fits within a field, each with the plane on which it lies and the depths at which it counts most.
 
     Fits forward are left out: they are steep at places of the input.
@@ -207,7 +206,7 @@ def _fits(field: object, plane: Plane | None, depths: Array) -> Iterator[tuple[P
                     yield from _fits(part, getattr(field, "plane", None) or plane, depths)
 
 
-def _follow(field: AbstractField, box: Grid, places: Array, values: Array) -> tuple[Array, Array]:
+def _follow(field: AbstractField, box: Grid, places: Floats, values: Floats) -> tuple[Floats, Floats]:
     """Add places around the smallest determinant, on ever finer lattices."""
     axes, last = box.matrix.T, np.array(box.shape[::-1]) - 1
     gap = (last / (_NODES - 1)).max()
@@ -242,7 +241,7 @@ def cut_off_note(volume: Volume, field: AbstractField, box: Grid) -> str:
     return cut_off_text(tuple(sides))
 
 
-def _shells(box: Grid) -> Iterator[Array]:
+def _shells(box: Grid) -> Iterator[Floats]:
     """Places beyond each side of a box, in the order of :func:`side_names`."""
     counts, beyond = np.array(box.shape[::-1]), leaving_voxels(box)
     for axis in range(3):
@@ -252,17 +251,17 @@ def _shells(box: Grid) -> Iterator[Array]:
             yield box.index_to_point(np.insert(flat, axis, at, axis=1))
 
 
-def _index(grid: Grid, places: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+def _index(grid: Grid, places: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The voxels (n, 3) that are nearest to places, and whether these lie in the grid."""
     index = np.rint(np.clip(grid.point_to_index(places), -1e9, 1e9)).astype(np.int64)
     return index, np.asarray(((index >= 0) & (index < np.array(grid.shape[::-1]))).all(axis=1))
 
 
-def _outside(grid: Grid, places: Array) -> bool:
+def _outside(grid: Grid, places: Floats) -> bool:
     return not _index(grid, places)[1].any()
 
 
-def _shows_tissue(volume: Volume, field: AbstractField, places: Array) -> bool:
+def _shows_tissue(volume: Volume, field: AbstractField, places: Floats) -> bool:
     index, inside = _index(volume.grid, places + field.displacement(places))
     if not inside.any():
         return False

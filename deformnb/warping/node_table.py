@@ -26,7 +26,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress
+from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.sampling import on_device
@@ -34,17 +34,7 @@ from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
 from deformnb.warping.exact_places import ExactPlaces
-from deformnb.warping.node_walk import (
-    BENT,
-    JUMPS,
-    NARROWEST,
-    NEAR_CUT,
-    STEEPEST,
-    Floats,
-    Walk,
-    lagrange,
-    smoothness_of,
-)
+from deformnb.warping.node_walk import BENT, JUMPS, NARROWEST, NEAR_CUT, STEEPEST, Walk, lagrange, smoothness_of
 
 ERROR = SHARES["nodes"]
 """Largest error of an interpolated displacement, in the smallest side of a voxel. Where neighbouring voxels differ by
@@ -276,7 +266,7 @@ def _filled(count: int, start: int) -> NDArray[np.intp]:
     return np.minimum(np.arange(start, start + (_FEW if count - start <= _FEW else _TOGETHER)), count - 1)
 
 
-Box = tuple[Any, NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]
+RegionBox = tuple[Any, NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]
 """The way through the displacements of all regions, these at nodes (z, y, x, 3 tables), the first cell, and the cells
 (z, y, x) that are not interpolated."""
 
@@ -352,7 +342,7 @@ class _Lattice:
         """Indices (n, 3) of the cells among these where the displacements of all regions are interpolated."""
         return _indices(self._cuts[cells] & ~self._bends(cells, self.spacing), cells)
 
-    def box_around(self, cells: NDArray[np.intp]) -> Box | None:
+    def box_around(self, cells: NDArray[np.intp]) -> RegionBox | None:
         """The displacements of all regions at the nodes of the smallest box around cells; None if they are many."""
         first = cells.min(axis=0)
         shape = tuple(np.ptp(cells, axis=0) + 2 + 2 * _HALO)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, jnp
+from deformnb._typing import Floats
 from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled, Sides
 from deformnb.rbf.extrusion import Extrusion
@@ -26,8 +27,6 @@ from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
 from deformnb.rbf.slits import TipBlend, blended
 from deformnb.rbf.stages import Staged
-
-Floats = NDArray[np.float64]
 
 NEAR_CUT, BENT = 1, 2
 """Marks of nodes: a cell around the node may hold the border of a cut; or something else that is not smooth."""

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
 from deformnb._jax import determinant, one_plus
+from deformnb._typing import Floats
 from deformnb.checks import check_fields, real_array, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
@@ -29,8 +30,6 @@ from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.units import checked_unit, ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
-
-Array = NDArray[np.float64]
 
 POINTS_AT_A_TIME = 2**14
 """Points of one block: few enough that only some shapes are ever compiled, and enough to be quick."""
@@ -57,7 +56,7 @@ def warp_points(
     *,
     tolerance: float | None = None,
     max_iterations: int = 50,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Map points of the input forward to the result: y with ``y + D(y) = x``, the inverse of the backward map.
 
     Damped Newton with the field's own derivative, from ``x - D(x)`` and, for what that does not reach, from x itself
@@ -116,7 +115,9 @@ def unit_factor(points: object, field: AbstractField, grid: Grid | VolumeLike | 
     return ratio(points.unit, there) if isinstance(points, Landmarks | ControlPoints) else 1.0
 
 
-def checked_points(points: ArrayLike | Landmarks, field: AbstractField, grid: Grid | VolumeLike | None = None) -> Array:
+def checked_points(
+    points: ArrayLike | Landmarks, field: AbstractField, grid: Grid | VolumeLike | None = None
+) -> Floats:
     """A copy of points (..., dim) as float64, of landmarks in the unit of the field or of the volume that it deforms.
 
     Raises
@@ -143,7 +144,7 @@ def checked_points(points: ArrayLike | Landmarks, field: AbstractField, grid: Gr
     return x * unit_factor(points, field, grid)
 
 
-def default_tolerance(x: Array, field: AbstractField) -> float:
+def default_tolerance(x: Floats, field: AbstractField) -> float:
     """1e-6 of the extent of points (N, dim), and of how far they go; never less than rounding."""
     d = [np.abs(field.displacement(x[k : k + POINTS_AT_A_TIME])) for k in range(0, len(x), POINTS_AT_A_TIME)]
     far = float(max(np.where(np.isfinite(part), part, 0.0).max() for part in d))
@@ -151,14 +152,14 @@ def default_tolerance(x: Array, field: AbstractField) -> float:
 
 
 def moved(
-    x: Array,
+    x: Floats,
     field: AbstractField,
     tolerance: float,
     max_iterations: int = 50,
     *,
-    start: Array | None = None,
+    start: Floats | None = None,
     thorough: bool = True,
-) -> tuple[Array, NDArray[np.bool_]]:
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Result of :func:`warp_points`, for a block of points (N, dim), at least one.
 
     Parameters
@@ -190,7 +191,7 @@ def moved(
     return y, found & ~_turned_over(y, found, x, field)
 
 
-def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, tolerance: float) -> None:
+def _bring_to_targets(y: Floats, error: Floats, x: Floats, field: AbstractField, tolerance: float) -> None:
     """Put points x (N, dim) that are where a map without steps takes a control point's target from at that target.
 
     Where the map folds there are several places that it takes to one source, and a landmark's own is its target.
@@ -212,7 +213,7 @@ def _bring_to_targets(y: Array, error: Array, x: Array, field: AbstractField, to
     y[at], error[at] = places[nearest[at]], gap[at]
 
 
-def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractField) -> NDArray[np.bool_]:
+def _turned_over(y: Floats, found: NDArray[np.bool_], x: Floats, field: AbstractField) -> NDArray[np.bool_]:
     """Mask of the places y found for points x (N, dim) where the map is inverted, as its middle sheet is in a fold.
 
     Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
@@ -226,11 +227,13 @@ def _turned_over(y: Array, found: NDArray[np.bool_], x: Array, field: AbstractFi
     return is_over
 
 
-def _determinants(places: Array, field: AbstractField) -> Array:
+def _determinants(places: Floats, field: AbstractField) -> Floats:
     return np.asarray(determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1))))
 
 
-def _beside_cuts(x: Array, field: Decoupled, tolerance: float, max_iterations: int) -> tuple[Array, NDArray[np.bool_]]:
+def _beside_cuts(
+    x: Floats, field: Decoupled, tolerance: float, max_iterations: int
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
@@ -251,8 +254,8 @@ def _is_exact(field: Extrusion) -> bool:
 
 
 def _in_the_plane(
-    x: Array, field: Extrusion, tolerance: float, max_iterations: int, start: Array | None
-) -> tuple[Array, Array]:
+    x: Floats, field: Extrusion, tolerance: float, max_iterations: int, start: Floats | None
+) -> tuple[Floats, Floats]:
     """Nothing leaves its depth: two unknowns instead of three, and weights that are known from the start."""
     plane = field.plane
     abc = plane.to_plane(x)
@@ -272,13 +275,13 @@ def _in_the_plane(
     return x + (y - ab) @ plane.frame[:2], error
 
 
-def _sum(parts: Any) -> Array:
+def _sum(parts: Any) -> Floats:
     return np.asarray(sum(parts))
 
 
 def _from_seeds(
-    x: Array, y: Array, error: Array, field: AbstractField, tolerance: float, max_iterations: int
-) -> tuple[Array, Array]:
+    x: Floats, y: Floats, error: Floats, field: AbstractField, tolerance: float, max_iterations: int
+) -> tuple[Floats, Floats]:
     """The same for points that the usual starts do not reach: from the nodes of a lattice that are brought nearest."""
     d = field.displacement(x)
     reach = float(np.abs(np.where(np.isfinite(d), d, 0.0)).max()) + 0.1 * float(np.ptp(x, axis=0).max()) + tolerance

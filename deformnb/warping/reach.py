@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf import kernels
 from deformnb.rbf.bspline import BSplineField
@@ -33,8 +34,7 @@ from deformnb.rbf.slits import TipBlend
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import Grid
 
-Array = NDArray[np.float64]
-Bounds = tuple[Array, Array]
+Bounds = tuple[Floats, Floats]
 """Lowest and highest of each component."""
 
 # Nodes along each axis of the lattice on which a fit is evaluated: more until the margin is below a voxel.
@@ -53,33 +53,33 @@ _WHOLE = 1e-7
 _STEEPEST = 2.0
 
 
-def _c0(a: Array, b: Array) -> tuple[Array, Array]:
+def _c0(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     slope = 2 * np.maximum(1 - a, 0)
     return slope, np.where(a < 1, np.maximum(slope / np.maximum(a, 1e-300), 2.0), 0.0)
 
 
-def _c2(a: Array, b: Array) -> tuple[Array, Array]:
+def _c2(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     top = np.clip(0.25, np.minimum(a, 1), np.minimum(b, 1))
     bend = np.maximum(1, np.maximum(np.abs(1 - 4 * a), np.abs(1 - 4 * np.minimum(b, 1))))
     return 20 * top * (1 - top) ** 3, 20 * np.maximum(1 - a, 0) ** 2 * bend
 
 
-def _c4(a: Array, b: Array) -> tuple[Array, Array]:
+def _c4(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     inner, outer = np.maximum(1 - a, 0), np.minimum(b, 1)
     slope = 56 / 3 * outer * (1 + 5 * outer) * inner**5
     return slope, 56 / 3 * inner**4 * np.maximum(1.8, 35 * outer**2 - 4 * outer - 1)
 
 
-def _gaussian(a: Array, b: Array) -> tuple[Array, Array]:
+def _gaussian(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     largest = np.exp(-4.5 * a**2)
     return 9 * b * largest, largest * np.maximum(9, 81 * b**2 - 9)
 
 
-def _multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
+def _multiquadric(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return 16 * b / np.sqrt(1 + 16 * b**2), 16 / np.sqrt(1 + 16 * a**2)
 
 
-def _inverse_multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
+def _inverse_multiquadric(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     # With u = 16 rho^2: |phi'| = 4 sqrt(u) (1 + u)^-1.5, largest at u = 1/2; |phi' / rho| = 16 (1 + u)^-1.5;
     # |phi''| = 16 |2 u - 1| (1 + u)^-2.5, which is below the one before for u < 2.
     u, v = 16 * a**2, 16 * b**2
@@ -87,7 +87,7 @@ def _inverse_multiquadric(a: Array, b: Array) -> tuple[Array, Array]:
     return 4 * np.sqrt(top) * (1 + top) ** -1.5, 16 * (1 + u) ** -1.5 * np.maximum(1, (2 * v - 1) / (1 + v))
 
 
-def _inverse_quadratic(a: Array, b: Array) -> tuple[Array, Array]:
+def _inverse_quadratic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     # Likewise |phi'| = 8 sqrt(u) (1 + u)^-2, largest at u = 1/3; |phi' / rho| = 32 (1 + u)^-2 and
     # |phi''| = 32 |3 u - 1| (1 + u)^-3.
     u, v = 16 * a**2, 16 * b**2
@@ -95,26 +95,26 @@ def _inverse_quadratic(a: Array, b: Array) -> tuple[Array, Array]:
     return 8 * np.sqrt(top) * (1 + top) ** -2.0, 32 * (1 + u) ** -2.0 * np.maximum(1, (3 * v - 1) / (1 + v))
 
 
-def _quintic(a: Array, b: Array) -> tuple[Array, Array]:
+def _quintic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return 5 * b**4, 20 * b**3
 
 
-def _linear(a: Array, b: Array) -> tuple[Array, Array]:
+def _linear(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return np.ones_like(a), 1 / np.maximum(a, 1e-300)
 
 
-def _thin_plate(a: Array, b: Array) -> tuple[Array, Array]:
+def _thin_plate(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     ends = [np.log(np.maximum(r, 1e-300)) for r in (a, b)]
     slope = [np.abs(r * (2 * log + 1)) for r, log in zip((a, b), ends, strict=True)]
     bend = [np.maximum(np.abs(2 * log + 1), np.abs(2 * log + 3)) for log in ends]
     return np.maximum(np.maximum(*slope), 2 * np.exp(-1.5)), np.maximum(*bend)
 
 
-def _cubic(a: Array, b: Array) -> tuple[Array, Array]:
+def _cubic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     return 3 * b**2, 6 * b
 
 
-CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Array, Array], tuple[Array, Array]]] = {
+CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Floats, Floats], tuple[Floats, Floats]]] = {
     kernels.WendlandC0: _c0,
     kernels.WendlandC2: _c2,
     kernels.WendlandC4: _c4,
@@ -158,7 +158,7 @@ class DisplacementBounds:
         self._field, self._resolution = field, resolution
         self._kept: dict[Any, Bounds] = {}
 
-    def over(self, low: Array, high: Array) -> Bounds:
+    def over(self, low: Floats, high: Floats) -> Bounds:
         """Lowest and highest displacement (dim,) over the box from ``low`` to ``high`` (dim,).
 
         Raises
@@ -168,13 +168,13 @@ class DisplacementBounds:
         """
         return self._of(self._field, low, high)
 
-    def _of(self, field: AbstractField, low: Array, high: Array) -> Bounds:
+    def _of(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
         key = (id(field), low.tobytes(), high.tobytes())
         if key not in self._kept:
             self._kept[key] = self._found(field, low, high)
         return self._kept[key]
 
-    def _found(self, field: AbstractField, low: Array, high: Array) -> Bounds:
+    def _found(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
         if len(field.steps) > 1:
             return self._one_after_another(field.steps, low, high)
         match field:
@@ -202,14 +202,14 @@ class DisplacementBounds:
             case _:
                 raise UnknownBounds
 
-    def _one_after_another(self, steps: tuple[AbstractField, ...], low: Array, high: Array) -> Bounds:
+    def _one_after_another(self, steps: tuple[AbstractField, ...], low: Floats, high: Floats) -> Bounds:
         total = np.zeros_like(low), np.zeros_like(high)
         for step in reversed(steps):  # the place in the result is looked up in the last one first
             d = self._of(step, low + total[0], high + total[1])
             total = total[0] + d[0], total[1] + d[1]
         return total
 
-    def _of_fit(self, fit: RBFInterpolant, low: Array, high: Array) -> Bounds:
+    def _of_fit(self, fit: RBFInterpolant, low: Floats, high: Floats) -> Bounds:
         n, support = int(fit.count), float(fit.support)
         bound = CURVATURES.get(fit.kernel)
         if bound is None:
@@ -235,7 +235,7 @@ class DisplacementBounds:
         values = fit.displacement(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)).reshape(-1, fit.dim)
         return values.min(axis=0) - margin, values.max(axis=0) + margin
 
-    def _beside_parts(self, field: RigidInterpolant, low: Array, high: Array) -> Bounds:
+    def _beside_parts(self, field: RigidInterpolant, low: Floats, high: Floats) -> Bounds:
         """``L(x) - x + w(x) g(x)``: L is a mean of the motions of the parts, w a product of weights."""
         middle, reach = (low + high) / 2, _STEEPEST * float(np.linalg.norm(high - low)) / 2
         drifts, lowest, highest = [], 1.0, 1.0
@@ -250,7 +250,7 @@ class DisplacementBounds:
         g = _product((np.full(field.dim, lowest), np.full(field.dim, highest)), self._of(field.base, low, high))
         return drift[0] + g[0], drift[1] + g[1]
 
-    def _extruded(self, field: Extrusion, low: Array, high: Array) -> Bounds:
+    def _extruded(self, field: Extrusion, low: Floats, high: Floats) -> Bounds:
         frame = field.plane.frame
         middle, half = field.plane.to_plane((low + high) / 2), np.abs(frame) @ (high - low) / 2
         first, last = middle - half, middle + half
@@ -265,7 +265,7 @@ class DisplacementBounds:
         return _turned(frame[:2].T, total)
 
 
-def _affine(matrix: Array, offset: Array, low: Array, high: Array) -> Bounds:
+def _affine(matrix: Floats, offset: Floats, low: Floats, high: Floats) -> Bounds:
     middle, half = matrix @ (low + high) / 2 + offset, np.abs(matrix) @ (high - low) / 2
     return middle - half, middle + half
 
@@ -284,7 +284,7 @@ def _product(a: Bounds, b: Bounds) -> Bounds:
     return every.min(axis=0), every.max(axis=0)
 
 
-def _of_samples(field: DisplacementField, low: Array, high: Array) -> Bounds:
+def _of_samples(field: DisplacementField, low: Floats, high: Floats) -> Bounds:
     """Interpolated values lie between the samples around them."""
     grid = field.lattice
     if isinstance(grid, Grid):
@@ -299,7 +299,7 @@ def _of_samples(field: DisplacementField, low: Array, high: Array) -> Bounds:
     return values.min(axis=axes), values.max(axis=axes)
 
 
-def _of_spline(field: BSplineField, low: Array, high: Array) -> Bounds:
+def _of_spline(field: BSplineField, low: Floats, high: Floats) -> Bounds:
     """A displacement is a mean of the coefficients around it, for the splines add up to 1; outside it is zero."""
     inverse = np.linalg.inv(np.asarray(field.axes))
     first, last = _turned(inverse, (low - field.origin, high - field.origin))

@@ -20,7 +20,7 @@ from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
 from deformnb.warping.planning import run_parts
 
-Array = NDArray[Any]
+AnyArray = NDArray[Any]
 
 _PAIRS = 1 << 19  # voxels and triangles compared at once: their arrays stay in the processor's cache
 _LONGEST = 6.0  # edges of more voxels are halved, else the box around a slanted triangle is mostly empty
@@ -28,7 +28,7 @@ _ELSEWHERE = "no face of the mesh passes through the grid; choose a grid that co
 _ASIDE = np.array([1.1e-6, 2.3e-6])  # rays pass beside corners that lie exactly on the lattice, as isosurfaces' do
 
 
-def distances(corners: Array, faces: Array, grid: Grid, *, oriented: bool, progress: Progress | None) -> Array:
+def distances(corners: AnyArray, faces: AnyArray, grid: Grid, *, oriented: bool, progress: Progress | None) -> AnyArray:
     """Signed distances [z, y, x], float32, negative inside.
 
     Parameters
@@ -62,7 +62,7 @@ class _Lattice:
 
     grid: Grid
 
-    def centres(self, flat: Array) -> Array:
+    def centres(self, flat: AnyArray) -> AnyArray:
         k, j, i = np.unravel_index(flat, self.grid.shape)
         return np.stack([i, j, k], axis=1) * np.asarray(self.grid.spacing)
 
@@ -70,7 +70,7 @@ class _Lattice:
 _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
-def _near(triangles: Array, grid: Grid, progress: Progress | None) -> tuple[Array, Array]:
+def _near(triangles: AnyArray, grid: Grid, progress: Progress | None) -> tuple[AnyArray, AnyArray]:
     """Corners of small triangles (M, 3, 3) as lengths; per voxel the squared distance and number of the nearest.
 
     Both are one number, the bits of a float32 before those of the triangle's: positive floats are ordered like their
@@ -107,7 +107,7 @@ def _near(triangles: Array, grid: Grid, progress: Progress | None) -> tuple[Arra
     return small, keys
 
 
-def _chunks(counts: Array) -> Iterator[slice]:
+def _chunks(counts: AnyArray) -> Iterator[slice]:
     """Runs of rows of about :data:`_PAIRS` pairs together."""
     group = np.cumsum(counts) // _PAIRS
     ends = np.append(np.flatnonzero(np.diff(group)) + 1, len(counts))
@@ -118,7 +118,7 @@ def _chunks(counts: Array) -> Iterator[slice]:
         start = int(end)
 
 
-def _boxes(size: Array) -> tuple[Array, Array]:
+def _boxes(size: AnyArray) -> tuple[AnyArray, AnyArray]:
     """For boxes (n, axes): the number of the box of each of their lattice points, and its place in the box."""
     counts = size.prod(axis=1)
     number = np.repeat(np.arange(len(size)), counts)
@@ -129,7 +129,7 @@ def _boxes(size: Array) -> tuple[Array, Array]:
     return number, place
 
 
-def _subdivided(triangles: Array, longest: float) -> Array:
+def _subdivided(triangles: AnyArray, longest: float) -> AnyArray:
     """The same surface in triangles whose edges are no longer; the longest edge of a triangle is halved each time."""
     done = []
     while len(triangles):
@@ -147,7 +147,7 @@ def _subdivided(triangles: Array, longest: float) -> Array:
 class _Edges:
     """Triangle data that distances need again and again; places are relative to an origin of each triangle."""
 
-    def __init__(self, triangles: Array) -> None:
+    def __init__(self, triangles: AnyArray) -> None:
         a, b, c = (triangles[:, k] for k in range(3))
         self.start = triangles.astype(np.float32)
         self.edge = np.stack([b - a, c - b, a - c], axis=1)
@@ -160,7 +160,7 @@ class _Edges:
         self.side = np.cross(self.edge, self.normal[:, None]).astype(np.float32)  # outwards, in the triangle's plane
         self.edge = self.edge.astype(np.float32)
 
-    def squared(self, number: Array, places: Array) -> Array:
+    def squared(self, number: AnyArray, places: AnyArray) -> AnyArray:
         """Squared distances of places (n, 3) to the triangles of these numbers."""
         beside = np.zeros(len(number), dtype=bool)
         nearest = np.full(len(number), np.inf, dtype=np.float32)
@@ -174,11 +174,11 @@ class _Edges:
         return np.where(beside | self.flat[number], nearest, height * height)
 
 
-def _dot(a: Array, b: Array) -> Array:
+def _dot(a: AnyArray, b: AnyArray) -> AnyArray:
     return np.einsum("nk,nk->n", a, b)
 
 
-def _offsets(places: Array, triangles: Array, number: Array) -> Array:
+def _offsets(places: AnyArray, triangles: AnyArray, number: AnyArray) -> AnyArray:
     """Vectors (n, 3) from the nearest point of the triangle of each number to its place, in float64."""
     out, best = np.empty_like(places), np.full(len(places), np.inf)
     beside = np.zeros(len(places), dtype=bool)
@@ -200,7 +200,7 @@ def _offsets(places: Array, triangles: Array, number: Array) -> Array:
     return out
 
 
-def _spread(near: Array, closest: Array, grid: Grid, progress: Progress | None) -> Array:
+def _spread(near: AnyArray, closest: AnyArray, grid: Grid, progress: Progress | None) -> AnyArray:
     """Distances of all voxels to the point of the surface that is closest to the nearest voxel beside the surface."""
     away = np.ones(grid.shape, dtype=bool)
     away.reshape(-1)[near] = False
@@ -224,7 +224,7 @@ def _spread(near: Array, closest: Array, grid: Grid, progress: Progress | None) 
     return out
 
 
-def _inside(corners: Array, faces: Array, shape: tuple[int, int, int], oriented: bool) -> Array:
+def _inside(corners: AnyArray, faces: AnyArray, shape: tuple[int, int, int], oriented: bool) -> AnyArray:
     """Voxels [z, y, x] inside a closed surface: how often, and in which direction, a ray along x has entered it.
 
     Faces that are oriented count by direction, so that bodies may overlap; others in turn, in and out.
@@ -239,7 +239,7 @@ def _inside(corners: Array, faces: Array, shape: tuple[int, int, int], oriented:
     return turns != 0 if oriented else turns % 2 == 1
 
 
-def _crossings(corners: Array, faces: Array, rows: tuple[int, int]) -> tuple[Array, Array, Array]:
+def _crossings(corners: AnyArray, faces: AnyArray, rows: tuple[int, int]) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Intersections of rays along x with faces: place on the ray, +1 or -1 by the side, number of the ray.
 
     On which side of an edge a ray passes is decided from the edge's ends alone, in an order of their own. So both faces
@@ -262,7 +262,9 @@ def _crossings(corners: Array, faces: Array, rows: tuple[int, int]) -> tuple[Arr
     return begin, sign, row
 
 
-def _hits(corners: Array, faces: Array, lattice: Array, ray: Array, width: int) -> tuple[Array, Array, Array]:
+def _hits(
+    corners: AnyArray, faces: AnyArray, lattice: AnyArray, ray: AnyArray, width: int
+) -> tuple[AnyArray, AnyArray, AnyArray]:
     left, weights = [], []
     for k in range(3):
         a, b = faces[:, k], faces[:, (k + 1) % 3]

@@ -16,12 +16,10 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64
+from deformnb._typing import Floats
 from deformnb.rbf.kernels import BUILT_IN, NEAREST, AbstractKernel, kernel_named
-
-Floats = NDArray[np.float64]
 
 _DEGREE = 15
 _LOWEST, _HIGHEST = round(2 * np.log2(NEAREST)), 40  # exponents of 2 of s

@@ -10,20 +10,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
-from deformnb.datasets.phantoms.shapes import (
-    Array,
-    Blend,
-    Block,
-    Both,
-    Ellipsoid,
-    Loft,
-    Shell,
-    Solid,
-    Triple,
-    Tube,
-    path,
-)
+from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Float32s, Loft, Shell, Solid, Tube, path
 
 LABELS = {
     3: "liver",
@@ -104,7 +93,7 @@ def _cavity() -> Loft:
     )
 
 
-def _liver_texture(x: Array, y: Array, z: Array) -> Array:
+def _liver_texture(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Slightly mottled parenchyma."""
     mottle = np.sin(0.22 * x + np.sin(0.15 * z)) * np.sin(0.2 * y + 0.1 * z)
     return np.asarray(np.float32(116) + np.float32(2.5) * mottle)
@@ -213,7 +202,7 @@ def _bowel() -> list[Part]:
     ]
 
 
-def _contents(x: Array, y: Array, z: Array) -> Array:
+def _contents(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Faeces: coarse and speckled with gas."""
     return np.asarray(np.float32(84) + np.float32(16) * np.sin(0.9 * x) * np.sin(0.8 * y + 0.4 * x) * np.sin(0.85 * z))
 
@@ -301,7 +290,7 @@ def _vessels() -> list[Part]:
         _smooth((150, 138, 345), (158, 140, 250), (162, 138, 170), (166, 140, 112)),
         (13.0, 12.5, 12.0, 11.5, 11.0, 11.0, 10.5, 10.5, 10.0),
     )
-    lines: list[tuple[tuple[Triple, ...], float, float]] = [
+    lines: list[tuple[tuple[Float3, ...], float, float]] = [
         (_smooth((190, 136, 236), (190, 112, 226), (186, 96, 180), (180, 92, 120)), 4.2, 168.0),
         # superior mesenteric artery
         (_smooth((190, 136, 250), (200, 120, 252), (236, 130, 252), (268, 150, 268)), 3.4, 168.0),  # splenic artery
@@ -460,9 +449,9 @@ def _ribs() -> list[Part]:
     return parts
 
 
-def _smooth(*points: Triple) -> tuple[Triple, ...]:
+def _smooth(*points: Float3) -> tuple[Float3, ...]:
     return _points(path(points, 9))
 
 
-def _points(array: NDArray[np.float64]) -> tuple[Triple, ...]:
+def _points(array: NDArray[np.float64]) -> tuple[Float3, ...]:
     return tuple((float(p[0]), float(p[1]), float(p[2])) for p in array)

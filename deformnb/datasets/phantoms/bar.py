@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
-from deformnb.datasets.phantoms.shapes import Array, Block, Tube
+from deformnb.datasets.phantoms.shapes import Block, Float32s, Tube
 
 LOW, HIGH = (28.0, 44.0, 76.0), (228.0, 84.0, 116.0)
 CELL = 20.0
@@ -39,7 +39,7 @@ def scene() -> PhantomScene:
     return PhantomScene("bar (phantom)", (256.0, 128.0, 192.0), (96, 64, 128), parts, texture=0.0, seed=1)
 
 
-def _checks(x: Array, y: Array, z: Array) -> Array:
+def _checks(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Light and dark cubes; the sine keeps the borders anti-aliased at any voxel size."""
     wave = 1.0
     for p, start in ((x, LOW[0]), (y, LOW[1]), (z, LOW[2])):

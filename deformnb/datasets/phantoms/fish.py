@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
 from deformnb.datasets.phantoms.shapes import (
-    Array,
     Blend,
     Both,
     Ellipsoid,
+    Float32s,
     Loft,
     Sheet,
     Shell,
@@ -228,23 +228,23 @@ def scene() -> PhantomScene:
     )
 
 
-def _muscle(x: Array, y: Array, z: Array) -> Array:
+def _muscle(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Myomeres: the W-shaped leaves of fish muscle, 9 mm apart, a few grey values of contrast."""
     fold = np.abs(np.abs(z - np.float32(95)) - np.float32(28))
     return np.asarray(80 + 2.5 * np.sin(np.float32(2 * np.pi / 9) * (y + np.float32(0.6) * fold)))
 
 
-def _bone(value: float) -> Callable[[Array, Array, Array], Array]:
+def _bone(value: float) -> Callable[[Float32s, Float32s, Float32s], Float32s]:
     """Head bone: no plate has one grey, CT shows pits and ridges of a few millimetres."""
 
-    def paint(x: Array, y: Array, z: Array) -> Array:
+    def paint(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         pits = np.sin(0.31 * y + 1.7 * np.sin(0.21 * z)) * np.sin(0.27 * z + 0.2 * x) + 0.4 * np.sin(0.9 * y - 0.7 * z)
         return np.asarray(np.float32(value) * (np.float32(0.87) + np.float32(0.1) * pits))
 
     return paint
 
 
-def _gill_cover(x: Array, y: Array, z: Array) -> Array:
+def _gill_cover(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """The opercle: ridges fanning out from its hinge at the upper front corner, brightest there."""
     dy, dz = y - np.float32(421), z - np.float32(120)
     ridges = np.sin(np.float32(34) * np.arctan2(dy, dz)) + 0.5 * np.sin(np.float32(0.55) * np.hypot(dy, dz))

@@ -9,18 +9,18 @@ from functools import cache
 
 import numpy as np
 
+from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import (
-    Array,
     Blend,
     Block,
     Both,
     Ellipsoid,
+    Float32s,
     Loft,
     Sheet,
     Shell,
     Solid,
-    Triple,
     Tube,
     path,
 )
@@ -49,13 +49,13 @@ def _vault(grow: float = 0.0) -> tuple[Solid, ...]:
     )
 
 
-def _both(*points: Triple) -> list[tuple[Triple, ...]]:
+def _both(*points: Float3) -> list[tuple[Float3, ...]]:
     """A smooth line (x from the middle, y, z) and its mirror image."""
     smooth = path(points, 9)
     return [tuple((MIDDLE + side * float(x), float(y), float(z)) for x, y, z in smooth) for side in (-1.0, 1.0)]
 
 
-def _pair(center: Triple, radii: Triple) -> list[Solid]:
+def _pair(center: Float3, radii: Float3) -> list[Solid]:
     return [Ellipsoid((MIDDLE + side * center[0], center[1], center[2]), radii) for side in (-1.0, 1.0)]
 
 
@@ -90,7 +90,7 @@ def _skin() -> list[Part]:
     return [*parts, Part(Blend(tuple(flesh), 12.0), ((0.0, 98.0), (2.0, 70.0), (5.0, _flesh)))]
 
 
-def _flesh(x: Array, y: Array, z: Array) -> Array:
+def _flesh(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Muscle with fat between its bundles."""
     bundles = np.sin(0.28 * x + 0.8 * np.sin(0.13 * z)) * np.sin(0.25 * y + 0.11 * z)
     return np.asarray(np.float32(95) + np.float32(9) * bundles)
@@ -177,7 +177,7 @@ def _skull() -> list[Part]:
     ]
 
 
-def _table(x: Array, y: Array, z: Array) -> Array:
+def _table(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Compact bone of the vault: thinner and paler at the temples and between the vessels' grooves."""
     dy, dz = (y - np.float32(112)) / np.float32(34), (z - np.float32(128)) / np.float32(26)
     temple = np.exp(-np.square(dy) - np.square(dz))
@@ -185,11 +185,11 @@ def _table(x: Array, y: Array, z: Array) -> Array:
     return np.asarray(np.float32(216) - np.float32(34) * temple + np.float32(12) * groove)
 
 
-def _cells(x: Array, y: Array, z: Array) -> Array:
+def _cells(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     return np.asarray(np.float32(100) + np.float32(85) * np.sin(1.3 * x) * np.sin(1.1 * y + 0.5 * z) * np.sin(1.2 * z))
 
 
-def _cortex(x: Array, y: Array, z: Array) -> Array:
+def _cortex(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Grey matter with water in the folds: level lines of a wandering sine, not straight stripes."""
     a = 0.34 * x + 1.6 * np.sin(0.11 * y + 0.07 * z)
     b = 0.3 * z + 1.4 * np.sin(0.13 * y - 0.05 * x)
@@ -234,7 +234,7 @@ def _brain() -> list[Part]:
     return [*parts, Part(falx, ((0.0, 120.0),))]
 
 
-def _leaves(x: Array, y: Array, z: Array) -> Array:
+def _leaves(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     r = np.hypot(y - np.float32(166), z - np.float32(112))
     return np.asarray(np.float32(104) + np.float32(6) * np.sin(1.3 * r) + 0 * x)
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from functools import cache
 
+from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
-from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Triple, Tube
+from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Tube
 
 MIDDLE, GROUND = 40.0, 6.0
 
@@ -91,7 +92,7 @@ def scene() -> PhantomScene:
     return PhantomScene("horse (phantom)", (80.0, 245.0, 185.0), (124, 164, 54), tuple(parts), texture=0.03, seed=6)
 
 
-def _at(point: tuple[float, float, float]) -> Triple:
+def _at(point: tuple[float, float, float]) -> Float3:
     return (MIDDLE + point[0], float(point[1]), float(point[2]))
 
 

@@ -10,8 +10,9 @@ from functools import cache
 
 import numpy as np
 
+from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
-from deformnb.datasets.phantoms.shapes import Array, Blend, Both, Ellipsoid, Loft, Shell, Solid, Triple, Tube, path
+from deformnb.datasets.phantoms.shapes import Blend, Both, Ellipsoid, Float32s, Loft, Shell, Solid, Tube, path
 
 LABELS = {
     95: "femur",
@@ -51,7 +52,7 @@ def scene() -> PhantomScene:
     )
 
 
-def _spongy(x: Array, y: Array, z: Array) -> Array:
+def _spongy(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Trabecular bone: a fine net, denser towards the joint at z = 132."""
     near = np.exp(-np.square((z - np.float32(132)) / np.float32(45)))
     net = np.sin(1.1 * x + 0.4 * z + 0.9 * np.sin(0.5 * y)) * np.sin(0.9 * z - 0.3 * x)
@@ -59,7 +60,7 @@ def _spongy(x: Array, y: Array, z: Array) -> Array:
     return np.asarray(np.float32(112) + np.float32(30) * near + np.float32(4) * net)
 
 
-def _cortical(x: Array, y: Array, z: Array) -> Array:
+def _cortical(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Compact bone: thick and dense in the shafts, thin and paler round the joint."""
     near = np.exp(-np.square((z - np.float32(138)) / np.float32(48)))
     patches = np.sin(0.21 * x + 0.8 * np.sin(0.13 * z)) * np.sin(0.17 * z + 0.15 * y)
@@ -128,7 +129,7 @@ def _flesh() -> list[Part]:
     return [*parts, Part(vein, ((0.0, 108.0),)), Part(artery, ((0.0, 140.0),), 71)]
 
 
-def _muscle(x: Array, y: Array, z: Array) -> Array:
+def _muscle(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     """Bundles running along the leg, a few grey values apart."""
     return np.asarray(np.float32(102) + np.float32(3) * np.sin(0.9 * x + 0.03 * z) * np.sin(0.8 * y - 0.02 * z))
 
@@ -145,7 +146,7 @@ def _joint() -> list[Part]:
         turn = np.linspace(0.25 * np.pi, 1.75 * np.pi, 13) + (np.pi if middle < 65 else 0.0)
         ring = [(middle - 13 * np.cos(t), 68 + 17 * np.sin(t), 132.3) for t in turn]
         parts.append(Part(Tube(tuple(ring), (3.2,)), ((0.0, 118.0),)))
-    cords: tuple[tuple[Triple, ...], ...] = (
+    cords: tuple[tuple[Float3, ...], ...] = (
         ((72, 60, 131), (56, 80, 148)),
         ((62, 88, 128), (74, 66, 145)),
         ((31, 72, 158), (28, 84, 110)),
@@ -205,5 +206,5 @@ def _bones() -> list[Part]:
     ]
 
 
-def _line(*points: Triple) -> tuple[Triple, ...]:
+def _line(*points: Float3) -> tuple[Float3, ...]:
     return tuple((float(a), float(b), float(c)) for a, b, c in path(points, 9))

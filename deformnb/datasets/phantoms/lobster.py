@@ -11,20 +11,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
-from deformnb.datasets.phantoms.shapes import (
-    Array,
-    Blend,
-    Both,
-    Ellipsoid,
-    Loft,
-    Sheet,
-    Shell,
-    Solid,
-    Triple,
-    Tube,
-    path,
-)
+from deformnb.datasets.phantoms.shapes import Blend, Both, Ellipsoid, Float32s, Loft, Sheet, Shell, Solid, Tube, path
 
 MIDDLE = 120.0
 LENGTHS = (240.0, 330.0, 78.4)
@@ -56,7 +45,7 @@ def scene() -> PhantomScene:
 def _armour(value: float) -> Value:
     """Shell with the mottling of uneven lime."""
 
-    def paint(x: Array, y: Array, z: Array) -> Array:
+    def paint(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         spots = np.sin(0.33 * x + 1.1 * np.sin(0.19 * y)) * np.sin(0.29 * y + 0.21 * z)
         spots = spots + 0.5 * np.sin(0.8 * x - 0.7 * y + 0.5 * z)
         return np.asarray(np.float32(value) + np.float32(13) * spots)
@@ -68,7 +57,7 @@ def _crust(solid: Solid, value: float, thickness: float = 1.8) -> Part:
     return Part(solid, ((0.0, _armour(value)), (thickness, FLESH)))
 
 
-def _mirror(line: tuple[Triple, ...], side: float, count: int) -> tuple[Triple, ...]:
+def _mirror(line: tuple[Float3, ...], side: float, count: int) -> tuple[Float3, ...]:
     return tuple((MIDDLE + side * float(x), float(y), float(z)) for x, y, z in path(line, count))
 
 
@@ -191,7 +180,7 @@ def _legs() -> list[Part]:
 def _claw(side: float, size: float) -> list[Part]:
     """Four arm segments and a claw; the right one (side -1) is the larger crusher with blunt teeth."""
 
-    def at(x: float, y: float, z: float = 30.0) -> Triple:
+    def at(x: float, y: float, z: float = 30.0) -> Float3:
         return (MIDDLE + side * (57 + size * (x - 57)), 80 + min(size, 1.0) * (y - 80), z)
 
     parts = []
@@ -242,5 +231,5 @@ def _feelers() -> list[Part]:
     return parts
 
 
-def _triple(p: NDArray[np.float64]) -> Triple:
+def _triple(p: NDArray[np.float64]) -> Float3:
     return (float(p[0]), float(p[1]), float(p[2]))

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress
-from deformnb.datasets.phantoms.shapes import Array, Solid, window
+from deformnb.datasets.phantoms.shapes import Float32s, Solid, window
 from deformnb.errors import DeformError
 from deformnb.volume.volume import DTYPES, Grid, Volume
 
-Value = float | Callable[[Array, Array, Array], Array]
+Value = float | Callable[[Float32s, Float32s, Float32s], Float32s]
 
 SLAB_VOXELS = 1_500_000
 """Voxels painted at a time: about 6 MB of float32, so that temporaries stay near the processor's cache."""
@@ -125,7 +125,7 @@ def render_labels(
     return Volume(values, grid, name=f"{scene.name} labels", is_labels=True)
 
 
-def _slabs(grid: Grid) -> list[tuple[slice, Array, Array, Array]]:
+def _slabs(grid: Grid) -> list[tuple[slice, Float32s, Float32s, Float32s]]:
     nz, ny, nx = grid.shape
     # Where along its own axes a voxel lies: solids know nothing of the direction.
     x, y, z = (
@@ -137,7 +137,7 @@ def _slabs(grid: Grid) -> list[tuple[slice, Array, Array, Array]]:
     return [(cut, x[None, None, :], y[None, :, None], z[cut, None, None]) for cut in cuts]
 
 
-def _paint(scene: PhantomScene, grid: Grid, x: Array, y: Array, z: Array) -> Array:
+def _paint(scene: PhantomScene, grid: Grid, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     # An edge is as wide as a mean voxel: sharper shows stairs, wider blurs fin rays away.
     edge = float(np.prod(grid.spacing)) ** (1 / 3)
     inverse = np.float32(1 / edge)
@@ -155,7 +155,9 @@ def _paint(scene: PhantomScene, grid: Grid, x: Array, y: Array, z: Array) -> Arr
     return canvas
 
 
-def _roughen(canvas: Array, scene: PhantomScene, first: int, at: tuple[Array, Array, Array], noise: float) -> None:
+def _roughen(
+    canvas: Float32s, scene: PhantomScene, first: int, at: tuple[Float32s, Float32s, Float32s], noise: float
+) -> None:
     x, y, z = (p * np.float32(2 * np.pi / max(scene.lengths)) for p in at)
     # Three plane waves with incommensurate directions: smooth, never periodic inside the box, and cheap.
     ripple = np.sin(31 * x + 17 * y) * np.sin(23 * z - 11 * y) + np.sin(41 * y - 29 * x + 7 * z)

@@ -18,9 +18,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float32]
-Triple = tuple[float, float, float]
-Box = tuple[Triple, Triple]
+from deformnb._typing import Float3
+
+Float32s = NDArray[np.float32]
+SolidBox = tuple[Float3, Float3]
 
 FAR = np.float32(1e6)
 """Distance written where a solid was not evaluated; beyond any phantom (metres in mm)."""
@@ -30,10 +31,10 @@ class Solid(Protocol):
     """Anything with a box and a signed distance."""
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         """Lowest and highest (x, y, z) the solid reaches."""
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         """Signed distance at broadcasting coordinates."""
 
 
@@ -75,18 +76,18 @@ def path(points: ArrayLike, count: int) -> NDArray[np.float64]:
 class Ellipsoid:
     """Ellipsoid; ``axes`` are the three unit vectors (rows) of its radii, default x, y, z."""
 
-    center: Triple
-    radii: Triple
-    axes: tuple[Triple, Triple, Triple] | None = None
+    center: Float3
+    radii: Float3
+    axes: tuple[Float3, Float3, Float3] | None = None
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         r = np.asarray(self.radii)
         reach = r if self.axes is None else np.sqrt(((np.asarray(self.axes) * r[:, None]) ** 2).sum(axis=0))
         return _triple(np.asarray(self.center) - reach), _triple(np.asarray(self.center) + reach)
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
-        local: Sequence[Array] = [p - np.float32(c) for p, c in zip((x, y, z), self.center, strict=True)]
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
+        local: Sequence[Float32s] = [p - np.float32(c) for p, c in zip((x, y, z), self.center, strict=True)]
         if self.axes is not None:
             local = [_dot(axis, local) for axis in self.axes]
         inverse = [np.float32(1 / r) for r in self.radii]
@@ -101,11 +102,11 @@ class Ellipsoid:
 class Tube:
     """Round rod through ``points`` (n, 3) whose radius runs through ``radii`` (one, or n)."""
 
-    points: tuple[Triple, ...]
+    points: tuple[Float3, ...]
     radii: tuple[float, ...]
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         p, r = np.asarray(self.points), self._all_radii[:, None]
         return _triple((p - r).min(axis=0)), _triple((p + r).max(axis=0))
 
@@ -113,7 +114,7 @@ class Tube:
     def _all_radii(self) -> NDArray[np.float64]:
         return np.broadcast_to(np.asarray(self.radii, dtype=np.float64), (len(self.points),))
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         r = self._all_radii
         out = np.full(np.broadcast_shapes(x.shape, y.shape, z.shape), FAR)
         for a, b, ra, rb in zip(self.points[:-1], self.points[1:], r[:-1], r[1:], strict=True):
@@ -146,14 +147,14 @@ class Loft:
         return np.column_stack([t, smooth_curve(s[:, 0], s[:, 1:], t)])
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         f = self._fine
         low = [f[0, 0], (f[:, 1] - f[:, 3]).min(), (f[:, 2] - f[:, 4]).min()]
         high = [f[-1, 0], (f[:, 1] + f[:, 3]).max(), (f[:, 2] + f[:, 4]).max()]
         order = {"x": (0, 1, 2), "y": (1, 0, 2), "z": (1, 2, 0)}[self.axis]
         return _triple(np.array([low[i] for i in order])), _triple(np.array([high[i] for i in order]))
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         t, u, v = {"x": (x, y, z), "y": (y, x, z), "z": (z, x, y)}[self.axis]
         f = self._fine
         cu, cv, ru, rv = (np.interp(t, f[:, 0], f[:, k]).astype(np.float32) for k in (1, 2, 3, 4))
@@ -177,17 +178,17 @@ class Sheet:
 
     outline: tuple[tuple[float, float], ...]
     thickness: float
-    origin: Triple = (0.0, 0.0, 0.0)
-    u: Triple = (0.0, 1.0, 0.0)
-    v: Triple = (0.0, 0.0, 1.0)
+    origin: Float3 = (0.0, 0.0, 0.0)
+    u: Float3 = (0.0, 1.0, 0.0)
+    v: Float3 = (0.0, 0.0, 1.0)
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         o = np.asarray(self.outline, dtype=np.float64)
         p = np.asarray(self.origin) + o[:, :1] * np.asarray(self.u) + o[:, 1:] * np.asarray(self.v)
         return _triple(p.min(axis=0) - self.thickness / 2), _triple(p.max(axis=0) + self.thickness / 2)
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         local = [p - np.float32(c) for p, c in zip((x, y, z), self.origin, strict=True)]
         across = np.abs(_dot(np.cross(self.u, self.v), local)) - np.float32(self.thickness / 2)
         return np.asarray(np.maximum(across, _polygon(self.outline, _dot(self.u, local), _dot(self.v, local))))
@@ -197,15 +198,15 @@ class Sheet:
 class Block:
     """A box with faces along the axes and edges rounded by ``rounding``."""
 
-    low: Triple
-    high: Triple
+    low: Float3
+    high: Float3
     rounding: float = 0.0
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         return self.low, self.high
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         r = np.float32(self.rounding)
         q = [
             np.abs(p - np.float32((a + b) / 2)) - np.float32((b - a) / 2) + r
@@ -223,11 +224,11 @@ class Blend:
     width: float
 
     @cached_property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         lows, highs = zip(*(s.box for s in self.solids), strict=True)
         return _triple(np.min(lows, axis=0) - self.width / 4), _triple(np.max(highs, axis=0) + self.width / 4)
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         # Far from a solid the minimum does not feel it, so each is evaluated only near its own box; the field
         # is cut off at twice the width, where nothing is drawn any more.
         cap = np.float32(2 * self.width)
@@ -251,11 +252,11 @@ class Both:
     minus: tuple[Solid, ...] = ()
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         lows, highs = zip(*(s.box for s in self.solids), strict=True)
         return _triple(np.max(lows, axis=0)), _triple(np.min(highs, axis=0))
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         out = self.solids[0].distance(x, y, z)
         for solid in self.solids[1:]:
             out = np.maximum(out, solid.distance(x, y, z))
@@ -273,15 +274,15 @@ class Shell:
     depth: float = 0.0
 
     @property
-    def box(self) -> Box:
+    def box(self) -> SolidBox:
         return self.solid.box
 
-    def distance(self, x: Array, y: Array, z: Array) -> Array:
+    def distance(self, x: Float32s, y: Float32s, z: Float32s) -> Float32s:
         middle = np.float32(self.depth + self.thickness / 2)
         return np.asarray(np.abs(self.solid.distance(x, y, z) + middle) - np.float32(self.thickness / 2))
 
 
-def window(box: Box, margin: float, x: Array, y: Array, z: Array) -> tuple[slice, slice, slice] | None:
+def window(box: SolidBox, margin: float, x: Float32s, y: Float32s, z: Float32s) -> tuple[slice, slice, slice] | None:
     """Slices (z, y, x) of the coordinates within ``margin`` of a box; None if there are none."""
     slices = []
     for k, line in ((2, z), (1, y), (0, x)):
@@ -292,17 +293,17 @@ def window(box: Box, margin: float, x: Array, y: Array, z: Array) -> tuple[slice
     return slices[0], slices[1], slices[2]
 
 
-def _triple(value: NDArray[np.float64]) -> Triple:
+def _triple(value: NDArray[np.float64]) -> Float3:
     return (float(value[0]), float(value[1]), float(value[2]))
 
 
-def _dot(vector: ArrayLike, parts: Sequence[Array]) -> Array:
+def _dot(vector: ArrayLike, parts: Sequence[Float32s]) -> Float32s:
     """Sum of vector components times coordinates, leaving out zeros so that the result stays as small as it can."""
     terms = [p * np.float32(w) for p, w in zip(parts, np.asarray(vector, dtype=np.float64), strict=True) if w != 0]
     return np.asarray(sum(terms[1:], terms[0]))
 
 
-def _polygon(outline: Sequence[tuple[float, float]], a: Array, b: Array) -> Array:
+def _polygon(outline: Sequence[tuple[float, float]], a: Float32s, b: Float32s) -> Float32s:
     """Exact signed distance to a closed polygon: nearest edge, sign by crossings of a ray."""
     best = np.full(np.broadcast_shapes(a.shape, b.shape), FAR)
     inside = np.zeros(best.shape, dtype=bool)

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from deformnb._typing import Floats
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
 from deformnb.io.files.errors import fail, shown
@@ -30,7 +30,6 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid
 
-Floats: TypeAlias = NDArray[np.float64]
 Linear: TypeAlias = Callable[[int, Floats, Floats], tuple[Floats, Floats, Floats]]
 """From the dimension, the parameters and the fixed ones to the matrix M, the translation t and the centre c."""
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._typing import Image
+from deformnb._typing import Floats, Image
 from deformnb.checks import one_of
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -44,8 +44,7 @@ from deformnb.widgets.textures import FieldTextures, field_textures
 from deformnb.widgets.vtk.folds import Folding, pressed
 from deformnb.widgets.vtk.shader import VolumeWarp
 
-Vector = NDArray[np.float64]
-Box = tuple[Vector, Vector]
+IndexBox = tuple[Floats, Floats]
 """Lowest and highest index (i, j, k) of what is seen of a lattice."""
 
 
@@ -112,7 +111,7 @@ class SceneVoxels:
         corners = self.lattice.point_to_index((output or volume.grid).corners())
         self._low, self._high = corners.min(axis=0), corners.max(axis=0)  # of what can be seen
 
-    def box(self, clip: Clip) -> Box:
+    def box(self, clip: Clip) -> IndexBox:
         """Visible box of the lattice; without a field of view up to the centres of the background around."""
         shares, margin = np.asarray(clip), 0.5 if self.output is None else 0.0
         low, high = self._cut_at(shares)
@@ -121,11 +120,11 @@ class SceneVoxels:
             np.where(shares[:, 1] < 1, high, self._high + margin),
         )
 
-    def _cut_at(self, shares: Vector) -> Box:
+    def _cut_at(self, shares: Floats) -> IndexBox:
         length = self._high - self._low
         return self._low + shares[:, 0] * length, self._low + shares[:, 1] * length
 
-    def kept(self, clip: Clip) -> Box | None:
+    def kept(self, clip: Clip) -> IndexBox | None:
         """The whole indices between which voxels stay when others are emptied; None if all do."""
         if clip == WHOLE:
             return None
@@ -133,7 +132,7 @@ class SceneVoxels:
         low, high = (np.round(side) for side in self._cut_at(shares))
         return np.where(shares[:, 0] > 0, low, 0.0), np.where(shares[:, 1] < 1, np.maximum(low, high), last)
 
-    def write(self, kind: str, field: AbstractField | None, kept: Box | None) -> None:
+    def write(self, kind: str, field: AbstractField | None, kept: IndexBox | None) -> None:
         """Have other voxels in the memory that VTK has, which it sends to the GPU with the next picture.
 
         Parameters
@@ -167,7 +166,7 @@ class SceneVoxels:
             part = self.volume.grid if self.output is None else self.lattice.crop(tuple(low), tuple(high - low))
             self._values[inside] = self._warper_for(part, field)(field).values
 
-    def _empty_around(self, kept: Box) -> None:
+    def _empty_around(self, kept: IndexBox) -> None:
         for axis, (low, high) in enumerate(zip(*kept, strict=True)):
             along = np.moveaxis(self._values, 2 - axis, 0)
             along[: int(low)] = along[int(high) + 1 :] = self.volume.background
@@ -182,7 +181,7 @@ class SceneVoxels:
         return self._warper
 
 
-def clipping_planes(lattice: Grid, kept: Box | None) -> list[Any]:
+def clipping_planes(lattice: Grid, kept: IndexBox | None) -> list[Any]:
     """Planes of VTK on the sides of a box of indices: between a voxel and an emptied one lies a skin of neither."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
 from deformnb.widgets.bundle import SHADERS
@@ -227,8 +228,6 @@ REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = 
 """Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
 
 
-Vector = NDArray[np.float64]
-
 _BARE = 1.5  # voxels, beside the one that a slope reaches
 
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
@@ -368,7 +367,7 @@ class VolumeWarp:
         for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 
-    def set_box(self, low: Vector, high: Vector, lattice: Grid, is_cut: Vector | None = None) -> None:
+    def set_box(self, low: Floats, high: Floats, lattice: Grid, is_cut: Floats | None = None) -> None:
         """Set the visible box, in indices (i, j, k) of the sampled lattice, from whose edges VTK starts.
 
         Parameters
@@ -404,7 +403,7 @@ class VolumeWarp:
         self._is_lit = is_lit
         self._inject(*self._what)
 
-    def set_maps(self, maps: FieldTextures | None, lattice: Grid, first: Vector) -> None:
+    def set_maps(self, maps: FieldTextures | None, lattice: Grid, first: Floats) -> None:
         """Displace by these maps; None for no deformation.
 
         Parameters
@@ -436,7 +435,7 @@ class VolumeWarp:
             self._set_space(space, maps.buffer("space"), scale, shift)
         self._bind()
 
-    def _set_planar(self, about: dict[str, Any], given: FieldTextures, scale: Vector, shift: Vector) -> None:
+    def _set_planar(self, about: dict[str, Any], given: FieldTextures, scale: Floats, shift: Floats) -> None:
         count, rows, columns = about["shape"]
         regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
         maps = np.frombuffer(given.buffer("maps"), "<f4").reshape(count * rows, columns, 2)
@@ -459,7 +458,7 @@ class VolumeWarp:
         self._textures["dnb_weights"].load(weights[..., None])
 
     def _set_cut(
-        self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Vector, shift: Vector
+        self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Floats, shift: Floats
     ) -> None:
         count, rows, columns = about["shape"]
         if count * rows > self._textures["dnb_cuts"].largest:
@@ -472,7 +471,7 @@ class VolumeWarp:
         u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
         self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
 
-    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Vector, shift: Vector) -> None:
+    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Floats, shift: Floats) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
         values = np.zeros((*n[::-1], 4), np.float32)  # four: GPUs are slow with three
         values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
@@ -488,7 +487,7 @@ class VolumeWarp:
 
 
 def _along(
-    plane: dict[str, Any], axis: str, scale: Vector, shift: Vector, start: float, length: float, offset: float = 0.0
+    plane: dict[str, Any], axis: str, scale: Floats, shift: Floats, start: float, length: float, offset: float = 0.0
 ) -> list[float]:
     """Four numbers that turn a texture coordinate of the volume into one of a raster over a plane."""
     w = np.asarray(plane[axis])
