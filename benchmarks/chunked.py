@@ -57,7 +57,7 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
     from deformnb.io.volumes import ome_zarr
     from deformnb.volume.volume import Grid
 
-    n, block = options.size, ome_zarr.CHUNK
+    n, block = options.size, ome_zarr.CHUNK_SHAPE
     source = _make_source(folder / "source.zarr", n)
     compiling: list[float] = []
     jax.monitoring.register_event_duration_secs_listener(

@@ -26,5 +26,8 @@ Float3: TypeAlias = tuple[float, float, float]
 Spacing: TypeAlias = Sequence[float] | NDArray[Any] | float
 """Distances of neighbouring voxels (x, y, z), or one number for all axes."""
 
+VoxelSlices: TypeAlias = tuple[slice, slice, slice]
+"""A box of a volume as slices along z, y and x."""
+
 Stage: TypeAlias = Callable[[str], Progress]
 """Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""

@@ -16,7 +16,7 @@ from typing import Any
 from deformnb._deferred import jax
 from deformnb.errors import DeformError
 
-KINDS = ("auto", "cpu", "gpu")
+DEVICE_KINDS = ("auto", "cpu", "gpu")
 """Names by which a device is chosen; a number behind a colon, as in "gpu:1", chooses among several of a kind."""
 
 _VARIABLE = "DEFORMNB_DEVICE"
@@ -32,8 +32,8 @@ def use_device(name: str) -> None:
 
     Parameters
     ----------
-    name : one of :data:`KINDS`, or with a number, as "gpu:1". Warpers made before keep their voxels where they are, so
-        choose first.
+    name : one of :data:`DEVICE_KINDS`, or with a number, as "gpu:1". Warpers made before keep their voxels where they
+        are, so choose first.
 
     Raises
     ------
@@ -90,9 +90,9 @@ def _first() -> Any:
 @cache
 def _found(name: str) -> Any:
     kind, _, number = name.partition(":")
-    if kind not in KINDS or (number and (kind == "auto" or not number.isdecimal())):
+    if kind not in DEVICE_KINDS or (number and (kind == "auto" or not number.isdecimal())):
         raise DeformError(
-            f'unknown device {name!r:.40}; choose one of {", ".join(KINDS)}, or one of several as "gpu:1".'
+            f'unknown device {name!r:.40}; choose one of {", ".join(DEVICE_KINDS)}, or one of several as "gpu:1".'
         )
     if kind == "auto":
         return _first()

@@ -269,6 +269,34 @@ def test_imports_point_one_way() -> None:
     assert result.returncode == 0, result.stdout + result.stderr
 
 
+def _definitions() -> Iterator[tuple[str, str, str]]:
+    """Name, value and module of what stands at the top of modules: aliases, constants and classes."""
+    for module, (tree, *_) in _modules().items():
+        assert isinstance(tree, ast.Module)
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef):
+                yield node.name, "", module
+            elif isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+                value = ast.unparse(node.value)
+                for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                    names = [part for part in ast.walk(target) if isinstance(part, ast.Name)]
+                    yield from ((name.id, value if len(names) == 1 else "", module) for name in names)
+
+
+def test_an_alias_or_a_constant_is_defined_once() -> None:
+    """Public names of one spelling in two modules mean the same and stand in one, or get names that differ."""
+    found: dict[str, dict[str, set[str]]] = {}  # the modules by value by name
+    for name, value, module in _definitions():
+        found.setdefault(name, {}).setdefault(value, set()).add(module)
+    for name, values in found.items():
+        modules = set().union(*values.values())
+        if re.match("[A-Z]", name) and set(values) != {""}:
+            assert len(modules) == 1, f"{name} is defined in {', '.join(sorted(modules))}"
+        if re.match("_[A-Z]", name) and name != "_LOG":  # private ones may differ, each in its module
+            for value, places in values.items():
+                assert not value or "TypeVar" in value or len(places) == 1, f"{name} in {', '.join(sorted(places))}"
+
+
 # Bases with one subclass or none here that others may subclass, and why.
 EXTENSION_POINTS: dict[str, str] = {}
 

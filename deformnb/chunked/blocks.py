@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import jax
-from deformnb._typing import Progress
-from deformnb.chunked.sources import ChunkCache, LargeVolume, Part
+from deformnb._typing import Progress, VoxelSlices
+from deformnb.chunked.sources import ChunkCache, LargeVolume
 from deformnb.errors import DeformError
 from deformnb.io.files.errors import human_bytes
 from deformnb.rbf.extrusion import Extrusion
@@ -53,7 +53,7 @@ class Blocks:
     def __len__(self) -> int:
         return math.prod(self.counts)
 
-    def part(self, number: int) -> Part:
+    def part(self, number: int) -> VoxelSlices:
         """The voxels of a block."""
         at = np.unravel_index(number, self.counts)
         z, y, x = (
@@ -62,7 +62,7 @@ class Blocks:
         return z, y, x
 
 
-def shape_of(part: Part) -> Shape:
+def shape_of(part: VoxelSlices) -> Shape:
     """Voxels of a part along z, y, x."""
     z, y, x = (s.stop - s.start for s in part)
     return z, y, x
@@ -89,7 +89,7 @@ class BlockWarp:
     fill: float
     background: float
     blocks: Blocks
-    parts: tuple[Part | None, ...]
+    parts: tuple[VoxelSlices | None, ...]
     window: Shape
     cache: ChunkCache
 
@@ -108,7 +108,7 @@ class BlockWarp:
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(wanted, start, strict=True))
         return np.ascontiguousarray(warper(self.field).values[inner])
 
-    def _window(self, part: Part) -> Volume:
+    def _window(self, part: VoxelSlices) -> Volume:
         """A part of the source in an array as large as all have; it touches the source's border where that does."""
         z, y, x = (min(s.start, n - w) for s, n, w in zip(part, self.source.shape, self.window, strict=True))
         values = aligned_empty(self.window, self.source.dtype)
@@ -192,8 +192,8 @@ def planned(
 
 
 def _parts(
-    blocks: Blocks, find: Callable[[Grid], Part | None], output: Grid, progress: Progress | None
-) -> list[Part | None]:
+    blocks: Blocks, find: Callable[[Grid], VoxelSlices | None], output: Grid, progress: Progress | None
+) -> list[VoxelSlices | None]:
     found = []
     for number in range(len(blocks)):
         part = blocks.part(number)

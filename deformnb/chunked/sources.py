@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Progress, Spacing
+from deformnb._typing import Progress, Spacing, VoxelSlices
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.io.files.errors import Damage, fail, shown, unpacking
@@ -32,8 +32,6 @@ from deformnb.io.volumes.headers import volume_shape
 from deformnb.volume.converters import NO_PLACE, states_place
 from deformnb.volume.labelled import LabelledAxes, is_labelled, one_array
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, optional_package, voxel_checksum
-
-Part = tuple[slice, slice, slice]
 
 # Types whose voxels become others where each value stays the same; what does not fit is refused when it is met.
 _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}
@@ -48,7 +46,7 @@ HDF5 = (".h5", ".hdf5", ".hdf", ".he5")
 _TIFF = (".tif", ".tiff", ".btf", ".tf8")
 
 
-class Reader(Protocol):
+class VoxelReader(Protocol):
     """An array [z, y, x] that is read in parts, in any process."""
 
     @property
@@ -63,7 +61,7 @@ class Reader(Protocol):
     def chunks(self) -> tuple[int, ...] | None:
         """Voxels (z, y, x) that are stored and unpacked together; None if every part is read as quickly."""
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         """Voxels of a part."""
 
     def identity(self) -> str:
@@ -88,7 +86,7 @@ class _Array:
     def chunks(self) -> None:
         return None
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         found = self.array[part]
         if hasattr(found, "compute"):  # of dask; the threads are busy with blocks already
             found = found.compute(scheduler="synchronous")
@@ -112,7 +110,7 @@ class _Mapped:
     order: Any
     chunks: None = None
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         with unpacking(Path(self.path)):
             return np.array(np.memmap(self.path, self.dtype, "r", self.offset, self.shape, self.order)[part])
 
@@ -138,7 +136,7 @@ class _Zarr:
     def chunks(self) -> tuple[int, ...]:
         return self.level.chunks
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         return self.level.read(part)
 
     def identity(self) -> str:
@@ -156,7 +154,7 @@ class _Hdf5:
     dtype: np.dtype[Any]
     chunks: tuple[int, ...] | None
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         h5py = optional_package("h5py")
         with unpacking(Path(self.path)), h5py.File(self.path, "r") as file:
             return np.asarray(file[self.name][part])
@@ -181,7 +179,7 @@ class _Tiff:
     def __reduce__(self) -> tuple[Any, ...]:
         return _Tiff, (self.path, self.shape, self.dtype, self.chunks)
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         with unpacking(Path(self.path)), Path(self.path).open("rb") as file:
             found = [page.read(file, *part[1:]) for page in self._pages[part[0]]]
             sizes = [len(range(*one.indices(n))) for one, n in zip(part, self.shape, strict=True)]
@@ -236,7 +234,7 @@ class LargeVolume:
     (2, 3, 4)
     """
 
-    reader: Reader
+    reader: VoxelReader
     grid: Grid
     name: str = ""
     is_labels: bool = False
@@ -280,7 +278,7 @@ class LargeVolume:
         """True if no value may be made up between two others."""
         return self.is_labels or self.dtype == np.bool_
 
-    def read(self, part: Part) -> NDArray[Any]:
+    def read(self, part: VoxelSlices) -> NDArray[Any]:
         """Voxels of a part, in :attr:`dtype`.
 
         Raises
@@ -381,7 +379,7 @@ class ChunkCache:
         """Bytes of the chunks that are kept now."""
         return self._bytes
 
-    def read_into(self, part: Part, out: NDArray[Any]) -> None:
+    def read_into(self, part: VoxelSlices, out: NDArray[Any]) -> None:
         """Copy the voxels of a part into an array of its shape."""
         chunks = self.source.reader.chunks
         if chunks is None:
@@ -400,7 +398,7 @@ class ChunkCache:
                 number, (whole[0], whole[1], whole[2])
             )[tuple(slice(a - s.start, b - s.start) for (a, b), s in zip(both, whole, strict=True))]
 
-    def _chunk(self, number: tuple[int, ...], whole: Part) -> NDArray[Any]:
+    def _chunk(self, number: tuple[int, ...], whole: VoxelSlices) -> NDArray[Any]:
         """A chunk; one thread unpacks it, and others that need it at the same time wait for that."""
         with self._lock:
             found = self._kept.pop(number, None)
@@ -506,7 +504,7 @@ def _of_labelled(given: Any) -> LargeVolume:
     )
 
 
-def _reader_of(array: Any) -> Reader:
+def _reader_of(array: Any) -> VoxelReader:
     if (
         isinstance(array, np.memmap)
         and array.filename is not None
@@ -573,7 +571,7 @@ def _of_zarr(path: Path, level: int) -> LargeVolume:
         )
     chosen = pyramid.levels[level]
     _check_chunk(path, chosen.chunk_bytes)
-    name = path.name[: -len(ome_zarr.SUFFIX)] if path.name.endswith(ome_zarr.SUFFIX) else path.name
+    name = path.name[: -len(ome_zarr.ZARR_SUFFIX)] if path.name.endswith(ome_zarr.ZARR_SUFFIX) else path.name
     labels = chosen.array.dtype == np.bool_ if pyramid.is_labels is None else pyramid.is_labels
     return LargeVolume(
         _Zarr(chosen), chosen.grid, name, bool(labels), pyramid.notes, tuple(one.grid for one in pyramid.levels), path

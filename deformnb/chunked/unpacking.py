@@ -77,7 +77,7 @@ def unpack(
                 f"as Zarr slice by slice, and this file holds {header.layout}.",
             )
         grid, _ = header.grid(None if spacing is None else as_spacing(spacing))
-        depth = max(1, min(ome_zarr.CHUNK[0], _SLABS * header.shape[0] // max(1, _bytes(header))))
+        depth = max(1, min(ome_zarr.CHUNK_SHAPE[0], _SLABS * header.shape[0] // max(1, _bytes(header))))
         with atomic_folder(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS) as folder:
             [array] = ome_zarr.create_pyramid(
                 folder,
@@ -85,7 +85,7 @@ def unpack(
                 header.loaded_dtype.newbyteorder("="),
                 name=plain_name(place, kind),
                 is_labels=bool(header.is_labels if is_labels is None else is_labels),
-                chunks=(depth, *ome_zarr.CHUNK[1:]),
+                chunks=(depth, *ome_zarr.CHUNK_SHAPE[1:]),
             )
             _write_slices(header, array, depth, progress)
 

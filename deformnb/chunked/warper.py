@@ -42,7 +42,7 @@ def warp(
     memory: float | str | None = None,
     client: Any = None,
     workers: int | None = None,
-    chunks: Sequence[int] = ome_zarr.CHUNK,
+    chunks: Sequence[int] = ome_zarr.CHUNK_SHAPE,
     levels: int | None = None,
     version: str = "0.5",
     overwrite: bool = False,

@@ -379,9 +379,9 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
     from deformnb.io.files.memory import default_limit
     from deformnb.io.meshes.formats import is_mesh
     from deformnb.io.volumes.formats import describe_file
-    from deformnb.io.volumes.ome_zarr import SUFFIX, is_zarr
+    from deformnb.io.volumes.ome_zarr import ZARR_SUFFIX, is_zarr
 
-    to_zarr = options.output.lower().endswith(SUFFIX)
+    to_zarr = options.output.lower().endswith(ZARR_SUFFIX)
     if to_zarr or is_mesh(options.input):
         return to_zarr
     given = Path(options.input.partition("::")[0])
@@ -392,7 +392,7 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
     if 2 * needed > default_limit():
         raise DeformError(
             f"{given.name} takes {human_bytes(needed)} of memory, too much to be written in one piece; "
-            f"name an output that ends in {SUFFIX}, which is written in parts."
+            f"name an output that ends in {ZARR_SUFFIX}, which is written in parts."
         )
     return False
 

@@ -20,7 +20,7 @@ from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.volume.volume import Volume
 
-CHUNK = 1 << 14
+_CHUNK = 1 << 14
 """Bytes read at a time: about two hundred steps of the bar for the smallest file."""
 
 
@@ -399,7 +399,7 @@ def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> No
     opened: list[Any] = []
     downloader = pooch.HTTPDownloader(
         progressbar=meter,
-        chunk_size=CHUNK,
+        chunk_size=_CHUNK,
         timeout=30,
         hooks={"response": lambda response, **_: opened.append(response)},
     )
@@ -442,7 +442,7 @@ class _Meter:
 
     def update(self, count: int) -> None:
         self._seen += count
-        if self._seen >= self._size + CHUNK:
+        if self._seen >= self._size + _CHUNK:
             raise OSError(f"the server sends more than the published {self._size:,} bytes")
         if self._shown:
             if self._bar is None:  # at the first bytes: without a network there is none

@@ -122,7 +122,7 @@ def covering_raster(plane: Plane, grid: Grid, size: int | None = None) -> Raster
     return Raster((nv, nu), (float(extent[0]) / (nu - 1), float(extent[1]) / (nv - 1)), (float(low[0]), float(low[1])))
 
 
-MOST_FRAMES = 4096
+MOST_MOVIE_FRAMES = 4096
 """Of a stack: a longer one is no texture of any GPU."""
 
 # Frames between two key frames where time passes unevenly: what is blended linearly lags behind by 1/300 of the way.
@@ -271,14 +271,15 @@ class Animation:
         if self.duration == 0:
             return 1
         least = max(1, int(np.ceil(self.duration / step - 1e-9)))
-        if least >= MOST_FRAMES:
+        if least >= MOST_MOVIE_FRAMES:
             raise DeformError(
-                f"{least + 1} frames are more than {MOST_FRAMES}; let them lie further apart than {degrees:g} degrees."
+                f"{least + 1} frames are more than {MOST_MOVIE_FRAMES}; let them lie further apart than "
+                f"{degrees:g} degrees."
             )
         shares = np.array([key.time for key in self.keyframes]) / self.duration
         fits = (
             n
-            for n in range(least, min(2 * least + 8, MOST_FRAMES))
+            for n in range(least, min(2 * least + 8, MOST_MOVIE_FRAMES))
             if np.abs(shares * n - np.round(shares * n)).max() < 1e-6
         )
         return next(fits, least) + 1
@@ -309,8 +310,8 @@ class Animation:
             Unless the animation is one step on one plane, without cuts and without key pictures in depth.
         """
         count = self.frame_count(degrees) if frames is None else int(frames)
-        if not 1 <= count <= MOST_FRAMES:
-            raise DeformError(f"a stack has 1 to {MOST_FRAMES} frames, got {count}.")
+        if not 1 <= count <= MOST_MOVIE_FRAMES:
+            raise DeformError(f"a stack has 1 to {MOST_MOVIE_FRAMES} frames, got {count}.")
         plane, weights = self._common(grid)
         lattice = raster or covering_raster(plane, output or grid, size)
         values = np.empty((count, *lattice.shape, 2), np.float32)

@@ -26,7 +26,7 @@ from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
-from deformnb.rbf.interpolant import FOLDS
+from deformnb.rbf.interpolant import FOLDS_WARNING
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
@@ -843,7 +843,9 @@ class Deformation:
                 f"spacing={known.header_spacing}."
             )
         field = self.field(grid)
-        notes = tuple(note for note in self._fit_notes(grid) if note != FOLDS)  # of the fits; the map is checked below
+        notes = tuple(
+            note for note in self._fit_notes(grid) if note != FOLDS_WARNING
+        )  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
         cautions = [*self.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
         if known is None:

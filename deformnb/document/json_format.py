@@ -37,7 +37,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 
 
-class Reader:
+class JsonReader:
     """Typed access to a JSON object; every error names the place."""
 
     def __init__(self, data: Any, where: str) -> None:
@@ -86,11 +86,11 @@ class Reader:
             raise DeformError(f"{self.where}.{key} is not a finite number.")
         return number
 
-    def part(self, key: str) -> Reader:
-        return Reader(self.data.get(key), f"{self.where}.{key}")
+    def part(self, key: str) -> JsonReader:
+        return JsonReader(self.data.get(key), f"{self.where}.{key}")
 
-    def items(self, key: str, default: Any = ...) -> list[Reader]:
-        return [Reader(v, f"{self.where}.{key}[{k}]") for k, v in enumerate(self.value(key, (list,), default))]
+    def items(self, key: str, default: Any = ...) -> list[JsonReader]:
+        return [JsonReader(v, f"{self.where}.{key}[{k}]") for k, v in enumerate(self.value(key, (list,), default))]
 
     def rest(self, known: set[str]) -> Mapping[str, Any]:
         return {k: v for k, v in self.data.items() if k not in known}
@@ -142,10 +142,10 @@ def region_from_data(data: Any, where: str = "region") -> AbstractRegion:
     >>> region_from_data({"kind": "half_space", "point": [0, 5], "normal": [0, 1]}).dim
     2
     """
-    return read_region(Reader(data, where))
+    return read_region(JsonReader(data, where))
 
 
-def read_region(r: Reader) -> AbstractRegion:
+def read_region(r: JsonReader) -> AbstractRegion:
     """The same of a part of a document."""
     kind = r.text("kind")
     if kind not in REGIONS:
@@ -158,9 +158,9 @@ def read_region(r: Reader) -> AbstractRegion:
         raise DeformError(f"{error} (in {r.where})") from None
 
 
-def _drawn(r: Reader, kind: str) -> AbstractRegion:
+def _drawn(r: JsonReader, kind: str) -> AbstractRegion:
     places = [
-        Reader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
+        JsonReader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
         for k, v in enumerate(r.value("vertices", (list, tuple), ...))
     ]
     if kind == "polygon":
@@ -168,7 +168,7 @@ def _drawn(r: Reader, kind: str) -> AbstractRegion:
     return Line(tuple((a, b) for a, b in places), tuple(r.value("stops", (list, tuple), (False, False))))
 
 
-def _mask(r: Reader) -> Mask:
+def _mask(r: JsonReader) -> Mask:
     sizes = r.numbers("shape")
     dim = len(sizes)
     if dim not in (2, 3) or not all(n == int(n) and n >= 1 for n in sizes) or prod(sizes) > LARGEST_MASK:
@@ -199,10 +199,10 @@ def cut_to_data(cut: Cut) -> dict[str, Any]:
 
 def cut_from_data(data: Any, where: str = "cut") -> Cut:
     """The cut of JSON data; DeformError naming the place if it is none."""
-    return read_cut(Reader(data, where))
+    return read_cut(JsonReader(data, where))
 
 
-def read_cut(r: Reader) -> Cut:
+def read_cut(r: JsonReader) -> Cut:
     """The same of a part of a document."""
     return Cut(read_region(r.part("region")), r.text("name", ""), r.flag("enabled", True))
 
@@ -224,10 +224,10 @@ def part_to_data(part: RigidPart) -> dict[str, Any]:
 
 def part_from_data(data: Any, where: str = "part") -> RigidPart:
     """The rigid part of JSON data; DeformError naming the place if it is none."""
-    return read_part(Reader(data, where))
+    return read_part(JsonReader(data, where))
 
 
-def read_part(r: Reader) -> RigidPart:
+def read_part(r: JsonReader) -> RigidPart:
     """The same of a part of a document."""
     motion, region = None, read_region(r.part("region"))
     reach = None if r.data.get("reach") is None else r.number("reach")
@@ -243,10 +243,10 @@ def read_part(r: Reader) -> RigidPart:
 
 def motion_from_data(data: Any, where: str = "motion") -> RigidMotion:
     """The rigid motion of JSON data; DeformError naming the place if it is none."""
-    r = Reader(data, where)
+    r = JsonReader(data, where)
     shift = r.numbers("shift")
     rows = [
-        Reader({"row": v}, f"{where}.matrix[{k}]").numbers("row", len(shift))
+        JsonReader({"row": v}, f"{where}.matrix[{k}]").numbers("row", len(shift))
         for k, v in enumerate(r.value("matrix", (list, tuple), ...))
     ]
     try:
@@ -255,7 +255,7 @@ def motion_from_data(data: Any, where: str = "motion") -> RigidMotion:
         raise DeformError(f"{error} (in {where})") from None
 
 
-FORMAT = "deformnb-deformation"
+DOCUMENT_FORMAT = "deformnb-deformation"
 VERSION = (2, 2)
 """1.1: rigid parts, cuts, the mode and an animation; 1.2: stages, locks and own radii of points; 1.3: the grid of the
 result; 1.4: the view state (:mod:`deformnb.session.view_state`); 2.0: the support that a step has chosen, pivots of
@@ -266,10 +266,10 @@ do not state. Each is left out where a document has none."""
 LARGEST_OUTPUT = 2**36
 """Voxels of a result that a document may request; what there is no memory for is refused when it is made."""
 
-DEEPEST = 50
+DEEPEST_JSON = 50
 """Levels of nesting; a document of today has six."""
 
-LONGEST = 32 * 2**20
+LONGEST_DOCUMENT = 32 * 2**20
 """Characters; 2000 points of 40 steps fit ten times over."""
 
 # Left out of a document that has them.
@@ -317,7 +317,7 @@ def to_json(deformation: Deformation) -> str:
     True
     """
     data: dict[str, Any] = {
-        "format": FORMAT,
+        "format": DOCUMENT_FORMAT,
         "version": f"{VERSION[0]}.{VERSION[1]}",
         "name": deformation.name,
         "volume": _volume_data(deformation.volume),
@@ -364,10 +364,12 @@ def from_json(text: str | bytes) -> Deformation:
     True
     """
     data = _parse(text)
-    if data.get("format") != FORMAT:
-        raise DeformError(f"this is not a deformnb document: its format is {data.get('format')!r:.40}, not {FORMAT!r}.")
+    if data.get("format") != DOCUMENT_FORMAT:
+        raise DeformError(
+            f"this is not a deformnb document: its format is {data.get('format')!r:.40}, not {DOCUMENT_FORMAT!r}."
+        )
     data = _migrate(data)
-    r = Reader(data, "document")
+    r = JsonReader(data, "document")
     steps = [_step(s) for s in r.items("steps", [])]
     volume = None if data.get("volume") is None else _volume(r.part("volume"))
     known = {"format", "version", "name", "volume", "steps", "keyframes", "output", *_USUAL}
@@ -389,8 +391,8 @@ def from_json(text: str | bytes) -> Deformation:
 def _parse(text: str | bytes) -> dict[str, Any]:
     if not isinstance(text, (str, bytes)):
         raise DeformError(f"a document is read from text, got {shown_value(text)}.")
-    if len(text) > LONGEST:
-        raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST} are read.")
+    if len(text) > LONGEST_DOCUMENT:
+        raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST_DOCUMENT} are read.")
     try:
         decoded = text.decode("utf-8") if isinstance(text, bytes) else text
         if not decoded.strip():
@@ -424,9 +426,9 @@ def _finite_float(text: str) -> float:
 
 
 def _check_depth(data: Any) -> None:
-    """Refuse nesting beyond :data:`DEEPEST`: fields that are only kept must be written again, and writing recurses."""
+    """Refuse nesting beyond :data:`DEEPEST_JSON`: unknown fields are written again, and writing recurses."""
     level = [data]
-    for _ in range(DEEPEST):
+    for _ in range(DEEPEST_JSON):
         level = [
             inner
             for value in level
@@ -435,7 +437,7 @@ def _check_depth(data: Any) -> None:
         ]
         if not level:
             return
-    raise DeformError(f"the document is nested too deeply; at most {DEEPEST} levels are read.")
+    raise DeformError(f"the document is nested too deeply; at most {DEEPEST_JSON} levels are read.")
 
 
 def _migrate(data: dict[str, Any]) -> dict[str, Any]:
@@ -478,7 +480,7 @@ class _Form:
     write : the value as JSON data.
     """
 
-    read: Callable[[Reader, str], Any]
+    read: Callable[[JsonReader, str], Any]
     write: Callable[[Any], Any] = lambda value: value
 
 
@@ -514,7 +516,7 @@ def _points_data(points: ControlPoints) -> dict[str, Any]:
     return {"dim": points.dim, "next_id": points.next_id, "points": rows}
 
 
-def _size(r: Reader) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
+def _size(r: JsonReader) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
     z, y, x = r.numbers("shape", 3)
     a, b, c = r.numbers("spacing", 3)
     if not all(n == int(n) and n >= 1 for n in (z, y, x)) or min(a, b, c) <= 0:
@@ -522,7 +524,7 @@ def _size(r: Reader) -> tuple[tuple[int, int, int], tuple[float, float, float]]:
     return (int(z), int(y), int(x)), (a, b, c)
 
 
-def _volume(r: Reader) -> VolumeReference:
+def _volume(r: JsonReader) -> VolumeReference:
     shape, spacing = _size(r)
     digest = r.text("sha256")
     if not re.fullmatch(r"[0-9a-f]{64}", digest):
@@ -534,18 +536,20 @@ def _volume(r: Reader) -> VolumeReference:
     return replace(reference, origin=grid.origin, direction=grid.direction)
 
 
-def _output(r: Reader) -> Grid:
+def _output(r: JsonReader) -> Grid:
     shape, spacing = _size(r)
     if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
         raise DeformError(f"{r.where} has {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
     return _placed(shape, spacing, r)
 
 
-def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: Reader) -> Grid:
+def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: JsonReader) -> Grid:
     rows = r.value("direction", (list,), ...)
     if len(rows) != 3:
         raise DeformError(f"{r.where}.direction must be three rows of three numbers.")
-    direction = tuple(Reader({"row": row}, f"{r.where}.direction[{k}]").numbers("row", 3) for k, row in enumerate(rows))
+    direction = tuple(
+        JsonReader({"row": row}, f"{r.where}.direction[{k}]").numbers("row", 3) for k, row in enumerate(rows)
+    )
     x, y, z = r.numbers("origin", 3)
     try:
         return Grid(shape, spacing, (x, y, z), direction)  # type: ignore[arg-type]
@@ -553,7 +557,7 @@ def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r:
         raise DeformError(f"{error} (in {r.where})") from None
 
 
-def _step(r: Reader) -> Step:
+def _step(r: JsonReader) -> Step:
     try:
         given = {name: _field(r, name) for name in _STEP_KEYS if name in r.data or name == "maps"}
         _check_kernel(given.get("kernel"))
@@ -572,40 +576,40 @@ def _check_kernel(name: str | None) -> None:
         )
 
 
-def _field(r: Reader, name: str) -> Any:
+def _field(r: JsonReader, name: str) -> Any:
     """A field of a step, which its data has: of the form of :data:`_FORMS`, or of the type of its default."""
     if name not in _FORMS:
         return _TYPED[type(_STEP_DEFAULTS[name])](r, name)
     return None if r.data.get(name, ...) is None and _STEP_DEFAULTS[name] is None else _FORMS[name].read(r, name)
 
 
-_TYPED: dict[type, Callable[[Reader, str], Any]] = {
-    str: Reader.text,
-    bool: Reader.flag,
-    int: Reader.integer,
-    float: Reader.number,
+_TYPED: dict[type, Callable[[JsonReader, str], Any]] = {
+    str: JsonReader.text,
+    bool: JsonReader.flag,
+    int: JsonReader.integer,
+    float: JsonReader.number,
 }
 
 
-def _plane(r: Reader, key: str) -> Plane:
+def _plane(r: JsonReader, key: str) -> Plane:
     return Plane(*(r.part(key).numbers(k, 3) for k in ("origin", "u", "v")))  # type: ignore[arg-type]
 
 
-def _text_or(read: Callable[[Reader, str], Any]) -> Callable[[Reader, str], Any]:
+def _text_or(read: Callable[[JsonReader, str], Any]) -> Callable[[JsonReader, str], Any]:
     return lambda r, key: r.text(key) if isinstance(r.data[key], str) else read(r, key)
 
 
-def _chosen(r: Reader, key: str) -> ChosenSupport:
+def _chosen(r: JsonReader, key: str) -> ChosenSupport:
     chosen = r.part(key)
     return ChosenSupport(chosen.number("radius"), chosen.text("kernel"))
 
 
-def _listed(read: Callable[[Reader], Any], write: Callable[[Any], Any]) -> _Form:
+def _listed(read: Callable[[JsonReader], Any], write: Callable[[Any], Any]) -> _Form:
     """The form of a list of objects."""
     return _Form(lambda r, key: tuple(read(item) for item in r.items(key)), lambda given: [write(v) for v in given])
 
 
-def _with_own(maps: tuple[ControlPoints, ...], r: Reader) -> tuple[ControlPoints, ...]:
+def _with_own(maps: tuple[ControlPoints, ...], r: JsonReader) -> tuple[ControlPoints, ...]:
     """The sets of points with their locks and radii."""
     for key, field, is_right in (("locked", "locked", _is_id), ("radii", "radius", _is_radius)):
         rows = r.data.get(key)
@@ -640,7 +644,7 @@ def _is_radius(item: Any) -> bool:
     )
 
 
-def _points(r: Reader) -> ControlPoints:
+def _points(r: JsonReader) -> ControlPoints:
     dim = r.integer("dim")
     if dim not in (2, 3):
         raise DeformError(f"{r.where}.dim must be 2 or 3, got {dim}.")
@@ -679,10 +683,10 @@ _STEP_KEYS = (*_ALWAYS, *(name for name in _STEP_DEFAULTS if name not in _ALWAYS
 
 _FORMS: dict[str, _Form] = {
     "plane": _Form(_plane, lambda plane: {key: list(getattr(plane, key)) for key in ("origin", "u", "v")}),
-    "support": _Form(_text_or(Reader.number)),
+    "support": _Form(_text_or(JsonReader.number)),
     "chosen_support": _Form(_chosen, ChosenSupport._asdict),
-    "curve": _Form(_text_or(Reader.numbers), lambda curve: curve if isinstance(curve, str) else list(curve)),
-    "knots": _Form(Reader.numbers, list),
+    "curve": _Form(_text_or(JsonReader.numbers), lambda curve: curve if isinstance(curve, str) else list(curve)),
+    "knots": _Form(JsonReader.numbers, list),
     "maps": _listed(_points, _points_data),
     "parts": _listed(read_part, part_to_data),
     "cuts": _listed(read_cut, cut_to_data),

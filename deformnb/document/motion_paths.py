@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
+from deformnb._typing import Floats
 from deformnb.document.deformation import STEP_LABELS, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
@@ -286,8 +287,6 @@ def _shortest_turn(a: Points, b: Points) -> Points:
     return np.asarray(np.arctan2(sine, dot)[:, None] * cross / np.where(is_opposite | (sine == 0), 1, sine)[:, None])
 
 
-Places = NDArray[np.float64]
-
 # Settings between two of which there is one halfway; a change of the others, and of cuts, is a switch.
 _MIXED = tuple(setting.name for setting in fields(FitSettings) if isinstance(setting.default, float))
 _SWITCHED = (*(name for name in SETTINGS if name not in (*_MIXED, "support", "chosen_support")), "cuts", "cut_rule")
@@ -390,7 +389,7 @@ def _with_one_rule(a: Step, b: Step) -> tuple[Step, Step, bool]:
     return a, b, a.extrusion == b.extrusion and len(a.maps) == len(b.maps)
 
 
-def _curves(a: Any, b: Any) -> tuple[Places, Places] | None:
+def _curves(a: Any, b: Any) -> tuple[Floats, Floats] | None:
     if a == b:
         return None
     z = np.linspace(0.0, 1.0, CURVE_KNOTS)
@@ -466,7 +465,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     )
 
 
-def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
+def _carried(points: ControlPoints, places: Floats, step: Step) -> Floats:
     """The places to which a step takes the tissue at these places."""
     chosen = scaled_points(points, step.parts, step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
@@ -491,11 +490,11 @@ def _carried(points: ControlPoints, places: Places, step: Step) -> Places:
     return places + (result - places) / step.strength if step.strength else places
 
 
-def _extent(points: ControlPoints, places: Places) -> float | None:
+def _extent(points: ControlPoints, places: Floats) -> float | None:
     return box_diagonal(ControlPoints.from_arrays(np.concatenate([points.source, places])))
 
 
-def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
+def _fit(points: ControlPoints, places: Floats, step: Step) -> AbstractField:
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     return fit_points(
         points,
@@ -506,7 +505,7 @@ def _fit(points: ControlPoints, places: Places, step: Step) -> AbstractField:
     )
 
 
-def _forward(field: AbstractField, places: Places, points: ControlPoints) -> Places:
+def _forward(field: AbstractField, places: Floats, points: ControlPoints) -> Floats:
     """y with y + D(y) = x, by Newton's method from where the nearest control point has gone."""
     dim = places.shape[1]
     nearest = np.linalg.norm(places[:, None] - points.source[None], axis=2).argmin(axis=1)
@@ -554,7 +553,7 @@ class _PartPaths:
         reach = p.reach if p.reach is None or q.reach is None else (1 - t) * p.reach + t * q.reach
         return replace(p, motion=p.motion if way is None else _then(p.motion, way.power(t)), reach=reach)
 
-    def held(self, source: Places, start: Places, end: Places) -> NDArray[np.int_]:
+    def held(self, source: Floats, start: Floats, end: Floats) -> NDArray[np.int_]:
         """The number of the part that each point goes with at both ends; -1 for none."""
         result = np.full(len(source), -1)
         size = float(np.linalg.norm(np.ptp(np.concatenate([source, start, end]), axis=0))) if len(source) else 0.0
@@ -567,7 +566,7 @@ class _PartPaths:
                 result[(p.region.signed_distance(source) <= 0) & goes[0] & goes[1]] = k
         return result
 
-    def moved(self, source: Places, held: NDArray[np.int_], t: float) -> Places:
+    def moved(self, source: Floats, held: NDArray[np.int_], t: float) -> Floats:
         """The places to which the parts take their points."""
         places = source.copy()
         for k in np.unique(held[held >= 0]).tolist():
@@ -575,7 +574,7 @@ class _PartPaths:
         return places
 
 
-def _moved(motion: RigidMotion | None, places: Places) -> Places:
+def _moved(motion: RigidMotion | None, places: Floats) -> Floats:
     return places if motion is None else motion(places)
 
 

@@ -11,7 +11,7 @@ from deformnb._typing import Float3, Image, Progress
 from deformnb.imaging.camera import Camera
 from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Volume
@@ -25,7 +25,7 @@ def draw_core(
     background: Float3,
     *,
     projection: str = "shaded",
-    part: Part | None = None,
+    part: ClipBox | None = None,
     ambience: Volume | None = None,
     progress: Progress | None = None,
 ) -> Image:
@@ -74,7 +74,7 @@ def draw_core_mip(
     ink: Float3,
     background: Float3,
     *,
-    part: Part | None = None,
+    part: ClipBox | None = None,
     progress: Progress | None = None,
 ) -> Image:
     """A picture of the largest value along each ray, from the background colour to that of the ink.

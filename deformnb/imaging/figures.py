@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 Lines = list[NDArray[np.float64]]
 
-CUT = "#F0C000"
+CUT_COLOUR = "#F0C000"
 """The line of a cut: yellow, as in the paper."""
 
-SIDES = ("#C8102E", "#1E9E4A")
+SIDE_COLOURS = ("#C8102E", "#1E9E4A")
 """Points outside and inside of a cut: red and green, as in the paper; rings and discs distinguish them as well."""
 
 PART = "#4C9BE8"
@@ -179,7 +179,7 @@ def _fill(axes: Axes, panel: Panel, colours: Style) -> None:
     for line in panel.grid:
         axes.plot(line[:, 0], line[:, 1], color=ink, linewidth=0.7, alpha=0.9, solid_joinstyle="round")
     for cut in panel.cuts:
-        _outline(axes, cut.region, box, CUT, fill=False)
+        _outline(axes, cut.region, box, CUT_COLOUR, fill=False)
     if panel.points is not None:
         _points(axes, panel.points, panel, colours)
     axes.set(xlim=box[:2], ylim=(box[3], box[2]), aspect="equal")
@@ -209,7 +209,7 @@ def _points(axes: Axes, points: ControlPoints, panel: Panel, colours: Style) -> 
     inside = panel.cuts[0].region.signed_distance(points.source) < 0 if panel.cuts else moved
     for k in np.flatnonzero(points.active):
         source, target = points.source[k], points.target[k]
-        colors = (SIDES[int(inside[k])],) * 2 if panel.cuts else (SOURCE, TARGET)
+        colors = (SIDE_COLOURS[int(inside[k])],) * 2 if panel.cuts else (SOURCE, TARGET)
         if panel.at == "both" and moved[k]:
             axes.annotate("", xy=target, xytext=source, arrowprops=arrow)
         if panel.at != "target":

@@ -24,10 +24,19 @@ from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
 from deformnb.warping.warper import Warper
 
-__all__ = ["MOVIES", "SHOWS", "Frames", "animation_frames", "deformation_frames", "orbit", "swing", "write_movie"]
+__all__ = [
+    "FRAME_CONTENTS",
+    "MOVIES",
+    "Frames",
+    "animation_frames",
+    "deformation_frames",
+    "orbit",
+    "swing",
+    "write_movie",
+]
 
 
-SHOWS = ("after", "pair")
+FRAME_CONTENTS = ("after", "pair")
 """Contents of a frame: the deformed volume alone, or the volume as it was to its left."""
 
 _BACKGROUND = (0.06, 0.065, 0.08)
@@ -125,7 +134,7 @@ def deformation_frames(
     up : what points up in the picture; default is +z, or -y for a view along z.
     size : (width, height) of a frame in pixels, of one half for "pair".
     transfer : colours and opacities, or the name of a preset of the volume before; default is "specimen".
-    shows : one of :data:`SHOWS`.
+    shows : one of :data:`FRAME_CONTENTS`.
     output : the grid of what is shown (the field of view); default is the volume's.
     background : red, green and blue in [0, 1].
     backend : a name of :data:`~deformnb.imaging.render.RENDERERS`, or "auto".
@@ -224,8 +233,8 @@ def _frames(
     backend: str,
 ) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
-    if not isinstance(shows, str) or shows not in SHOWS:
-        raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(SHOWS)}.")
+    if not isinstance(shows, str) or shows not in FRAME_CONTENTS:
+        raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(FRAME_CONTENTS)}.")
     volume = as_volume(volume)
     grid = volume.grid if output is None else as_grid(output)
     planes = _planes(grid, directions, up, len(moments))

@@ -21,7 +21,7 @@ from deformnb.imaging.camera import Camera
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET
 from deformnb.imaging.raycast import LAMP, glow_of
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Volume
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from PIL.Image import Image as Pillow
 
 Index = NDArray[np.intp]
-Window = tuple[slice, slice]
+PixelWindow = tuple[slice, slice]
 
 _AIR = 0.01  # of the longer side, around a picture and its grid
 _FINE = 2  # lines and discs are drawn so many times larger, for Pillow draws them with jagged edges
@@ -115,7 +115,7 @@ def draw_slices(
     background: Float3,
     *,
     is_lit: bool = True,
-    part: Part | None = None,
+    part: ClipBox | None = None,
 ) -> Image:
     """A picture of a volume of bytes by light that passes through it, slice by slice.
 
@@ -172,7 +172,7 @@ def draw_slices_mip(
     ink: Float3,
     background: Float3,
     *,
-    part: Part | None = None,
+    part: ClipBox | None = None,
 ) -> Image:
     """A picture of the largest byte along each ray of a volume, from the background colour to that of the ink.
 
@@ -205,7 +205,7 @@ def draw_slices_mip(
 class _Stack:
     """The slices of a volume along the index axis nearest to the direction of view, and where they lie on a picture."""
 
-    def __init__(self, volume: Volume, camera: Camera, size: tuple[int, int], part: Part | None) -> None:
+    def __init__(self, volume: Volume, camera: Camera, size: tuple[int, int], part: ClipBox | None) -> None:
         grid, plane = volume.grid, camera.plane
         # Columns: steps along x, y, z of the index, in lengths along the picture's u, v and n.
         steps = plane.frame @ grid.matrix
@@ -250,7 +250,7 @@ class _Stack:
         """The values with one voxel of background around them."""
         return np.pad(np.ascontiguousarray(self.values), 1, constant_values=self._background)
 
-    def put(self, pixels: Pillow, k: int, part: Window, add: Callable[[Pillow, tuple[int, int]], None]) -> None:
+    def put(self, pixels: Pillow, k: int, part: PixelWindow, add: Callable[[Pillow, tuple[int, int]], None]) -> None:
         """Add a part of a slice, as an image of its own, where it lies on the picture."""
         from PIL import Image as Images
 
@@ -278,7 +278,7 @@ class _Stack:
         return np.stack([self._size[0] / 2 * wide + a / self._pixel, self._size[1] / 2 * wide + b / self._pixel, wide])
 
 
-def _around(rows: Index, columns: Index) -> Window:
+def _around(rows: Index, columns: Index) -> PixelWindow:
     """The smallest part of a slice with these voxels and their neighbours."""
     top, left = max(0, int(rows.min()) - 1), max(0, int(columns.min()) - 1)
     return slice(top, int(rows.max()) + 2), slice(left, int(columns.max()) + 2)

@@ -20,7 +20,7 @@ from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
 from deformnb.imaging.raycast import (
     LAMP,
-    Blocks,
+    LayerBlocks,
     PerspectiveCamera,
     ambience_beside,
     ambience_of,
@@ -31,7 +31,7 @@ from deformnb.imaging.raycast import (
 )
 from deformnb.rbf.fields import Identity
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
@@ -141,7 +141,7 @@ def project(
     transfer: TransferFunction | str | None = None,
     depth: float | None = None,
     spacing: float | None = None,
-    part: Part | None = None,
+    part: ClipBox | None = None,
     eye: PerspectiveCamera | None = None,
     ambience: VolumeLike | None = None,
     progress: Progress | None = None,
@@ -180,7 +180,7 @@ def project(
     plane = Plane.along(volume, view) if isinstance(view, str) else view
     for name, given, kind in (
         ("view", plane, Plane),
-        ("part", part, Part),
+        ("part", part, ClipBox),
         ("eye", eye, PerspectiveCamera),
         ("ambience", light, Volume),
     ):
@@ -336,7 +336,7 @@ def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
     return index
 
 
-def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Blocks:
+def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> LayerBlocks:
     """Blocks of layers; with a margin all of one size, so that one compiled function adds them."""
     for k in range(0, len(turned), _LAYERS):
         count = min(_LAYERS, len(turned) - k)
@@ -350,7 +350,7 @@ def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> Block
 
 
 def _accumulate(
-    how: Projection, pieces: Blocks, settings: dict[str, Any], layers: int, progress: Progress | None
+    how: Projection, pieces: LayerBlocks, settings: dict[str, Any], layers: int, progress: Progress | None
 ) -> NDArray[Any]:
     state, done = None, 0
     for block, count in pieces:
@@ -368,7 +368,7 @@ def _project_lattice(
     settings: dict[str, Any],
     depth: float | None,
     spacing: float | None,
-    part: Part | None,
+    part: ClipBox | None,
     eye: PerspectiveCamera | None,
     ambience: Volume | None,
     progress: Progress | None,
@@ -393,7 +393,7 @@ def _project_lattice(
         layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
         settings = _with_steps(settings, d, d, d)
         if is_lit and part is None and voxel_order(volume.grid, plane) is None:
-            part = Part.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
+            part = ClipBox.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
         if is_lit and part is not None:
             settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
         if ambience is not None and settings["shaded"]:

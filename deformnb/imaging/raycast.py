@@ -18,7 +18,7 @@ from deformnb._jax import compiled, jnp, lax
 from deformnb.checks import check_fields
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import Identity
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Plane
 from deformnb.volume.sampling import aligned_empty
 from deformnb.volume.transfer import TransferFunction
@@ -226,7 +226,7 @@ def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.flo
 composite = compiled(_light_layers, donated="state", static_argnames="shaded")  # the next state takes its place
 
 
-Blocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
+LayerBlocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
 
 _NEAREST = 0.02  # of the distance of the eye: what is nearer to it is not seen
 
@@ -286,9 +286,9 @@ def blocks(
     layers: int,
     margin: int,
     plane: Plane,
-    part: Part | None = None,
+    part: ClipBox | None = None,
     eye: PerspectiveCamera | None = None,
-) -> Blocks:
+) -> LayerBlocks:
     """Blocks of layers, the last one as large as the others: one compiled function resamples all of them.
 
     Parameters
@@ -348,7 +348,7 @@ def ambience_beside(ambience: NDArray[np.float32], start: int, layers: NDArray[A
 
 
 def faces_of(
-    part: Part, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None, light: NDArray[Any]
+    part: ClipBox, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None, light: NDArray[Any]
 ) -> dict[str, Any]:
     """The faces of a part for :func:`deformnb.imaging.raycast.composite`, in coordinates of the plane.
 
@@ -376,7 +376,7 @@ def faces_of(
     }
 
 
-def _seen(volume: Volume, lattice: Grid, part: Part | None) -> NDArray[Any]:
+def _seen(volume: Volume, lattice: Grid, part: ClipBox | None) -> NDArray[Any]:
     seen = Warper(volume, output=lattice)(Identity(3))
     return (
         seen.values

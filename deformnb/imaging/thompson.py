@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_LINES = 64
+MOST_GRID_LINES = 64
 """Cells of a grid along its longer side at most."""
 
 _FINE = 300  # places along the longer side where areas are evaluated
@@ -149,8 +149,8 @@ def _flat_grid(picture: Picture) -> Grid:
 
 def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids:
     """The grids of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
-    if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_LINES):
-        raise DeformError(f"a grid has 1 to {MOST_LINES} cells along its longer side, got {lines!r}.")
+    if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_GRID_LINES):
+        raise DeformError(f"a grid has 1 to {MOST_GRID_LINES} cells along its longer side, got {lines!r}.")
     a0, a1, b0, b1 = box = picture.raster.box
     cell = max(a1 - a0, b1 - b0) / lines
     across, down = max(1, round((a1 - a0) / cell)), max(1, round((b1 - b0) / cell))
@@ -190,10 +190,10 @@ def area_map(field: AbstractField, raster: Raster) -> NDArray[np.float64]:
     return np.asarray(np.where(shrunk > 0, 1 / np.where(shrunk > 0, shrunk, 1.0), np.nan))
 
 
-OVERLAYS = ("none", "area", "strain")
+GRID_OVERLAYS = ("none", "area", "strain")
 """Overlays of the deformed picture."""
 
-FOLDS = "#d32f2f"
+FOLD_COLOUR = "#d32f2f"
 """Colour of the places where the map folds."""
 
 _INKS = {False: ("#762a83", "#1b7837"), True: ("#c9a3d6", "#7fd08a")}  # shrinks, grows; on light and on dark paper
@@ -209,7 +209,7 @@ _HEAD, _FOOT, _KEY = 0.42, 0.3, 0.42  # of title, captions and key
 _DPI = 300
 _LETTERS, _SMALL = 9.5, 7.5  # points
 _WIDE = 1.7  # pictures wider than that are stacked
-_FARTHEST = 0.5  # of the picture's sides, that a grid is shown beyond it
+_MOST_BEYOND = 0.5  # of the picture's sides, that a grid is shown beyond it
 _FEWEST = 700  # pixels along the longer side of a deformed picture, whose edge is cut out
 _AIR = 0.12  # of a cell, around all that is drawn
 _RANGES = (0.25, 0.5, 1.0, 2.0, 3.0)  # of the colours, in powers of 2
@@ -243,7 +243,7 @@ class Sheet:
     Parameters
     ----------
     picture : as it was before; grids : the numbers of both grids.
-    overlay : a name of :data:`OVERLAYS`; colours : the style; width : inches.
+    overlay : a name of :data:`GRID_OVERLAYS`; colours : the style; width : inches.
     """
 
     def __init__(self, picture: Picture, grids: Grids, overlay: str, colours: Style, width: float) -> None:
@@ -311,7 +311,7 @@ class Sheet:
         (a0, b0), (a1, b1) = (
             reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0) for reach in (np.min, np.max)
         )
-        far_a, far_b = _FARTHEST * (box[1] - box[0]), _FARTHEST * (box[3] - box[2])
+        far_a, far_b = _MOST_BEYOND * (box[1] - box[0]), _MOST_BEYOND * (box[3] - box[2])
         air = _AIR * self.grids.cell
         return (
             max(float(a0), box[0] - far_a) - air,
@@ -366,7 +366,7 @@ class Sheet:
         self.range = _range(powers[inside & ~beyond])
         colours = self._colours(np.clip(powers / self.range, -1, 1))
         tinted = 1 - (1 - pixels) * (1 - colours) if self.is_dark else pixels * colours
-        tinted[~inside] = (1 - _FOLD_SHARE) * pixels[~inside] + _FOLD_SHARE * np.array(_rgb(FOLDS))
+        tinted[~inside] = (1 - _FOLD_SHARE) * pixels[~inside] + _FOLD_SHARE * np.array(_rgb(FOLD_COLOUR))
         tinted[beyond] = pixels[beyond]
         self.has_folds = bool((~inside & ~beyond).any())
         self._area_key()
@@ -630,8 +630,8 @@ def draw_grids(
     what : a step on the picture's plane, a deformation whose steps all lie there, or any field of dimension 2.
     picture : as it was before.
     lines : cells of the grid along the longer side of the picture.
-    overlay : a name of :data:`OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain" draws
-        crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
+    overlay : a name of :data:`GRID_OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain"
+        draws crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
     magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
     grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
@@ -662,7 +662,7 @@ def draw_grids(
     >>> draw_grids(Identity(2), picture, lines=6).grids.nodes.shape
     (5, 7, 2)
     """
-    for name, value, known in (("overlay", overlay, OVERLAYS), ("style", style, tuple(STYLES))):
+    for name, value, known in (("overlay", overlay, GRID_OVERLAYS), ("style", style, tuple(STYLES))):
         one_of(value, known, name)
     magnify = finite_number(magnify, "magnify must be a finite number")
     if not isinstance(picture, Picture):

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.channels import KINDS, Channels, ChannelsLike
+from deformnb.volume.channels import CHANNEL_KINDS, Channels, ChannelsLike
 from deformnb.volume.converters import converted, is_layer
 from deformnb.volume.layers import LayerData, image_of_layer, layer_data, world_of_layer
 from deformnb.volume.units import checked_unit
@@ -62,7 +62,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
         values = given.values.view(np.uint8) if given.dtype == np.bool_ else given.values
         return [(values, _attributes(given.grid, given.name, to), "labels" if labels else "image")]
     if isinstance(given, Channels):
-        if KINDS[given.kind]:
+        if CHANNEL_KINDS[given.kind]:
             return [(given.values, _attributes(given.grid, given.name, to) | {"rgb": True}, "image")]
         return [
             (

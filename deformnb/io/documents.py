@@ -7,7 +7,7 @@ from os import PathLike
 
 from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation, Step
-from deformnb.document.json_format import LONGEST, from_json, to_json
+from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.atomic import KnownFiles, atomic_write
 from deformnb.io.files.errors import fail, shown
@@ -53,7 +53,7 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
             what = "is a folder, not a file" if file.is_dir() else "is not an ordinary file"
             raise VolumeFileError(f"{name} {what}." if file.exists() else f"there is no file {name}.")
         with file.open("rb") as stream:
-            data = stream.read(LONGEST + 1)
+            data = stream.read(LONGEST_DOCUMENT + 1)
     except (OSError, ValueError) as error:  # a name with a NUL
         if isinstance(error, VolumeFileError):
             raise

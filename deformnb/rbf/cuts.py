@@ -240,7 +240,7 @@ def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
 
 @pytree(data_fields=["regions", "frame", "origin", "sides", "softness"], meta_fields=["rule"])
 @dataclass(frozen=True, eq=False)
-class Choice:
+class SideChoice:
     """The choice among regions beside cuts for compiled functions; its arrays have few shapes.
 
     Parameters
@@ -378,7 +378,7 @@ class Decoupled(AbstractField):
                 out = np.where(own, f.jacobian_on_outer_sum(r, c), out)
         return out
 
-    def choice(self, sides: Sequence[Sides], dtype: Any = np.float64) -> Choice:
+    def choice(self, sides: Sequence[Sides], dtype: Any = np.float64) -> SideChoice:
         """The choice among some regions, for compiled functions of places by components, by distances of a type."""
         frame, origin = (
             (np.eye(self.dim), np.zeros(self.dim)) if self.plane is None else (self.plane.frame[:2], self.plane.origin)
@@ -387,7 +387,7 @@ class Decoupled(AbstractField):
             lambda part: np.asarray(part, min(part.dtype, np.dtype(dtype))),
             tuple(region.of_few_shapes() for region in self.regions),
         )
-        return Choice(
+        return SideChoice(
             regions,
             np.asarray(frame, np.float64),
             np.asarray(origin, np.float64),

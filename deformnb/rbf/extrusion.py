@@ -31,15 +31,15 @@ from deformnb.rbf.fields import AbstractField, Blended, Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, VolumeLike
 
-LONGEST = 200
-DEEPEST = 20
+LONGEST_FORMULA = 200
+DEEPEST_FORMULA = 20
 LARGEST_POWER = 64.0
 
 # NumPy numbers: Python's raise ZeroDivisionError and OverflowError, and (-pi)^0.5 is complex.
 FRONT_ONLY = "max(0,min(1,(0.7-z)/0.3))"
 """The curve of depth that leaves the back as it is: 1 in the front 40 % of the depth, 0 in the last 30 %."""
 
-CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
+FORMULA_CONSTANTS = {"pi": np.float64(np.pi), "e": np.float64(np.e)}
 FUNCTIONS: dict[str, tuple[Callable[..., Any], int]] = {
     "sin": (np.sin, 1),
     "cos": (np.cos, 1),
@@ -102,8 +102,8 @@ def evaluate(text: str, z: ArrayLike) -> NDArray[np.float64]:
 def _parse(text: str) -> ast.expr:
     if not isinstance(text, str) or not text.strip():
         raise DeformError("the curve is empty; write for example z or sin(pi*z).")
-    if len(text) > LONGEST:
-        raise DeformError(f"the curve has {len(text)} characters; at most {LONGEST} are allowed.")
+    if len(text) > LONGEST_FORMULA:
+        raise DeformError(f"the curve has {len(text)} characters; at most {LONGEST_FORMULA} are allowed.")
     try:
         return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -120,7 +120,7 @@ def _advice(text: str) -> str:
 
 
 def _value(node: ast.expr, z: NDArray[np.float64], depth: int, text: str) -> Any:
-    if depth > DEEPEST:
+    if depth > DEEPEST_FORMULA:
         raise DeformError(f"the curve {text!r} is nested too deeply.")
     match node:
         case ast.Constant(value=bool()):
@@ -129,8 +129,8 @@ def _value(node: ast.expr, z: NDArray[np.float64], depth: int, text: str) -> Any
             return np.float64(number)
         case ast.Name(id="z"):
             return z
-        case ast.Name(id=name) if name in CONSTANTS:
-            return CONSTANTS[name]
+        case ast.Name(id=name) if name in FORMULA_CONSTANTS:
+            return FORMULA_CONSTANTS[name]
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)](_value(operand, z, depth + 1, text))
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:

@@ -60,7 +60,7 @@ from deformnb.volume.volume import Grid
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
 MOST_GAIN = 1e5
 
-FOLDS = (
+FOLDS_WARNING = (
     "the map folds between its control points (det J <= 0): a larger support radius, the thin-plate kernel, "
     "smaller drags or several stages help"
 )
@@ -175,7 +175,7 @@ class RBFInterpolant(AbstractField):
     @cached_property
     def notes(self) -> tuple[str, ...]:
         """Remarks for a status line: what the points do not determine, where the map folds, how well it predicts."""
-        found = ((FOLDS, self.folds_between_points()), (POOR, self._predicts_poorly()))
+        found = ((FOLDS_WARNING, self.folds_between_points()), (POOR, self._predicts_poorly()))
         return (*self.remarks, *(note for note, is_so in found if is_so))
 
     @cached_property

@@ -45,7 +45,7 @@ from deformnb.errors import DeformError
 # Stands for s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
 TINY = 1e-30
 
-NEAREST = 2.0**-20
+LEAST_DISTANCE = 2.0**-20
 """Relative distance below which a derivative by JAX is that at this distance: nearer it has no digits, because
 phi'(rho) / rho is divided by rho; times x - x_i the difference is below 1e-6 of phi'."""
 
@@ -84,7 +84,7 @@ class AbstractKernel(ABC):
         super().__init_subclass__()
         if "profile" in cls.__dict__:
             if "slope" not in cls.__dict__:
-                cls.slope = staticmethod(_derivative(cls.profile, NEAREST**2))  # type: ignore[method-assign,assignment]
+                cls.slope = staticmethod(_derivative(cls.profile, LEAST_DISTANCE**2))  # type: ignore[method-assign,assignment]
             cls.of_square = staticmethod(with_derivative(cls.profile, cls._along))
 
     @staticmethod
@@ -533,7 +533,7 @@ def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[
     """The kernel class of a function of rho."""
     if not callable(phi):
         raise DeformError(f"a kernel is a function of the relative distance, got {shown_value(phi)}.")
-    own_slope = derivative or _derivative(phi, NEAREST)
+    own_slope = derivative or _derivative(phi, LEAST_DISTANCE)
 
     def ends(s: Any, value: Any) -> Any:
         return jnp.where(s < 1, value, 0.0) if given["compact"] else value
@@ -545,7 +545,7 @@ def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[
         return ends(s, phi(distance(s, TINY)))
 
     def slope(s: Any) -> Any:
-        rho = distance(s, NEAREST**2)
+        rho = distance(s, LEAST_DISTANCE**2)
         return ends(s, own_slope(rho) / (2 * rho))
 
     is_wide = given["compact"] or given["order"] in (2, 3)
@@ -600,7 +600,12 @@ def _check_names(kind: type[AbstractKernel]) -> None:
 def _check_values(kind: type[AbstractKernel]) -> None:
     """Refuse a kernel that JAX cannot compile, that is not finite, jumps or has another derivative than is given."""
     rho = np.concatenate(
-        [[0.0, NEAREST], np.geomspace(1e-5, 0.01, 30), np.linspace(0.02, 1.5, 149), np.geomspace(1.6, _FARTHEST, 60)]
+        [
+            [0.0, LEAST_DISTANCE],
+            np.geomspace(1e-5, 0.01, 30),
+            np.linspace(0.02, 1.5, 149),
+            np.geomspace(1.6, _FARTHEST, 60),
+        ]
     )
     found = {}
     for what in _KINDS:

@@ -17,7 +17,7 @@ from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, shown_v
 from deformnb.errors import DeformError
 from deformnb.volume.units import checked_unit, ratio
 
-_NAMES_SHOWN = 8  # by repr
+NAMES_SHOWN = 8  # by repr
 
 
 class HasPlaces(Protocol):
@@ -117,7 +117,7 @@ class ControlPoints:
     def __repr__(self) -> str:
         moved = int((self.source != self.target).any(axis=1).sum())
         named = [name[:20] for name in self.names if name]
-        names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
+        names = ", ".join(map(repr, named[:NAMES_SHOWN])) + (", ..." if len(named) > NAMES_SHOWN else "")
         return (
             f"<ControlPoints: {len(self)} {'point' if len(self) == 1 else 'points'} "
             f"{'in the plane' if self.dim == 2 else 'in space'}, {moved} moved{': ' if names else ''}{names}>"

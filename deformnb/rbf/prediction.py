@@ -36,13 +36,13 @@ from deformnb.rbf.evaluation import profile_of
 from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import ForwardFit, oriented
+from deformnb.rbf.forward import DIRECTIONS, ForwardFit, oriented
 from deformnb.rbf.kernels import kernel_named
 from deformnb.rbf.newton import lengths_of, map_of, searched
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.trends import products, trend_named
 
-Blocks = list[NDArray[np.intp]]
+PointBlocks = list[NDArray[np.intp]]
 
 MOST_JUDGED = 150
 """Points of a set by which fits are judged: evenly taken from larger sets, for what is left out costs N^3."""
@@ -59,11 +59,10 @@ SMOOTHINGS = (0.0, 1e-4, 1e-3)
 """Smoothings that are tried, for kernels with a support as long as the points: of the order of the squared error of
 places that are read by eye, relative to the displacements."""
 
-SHARES = (0.5, 1.0, 2.0)
+SUPPORT_FACTORS = (0.5, 1.0, 2.0)
 """Supports of compact kernels that are tried, relative to the size of the points."""
 
 _NEAR = 1.05  # scores up to so many times the best are alike, as far as smoothing goes
-_DIRECTIONS = ("backward", "forward")
 _ROUNDING = 1e-9  # of the size of the points, to which places are sought
 _NONE = 1e-7  # of the size of the points: smaller errors are none
 _ALIKE = 6  # decimals of the logarithm of a score; what differs by less is as good
@@ -120,12 +119,12 @@ def usual_candidates(dim: int) -> tuple[Candidate, ...]:
         )
         for kernel, trend in splines
         for smoothing in SMOOTHINGS
-        for direction in _DIRECTIONS
+        for direction in DIRECTIONS
     ]
     compact = [
         Candidate(FitSettings(support=share, direction=direction), COMPACT)
-        for share in SHARES
-        for direction in _DIRECTIONS
+        for share in SUPPORT_FACTORS
+        for direction in DIRECTIONS
     ]
     return (*found, *compact)
 
@@ -347,7 +346,7 @@ def _evenly(points: ControlPoints) -> ControlPoints:
     return points.take(np.sort(order[np.linspace(0, len(order) - 1, MOST_JUDGED).astype(int)]))
 
 
-def blocks_of(places: Floats, halvings: int) -> Blocks:
+def blocks_of(places: Floats, halvings: int) -> PointBlocks:
     """Blocks of neighbours: places (n, dim) halved again and again across their longest axis.
 
     Which side of a half the middle of an odd number goes to is decided by the third moment along the axis, and between
@@ -359,7 +358,7 @@ def blocks_of(places: Floats, halvings: int) -> Blocks:
     [[0, 2], [1, 3]]
     """
 
-    def halved(index: NDArray[np.intp], left: int) -> Blocks:
+    def halved(index: NDArray[np.intp], left: int) -> PointBlocks:
         if not left or len(index) < 2:
             return [index]
         centred = places[index] - places[index].mean(axis=0)
@@ -399,7 +398,7 @@ def _folds(fit: Any) -> bool:
     return bool(fit.folds_between_points())
 
 
-def _schemes(points: ControlPoints) -> tuple[Blocks, ...]:
+def _schemes(points: ControlPoints) -> tuple[PointBlocks, ...]:
     """Sets of points that are left out together: single points, eighths, quarters."""
     one = [np.array([k]) for k in range(len(points))]
     return (one, *(blocks_of(points.source, halvings) for halvings in HALVINGS))
@@ -472,14 +471,14 @@ class _LinearSystem:
             raise np.linalg.LinAlgError("it is not determined without some of the points")
         return np.asarray(np.linalg.solve(own, self._solution[block]))
 
-    def misses(self, blocks: Blocks) -> Floats:
+    def misses(self, blocks: PointBlocks) -> Floats:
         """Values less predictions (n, dim) at the places, each without its block."""
         found = np.empty((self._n, self._solution.shape[1]))
         for block in blocks:
             found[block] = self._change(block)
         return found
 
-    def ends_without(self, blocks: Blocks, points: ControlPoints) -> Floats:
+    def ends_without(self, blocks: PointBlocks, points: ControlPoints) -> Floats:
         """Targets less the places (n, dim) at which the map without its block has the source of each point.
 
         By damped Newton steps from the targets; where none is found, what is left of the source counts twice.
@@ -533,14 +532,14 @@ def _solved(a: Floats, r: Floats) -> Floats:
     return np.where(is_flat[:, None], 0.0, np.linalg.solve(a, r[..., None])[..., 0])
 
 
-def _refitted(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Floats:
+def _refitted(points: ControlPoints, settings: FitSettings, blocks: PointBlocks) -> Floats:
     """The same by a fit for each block; of points that are left out one by one some are taken."""
     if len(blocks) > _MOST_REFITTED:
         blocks = [blocks[k] for k in np.linspace(0, len(blocks) - 1, _MOST_REFITTED).astype(int)]
     return np.concatenate([*_squares_of(points, settings, blocks)])
 
 
-def _squares_of(points: ControlPoints, settings: FitSettings, blocks: Blocks) -> Iterator[Floats]:
+def _squares_of(points: ControlPoints, settings: FitSettings, blocks: PointBlocks) -> Iterator[Floats]:
     size = _size(points.target)
     for block in blocks:
         fit = settings.fit(points.take(np.setdiff1d(np.arange(len(points)), block)))

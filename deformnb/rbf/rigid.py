@@ -615,7 +615,7 @@ def _in_common(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
     return overlap, contact
 
 
-HELD = ("refuse", "carry", "switch off")
+HELD_POINT_RULES = ("refuse", "carry", "switch off")
 """Treatments of control points within a rigid part that require another displacement than the part's."""
 
 
@@ -630,7 +630,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
     Raises
     ------
     DeformError
-        If ``held`` is none of :data:`HELD`.
+        If ``held`` is none of :data:`HELD_POINT_RULES`.
 
     Examples
     --------
@@ -642,8 +642,10 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
     >>> without_conflicts(points, [bone], "switch off").active.tolist()
     [False, True]
     """
-    if held not in HELD:
-        raise DeformError(f"there is no way {held!r} for points within a rigid part; choose one of {', '.join(HELD)}.")
+    if held not in HELD_POINT_RULES:
+        raise DeformError(
+            f"there is no way {held!r} for points within a rigid part; choose one of {', '.join(HELD_POINT_RULES)}."
+        )
     for part in parts if held != "refuse" else ():
         if not part.enabled:
             continue

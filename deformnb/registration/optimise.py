@@ -28,7 +28,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.stages import check_stages
 from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
 from deformnb.registration.similarity import (
-    BLOCK,
+    LOCAL_PLACES,
     Fitting,
     Measure,
     Objective,
@@ -197,7 +197,7 @@ class MultiscaleFit:
         if weights.mean() < _LEAST_SHARED:
             raise DeformError("the two pictures do not overlap: they must lie in the same coordinates.")
         blocks = self._blocks(places)
-        pad = (0, blocks.shape[0] * BLOCK - len(places))
+        pad = (0, blocks.shape[0] * LOCAL_PLACES - len(places))
         sampled = SampledImage(
             np.pad(moving.values, 1), moving.matrix * self.support, moving.matrix @ self.origin + moving.offset + 1
         )
@@ -216,8 +216,8 @@ class MultiscaleFit:
     def _blocks(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Relative places in whole blocks, filled up with the first of them."""
         relative = (places - self.origin) / self.support
-        full = np.concatenate([relative, np.repeat(relative[:1], -len(relative) % BLOCK, axis=0)])
-        return full.reshape(-1, BLOCK, relative.shape[1])
+        full = np.concatenate([relative, np.repeat(relative[:1], -len(relative) % LOCAL_PLACES, axis=0)])
+        return full.reshape(-1, LOCAL_PLACES, relative.shape[1])
 
     def _lattice(self, counts: Mapping[int, int]) -> list[Any]:
         lines = [np.linspace(-0.5, n - 0.5, counts[self.moving.dim]) for n in self.moving.values.shape]

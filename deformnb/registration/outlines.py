@@ -110,7 +110,7 @@ def area(line: ArrayLike) -> float:
     return float((a * np.roll(b, -1) - np.roll(a, -1) * b).sum() / 2)
 
 
-class Curve:
+class ClosedCurve:
     """A polyline (n, 2), closed by default, parameterised by arc length."""
 
     def __init__(self, line: ArrayLike, closed: bool = True) -> None:
@@ -210,7 +210,7 @@ def fit_outline(
     if points.dim != 2:
         raise DeformError("outlines lie on a picture; points in space have none.")
     source, target = (
-        Curve(line if area(Curve(line).ring) > 0 else np.asarray(line)[::-1])
+        ClosedCurve(line if area(ClosedCurve(line).ring) > 0 else np.asarray(line)[::-1])
         for line in (source_outline, target_outline)
     )
     share = np.arange(count) / count
@@ -222,7 +222,7 @@ def fit_outline(
     return slide(added, [target.ring[:-1]], ids=new, iterations=iterations, progress=progress)
 
 
-HELD = "outline"
+OUTLINE_POINT = "outline"
 """Name of the points that :func:`hold_outline` adds."""
 
 
@@ -242,24 +242,24 @@ def hold_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> 
     --------
     >>> square = [[0, 0], [40, 0], [40, 40], [0, 40]]
     >>> held = hold_outline(ControlPoints.from_arrays([[40.0, 20.0]], [[60.0, 20.0]]), square, count=8)
-    >>> len(held), held.names.count(HELD)
+    >>> len(held), held.names.count(OUTLINE_POINT)
     (8, 7)
     """
     if points.dim != 2:
         raise DeformError("outlines lie on a picture; points in space have none.")
     if not (isinstance(count, int | np.integer) and 3 <= count <= 500):
         raise DeformError(f"an outline takes 3 to 500 points, got {count!r}.")
-    curve, moved = Curve(line), np.any(points.displacement != 0, axis=1)
-    kept = points.take([k for k, name in enumerate(points.names) if name != HELD or moved[k]])
+    curve, moved = ClosedCurve(line), np.any(points.displacement != 0, axis=1)
+    kept = points.take([k for k, name in enumerate(points.names) if name != OUTLINE_POINT or moved[k]])
     free = curve.length / count / 2
     taken = np.concatenate([kept.source, kept.target])
     for place in curve.at(np.arange(count) * curve.length / count):
         if not (np.linalg.norm(taken - place, axis=1) < free).any():
-            kept = kept.add(place, name=HELD)
+            kept = kept.add(place, name=OUTLINE_POINT)
     return kept
 
 
-def _begins(source: Curve, target: Curve) -> float:
+def _begins(source: ClosedCurve, target: ClosedCurve) -> float:
     """The share of the target's length at which it lies closest to the source's beginning, over all of both."""
     share = np.arange(_COMPARED) / _COMPARED
     one, other = (_normed(curve.at(share * curve.length)) for curve in (source, target))
@@ -309,7 +309,7 @@ def slide(
     >>> slid.points.target[4].round(1).tolist()
     [20.0, 0.0]
     """
-    lines = [Curve(curve, closed) for curve in curves]
+    lines = [ClosedCurve(curve, closed) for curve in curves]
     if points.dim != 2 or not lines:
         raise DeformError("points slide along outlines on a picture: give points of a picture and an outline at least.")
     for point in (*fixed_ids, *(ids or ())):
@@ -339,8 +339,8 @@ def slide(
 
 
 def _on_curves(
-    points: ControlPoints, lines: list[Curve], fixed: set[int], ids: Sequence[int] | None
-) -> list[tuple[int, Curve, float]]:
+    points: ControlPoints, lines: list[ClosedCurve], fixed: set[int], ids: Sequence[int] | None
+) -> list[tuple[int, ClosedCurve, float]]:
     """Position, outline and arc length of every point that slides."""
     found = []
     for k, point in enumerate(points.ids):
@@ -356,7 +356,7 @@ def _on_curves(
 class _Sliding:
     """Arc lengths of the points that slide, and the bending energy as a function of them."""
 
-    def __init__(self, source: Floats, target: Floats, found: list[tuple[int, Curve, float]]) -> None:
+    def __init__(self, source: Floats, target: Floats, found: list[tuple[int, ClosedCurve, float]]) -> None:
         self._bending, self._target = bending_matrix(source), target
         self._at = np.array([k for k, _, _ in found])
         self._curves = [curve for _, curve, _ in found]

@@ -21,7 +21,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.system import solve
 
-BLOCK = 4096
+LOCAL_PLACES = 4096
 """Places whose displacements are computed at once: with 64 points 2 MiB for each intermediate, within the cache."""
 
 Measure = Callable[[Any, Any, Any], Any]
@@ -139,8 +139,9 @@ class Objective:
     ----------
     x : (C, dim) relative targets to start from; free : (C, 1) 1 for those that may move.
     fitting, moving : how they become a fit, and what that deforms.
-    places : (B, BLOCK, dim) where the pictures are compared; fixed, weights : (B * BLOCK,) the other picture there.
-    lattice : (B, BLOCK, dim) where the map must not fold.
+    places : (B, LOCAL_PLACES, dim) where the pictures are compared; fixed, weights : (B * LOCAL_PLACES,) the other
+        picture there.
+    lattice : (B, LOCAL_PLACES, dim) where the map must not fold.
     measure : of similarity; energy : how much the energy of the fit counts; unit : relative length of one variable.
     """
 
@@ -179,7 +180,7 @@ def valued(moves: Any, objective: Objective) -> Value:
         seen = [_see(p, fits, objective.fitting, objective.moving) for p in objective.places]
         det = [_determine(p, fits, objective.fitting) for p in objective.lattice]
         alike, slopes = _compare(jnp.concatenate(seen), objective.fixed, objective.weights, measure=objective.measure)
-        rows = np.asarray(slopes).reshape(-1, BLOCK)
+        rows = np.asarray(slopes).reshape(-1, LOCAL_PLACES)
         back = [
             _see_back(p, fits, objective.fitting, objective.moving, -row)
             for p, row in zip(objective.places, rows, strict=True)
@@ -198,7 +199,7 @@ def valued(moves: Any, objective: Objective) -> Value:
 
 
 def least_det(x: NDArray[np.float64], fitting: Fitting, lattice: Any) -> float:
-    """The smallest det J of the map of relative targets on a lattice (B, BLOCK, dim); NaN if there is no map."""
+    """The smallest det J of the map of relative targets on a lattice (B, LOCAL_PLACES, dim); NaN if there is no map."""
     with float64():
         fits, _ = _fit(jnp.asarray(x), fitting)
         return float(np.min([np.asarray(_determine(p, fits, fitting)) for p in lattice]))

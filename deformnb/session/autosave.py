@@ -398,7 +398,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go)
 
 
-COMMANDS = ("restore", "skip", "delete")
+RECOVERY_COMMANDS = ("restore", "skip", "delete")
 """Actions on a lost session."""
 
 
@@ -464,15 +464,15 @@ class Recovery:
         return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
 
     def act(self, command: str) -> None:
-        """Do one of the :data:`COMMANDS` with what is offered.
+        """Do one of the :data:`RECOVERY_COMMANDS` with what is offered.
 
         Raises
         ------
         DeformError
             If its file is damaged or gone; it is offered no more then.
         """
-        if command not in COMMANDS:
-            raise DeformError(f"unknown command {command!r:.40}; choose one of {', '.join(COMMANDS)}.")
+        if command not in RECOVERY_COMMANDS:
+            raise DeformError(f"unknown command {command!r:.40}; choose one of {', '.join(RECOVERY_COMMANDS)}.")
         if not self.lost:
             return
         entry = self.lost.pop(0)

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 from deformnb.document.deformation import Deformation, VolumeReference
-from deformnb.document.json_format import LONGEST, from_json, to_json
+from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, is_abandoned, sweep
 from deformnb.io.files.errors import shown
 from deformnb.volume.volume import Grid, VolumeLike
 
-FORMAT = "deformnb-autosave"
+AUTOSAVE_FORMAT = "deformnb-autosave"
 STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
 """Of a session; "open" is lost when its process has gone, and the others are kept a while.
 
@@ -32,7 +32,7 @@ A session that ends with edits that are in no file is "closed", whoever has clos
 process had no time to record it.
 """
 
-MOST_PER_VOLUME, MOST, MOST_BYTES = 20, 200, 200 * 2**20
+MOST_PER_VOLUME, MOST_AUTOSAVES, MOST_AUTOSAVE_BYTES = 20, 200, 200 * 2**20
 """Largest number of sessions kept besides those that are open, and their size together; the newest stay.
 
 No age counts: a clock may go wrong in both directions, and a holiday is longer than any number of days.
@@ -149,7 +149,7 @@ def write_session(entry: SavedSession, document: Deformation | str) -> None:
     """
     entry.path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     facts: dict[str, Any] = {
-        "format": FORMAT,
+        "format": AUTOSAVE_FORMAT,
         "state": entry.state,
         "edited": entry.edited.isoformat(),
         **{name: getattr(entry, name) for name in _NUMBERS},
@@ -165,7 +165,7 @@ def read_session(path: Path) -> SavedSession | None:
     try:
         with path.open("rb") as stream:
             data = json.loads(stream.readline(_LONGEST_FACTS))
-        if data["format"] != FORMAT or data["state"] not in STATES:
+        if data["format"] != AUTOSAVE_FORMAT or data["state"] not in STATES:
             return None
         edited = datetime.fromisoformat(data["edited"])
         grid = Grid(tuple(data["shape"]), data["spacing"], data["origin"], data["direction"], data.get("unit", ""))
@@ -278,7 +278,7 @@ def _text(entry: SavedSession) -> str:
     try:
         with entry.path.open("rb") as stream:
             stream.readline(_LONGEST_FACTS)
-            return stream.read(LONGEST + 1).decode("utf-8")
+            return stream.read(LONGEST_DOCUMENT + 1).decode("utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise DeformError(f"the session of {moment(entry.edited)} cannot be read any more: {error}.") from None
 
@@ -317,7 +317,7 @@ def _worth_keeping(entries: Iterable[SavedSession]) -> list[SavedSession]:
             continue
         own = counts.get(entry.volume.sha256, 0)
         size += entry.path.stat().st_size
-        if own < MOST_PER_VOLUME and most < MOST and size <= MOST_BYTES:
+        if own < MOST_PER_VOLUME and most < MOST_AUTOSAVES and size <= MOST_AUTOSAVE_BYTES:
             kept.append(entry)
             counts[entry.volume.sha256] = own + 1
             most += 1

@@ -31,7 +31,7 @@ RECORD = "deformnb-replay.json"
 _FORMAT, _VERSION = "deformnb-replay", 1
 _LARGEST_RECORD = 32 * 2**20
 
-Work = Callable[[Deformation, Path, Path, Callable[[float], None]], Mapping[str, Any]]
+FileWork = Callable[[Deformation, Path, Path, Callable[[float], None]], Mapping[str, Any]]
 """Applies a document to an input file, writes the output file, and returns facts for the summary."""
 
 
@@ -99,7 +99,7 @@ def replay(
     inputs: Sequence[str | PathLike[str]],
     folder: str | PathLike[str],
     *,
-    work: Work | None = None,
+    work: FileWork | None = None,
     options: Mapping[str, Any] | None = None,
     suffix: str = "",
     overwrite: bool = False,
@@ -180,7 +180,7 @@ def _one(
     target: Path,
     made_of: dict[str, Any],
     record: dict[str, Any],
-    work: Work,
+    work: FileWork,
     overwrite: bool,
     progress: Callable[[float], None],
 ) -> Replayed:

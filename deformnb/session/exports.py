@@ -28,7 +28,7 @@ from deformnb.imaging.render import render_volume
 from deformnb.io.files.atomic import KnownFiles, atomic_write, check_target
 from deformnb.io.files.memory import check_room
 from deformnb.io.volumes.formats import write_volume
-from deformnb.io.volumes.ome_zarr import MARKS, SUFFIX
+from deformnb.io.volumes.ome_zarr import MARKS, ZARR_SUFFIX
 from deformnb.io.volumes.series import write_channels
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.session.session import Session
@@ -402,7 +402,7 @@ EXPORTS: dict[str, Export] = {
         (".nii.gz", ".nrrd", ".mha", ".vti", ".npy", ".nii", ".nhdr", ".mhd", ".ome.tif", ".ome.tiff", ".tif", ".tiff"),
         _volume,
     ),
-    "full resolution": Export("Deformed volume at full resolution", (SUFFIX,), _full_resolution, MARKS),
+    "full resolution": Export("Deformed volume at full resolution", (ZARR_SUFFIX,), _full_resolution, MARKS),
     "rendering": Export("Rendering", (".png",), _rendering),
     "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),
     "movie": Export("Movie", (".gif", ".mp4", ".webp"), _movie),

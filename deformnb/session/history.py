@@ -21,7 +21,7 @@ from deformnb.rbf.regions import Mask
 MOST_STATES = 200
 """States that can be gone back to, besides the one that is shown."""
 
-MOST_BYTES = 256 * 2**20
+MOST_HISTORY_BYTES = 256 * 2**20
 """Largest memory of all states together."""
 
 # Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
@@ -101,7 +101,9 @@ class History:
     ('bent', 'bend')
     """
 
-    def __init__(self, most: int = MOST_STATES, most_bytes: int = MOST_BYTES, weigh: Weigh | None = None) -> None:
+    def __init__(
+        self, most: int = MOST_STATES, most_bytes: int = MOST_HISTORY_BYTES, weigh: Weigh | None = None
+    ) -> None:
         self.most, self.most_bytes = most, most_bytes
         self._ledger = _Ledger(weigh or weigh_part)
         self._nodes = {0: _Node(0, None, "", time.time())}

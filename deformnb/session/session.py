@@ -42,7 +42,7 @@ from deformnb.io.files.memory import check_room
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
-from deformnb.registration.outlines import HELD, hold_outline, outline
+from deformnb.registration.outlines import OUTLINE_POINT, hold_outline, outline
 from deformnb.session.history import History, HistoryNode
 from deformnb.session.inputs import as_deformation, as_volume_and_channels, source_of, subject_from
 from deformnb.session.view_state import ViewState, without_view_state
@@ -325,7 +325,9 @@ class Session(traitlets.HasTraits):
             raise DeformError("there is no outline on the picture: all of it is alike.")
         points = hold_outline(self.points, lines[0], count=count)
         self.edit_points(points, "hold the outline")
-        self.notice = f"{points.names.count(HELD)} points hold the outline: a drag bends only what lies around it."
+        self.notice = (
+            f"{points.names.count(OUTLINE_POINT)} points hold the outline: a drag bends only what lies around it."
+        )
 
     def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
         """Change fields of the step being edited, such as ``kernel="gaussian"``.
@@ -497,8 +499,8 @@ class Session(traitlets.HasTraits):
         part : the new part.
         label : what was done, for the history.
         held : what becomes of points within a part that require something else than it does, one of
-            :data:`~deformnb.rbf.rigid.HELD`: "carry" lets them go with the part, "switch off" switches them off,
-            "refuse" raises.
+            :data:`~deformnb.rbf.rigid.HELD_POINT_RULES`: "carry" lets them go with the part, "switch off" switches
+            them off, "refuse" raises.
 
         Raises
         ------

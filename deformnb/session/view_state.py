@@ -11,14 +11,14 @@ from typing import Any
 
 from deformnb.checks import check_fields, checked_window
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import Reader
+from deformnb.document.json_format import JsonReader
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.transfer import PRESETS, TransferFunction
 
 FIELD = "look"
-MOST_NODES = 1024
+MOST_TRANSFER_NODES = 1024
 """Of colours, and of opacities, that a document may have."""
 
 
@@ -80,7 +80,7 @@ class ViewState:
         """
         if FIELD not in deformation.extra:
             return deformation, cls()
-        r = Reader(deformation.extra[FIELD], f"document.{FIELD}")
+        r = JsonReader(deformation.extra[FIELD], f"document.{FIELD}")
         method = r.text("method", "")
         depth = r.number("depth") if "depth" in r.data else None
         colours = r.text("colour_map", "")
@@ -114,7 +114,7 @@ def without_view_state(deformation: Deformation) -> Deformation:
     return replace(deformation, extra={key: value for key, value in deformation.extra.items() if key != FIELD})
 
 
-def _transfer(r: Reader) -> str | TransferFunction | None:
+def _transfer(r: JsonReader) -> str | TransferFunction | None:
     named = r.value("transfer", (str, dict), "")
     if isinstance(named, str):
         return named if named in PRESETS else None
@@ -125,7 +125,7 @@ def _transfer(r: Reader) -> str | TransferFunction | None:
         raise DeformError(f"{part.where}: {error}") from None
 
 
-def _window(r: Reader) -> tuple[float, float] | None:
+def _window(r: JsonReader) -> tuple[float, float] | None:
     if "window" not in r.data:
         return None
     try:
@@ -134,8 +134,8 @@ def _window(r: Reader) -> tuple[float, float] | None:
         raise DeformError(f"{r.where}: {error}") from None
 
 
-def _nodes(r: Reader, key: str, width: int) -> Any:
+def _nodes(r: JsonReader, key: str, width: int) -> Any:
     rows = r.value(key, (list,), ...)
-    if len(rows) > MOST_NODES:
-        raise DeformError(f"{key} may have {MOST_NODES} nodes, got {len(rows)}.")
-    return tuple(Reader({key: row}, r.where).numbers(key, width) for row in rows)
+    if len(rows) > MOST_TRANSFER_NODES:
+        raise DeformError(f"{key} may have {MOST_TRANSFER_NODES} nodes, got {len(rows)}.")
+    return tuple(JsonReader({key: row}, r.where).numbers(key, width) for row in rows)

@@ -18,7 +18,7 @@ from deformnb.checks import check_fields, checked_window, finite_array, shown_va
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volumes
 
-KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
+CHANNEL_KINDS = {"channels": 0, "rgb": 3, "rgba": 4}
 """Meanings of several channels, with their number: any, or the parts of a colour."""
 
 Colour = Float3
@@ -93,7 +93,7 @@ class Channels:
     ----------
     volumes : one for each channel, named like it; of one grid and one voxel type.
     colours : (red, green, blue) from 0 to 1 of each; by default the usual ones.
-    kind : a key of :data:`KINDS`: "rgb" and "rgba" are the parts of a colour, and of its opacity.
+    kind : a key of :data:`CHANNEL_KINDS`: "rgb" and "rgba" are the parts of a colour, and of its opacity.
     name : of all of them together, shown to people.
 
     Raises
@@ -128,10 +128,10 @@ class Channels:
                     f"({first.dtype} on {first.grid.shape})."
                 )
         check_fields(self, "kind", "name")
-        if self.kind not in KINDS or KINDS[self.kind] not in (0, len(volumes)):
+        if self.kind not in CHANNEL_KINDS or CHANNEL_KINDS[self.kind] not in (0, len(volumes)):
             raise DeformError(f"{len(volumes)} channels cannot be of the kind {shown_value(self.kind)}.")
         check_fields(self, "colours")
-        colours = self.colours or usual_colours(min(3, len(volumes)) if KINDS[self.kind] else len(volumes))
+        colours = self.colours or usual_colours(min(3, len(volumes)) if CHANNEL_KINDS[self.kind] else len(volumes))
         colours += ((1.0, 1.0, 1.0),) * (self.kind == "rgba" and len(colours) == 3)
         if len(colours) != len(volumes):
             raise DeformError(f"{len(volumes)} channels need as many colours, got {shown_value(self.colours)}.")
@@ -209,7 +209,7 @@ class Channels:
 
         Other channels are each stretched from their own smallest to their largest value first, to 0 ... 255.
         """
-        if KINDS[self.kind]:
+        if CHANNEL_KINDS[self.kind]:
             values = luma([volume.values for volume in self.volumes[:3]])
         else:
             values = np.zeros(self.grid.shape, np.uint8)
@@ -257,7 +257,7 @@ class Channels:
 
     def _shown_range(self, k: int) -> tuple[float, float]:
         volume = self.volumes[k]
-        if KINDS[self.kind] and volume.dtype.kind in "iu":
+        if CHANNEL_KINDS[self.kind] and volume.dtype.kind in "iu":
             return 0.0, float(np.iinfo(volume.dtype).max)
         low, high = volume.value_range
         return low, high if high > low else low + 1.0
@@ -308,7 +308,7 @@ def usual_names(count: int, kind: str = "channels") -> tuple[str, ...]:
     >>> usual_names(2), usual_names(3, "rgb")
     (('channel 1', 'channel 2'), ('red', 'green', 'blue'))
     """
-    if KINDS.get(kind):
+    if CHANNEL_KINDS.get(kind):
         return ("red", "green", "blue", "alpha")[:count]
     return tuple(f"channel {k + 1}" for k in range(count))
 

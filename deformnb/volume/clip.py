@@ -48,7 +48,7 @@ def checked_clip(value: Any) -> Clip:
 
 
 @dataclass(frozen=True)
-class Part:
+class ClipBox:
     """A box along the index axes of a grid, open where nothing is cut away.
 
     Parameters
@@ -73,7 +73,7 @@ class Part:
             object.__setattr__(self, name, tuple(sides.tolist()))
 
     @classmethod
-    def of(cls, grid: Grid, clip: Clip, box: Grid | None = None) -> Part | None:
+    def of(cls, grid: Grid, clip: Clip, box: Grid | None = None) -> ClipBox | None:
         """The part of a box that a clip leaves, or None for all of it.
 
         Parameters
@@ -83,7 +83,7 @@ class Part:
 
         Examples
         --------
-        >>> Part.of(Grid((2, 2, 10)), ((0.5, 1), (0, 1), (0, 1))).low
+        >>> ClipBox.of(Grid((2, 2, 10)), ((0.5, 1), (0, 1), (0, 1))).low
         (4.5, -inf, -inf)
         """
         if clip == WHOLE:
@@ -96,7 +96,7 @@ class Part:
         return cls(grid, tuple(low.tolist()), tuple(high.tolist()))
 
     @classmethod
-    def whole(cls, grid: Grid) -> Part:
+    def whole(cls, grid: Grid) -> ClipBox:
         """The box of a grid itself, with its six sides."""
         return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
 

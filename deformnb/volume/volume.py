@@ -413,7 +413,7 @@ DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float
 # scanners print four to six decimals: four are off by at most 2 sqrt(3) 5e-5. A gantry tilt of 0.01 degrees passes.
 ORTHONORMAL_TOLERANCE = 2e-4
 
-SPACINGS = (1e-12, 1e12)
+SPACING_LIMITS = (1e-12, 1e12)
 """Least and largest distance of voxels: the size of a voxel, a product of three, stays a normal float32 number, as
 pictures and other programs compute it. In metres this reaches below an atom, in nanometres to 1000 km."""
 
@@ -424,7 +424,7 @@ NIFTI_UNITS = {"": 0, "m": 1, "mm": 2, "\u00b5m": 3}
 """Codes of the units of length that NIfTI can state; 0 is "unknown"."""
 
 # From LPS to RAS and back: x and y change sign. NIfTI and nibabel use RAS.
-_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
+LPS_TO_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -470,9 +470,9 @@ class Grid:
                 f"spacing must be positive, got {self.spacing}; a flipped axis belongs into direction "
                 "(negate its column), an unknown spacing is 1."
             )
-        if min(self.spacing) < SPACINGS[0] or max(self.spacing) > SPACINGS[1]:
+        if min(self.spacing) < SPACING_LIMITS[0] or max(self.spacing) > SPACING_LIMITS[1]:
             raise DeformError(
-                f"spacing must be from {SPACINGS[0]:g} to {SPACINGS[1]:g}, got {self.spacing}: the size "
+                f"spacing must be from {SPACING_LIMITS[0]:g} to {SPACING_LIMITS[1]:g}, got {self.spacing}: the size "
                 "of a voxel would be no number in float32. Give it in another unit."
             )
         if np.abs(self.origin).max() > LARGEST_COORDINATE:
@@ -651,7 +651,7 @@ class Grid:
             new = _one_or_three(self.spacing if spacing is None else spacing, "spacing")
             if not (new > 0).all():
                 raise DeformError(f"spacing must be positive, got {shown_value(spacing)}.")
-            if min(new) < SPACINGS[0] or (lengths / new).prod() >= _MOST_VOXELS:
+            if min(new) < SPACING_LIMITS[0] or (lengths / new).prod() >= _MOST_VOXELS:
                 raise DeformError(
                     f"a spacing of {shown_value(spacing)} makes more voxels of a box of {self.lengths} "
                     "than there can be."
@@ -930,7 +930,7 @@ class Volume:
         if values.ndim > 3 and set(values.shape[3:]) == {1}:  # one moment of one component
             values = values.reshape(values.shape[:3])
         values = values.reshape(*values.shape, *(1,) * (3 - values.ndim)) if values.ndim else values
-        affine = _RAS @ np.asarray(image.affine, dtype=np.float64)
+        affine = LPS_TO_RAS @ np.asarray(image.affine, dtype=np.float64)
         return cls.from_affine(values.T, affine, name, is_labels, unit=nibabel_unit(image))
 
     def in_unit(self, unit: str) -> Volume:
@@ -998,7 +998,7 @@ class Volume:
         """
         grid = self.grid if self.grid.unit in NIFTI_UNITS else self.grid.in_unit("mm")
         values = self.values.view(np.uint8) if self.dtype == np.bool_ else self.values
-        image = optional_package("nibabel").Nifti1Image(values.T, _RAS @ grid.affine)
+        image = optional_package("nibabel").Nifti1Image(values.T, LPS_TO_RAS @ grid.affine)
         image.header.set_xyzt_units(NIFTI_UNITS[grid.unit])
         image.set_qform(image.affine, code=1, update_affine=False)  # else the affine is rounded to float32
         return image

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
 from deformnb._typing import Floats
-from deformnb.rbf.cuts import Choice, Decoupled, is_doubtful
+from deformnb.rbf.cuts import Decoupled, SideChoice, is_doubtful
 from deformnb.rbf.fields import AbstractField, links_of
 from deformnb.volume.volume import Grid
 from deformnb.warping.node_walk import Walk, depth_in, lagrange, reach_of
@@ -58,7 +58,7 @@ class _Branch:
     after : for each region the table of displacements that include its own.
     """
 
-    cuts: Choice
+    cuts: SideChoice
     then: tuple[Any, ...]
     before: int | None
     after: tuple[int, ...]

@@ -19,7 +19,7 @@ from deformnb import devices
 from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax, pytree
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
-from deformnb.rbf.cuts import Choice, Decoupled
+from deformnb.rbf.cuts import Decoupled, SideChoice
 from deformnb.rbf.evaluation import RadialSum, checked_parts, outer_sum, stacked
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines
@@ -112,7 +112,7 @@ class _Cut:
     """:class:`~deformnb.rbf.cuts.Decoupled`: displacements and opacity."""
 
     fields: tuple[Any, ...]
-    choice: Choice
+    choice: SideChoice
 
     def seen(self, x: Components) -> tuple[list[Any], Any]:
         """Components of the displacements, and the opacity."""

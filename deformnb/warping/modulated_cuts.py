@@ -39,7 +39,7 @@ _GROUPS, _READ_TOGETHER = 32, 4096
 _MARGIN = 0.5
 
 # The sides of the raster of distances are a multiple of these pixels.
-_SIDE = 64
+_RASTER_MULTIPLE = 64
 
 # The picture of a small part of a volume is taken to be as large as this, in pixels.
 _LEAST_PIXELS = 1024
@@ -189,7 +189,9 @@ def _around(at: NDArray[np.float64], reach: float, size: float, output: Grid, no
     margin = min(reach, _MARGIN * max(size, _LEAST_PIXELS * step)) + 2 * max(output.spacing)
     low, high = (end(at, axis=1) if at.size else np.zeros(2) for end in (np.min, np.max))
     # Every shape is compiled for anew, and every drag leads elsewhere.
-    columns, rows = (_SIDE * few_sizes(int(n / (_SIDE * step)) + 1) for n in high - low + 2 * margin + step)
+    columns, rows = (
+        _RASTER_MULTIPLE * few_sizes(int(n / (_RASTER_MULTIPLE * step)) + 1) for n in high - low + 2 * margin + step
+    )
     return Raster((rows, columns), (step, step), tuple((low - margin).tolist()))
 
 

@@ -40,7 +40,7 @@ ERROR = SHARES["nodes"]
 """Largest error of an interpolated displacement, in the smallest side of a voxel. Where neighbouring voxels differ by
 100 grey levels, it changes the result by one at most, and by a third of one as a rule."""
 
-SPACINGS = (8, 6, 4, 3, 2)
+NODE_SPACINGS = (8, 6, 4, 3, 2)
 """Distances of nodes in voxels; the one of least work is taken, of nodes and of the voxels that are evaluated one by
 one."""
 
@@ -104,7 +104,7 @@ class Displacements:
 class NodeTable:
     """Displacements of a field in space at the voxels of a grid, from nodes that are as far apart as the error allows.
 
-    Nodes at one of :data:`SPACINGS` are evaluated once for the whole grid. Blocks where these leave too much to be
+    Nodes at one of :data:`NODE_SPACINGS` are evaluated once for the whole grid. Blocks where these leave too much to be
     evaluated voxel by voxel get denser ones of their own. Near the borders of cuts the nodes of each block hold the
     displacements of every region (:mod:`deformnb.warping.border_cells`), if the fields of the regions have no cuts of
     their own and at most :data:`~deformnb.warping.border_cells.MOST_TABLES` displacements are needed there; else each
@@ -128,7 +128,7 @@ class NodeTable:
         self._field, self._grid, self._at_places = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
         estimate = _Lattice(field, grid, _FIRST_SPACING)
-        best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*SPACINGS, 1))
+        best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*NODE_SPACINGS, 1))
         self._whole = _Lattice(field, grid, best if best > 1 else _USUAL, progress)
 
     def block(self, block: tuple[slice, slice]) -> Displacements | None:
@@ -138,7 +138,7 @@ class NodeTable:
         its own. None where the field bends so much that it is to be evaluated at every voxel of the block.
         """
         cells = (self._whole.cells(block[0]), self._whole.cells(block[1]))
-        spacing = self._whole.best_spacing(cells, (*SPACINGS, 1))
+        spacing = self._whole.best_spacing(cells, (*NODE_SPACINGS, 1))
         start = np.array([block[0].start, block[1].start, 0])
         stop = np.minimum([block[0].stop, block[1].stop, self._grid.shape[2]], self._grid.shape)
         if spacing == self._whole.spacing:

@@ -27,7 +27,7 @@ from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
 from deformnb.rbf.partition import LocalFits
-from deformnb.rbf.points import ControlPoints
+from deformnb.rbf.points import NAMES_SHOWN, ControlPoints
 from deformnb.volume.units import checked_unit, ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
@@ -44,9 +44,7 @@ _ROUNDING = 1e-14
 # Nodes at which the map is sampled to find a start where the usual ones lead nowhere: per axis, by dimension; and how
 # many of the nearest are tried.
 _SEEDS = {2: 128, 3: 24}
-_TRIED = 4
-
-_NAMES_SHOWN = 8  # by repr
+_NODES_TRIED = 4
 
 
 def warp_points(
@@ -294,7 +292,7 @@ def _from_seeds(
     if not finite.any():
         return y, error
     nodes, tree = nodes[finite], scipy.spatial.cKDTree(brought[finite])
-    nearest = tree.query(x, min(_TRIED, len(nodes)))[1].reshape(len(x), -1)
+    nearest = tree.query(x, min(_NODES_TRIED, len(nodes)))[1].reshape(len(x), -1)
     y, error, at = y.copy(), error.copy(), map_of(field)
     for column in nearest.T:
         left = np.flatnonzero(~(error <= tolerance))
@@ -360,7 +358,7 @@ class Landmarks:
 
     def __repr__(self) -> str:
         named = [name[:20] for name in self.names if name]
-        names = ", ".join(map(repr, named[:_NAMES_SHOWN])) + (", ..." if len(named) > _NAMES_SHOWN else "")
+        names = ", ".join(map(repr, named[:NAMES_SHOWN])) + (", ..." if len(named) > NAMES_SHOWN else "")
         pairs = "" if self.fixed is None else ", paired with fixed places"
         unit = self.unit and f", in {self.unit}"
         return (

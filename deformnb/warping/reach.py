@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._typing import Floats
+from deformnb._typing import Floats, VoxelSlices
 from deformnb.errors import DeformError
 from deformnb.rbf import kernels
 from deformnb.rbf.bspline import BSplineField
@@ -47,7 +47,7 @@ _ROUNDING = 1
 _SPLINE = 16
 
 # Share of a voxel by which a place may be off a voxel's centre by rounding.
-_WHOLE = 1e-7
+_CENTRE_TOLERANCE = 1e-7
 
 # A distance that is read off a mask's table changes by up to the square root of 3 per length, others by 1.
 _STEEPEST = 2.0
@@ -304,7 +304,7 @@ def _of_spline(field: BSplineField, low: Floats, high: Floats) -> Bounds:
     inverse = np.linalg.inv(np.asarray(field.axes))
     first, last = _turned(inverse, (low - field.origin, high - field.origin))
     begin, end = field.domain
-    if (last < begin - _WHOLE).any() or (first > end + _WHOLE).any():
+    if (last < begin - _CENTRE_TOLERANCE).any() or (first > end + _CENTRE_TOLERANCE).any():
         return np.zeros(field.dim), np.zeros(field.dim)
     # The first coefficient that counts is (order - 1) / 2 before a place at most, rounded down; the last one after it.
     margin, counts = (field.order - 1) / 2, field.counts
@@ -317,12 +317,9 @@ def _of_spline(field: BSplineField, low: Floats, high: Floats) -> Bounds:
     return _union([within, (np.zeros(field.dim),) * 2]) if beyond else within
 
 
-Slices = tuple[slice, slice, slice]
-
-
 def source_part(
     bounds: DisplacementBounds, field: AbstractField, block: Grid, source: Grid, method: str
-) -> Slices | None:
+) -> VoxelSlices | None:
     """The voxels of a source that a block of the result can show, as slices along z, y, x; None if there are none.
 
     Parameters
@@ -351,7 +348,7 @@ def source_part(
     at, moved = source.point_to_index(corners), _turned(np.linalg.inv(source.matrix), d)
     more = _ROUNDING + _SPLINE * METHODS[method].is_spline
     counts = np.array(source.shape[::-1])
-    still = (moved[0] == 0) & (moved[1] == 0) & np.all(np.abs(at - np.round(at)) < _WHOLE, axis=0)
+    still = (moved[0] == 0) & (moved[1] == 0) & np.all(np.abs(at - np.round(at)) < _CENTRE_TOLERANCE, axis=0)
     bound = 4.0 * (counts + 2 * more)  # beyond the source by far; no number too large to be counted
     first = np.clip(np.floor(at.min(axis=0) + moved[0]) - more, -bound, bound).astype(int)
     stop = np.clip(np.floor(at.max(axis=0) + moved[1]) + 2 + more, -bound, bound).astype(int)

@@ -19,10 +19,10 @@ from numpy.polynomial import chebyshev
 
 from deformnb._jax import compiled, float64
 from deformnb._typing import Floats
-from deformnb.rbf.kernels import BUILT_IN, NEAREST, AbstractKernel, kernel_named
+from deformnb.rbf.kernels import BUILT_IN, LEAST_DISTANCE, AbstractKernel, kernel_named
 
 _DEGREE = 15
-_LOWEST, _HIGHEST = round(2 * np.log2(NEAREST)), 40  # exponents of 2 of s
+_LOWEST, _HIGHEST = round(2 * np.log2(LEAST_DISTANCE)), 40  # exponents of 2 of s
 _NARROWEST = 2.0**-26  # of an octave
 _CLOSE = 1e-12  # the error that is aimed at
 

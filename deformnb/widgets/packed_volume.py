@@ -250,7 +250,7 @@ def _white(volume: Volume, low: float, high: float) -> float:
     return float(np.clip((dense - low) / (high - low), 1 / 255, 1.0))
 
 
-Window = tuple[float, float]
+ValueWindow = tuple[float, float]
 
 _LEVELS = 255
 _SHARE = 0.25  # of the window: a transfer function that changes within less of it is seen in bands
@@ -258,7 +258,7 @@ _ROOM = 0.05  # of that part, on each side
 _FINEST = 1 / 64  # of the window
 
 
-def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> Window | None:
+def fine_window(function: TransferFunction, volume: Volume, coarse: ValueWindow) -> ValueWindow | None:
     """The part of a window within which a transfer function changes, if bytes over all of it show that in bands.
 
     Parameters
@@ -292,7 +292,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: Window) -> W
     return max(coarse[0], middle - width / 2), min(coarse[1], middle + width / 2)
 
 
-def is_fine_enough(function: TransferFunction, volume: Volume, window: Window, coarse: Window) -> bool:
+def is_fine_enough(function: TransferFunction, volume: Volume, window: ValueWindow, coarse: ValueWindow) -> bool:
     """Check whether a window in use will do: it leaves out nothing, and another one would not be much finer."""
     needed = fine_window(function, volume, coarse) or coarse
     holds_all = window[0] <= needed[0] and needed[1] <= window[1]

@@ -22,7 +22,7 @@ from deformnb.imaging.camera import Camera
 from deformnb.imaging.raycast import PerspectiveCamera
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.session.view_state import ViewState
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Slices
 
 GRID = dn.Grid((4, 5, 6))
@@ -60,7 +60,7 @@ EXAMPLES: list[Any] = [
     dn.warping.Mesh(np.eye(3), [[0, 1, 2]]),
     Camera(PLANE, 1.0),
     PerspectiveCamera(1.0, 1.0, 1.0),
-    Part(GRID, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    ClipBox(GRID, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
 ]
 
 WRONG: list[Any] = [

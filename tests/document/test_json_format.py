@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
-from deformnb.document.json_format import DEEPEST, FORMAT, LONGEST, VERSION, from_json, to_json
+from deformnb.document.json_format import DEEPEST_JSON, DOCUMENT_FORMAT, LONGEST_DOCUMENT, VERSION, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Cut
 from deformnb.rbf.kernels import KERNELS
@@ -167,7 +167,7 @@ def test_every_document_comes_back_as_it_was(document: Deformation) -> None:
     assert [dict(s.extra) for s in again.steps] == [dict(s.extra) for s in document.steps]
     assert from_json(text.encode("utf-8")) == document
     assert to_json(again) == text
-    assert json.loads(text)["format"] == FORMAT  # any JSON reader can read it
+    assert json.loads(text)["format"] == DOCUMENT_FORMAT  # any JSON reader can read it
 
 
 def test_numbers_come_back_to_the_last_bit() -> None:
@@ -505,16 +505,16 @@ def test_other_formats_are_refused(name: Any) -> None:
 
 
 def test_what_is_missing_has_its_default_or_is_named() -> None:
-    assert read({"format": FORMAT, "version": "2.0"}) == Deformation()
+    assert read({"format": DOCUMENT_FORMAT, "version": "2.0"}) == Deformation()
     step = {"maps": [{"dim": 3, "points": [{"id": 0, "source": [0, 0, 0], "target": [1, 0, 0]}]}]}
-    plain = read({"format": FORMAT, "version": "2.0", "steps": [step]})
+    plain = read({"format": DOCUMENT_FORMAT, "version": "2.0", "steps": [step]})
     assert plain == Deformation.in_space(ControlPoints.from_arrays([[0, 0, 0]], [[1, 0, 0]]))
-    assert read({"format": FORMAT, "version": "1.0", "steps": [step]}) == as_of_1(plain)
+    assert read({"format": DOCUMENT_FORMAT, "version": "1.0", "steps": [step]}) == as_of_1(plain)
     for missing in ("id", "source", "target"):
         broken = copy.deepcopy(step)
         del broken["maps"][0]["points"][0][missing]
         with pytest.raises(DeformError, match=rf"document\.steps\[0\]\.maps\[0\]\.points\[0\]\.{missing} must be"):
-            read({"format": FORMAT, "version": "2.0", "steps": [step | broken]})
+            read({"format": DOCUMENT_FORMAT, "version": "2.0", "steps": [step | broken]})
 
 
 # ---- damage ----------------------------------------------------------------------------------------------------------
@@ -692,17 +692,17 @@ def test_a_pickle_is_never_opened(protocol: int) -> None:
 
 def test_a_text_beyond_the_limit_is_refused_before_it_is_parsed() -> None:
     with pytest.raises(DeformError, match="characters long"):
-        from_json("[" * (LONGEST + 1))
+        from_json("[" * (LONGEST_DOCUMENT + 1))
 
 
 def test_nesting_is_bounded_where_it_says_also_in_fields_that_are_only_kept() -> None:
     def nested(depth: int) -> Any:
         return [nested(depth - 1)] if depth else 1
 
-    document = read({**data(), "x": nested(DEEPEST - 2)})
+    document = read({**data(), "x": nested(DEEPEST_JSON - 2)})
     assert from_json(to_json(document)) == document
     with pytest.raises(DeformError, match="nested too deeply"):
-        read({**data(), "x": nested(DEEPEST)})
+        read({**data(), "x": nested(DEEPEST_JSON)})
 
 
 @pytest.mark.parametrize(

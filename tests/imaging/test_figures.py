@@ -12,8 +12,8 @@ from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import STYLES
 from deformnb.imaging.figures import (
-    CUT,
-    SIDES,
+    CUT_COLOUR,
+    SIDE_COLOURS,
     Panel,
     draw_figure,
     moved_lines,
@@ -107,14 +107,19 @@ def test_what_cannot_be_drawn_is_said(make: Any, words: str) -> None:
 def test_points_have_the_colour_of_their_side() -> None:
     figure = draw_figure([[Panel(points=PULL, at="target", cuts=(MIDDLE,), box=(0, 20, -1, 5))]], lettered=False)
     image, (axes,) = pixels(figure), figure.axes
-    for place, color in (((1, 1), SIDES[1]), ((1, 3), SIDES[1]), ((19, 1), SIDES[0]), ((19, 3), SIDES[0])):
+    for place, color in (
+        ((1, 1), SIDE_COLOURS[1]),
+        ((1, 3), SIDE_COLOURS[1]),
+        ((19, 1), SIDE_COLOURS[0]),
+        ((19, 3), SIDE_COLOURS[0]),
+    ):
         assert near(image[at(figure, axes, place)], color)
 
 
 def test_the_line_of_a_cut_is_yellow_through_the_whole_panel() -> None:
     figure = draw_figure([[Panel(cuts=(MIDDLE,), box=(0, 20, -5, 15))]], lettered=False)
     image, (axes,) = pixels(figure), figure.axes
-    yellow = near(image, CUT)
+    yellow = near(image, CUT_COLOUR)
     for b in (-4, 4, 14):
         row, column = at(figure, axes, (10, b))
         assert yellow[row, column - 1 : column + 2].any()
@@ -126,7 +131,7 @@ def test_the_line_of_a_cut_that_stops_is_drawn_to_its_tip() -> None:
     cut = Cut(Line([(10, 15), (10, 2)], stops=(False, True)))
     figure = draw_figure([[Panel(cuts=(cut,), box=(0, 20, -5, 15))]], lettered=False)
     image, (axes,) = pixels(figure), figure.axes
-    yellow = near(image, CUT)
+    yellow = near(image, CUT_COLOUR)
     for b, is_drawn in ((14, True), (3, True), (1, False), (-4, False)):
         row, column = at(figure, axes, (10, b))
         assert yellow[row, column - 1 : column + 2].any() == is_drawn

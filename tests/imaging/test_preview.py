@@ -12,7 +12,7 @@ from deformnb.imaging.camera import Camera
 from deformnb.imaging.core_volume import draw_core, draw_core_mip
 from deformnb.imaging.preview import draw_marked, draw_slices, draw_slices_mip
 from deformnb.rbf.points import ControlPoints
-from deformnb.volume.clip import Part
+from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
@@ -74,7 +74,7 @@ def test_the_largest_value_is_that_of_the_ray_caster(direction: tuple[float, flo
 def test_what_is_clipped_is_not_drawn() -> None:
     volume = body()
     seen = camera(volume, (0.0, 1.0, 0.0))
-    part = Part.of(volume.grid, ((0, 0.5), (0, 1), (0, 1)))
+    part = ClipBox.of(volume.grid, ((0, 0.5), (0, 1), (0, 1)))
     clipped = draw_slices(volume, seen, SIZE, RED, DARK, part=part)
     emptied = draw_slices(part.emptied(volume), seen, SIZE, RED, DARK)
     assert (clipped != draw_slices(volume, seen, SIZE, RED, DARK)).any()

@@ -9,7 +9,7 @@ import pytest
 
 from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
-from deformnb.volume.clip import Part, checked_clip
+from deformnb.volume.clip import ClipBox, checked_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
@@ -26,10 +26,10 @@ def shape() -> Volume:
     return Volume(values, GRID)
 
 
-def part_of(axis: int, pair: tuple[float, float]) -> Part:
+def part_of(axis: int, pair: tuple[float, float]) -> ClipBox:
     clip = [[0.0, 1.0] for _ in range(3)]
     clip[axis] = list(pair)
-    part = Part.of(GRID, checked_clip(clip))
+    part = ClipBox.of(GRID, checked_clip(clip))
     assert part is not None
     return part
 
@@ -95,7 +95,7 @@ def test_a_face_that_was_cut_is_lit_evenly_whatever_lies_behind_it() -> None:
     assert np.median(cut.values[face][:, 0] / cut.values[face][:, 3]) == pytest.approx(wanted, rel=0.04)
 
 
-def _inner(picture: Picture, part: Part, axis: int, plane: Plane) -> np.ndarray:
+def _inner(picture: Picture, part: ClipBox, axis: int, plane: Plane) -> np.ndarray:
     """Pixels whose rays enter through the middle of the face."""
     side = part.low[axis] if np.isfinite(part.low[axis]) else part.high[axis]
     start = GRID.point_to_index(plane.from_plane(picture.raster.points().reshape(-1, 2)))

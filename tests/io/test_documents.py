@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from deformnb.document.deformation import Deformation, Step, VolumeReference
-from deformnb.document.json_format import LONGEST, to_json
+from deformnb.document.json_format import LONGEST_DOCUMENT, to_json
 from deformnb.errors import DeformError, FileChangedError, VolumeFileError
 from deformnb.io.documents import describe_document, read_deformation, write_deformation
 from deformnb.io.files.atomic import writing_held_by
@@ -122,7 +122,7 @@ def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
         (b'{"format": "deformnb-deformation", "version": "1.0", "steps": 3}', "steps"),
         (b"\x89PNG\r\n\x1a\n\0\0", ""),
         (b"[" * 100000, "nested"),
-        (b"{" + b" " * LONGEST, "characters long"),
+        (b"{" + b" " * LONGEST_DOCUMENT, "characters long"),
     ],
 )
 def test_damaged_files_are_named_with_what_is_wrong(content: bytes, match: str, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.forward import fit_forward, oriented
-from deformnb.rbf.interpolant import FOLDS, POOR
+from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.warping.points import warp_points
@@ -62,7 +62,7 @@ def test_fits_forward_in_the_browser_are_those_of_the_package(name: str) -> None
     assert np.abs(slope[:, :2] - AT - expected).max() < CLOSE
     assert np.abs(slope[:, 2:].reshape(-1, 2, 2) - np.eye(2) - fit.jacobian(AT)).max() < 1e-7
     assert np.abs(np.array(found["dets"]).reshape(9, 11) - jacobian_determinant(fit, where)).max() < 1e-6
-    assert sorted(set(found["notes"])) == sorted(set(fit.notes) - {FOLDS, POOR})
+    assert sorted(set(found["notes"])) == sorted(set(fit.notes) - {FOLDS_WARNING, POOR})
 
 
 def test_refusals_are_among_the_cases() -> None:

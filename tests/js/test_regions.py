@@ -17,7 +17,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.interpolant import FOLDS, POOR
+from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, fit_rigid
@@ -197,7 +197,7 @@ def test_fits_beside_rigid_parts_are_those_of_the_package(name: str, strength: f
     assert np.abs(np.array(found["at"]) - fit.displacement(places(200))).max() < CLOSE
     oracle = fit.on_raster(Raster((5, 7), (70.0, 80.0), (13.0, 21.0)))
     assert np.abs(np.array(found["map"]).reshape(5, 7, 2) - np.moveaxis(oracle, 0, -1)).max() < 1e-3
-    assert found["notes"] == [note for note in fit.notes if note not in (FOLDS, POOR)]  # type: ignore[attr-defined]
+    assert found["notes"] == [note for note in fit.notes if note not in (FOLDS_WARNING, POOR)]  # type: ignore[attr-defined]
 
 
 def test_a_point_in_a_part_that_asks_for_something_else_is_refused_alike() -> None:

@@ -13,7 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deformnb.errors import DeformError
-from deformnb.rbf.extrusion import CONSTANTS, DEEPEST, FUNCTIONS, LARGEST_POWER, LONGEST, evaluate
+from deformnb.rbf.extrusion import (
+    DEEPEST_FORMULA,
+    FORMULA_CONSTANTS,
+    FUNCTIONS,
+    LARGEST_POWER,
+    LONGEST_FORMULA,
+    evaluate,
+)
 
 Z = np.linspace(0, 1, 11)
 WITH_PYTHON = {
@@ -252,7 +259,7 @@ def test_huge_powers_are_refused(text: str) -> None:
 
 
 def test_a_text_of_the_greatest_length_is_read() -> None:
-    assert evaluate("z" + " " * (LONGEST - 2) + "\n", np.array([0.25])).tolist() == [0.25]
+    assert evaluate("z" + " " * (LONGEST_FORMULA - 2) + "\n", np.array([0.25])).tolist() == [0.25]
 
 
 @pytest.mark.parametrize(
@@ -263,8 +270,8 @@ def test_a_text_of_the_greatest_length_is_read() -> None:
         "sin(" * 45 + "z" + ")" * 45,
         "z^" * 90 + "z",
         "+".join(["z"] * 90),
-        "z" * (LONGEST + 1),
-        " " * LONGEST * 100 + "z" * 500,
+        "z" * (LONGEST_FORMULA + 1),
+        " " * LONGEST_FORMULA * 100 + "z" * 500,
         "[" * 199,
         "9" * 5000,
         "(" * 1_000_000,
@@ -276,7 +283,7 @@ def test_long_and_deep_texts_are_refused_at_once(text: str) -> None:
     try:
         result = evaluate(text, np.linspace(0, 1, 1025))
     except DeformError as error:
-        assert len(str(error)) < LONGEST + 400  # noqa: PT017 (parentheses alone are no depth of a formula)
+        assert len(str(error)) < LONGEST_FORMULA + 400  # noqa: PT017 (parentheses alone are no depth of a formula)
     else:
         assert np.isfinite(result).all()
         assert text.count("(") == 99
@@ -284,9 +291,9 @@ def test_long_and_deep_texts_are_refused_at_once(text: str) -> None:
 
 
 def test_depth_is_bounded_where_it_says() -> None:
-    assert evaluate("-" * DEEPEST + "z", 1.0) == 1.0
+    assert evaluate("-" * DEEPEST_FORMULA + "z", 1.0) == 1.0
     with pytest.raises(DeformError, match="nested too deeply"):
-        evaluate("-" * (DEEPEST + 1) + "z", 1.0)
+        evaluate("-" * (DEEPEST_FORMULA + 1) + "z", 1.0)
 
 
 @pytest.mark.parametrize("text", ["", "   ", "\n", None, 3, ["z"], b"z"])
@@ -306,8 +313,8 @@ def test_no_text_ever_raises_anything_else(text: str) -> None:
 
 
 def test_names_do_not_collide() -> None:
-    assert not set(CONSTANTS) & set(FUNCTIONS)
-    assert "z" not in {*CONSTANTS, *FUNCTIONS}
+    assert not set(FORMULA_CONSTANTS) & set(FUNCTIONS)
+    assert "z" not in {*FORMULA_CONSTANTS, *FUNCTIONS}
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from deformnb.analysis.quality import bending_energy
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration.outlines import (
-    HELD,
-    Curve,
+    OUTLINE_POINT,
+    ClosedCurve,
     area,
     bending_matrix,
     dark_and_bright,
@@ -38,7 +38,7 @@ def _ellipse(a: float, b: float, count: int = 720) -> NDArray[np.float64]:
     return np.stack([50 + a * np.cos(t), 50 + b * np.sin(t)], axis=1)
 
 
-def _on_arc(curve: Curve, s: Any) -> NDArray[np.float64]:
+def _on_arc(curve: ClosedCurve, s: Any) -> NDArray[np.float64]:
     return curve.at(np.asarray(s) * curve.length)
 
 
@@ -94,19 +94,19 @@ def test_pictures_without_an_outline_are_refused(values: Any, level: float | Non
 
 
 def test_a_curve_is_walked_by_arc_length() -> None:
-    square = Curve([[0, 0], [4, 0], [4, 4], [4, 4], [0, 4]])
+    square = ClosedCurve([[0, 0], [4, 0], [4, 4], [4, 4], [0, 4]])
     assert square.length == 16
     assert square.at([1, 6, 15, 17, -1]).tolist() == [[1, 0], [4, 2], [0, 1], [1, 0], [0, 1]]
     assert square.nearest(np.array([5.0, 3.0])) == (7, 1)
     assert square.tangent(np.array([2.0])).tolist()[0] == pytest.approx([1, 0], abs=0.8)
-    path = Curve([[0, 0], [4, 0]], closed=False)
+    path = ClosedCurve([[0, 0], [4, 0]], closed=False)
     assert path.at([-1, 3, 9]).tolist() == [[0, 0], [3, 0], [4, 0]]
 
 
 @pytest.mark.parametrize("line", [[[0, 0]], [[1, 1], [1, 1]], [[0, 0], [np.nan, 1]], [[0, 0, 0], [1, 1, 1]]])
 def test_what_is_no_curve_is_refused(line: Any) -> None:
     with pytest.raises(DeformError, match="outline"):
-        Curve(line)
+        ClosedCurve(line)
 
 
 # -- bending -----------------------------------------------------------------------------------------------------------
@@ -135,7 +135,7 @@ def test_sources_without_a_spline_are_refused(source: Any) -> None:
 def _slid_off(count: int = 20) -> tuple[ControlPoints, NDArray[np.float64]]:
     """Points on a lobed outline whose targets have slid along it, every fifth a true landmark."""
     line = _blob()
-    curve, share = Curve(line), np.arange(count) / count
+    curve, share = ClosedCurve(line), np.arange(count) / count
     off = 0.012 * np.sin(2 * np.pi * share * 3) + 0.008 * np.cos(2 * np.pi * share)
     off[::5] = 0
     return ControlPoints.from_arrays(_on_arc(curve, share), _on_arc(curve, share + off)), line
@@ -165,7 +165,7 @@ def test_they_stay_on_the_outline_and_true_landmarks_where_they_are() -> None:
     points, line = _slid_off()
     points = points.edit(3, locked=True).edit(8, active=False)
     found = slide(points, [line], fixed_ids=[0, 5, 10, 15], iterations=2)
-    curve = Curve(line)
+    curve = ClosedCurve(line)
     assert max(curve.nearest(t)[1] for t in found.points.target) < 1e-9
     stay = [0, 3, 5, 8, 10, 15]
     assert (found.points.target[stay] == points.target[stay]).all()
@@ -205,7 +205,7 @@ def test_outlines_that_begin_elsewhere_or_run_the_other_way_correspond() -> None
 
 def test_none_overtakes_another() -> None:
     points, line = _slid_off(40)
-    curve = Curve(line)
+    curve = ClosedCurve(line)
     found = slide(points, [line])
     places = np.array([curve.nearest(t)[0] for t in found.points.target])
     assert ((np.diff(places) % curve.length) < curve.length / 2).all()
@@ -252,8 +252,8 @@ def test_what_cannot_slide_is_said() -> None:
 @pytest.mark.parametrize("count", [3, 16, 50])
 def test_points_that_hold_an_outline_lie_on_it_evenly_and_stay(count: int) -> None:
     held = hold_outline(ControlPoints.empty(), _blob(), count=count)
-    curve = Curve(_blob())
-    assert held.names == (HELD,) * count
+    curve = ClosedCurve(_blob())
+    assert held.names == (OUTLINE_POINT,) * count
     np.testing.assert_array_equal(held.source, held.target)
     along = np.sort([curve.nearest(place)[0] for place in held.source])
     assert max(curve.nearest(place)[1] for place in held.source) < 1e-9
@@ -265,7 +265,7 @@ def test_what_was_dragged_stays_and_has_room_and_a_second_call_changes_nothing()
     dragged = ControlPoints.from_arrays([tip, [50.0, 60.0]], [tip + 12.0, [50.0, 60.0]], names=["tip", ""])
     held = hold_outline(dragged, _blob(), count=20)
     assert held.names[:2] == ("tip", "")
-    gap = Curve(_blob()).length / 40
+    gap = ClosedCurve(_blob()).length / 40
     others = held.source[2:]
     assert np.linalg.norm(others - tip, axis=1).min() >= gap
     assert np.linalg.norm(others - tip - 12.0, axis=1).min() >= gap

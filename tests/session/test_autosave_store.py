@@ -130,7 +130,7 @@ def test_a_name_from_a_file_is_kept_short_and_no_path(tmp_path: Path) -> None:
 
 def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(autosave_store, "MOST_PER_VOLUME", 2)
-    monkeypatch.setattr(autosave_store, "MOST", 3)
+    monkeypatch.setattr(autosave_store, "MOST_AUTOSAVES", 3)
     old = written(tmp_path, minutes=60 * 24 * 31)
     lost = [written(tmp_path, minutes=100 + k) for k in range(3)]
     saved = [written(tmp_path, minutes=k, state=state) for k, state in enumerate(("saved", "closed", "skipped"))]
@@ -175,8 +175,8 @@ def test_the_session_that_began_last_stays_whatever_the_clock_says(
 
 def test_what_was_lost_stays_until_it_is_answered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(autosave_store, "MOST_PER_VOLUME", 1)
-    monkeypatch.setattr(autosave_store, "MOST", 1)
-    monkeypatch.setattr(autosave_store, "MOST_BYTES", 1)
+    monkeypatch.setattr(autosave_store, "MOST_AUTOSAVES", 1)
+    monkeypatch.setattr(autosave_store, "MOST_AUTOSAVE_BYTES", 1)
     lost = [written(tmp_path, minutes=60 * 24 * 365 * k) for k in range(1, 30)]
     prune(tmp_path)
     assert saved_sessions(a_volume(), tmp_path) == lost
@@ -188,7 +188,7 @@ def test_what_was_lost_stays_until_it_is_answered(tmp_path: Path, monkeypatch: p
 
 def test_together_they_stay_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     entries = [written(tmp_path, minutes=k, state="closed") for k in (1, 2, 3)]
-    monkeypatch.setattr(autosave_store, "MOST_BYTES", int(2.5 * entries[0].path.stat().st_size))
+    monkeypatch.setattr(autosave_store, "MOST_AUTOSAVE_BYTES", int(2.5 * entries[0].path.stat().st_size))
     prune(tmp_path)
     assert set(tmp_path.iterdir()) == {entry.path for entry in entries[:2]}
 

@@ -8,7 +8,7 @@ import pytest
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
-from deformnb.registration.outlines import HELD
+from deformnb.registration.outlines import OUTLINE_POINT
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
@@ -36,14 +36,14 @@ def test_a_held_outline_keeps_the_body_from_being_sheared_by_a_drag(method: str)
 
     session.hold_outline()
     held = session.points
-    outline = held.source[[name == HELD for name in held.names]]
+    outline = held.source[[name == OUTLINE_POINT for name in held.names]]
     assert len(outline) > 8
     assert session.history["undo"] == "hold the outline"
     assert session.notice.startswith(f"{len(outline)} points hold the outline")
     with_it = moved(held)
     session.undo()
     session.undo()
-    assert HELD not in session.points.names
+    assert OUTLINE_POINT not in session.points.names
     assert with_it < 0.02 < moved(session.points)
 
 

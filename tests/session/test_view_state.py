@@ -21,7 +21,7 @@ from deformnb.imaging.projection import PROJECTIONS
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.exports import Frozen
 from deformnb.session.session import Session
-from deformnb.session.view_state import MOST_NODES, ViewState, without_view_state
+from deformnb.session.view_state import MOST_TRANSFER_NODES, ViewState, without_view_state
 from deformnb.volume.colour_maps import COLOUR_MAPS, colour_table
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import PRESETS, TransferFunction
@@ -190,7 +190,10 @@ def test_what_a_later_version_may_know_is_passed_over() -> None:
         ({"transfer": {"colors": [[0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "colors must have 4 numbers"),
         ({"transfer": {"colors": [[0, 0, 0, 0]], "opacities": [[0, 0]], "unit": 0}}, "document.look.transfer: .*unit"),
         ({"transfer": {"colors": [[5, 0, 0, 0], [1, 0, 0, 0]], "opacities": [[0, 0]], "unit": 1}}, "must rise"),
-        ({"transfer": {"colors": [[0, 0, 0, 0]] * (MOST_NODES + 1), "opacities": [[0, 0]], "unit": 1}}, "nodes"),
+        (
+            {"transfer": {"colors": [[0, 0, 0, 0]] * (MOST_TRANSFER_NODES + 1), "opacities": [[0, 0]], "unit": 1}},
+            "nodes",
+        ),
     ],
 )
 def test_a_malformed_look_is_refused_at_its_place_and_nothing_changes(look: Any, place: str) -> None:

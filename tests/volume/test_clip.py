@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformnb.errors import DeformError
-from deformnb.volume.clip import WHOLE, Part, checked_clip
+from deformnb.volume.clip import WHOLE, ClipBox, checked_clip
 from deformnb.volume.volume import Grid, Volume
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
@@ -59,7 +59,7 @@ def test_a_clip_is_plain_numbers_whatever_it_came_as() -> None:
 def test_shares_count_along_the_index_axes(axis: int, pair: tuple[float, float], wanted: list[int]) -> None:
     clip = [list(p) for p in WHOLE]
     clip[axis] = list(pair)
-    part = Part.of(GRID, checked_clip(clip))
+    part = ClipBox.of(GRID, checked_clip(clip))
     assert part is not None
     held = part.holds(GRID)
     rows = np.moveaxis(held, 2 - axis, 0).reshape(GRID.shape[2 - axis], -1)
@@ -68,12 +68,12 @@ def test_shares_count_along_the_index_axes(axis: int, pair: tuple[float, float],
 
 
 def test_nothing_cut_away_is_no_part() -> None:
-    assert Part.of(GRID, WHOLE) is None
+    assert ClipBox.of(GRID, WHOLE) is None
 
 
 def test_shares_are_of_the_box_that_is_seen() -> None:
     larger = GRID.crop((-4, 0, 0), (8, 6, 10))  # twice as far along z, below
-    part = Part.of(GRID, ((0.0, 1.0), (0.0, 1.0), (0.5, 1.0)), larger)
+    part = ClipBox.of(GRID, ((0.0, 1.0), (0.0, 1.0), (0.5, 1.0)), larger)
     assert part is not None
     assert part.low == (-np.inf, -np.inf, -0.5)
     assert part.holds(GRID).all()
@@ -81,7 +81,7 @@ def test_shares_are_of_the_box_that_is_seen() -> None:
 
 
 def test_a_lattice_that_is_turned_is_held_where_its_places_are() -> None:
-    part = Part.of(GRID, ((0.2, 0.8), (0.0, 0.6), (0.3, 1.0)))
+    part = ClipBox.of(GRID, ((0.2, 0.8), (0.0, 0.6), (0.3, 1.0)))
     assert part is not None
     other = Grid((7, 8, 9), (0.9, 0.8, 0.7), tuple(GRID.center), ((0.8, -0.6, 0.0), (0.6, 0.8, 0.0), (0.0, 0.0, 1.0)))
     index = np.moveaxis(np.indices(other.shape)[::-1], 0, -1)
@@ -92,7 +92,7 @@ def test_a_lattice_that_is_turned_is_held_where_its_places_are() -> None:
 
 def test_a_voxel_outside_becomes_background() -> None:
     volume = Volume(np.arange(240, dtype=np.int16).reshape(GRID.shape) + 7, GRID)
-    part = Part.of(GRID, ((0.0, 0.5), (0.0, 1.0), (0.0, 1.0)))
+    part = ClipBox.of(GRID, ((0.0, 0.5), (0.0, 1.0), (0.0, 1.0)))
     assert part is not None
     emptied = part.emptied(volume).values
     assert (emptied[..., :5] == volume.values[..., :5]).all()
@@ -101,7 +101,7 @@ def test_a_voxel_outside_becomes_background() -> None:
 
 
 def test_sides_look_inwards() -> None:
-    part = Part.of(GRID, ((0.1, 1.0), (0.0, 0.5), (0.0, 1.0)))
+    part = ClipBox.of(GRID, ((0.1, 1.0), (0.0, 0.5), (0.0, 1.0)))
     assert part is not None
     points, inward = part.sides()
     middle = GRID.index_to_point([5.0, 1.0, 1.0])

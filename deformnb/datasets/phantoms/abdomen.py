@@ -14,7 +14,7 @@ from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Float32s, Loft, Shell, Solid, Tube, path
 
-LABELS = {
+_LABELS = {
     3: "liver",
     4: "spleen",
     6: "pancreas",
@@ -43,8 +43,8 @@ LABELS = {
 }
 """Numbers of the SPL abdominal atlas, so that code written for one runs on the other."""
 
-LENGTHS = (360.0, 264.0, 330.0)
-MIDDLE = 180.0
+_LENGTHS = (360.0, 264.0, 330.0)
+_MIDDLE = 180.0
 
 
 @cache
@@ -56,13 +56,13 @@ def scene() -> PhantomScene:
     parts = (*_wall(), *_bowel(), *_organs(), *_vessels(), *_spine(), *_pelvis(), *_ribs())
     return PhantomScene(
         "abdomen (phantom)",
-        LENGTHS,
+        _LENGTHS,
         (110, 88, 120),
         parts,
         texture=0.03,
         seed=7,
         noise=4.0,
-        label_names={1: "other tissue", **LABELS},
+        label_names={1: "other tissue", **_LABELS},
     )
 
 
@@ -70,12 +70,12 @@ def _torso() -> Loft:
     return Loft(
         "z",
         (
-            (-10, MIDDLE, 132, 166, 104),
-            (40, MIDDLE, 132, 165, 106),
-            (110, MIDDLE, 132, 152, 103),
-            (170, MIDDLE, 130, 148, 101),
-            (240, MIDDLE, 129, 150, 101),
-            (340, MIDDLE, 128, 152, 103),
+            (-10, _MIDDLE, 132, 166, 104),
+            (40, _MIDDLE, 132, 165, 106),
+            (110, _MIDDLE, 132, 152, 103),
+            (170, _MIDDLE, 130, 148, 101),
+            (240, _MIDDLE, 129, 150, 101),
+            (340, _MIDDLE, 128, 152, 103),
         ),
     )
 
@@ -84,11 +84,11 @@ def _cavity() -> Loft:
     return Loft(
         "z",
         (
-            (-10, MIDDLE, 118, 122, 66),
-            (60, MIDDLE, 116, 122, 68),
-            (170, MIDDLE, 113, 122, 71),
-            (240, MIDDLE, 114, 126, 75),
-            (340, MIDDLE, 116, 126, 80),
+            (-10, _MIDDLE, 118, 122, 66),
+            (60, _MIDDLE, 116, 122, 68),
+            (170, _MIDDLE, 113, 122, 71),
+            (240, _MIDDLE, 114, 126, 75),
+            (340, _MIDDLE, 116, 126, 80),
         ),
     )
 
@@ -109,42 +109,42 @@ def _wall() -> list[Part]:
         rectus = Loft(
             "z",
             (
-                (-10, MIDDLE + side * 30, 47, 27, 7),
-                (170, MIDDLE + side * 32, 42, 30, 6.5),
-                (340, MIDDLE + side * 34, 36, 32, 6),
+                (-10, _MIDDLE + side * 30, 47, 27, 7),
+                (170, _MIDDLE + side * 32, 42, 30, 6.5),
+                (340, _MIDDLE + side * 34, 36, 32, 6),
             ),
         )
         spinal = Loft(
             "z",
             (
-                (-10, MIDDLE + side * 34, 205, 30, 19),
-                (120, MIDDLE + side * 34, 200, 31, 20),
-                (340, MIDDLE + side * 30, 200, 30, 17),
+                (-10, _MIDDLE + side * 34, 205, 30, 19),
+                (120, _MIDDLE + side * 34, 200, 31, 20),
+                (340, _MIDDLE + side * 30, 200, 30, 17),
             ),
         )
         gluteal = Loft(
             "z",
             (
-                (-20, MIDDLE + side * 88, 190, 58, 36),
-                (40, MIDDLE + side * 92, 178, 50, 34),
-                (85, MIDDLE + side * 100, 160, 20, 18),
+                (-20, _MIDDLE + side * 88, 190, 58, 36),
+                (40, _MIDDLE + side * 92, 178, 50, 34),
+                (85, _MIDDLE + side * 100, 160, 20, 18),
             ),
         )
         psoas = Loft(
             "z",
             (
-                (0, MIDDLE + side * 62, 130, 16, 15),
-                (80, MIDDLE + side * 48, 150, 21, 20),
-                (160, MIDDLE + side * 38, 165, 15, 16),
-                (225, MIDDLE + side * 28, 170, 5, 6),
+                (0, _MIDDLE + side * 62, 130, 16, 15),
+                (80, _MIDDLE + side * 48, 150, 21, 20),
+                (160, _MIDDLE + side * 38, 165, 15, 16),
+                (225, _MIDDLE + side * 28, 170, 5, 6),
             ),
         )
         quadratus = Loft(
             "z",
             (
-                (75, MIDDLE + side * 74, 176, 18, 9),
-                (150, MIDDLE + side * 64, 180, 17, 8),
-                (235, MIDDLE + side * 56, 184, 9, 5),
+                (75, _MIDDLE + side * 74, 176, 18, 9),
+                (150, _MIDDLE + side * 64, 180, 17, 8),
+                (235, _MIDDLE + side * 56, 184, 9, 5),
             ),
         )
         deep = Shell(torso, 400.0, 9.0)
@@ -163,7 +163,7 @@ def _bowel() -> list[Part]:
     t = np.linspace(0, 15 * np.pi, 150)
     coil = np.column_stack(
         [
-            MIDDLE + 66 * np.sin(t) * (1 - 0.15 * np.sin(0.37 * t)),
+            _MIDDLE + 66 * np.sin(t) * (1 - 0.15 * np.sin(0.37 * t)),
             92 + 28 * np.sin(0.73 * t + 1),
             160 - 2.5 * t + 12 * np.cos(t),
         ]
@@ -246,7 +246,7 @@ def _organs() -> list[Part]:
     for side, label in ((-1.0, 51), (1.0, 52)):
         lean = 0.16 * side
         axes = ((0.985, 0.0, lean), (0.0, 1.0, 0.0), (-lean, 0.0, 0.985))
-        center = (MIDDLE + side * 74, 158.0, 200.0 + 7 * side)
+        center = (_MIDDLE + side * 74, 158.0, 200.0 + 7 * side)
         hilum = Ellipsoid((center[0] - side * 30, center[1] - 6, center[2]), (17, 17, 20))
         kidney = Both((Ellipsoid(center, (30, 27, 56), axes),), minus=(hilum,))
         parts.append(Part(kidney, ((-1.0, 66.0), (0.0, 156.0), (8.0, 132.0)), label))
@@ -265,9 +265,9 @@ def _organs() -> list[Part]:
                 Tube(
                     _smooth(
                         (center[0] - side * 16, 152, center[2] - 14),
-                        (MIDDLE + side * 46, 140, 120),
-                        (MIDDLE + side * 36, 140, 40),
-                        (MIDDLE + side * 22, 130, 0),
+                        (_MIDDLE + side * 46, 140, 120),
+                        (_MIDDLE + side * 36, 140, 40),
+                        (_MIDDLE + side * 22, 130, 0),
                     ),
                     (2.2,),
                 ),
@@ -304,9 +304,9 @@ def _vessels() -> list[Part]:
             (
                 _smooth(
                     (188, 134, 124),
-                    (MIDDLE + side * 34, 134, 84),
-                    (MIDDLE + side * 60, 112, 30),
-                    (MIDDLE + side * 76, 84, -12),
+                    (_MIDDLE + side * 34, 134, 84),
+                    (_MIDDLE + side * 60, 112, 30),
+                    (_MIDDLE + side * 76, 84, -12),
                 ),
                 5.6,
                 166.0,
@@ -314,14 +314,14 @@ def _vessels() -> list[Part]:
             (
                 _smooth(
                     (168, 140, 116),
-                    (MIDDLE + side * 34, 142, 80),
-                    (MIDDLE + side * 58, 120, 30),
-                    (MIDDLE + side * 72, 92, -12),
+                    (_MIDDLE + side * 34, 142, 80),
+                    (_MIDDLE + side * 58, 120, 30),
+                    (_MIDDLE + side * 72, 92, -12),
                 ),
                 6.2,
                 132.0,
             ),
-            (_smooth((188, 138, 206), (MIDDLE + side * 40, 148, 203), (MIDDLE + side * 58, 154, 200)), 3.4, 168.0),
+            (_smooth((188, 138, 206), (_MIDDLE + side * 40, 148, 203), (_MIDDLE + side * 58, 154, 200)), 3.4, 168.0),
         ]
     parts = [Part(Tube(line, (r,)), ((0.0, value),)) for line, r, value in lines]
     return [*parts, Part(cava, ((0.0, 132.0),), 8), Part(aorta, ((0.0, 168.0),), 7)]
@@ -343,37 +343,37 @@ def _spine() -> list[Part]:
     for label, z in levels:
         lordosis = 168.0 + 7.0 * np.cos((z - 235) / 70.0) - 3.0
         y, size = float(lordosis), 1.0 if label > 500 else 0.88
-        parts.append(Part(Ellipsoid((MIDDLE, y, z - 17.0), (22 * size, 16 * size, 7)), ((0.0, 112.0),)))
+        parts.append(Part(Ellipsoid((_MIDDLE, y, z - 17.0), (22 * size, 16 * size, 7)), ((0.0, 112.0),)))
         bone = ((0.0, 205.0), (1.8, 146.0))
         body = Loft(
             "z",
             (
-                (z - 12.5 * size, MIDDLE, y, 24 * size, 17 * size),
-                (z, MIDDLE, y, 20.5 * size, 15 * size),
-                (z + 12.5 * size, MIDDLE, y, 24 * size, 17 * size),
+                (z - 12.5 * size, _MIDDLE, y, 24 * size, 17 * size),
+                (z, _MIDDLE, y, 20.5 * size, 15 * size),
+                (z + 12.5 * size, _MIDDLE, y, 24 * size, 17 * size),
             ),
         )
         arch: tuple[Solid, ...] = (
-            Tube(((MIDDLE, y + 34, z - 4), (MIDDLE, y + 54 * size, z - 12)), (4.5, 5.5)),
+            Tube(((_MIDDLE, y + 34, z - 4), (_MIDDLE, y + 54 * size, z - 12)), (4.5, 5.5)),
             *(
                 Tube(
-                    ((MIDDLE + s * 13, y + 12, z + 4), (MIDDLE + s * 15, y + 24, z + 2), (MIDDLE, y + 35, z - 3)),
+                    ((_MIDDLE + s * 13, y + 12, z + 4), (_MIDDLE + s * 15, y + 24, z + 2), (_MIDDLE, y + 35, z - 3)),
                     (5.0, 5.5, 4.5),
                 )
                 for s in (-1, 1)
             ),
             *(
-                Tube(((MIDDLE + s * 15, y + 23, z + 2), (MIDDLE + s * 44 * size, y + 26, z + 3)), (4.5, 3.2))
+                Tube(((_MIDDLE + s * 15, y + 23, z + 2), (_MIDDLE + s * 44 * size, y + 26, z + 3)), (4.5, 3.2))
                 for s in (-1, 1)
             ),
             *(
-                Tube(((MIDDLE + s * 16, y + 26, z + 14), (MIDDLE + s * 14, y + 28, z - 19)), (5.0, 5.0))
+                Tube(((_MIDDLE + s * 16, y + 26, z + 14), (_MIDDLE + s * 14, y + 28, z - 19)), (5.0, 5.0))
                 for s in (-1, 1)
             ),
         )
         parts += [Part(body, bone, label), Part(Blend(arch, 4.0), ((0.0, 200.0), (2.0, 150.0)), label)]
     canal = Tube(
-        _smooth((MIDDLE, 192, -5), (MIDDLE, 194, 90), (MIDDLE, 192, 160), (MIDDLE, 196, 235), (MIDDLE, 192, 345)),
+        _smooth((_MIDDLE, 192, -5), (_MIDDLE, 194, 90), (_MIDDLE, 192, 160), (_MIDDLE, 196, 235), (_MIDDLE, 192, 345)),
         (8.0,),
     )
     return [*parts, Part(canal, ((0.0, 74.0), (2.2, 98.0)), 1)]
@@ -387,40 +387,40 @@ def _pelvis() -> list[Part]:
             Loft(
                 "z",
                 (
-                    (-10, MIDDLE, 214, 18, 10),
-                    (30, MIDDLE, 206, 36, 15),
-                    (62, MIDDLE, 186, 50, 20),
-                    (78, MIDDLE, 172, 42, 20),
+                    (-10, _MIDDLE, 214, 18, 10),
+                    (30, _MIDDLE, 206, 36, 15),
+                    (62, _MIDDLE, 186, 50, 20),
+                    (78, _MIDDLE, 172, 42, 20),
                 ),
             ),
-            Tube(((MIDDLE, 222, 20), (MIDDLE, 214, 66)), (5.0,)),
+            Tube(((_MIDDLE, 222, 20), (_MIDDLE, 214, 66)), (5.0,)),
         ),
         6.0,
     )
     for side in (-1.0, 1.0):
-        bowl = Shell(Ellipsoid((MIDDLE + side * 30, 125, 150), (104, 90, 190)), 11.0)
+        bowl = Shell(Ellipsoid((_MIDDLE + side * 30, 125, 150), (104, 90, 190)), 11.0)
         wing = Both(
             (
                 bowl,
                 Block(
-                    (MIDDLE + 52, 0, -10) if side > 0 else (0.0, 0, -10),
-                    (360.0, 264, 120) if side > 0 else (MIDDLE - 52, 264, 120),
+                    (_MIDDLE + 52, 0, -10) if side > 0 else (0.0, 0, -10),
+                    (360.0, 264, 120) if side > 0 else (_MIDDLE - 52, 264, 120),
                 ),
-                Ellipsoid((MIDDLE + side * 105, 146, 18), (80, 66, 82)),
+                Ellipsoid((_MIDDLE + side * 105, 146, 18), (80, 66, 82)),
             )
         )
         # (y, z) of the crest; x follows from lying in the middle of the bowl's wall.
         rim = np.array(((186, 62), (177, 82), (160, 95), (136, 99), (112, 90), (94, 72), (87, 50)))
         out = 30 + 98.5 * np.sqrt(1 - ((rim[:, 0] - 125) / 84.5) ** 2 - ((rim[:, 1] - 150) / 184.5) ** 2)
-        crest = np.column_stack([MIDDLE + side * out, rim])
-        socket = Ellipsoid((MIDDLE + side * 108, 122, -6), (24, 24, 26))
+        crest = np.column_stack([_MIDDLE + side * out, rim])
+        socket = Ellipsoid((_MIDDLE + side * 108, 122, -6), (24, 24, 26))
         ilium = Blend((wing, Tube(_points(path(crest, 12)), (6.5,)), socket), 8.0)
         parts.append(Part(ilium, ((0.0, 210.0), (2.0, 142.0)), 299))
     parts.append(Part(sacrum, ((0.0, 200.0), (2.0, 140.0)), 600))
     for side in (-1.0, 1.0):
         holes = (
             Tube(
-                ((MIDDLE + side * (24 - 3 * k), 160, 52 - 17 * k), (MIDDLE + side * (20 - 3 * k), 216, 48 - 17 * k)),
+                ((_MIDDLE + side * (24 - 3 * k), 160, 52 - 17 * k), (_MIDDLE + side * (20 - 3 * k), 216, 48 - 17 * k)),
                 (4.2,),
             )
             for k in range(3)
@@ -438,7 +438,7 @@ def _ribs() -> list[Part]:
         x, y = 22 + 108 * np.sin(angle) ** 0.8, 122 + 66 * np.cos(angle)
         z = z0 - 96 * t + 18 * np.sin(np.pi * t)
         for side in (-1.0, 1.0):
-            line = np.column_stack([MIDDLE + side * x, y, z])
+            line = np.column_stack([_MIDDLE + side * x, y, z])
             parts.append(
                 Part(
                     Tube(_points(line), tuple(np.linspace(5.0, 4.0 - 0.3 * (k < 2), 16))),

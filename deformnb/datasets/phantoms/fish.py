@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, SolidValue
 from deformnb.datasets.phantoms.shapes import (
     Blend,
     Both,
@@ -29,10 +29,10 @@ from deformnb.datasets.phantoms.shapes import (
     smooth_curve,
 )
 
-Line = tuple[tuple[float, float], ...]
+Stroke = tuple[tuple[float, float], ...]
 
 # Stations of the body: y, centre x, centre z, half width, half height.
-BODY = (
+_BODY = (
     (97.0, 50.0, 92.0, 2.5, 17.0),
     (105.0, 50.0, 91.0, 7.0, 23.0),
     (120.0, 50.0, 88.5, 11.5, 26.0),
@@ -58,7 +58,7 @@ BODY = (
     (503.0, 50.0, 93.0, 9.5, 8.0),
     (507.0, 50.0, 93.5, 3.0, 3.0),
 )
-SPINE: Line = (
+SPINE: Stroke = (
     (123.3, 88.3),
     (160, 91.7),
     (186.7, 95),
@@ -75,7 +75,7 @@ SPINE: Line = (
 VERTEBRAE = 37
 
 # Fins: outline, then the curves on which the fin rays start and end, then the strong first ray; all (y, z).
-DORSAL: Line = (
+DORSAL: Stroke = (
     (131.7, 118),
     (146.7, 125.3),
     (166.7, 133.7),
@@ -97,7 +97,7 @@ DORSAL: Line = (
     (200, 135.3),
     (166.7, 122.3),
 )
-DORSAL_BASE: Line = (
+DORSAL_BASE: Stroke = (
     (304, 161.7),
     (296.7, 160.3),
     (288.3, 159.7),
@@ -106,7 +106,7 @@ DORSAL_BASE: Line = (
     (196.7, 138.3),
     (141.7, 120),
 )
-DORSAL_TIPS: Line = (
+DORSAL_TIPS: Stroke = (
     (256.7, 176.3),
     (245, 173.7),
     (237.7, 168.3),
@@ -115,8 +115,8 @@ DORSAL_TIPS: Line = (
     (166.7, 133.3),
     (133.3, 118.7),
 )
-DORSAL_SPINE: Line = ((309.3, 162.7), (296.7, 169.7), (280, 174), (260, 176))
-ANAL: Line = (
+DORSAL_SPINE: Stroke = ((309.3, 162.7), (296.7, 169.7), (280, 174), (260, 176))
+ANAL: Stroke = (
     (184, 44),
     (173.3, 39.3),
     (156.7, 39.7),
@@ -127,10 +127,10 @@ ANAL: Line = (
     (150, 60),
     (166.7, 57),
 )
-ANAL_BASE: Line = ((180, 45.3), (166.7, 51), (150, 56.7))
-ANAL_TIPS: Line = ((130.7, 43.3), (120, 46), (114, 50.7))
-ANAL_SPINE: Line = ((182.7, 43.7), (166.7, 41), (150, 42), (131.7, 44))
-CAUDAL: Line = (
+ANAL_BASE: Stroke = ((180, 45.3), (166.7, 51), (150, 56.7))
+ANAL_TIPS: Stroke = ((130.7, 43.3), (120, 46), (114, 50.7))
+ANAL_SPINE: Stroke = ((182.7, 43.7), (166.7, 41), (150, 42), (131.7, 44))
+CAUDAL: Stroke = (
     (117.3, 105.3),
     (106.7, 112.7),
     (96.7, 117.3),
@@ -155,11 +155,11 @@ CAUDAL: Line = (
     (110, 67.3),
     (117.3, 74),
 )
-CAUDAL_UPPER: Line = ((36, 121), (20.7, 115.7), (18, 110), (20.7, 102.3), (29.3, 95.7), (38.3, 87.3))
-CAUDAL_LOWER: Line = ((39.3, 83.3), (32.7, 78), (17.3, 71.3), (4.7, 57.3), (2, 45.7), (13.3, 40.5))
+CAUDAL_UPPER: Stroke = ((36, 121), (20.7, 115.7), (18, 110), (20.7, 102.3), (29.3, 95.7), (38.3, 87.3))
+CAUDAL_LOWER: Stroke = ((39.3, 83.3), (32.7, 78), (17.3, 71.3), (4.7, 57.3), (2, 45.7), (13.3, 40.5))
 
 # Plates of the head, painted on the inside of the skin where it lies within these side outlines.
-OPERCLE: Line = (
+OPERCLE: Stroke = (
     (393.3, 122.7),
     (419.3, 119),
     (422.7, 100),
@@ -169,7 +169,7 @@ OPERCLE: Line = (
     (398.3, 85),
     (390.7, 103.3),
 )
-PREOPERCLE: Line = (
+PREOPERCLE: Stroke = (
     (422.7, 115),
     (429.3, 114),
     (431.3, 90),
@@ -179,7 +179,7 @@ PREOPERCLE: Line = (
     (426, 66.7),
     (424, 93.3),
 )
-CHEEK: Line = (
+CHEEK: Stroke = (
     (433.3, 90),
     (445, 88.3),
     (450.7, 78.3),
@@ -190,7 +190,7 @@ CHEEK: Line = (
     (448.3, 70.7),
     (435, 83.3),
 )
-ROOF: Line = (
+ROOF: Stroke = (
     (396.7, 150),
     (423.3, 137),
     (450, 123),
@@ -202,7 +202,7 @@ ROOF: Line = (
     (423.3, 118.7),
     (398.3, 129),
 )
-CREST: Line = ((398.7, 144), (386.7, 153), (375, 152.3), (381, 144), (373.3, 133.3), (393.3, 129.7))
+CREST: Stroke = ((398.7, 144), (386.7, 153), (375, 152.3), (381, 144), (373.3, 133.3), (393.3, 129.7))
 SHOULDER = ((82.0, 380.0, 121.7), (83.5, 381.0, 100.0), (80.0, 383.3, 80.0), (72.0, 390.7, 63.3), (57.0, 411.7, 53.3))
 
 
@@ -212,7 +212,7 @@ def scene() -> PhantomScene:
 
     The shape (256, 512, 256) has exactly the voxels of the real scan, the default half of them each way.
     """
-    body = Loft("y", BODY)
+    body = Loft("y", _BODY)
     parts = (
         *_fins(),
         Part(body, ((0.0, 96.0), (1.3, _muscle))),
@@ -251,7 +251,7 @@ def _gill_cover(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
     return np.asarray(np.float32(178) - np.float32(0.75) * np.hypot(dy, dz) + np.float32(12) * ridges + 0 * x)
 
 
-def _side(line: Line, x: float = 50.0) -> tuple[tuple[float, float, float], ...]:
+def _side(line: Stroke, x: float = 50.0) -> tuple[tuple[float, float, float], ...]:
     return tuple((x, float(y), float(z)) for y, z in line)
 
 
@@ -266,7 +266,7 @@ def _fins() -> list[Part]:
     ]
 
 
-def _fan(base: Line, tips: Line, count: int, lift: float, radius: float, value: float) -> list[Part]:
+def _fan(base: Stroke, tips: Stroke, count: int, lift: float, radius: float, value: float) -> list[Part]:
     """Fin rays from the base curve to the tip curve, thinner outwards, bowed by ``lift`` in z."""
     parts = []
     for a, b in zip(path(_side(base), count), path(_side(tips), count), strict=True):
@@ -285,8 +285,8 @@ def _fan(base: Line, tips: Line, count: int, lift: float, radius: float, value: 
 
 def _rays() -> list[Part]:
     parts = _fan(DORSAL_BASE, DORSAL_TIPS, 22, 2.0, 0.9, 125.0) + _fan(ANAL_BASE, ANAL_TIPS, 8, -0.5, 0.8, 118.0)
-    upper: Line = ((113.0, 106.5), (104.0, 103.0), (101.0, 93.0))
-    lower: Line = ((101.0, 87.0), (103.0, 78.0), (113.0, 71.0))
+    upper: Stroke = ((113.0, 106.5), (104.0, 103.0), (101.0, 93.0))
+    lower: Stroke = ((101.0, 87.0), (103.0, 78.0), (113.0, 71.0))
     parts += _fan(upper, CAUDAL_UPPER, 11, 3.0, 0.9, 122.0) + _fan(lower, CAUDAL_LOWER, 11, -3.0, 0.9, 122.0)
     for line in (DORSAL_SPINE, ANAL_SPINE):
         parts.append(
@@ -335,7 +335,7 @@ def _spine() -> list[Part]:
 
 def _ribs() -> list[Part]:
     """Fifteen pairs, hung from the spine, following the body wall just under the muscle."""
-    stations = np.asarray(BODY)
+    stations = np.asarray(_BODY)
     parts = []
     for k in range(15):
         s = k / 14
@@ -394,7 +394,9 @@ def _viscera() -> list[Part]:
 
 
 def _head(body: Solid) -> list[Part]:
-    def plate(outline: Line, depth: float, thickness: float, value: Value, minus: tuple[Solid, ...] = ()) -> Part:
+    def plate(
+        outline: Stroke, depth: float, thickness: float, value: SolidValue, minus: tuple[Solid, ...] = ()
+    ) -> Part:
         return Part(
             Both((Sheet(outline, 99.0, (50.0, 0.0, 0.0)), Shell(body, thickness, depth)), minus), ((0.0, value),)
         )

@@ -25,8 +25,8 @@ from deformnb.datasets.phantoms.shapes import (
     path,
 )
 
-LENGTHS = (184.0, 250.0, 228.0)
-MIDDLE = 92.0
+_LENGTHS = (184.0, 250.0, 228.0)
+_MIDDLE = 92.0
 
 
 @cache
@@ -36,7 +36,7 @@ def scene() -> PhantomScene:
     Voxels of 1.5 mm. From the skin inwards, then the face, the teeth and the neck.
     """
     parts = (*_skin(), *_neck(), *_skull(), *_brain(), *_face(), *_jaw(), *_teeth(), *_airway())
-    return PhantomScene("head (phantom)", LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
+    return PhantomScene("head (phantom)", _LENGTHS, (152, 167, 123), parts, texture=0.02, seed=3)
 
 
 def _vault(grow: float = 0.0) -> tuple[Solid, ...]:
@@ -44,46 +44,51 @@ def _vault(grow: float = 0.0) -> tuple[Solid, ...]:
     temples = _pair((41.0, 120.0, 122.0), (26.0 + grow, 31.0 + grow, 25.0 + grow))
     return (
         *temples,
-        Ellipsoid((MIDDLE, 147, 157), (72 + grow, 87 + grow, 60 + grow)),
-        Ellipsoid((MIDDLE, 188, 112), (54 + grow, 44 + grow, 38 + grow)),
+        Ellipsoid((_MIDDLE, 147, 157), (72 + grow, 87 + grow, 60 + grow)),
+        Ellipsoid((_MIDDLE, 188, 112), (54 + grow, 44 + grow, 38 + grow)),
     )
 
 
 def _both(*points: Float3) -> list[tuple[Float3, ...]]:
     """A smooth line (x from the middle, y, z) and its mirror image."""
     smooth = path(points, 9)
-    return [tuple((MIDDLE + side * float(x), float(y), float(z)) for x, y, z in smooth) for side in (-1.0, 1.0)]
+    return [tuple((_MIDDLE + side * float(x), float(y), float(z)) for x, y, z in smooth) for side in (-1.0, 1.0)]
 
 
 def _pair(center: Float3, radii: Float3) -> list[Solid]:
-    return [Ellipsoid((MIDDLE + side * center[0], center[1], center[2]), radii) for side in (-1.0, 1.0)]
+    return [Ellipsoid((_MIDDLE + side * center[0], center[1], center[2]), radii) for side in (-1.0, 1.0)]
 
 
 def _skin() -> list[Part]:
     throat = Loft(
         "z",
-        ((-10, MIDDLE, 142, 54, 56), (20, MIDDLE, 145, 53, 56), (60, MIDDLE, 150, 56, 58), (100, MIDDLE, 150, 62, 66)),
+        (
+            (-10, _MIDDLE, 142, 54, 56),
+            (20, _MIDDLE, 145, 53, 56),
+            (60, _MIDDLE, 150, 56, 58),
+            (100, _MIDDLE, 150, 62, 66),
+        ),
     )
     flesh: list[Solid] = [
         *_vault(5.5),
         throat,
-        Ellipsoid((MIDDLE, 96, 100), (62, 54, 56)),
-        Ellipsoid((MIDDLE, 92, 62), (52, 46, 34)),
-        Ellipsoid((MIDDLE, 62, 38), (26, 20, 18)),
-        Ellipsoid((MIDDLE, 44, 76), (24, 13, 13)),
-        Tube(((MIDDLE, 58, 143), (MIDDLE, 40, 124), (MIDDLE, 22, 112)), (7.0, 8.0, 8.5)),
+        Ellipsoid((_MIDDLE, 96, 100), (62, 54, 56)),
+        Ellipsoid((_MIDDLE, 92, 62), (52, 46, 34)),
+        Ellipsoid((_MIDDLE, 62, 38), (26, 20, 18)),
+        Ellipsoid((_MIDDLE, 44, 76), (24, 13, 13)),
+        Tube(((_MIDDLE, 58, 143), (_MIDDLE, 40, 124), (_MIDDLE, 22, 112)), (7.0, 8.0, 8.5)),
         *_pair((10.0, 32.0, 106.0), (7.5, 9.5, 7.5)),
-        Tube(((MIDDLE - 44, 76, 146), (MIDDLE, 62, 148), (MIDDLE + 44, 76, 146)), (10.0,)),
+        Tube(((_MIDDLE - 44, 76, 146), (_MIDDLE, 62, 148), (_MIDDLE + 44, 76, 146)), (10.0,)),
     ]
     parts = []
     for side in (-1.0, 1.0):
         out, up = np.array([side * 0.42, 0.9, 0.1]), np.array([side * 0.12, 0.12, 0.98])
         across = np.cross(out, up)
         axes = [tuple(float(c) for c in v / np.linalg.norm(v)) for v in (across, np.cross(up, across), up)]
-        ear = Ellipsoid((MIDDLE + side * 76.0, 143, 116), (3.6, 17, 31), (axes[0], axes[1], axes[2]))  # type: ignore[arg-type]
-        lobe = Tube(((MIDDLE + side * 73, 138, 96), (MIDDLE + side * 74, 139, 86)), (5.0, 4.0))
+        ear = Ellipsoid((_MIDDLE + side * 76.0, 143, 116), (3.6, 17, 31), (axes[0], axes[1], axes[2]))  # type: ignore[arg-type]
+        lobe = Tube(((_MIDDLE + side * 73, 138, 96), (_MIDDLE + side * 74, 139, 86)), (5.0, 4.0))
         rim = [
-            (MIDDLE + side * (79 + 4 * np.sin(t)), 146 - 14 * np.cos(t + 0.5), 119 + 27 * np.sin(t + 0.2))
+            (_MIDDLE + side * (79 + 4 * np.sin(t)), 146 - 14 * np.cos(t + 0.5), 119 + 27 * np.sin(t + 0.2))
             for t in np.linspace(0.3, 4.0, 12)
         ]
         parts.append(Part(Blend((ear, lobe, Tube(tuple(rim), (2.6,))), 4.0), ((0.0, 92.0),)))
@@ -110,21 +115,22 @@ def _neck() -> list[Part]:
     for k, z in enumerate((70.0, 53.0, 36.0, 19.0, 2.0, -15.0)):
         y = 150.0 + 3.0 * np.sin(0.9 * k)
         solids: list[Solid] = [
-            Loft("z", ((z - 6.5, MIDDLE, y, 12, 9.5), (z, MIDDLE, y, 10.5, 8.5), (z + 6.5, MIDDLE, y, 12, 9.5))),
-            Tube(((MIDDLE, y + 27, z - 2), (MIDDLE, y + (24 if k == 0 else 44), z - 9)), (3.5, 4.5)),
+            Loft("z", ((z - 6.5, _MIDDLE, y, 12, 9.5), (z, _MIDDLE, y, 10.5, 8.5), (z + 6.5, _MIDDLE, y, 12, 9.5))),
+            Tube(((_MIDDLE, y + 27, z - 2), (_MIDDLE, y + (24 if k == 0 else 44), z - 9)), (3.5, 4.5)),
         ]
         for s in (-1, 1):
             solids += [
                 Tube(
-                    ((MIDDLE + s * 9, y + 5, z), (MIDDLE + s * 18, y + 12, z), (MIDDLE, y + 28, z - 2)), (4.0, 4.5, 3.6)
+                    ((_MIDDLE + s * 9, y + 5, z), (_MIDDLE + s * 18, y + 12, z), (_MIDDLE, y + 28, z - 2)),
+                    (4.0, 4.5, 3.6),
                 ),
                 Tube(
-                    ((MIDDLE + s * 10, y + 2, z - 2), (MIDDLE + s * (36 if k == 0 else 24), y + 4, z - 2)), (4.5, 3.5)
+                    ((_MIDDLE + s * 10, y + 2, z - 2), (_MIDDLE + s * (36 if k == 0 else 24), y + 4, z - 2)), (4.5, 3.5)
                 ),
             ]
         parts.append(Part(Blend(tuple(solids), 3.0), ((0.0, 205.0), (1.6, 148.0))))
-    parts.append(Part(Tube(((MIDDLE, 150, 55), (MIDDLE, 146, 84)), (5.5, 4.0)), ((0.0, 205.0), (1.6, 155.0))))
-    cord = tuple((MIDDLE, float(y), float(z)) for y, z in ((164, -10), (166, 40), (164, 80), (160, 100)))
+    parts.append(Part(Tube(((_MIDDLE, 150, 55), (_MIDDLE, 146, 84)), (5.5, 4.0)), ((0.0, 205.0), (1.6, 155.0))))
+    cord = tuple((_MIDDLE, float(y), float(z)) for y, z in ((164, -10), (166, 40), (164, 80), (160, 100)))
     return [*parts, Part(Tube(cord, (7.5, 7.5, 8.0, 9.0)), ((0.0, 86.0), (3.0, 104.0)))]
 
 
@@ -134,16 +140,16 @@ def _skull() -> list[Part]:
         (
             Tube(
                 (
-                    (MIDDLE - 48, 84, 140),
-                    (MIDDLE - 24, 69, 146),
-                    (MIDDLE, 66, 145),
-                    (MIDDLE + 24, 69, 146),
-                    (MIDDLE + 48, 84, 140),
+                    (_MIDDLE - 48, 84, 140),
+                    (_MIDDLE - 24, 69, 146),
+                    (_MIDDLE, 66, 145),
+                    (_MIDDLE + 24, 69, 146),
+                    (_MIDDLE + 48, 84, 140),
                 ),
                 (6.0,),
             ),
-            *(Ellipsoid((MIDDLE + s * 52, 152, 84), (10, 14, 17)) for s in (-1, 1)),
-            Ellipsoid((MIDDLE, 224, 112), (16, 8, 8)),
+            *(Ellipsoid((_MIDDLE + s * 52, 152, 84), (10, 14, 17)) for s in (-1, 1)),
+            Ellipsoid((_MIDDLE, 224, 112), (16, 8, 8)),
         ),
         8.0,
     )
@@ -163,17 +169,17 @@ def _skull() -> list[Part]:
     floor = Loft(
         "y",
         (
-            (66, MIDDLE, 138, 26, 5),
-            (84, MIDDLE, 124, 42, 5),
-            (104, MIDDLE, 114, 50, 4.5),
-            (124, MIDDLE, 106, 36, 6),
-            (142, MIDDLE, 98, 18, 6),
+            (66, _MIDDLE, 138, 26, 5),
+            (84, _MIDDLE, 124, 42, 5),
+            (104, _MIDDLE, 114, 50, 4.5),
+            (124, _MIDDLE, 106, 36, 6),
+            (142, _MIDDLE, 98, 18, 6),
         ),
     )
     return [
         *parts,
         Part(floor, ((0.0, 205.0), (2.2, 150.0))),
-        Part(Ellipsoid((MIDDLE, 122, 112), (7, 6, 5)), ((0.0, 110.0),)),
+        Part(Ellipsoid((_MIDDLE, 122, 112), (7, 6, 5)), ((0.0, 110.0),)),
     ]
 
 
@@ -201,34 +207,34 @@ def _brain() -> list[Part]:
     """White matter, nuclei, ventricles, falx and tent, cerebellum with its leaves, brain stem."""
     parts: list[Part] = []
     for s in (-1.0, 1.0):
-        hemisphere = Ellipsoid((MIDDLE + s * 30, 146, 160), (25, 62, 34))
+        hemisphere = Ellipsoid((_MIDDLE + s * 30, 146, 160), (25, 62, 34))
         parts += [
             Part(hemisphere, ((-4.0, 106.0), (0.0, 100.0))),
-            Part(Ellipsoid((MIDDLE + s * 16, 138, 150), (8, 15, 9)), ((0.0, 107.0),)),
-            Part(Ellipsoid((MIDDLE + s * 42, 120, 126), (20, 30, 16)), ((0.0, _cortex),)),
+            Part(Ellipsoid((_MIDDLE + s * 16, 138, 150), (8, 15, 9)), ((0.0, 107.0),)),
+            Part(Ellipsoid((_MIDDLE + s * 42, 120, 126), (20, 30, 16)), ((0.0, _cortex),)),
         ]
     for line in _both((7, 96, 160), (11, 118, 169), (14, 150, 170), (20, 182, 160), (24, 196, 152)):
         parts.append(Part(Tube(line, (5.0, 6.5, 6.0, 5.5, 5.5, 6.5, 7.0, 6.0, 3.5)), ((0.0, 84.0),)))
     for line in _both((20, 182, 160), (34, 166, 138), (38, 138, 126)):
         parts.append(Part(Tube(line, (5.0, 4.5, 4.0, 3.5, 3.0, 3.0, 3.0, 2.5, 2.0)), ((0.0, 84.0),)))
     parts += [
-        Part(Ellipsoid((MIDDLE, 138, 146), (2.6, 14, 8)), ((0.0, 84.0),)),
-        Part(Ellipsoid((MIDDLE, 188, 110), (46, 35, 27)), ((-2.0, 88.0), (0.0, _leaves))),
+        Part(Ellipsoid((_MIDDLE, 138, 146), (2.6, 14, 8)), ((0.0, 84.0),)),
+        Part(Ellipsoid((_MIDDLE, 188, 110), (46, 35, 27)), ((-2.0, 88.0), (0.0, _leaves))),
         Part(
-            Tube(((MIDDLE, 146, 136), (MIDDLE, 150, 114), (MIDDLE, 160, 86)), (12.0, 14.0, 9.0)),
+            Tube(((_MIDDLE, 146, 136), (_MIDDLE, 150, 114), (_MIDDLE, 160, 86)), (12.0, 14.0, 9.0)),
             ((-2.0, 88.0), (0.0, 105.0)),
         ),
-        Part(Ellipsoid((MIDDLE, 168, 112), (6, 4, 8)), ((0.0, 84.0),)),
-        Part(Ellipsoid((MIDDLE, 158, 152), (2.2, 3, 2.5)), ((0.0, 215.0),)),
+        Part(Ellipsoid((_MIDDLE, 168, 112), (6, 4, 8)), ((0.0, 84.0),)),
+        Part(Ellipsoid((_MIDDLE, 158, 152), (2.2, 3, 2.5)), ((0.0, 215.0),)),
     ]
     falx = Both(
         (
             Sheet(
                 ((64, 140), (64, 222), (240, 222), (240, 140), (200, 150), (150, 182), (100, 176), (76, 150)),
                 1.6,
-                (MIDDLE, 0.0, 0.0),
+                (_MIDDLE, 0.0, 0.0),
             ),
-            Shell(Ellipsoid((MIDDLE, 147, 157), (72, 87, 60)), 99.0, 6.0),
+            Shell(Ellipsoid((_MIDDLE, 147, 157), (72, 87, 60)), 99.0, 6.0),
         )
     )
     return [*parts, Part(falx, ((0.0, 120.0),))]
@@ -242,10 +248,10 @@ def _leaves(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
 def _face() -> list[Part]:
     """Upper jaw with its sinuses, cheek bones, orbits with eyes, nose."""
     maxilla: list[Solid] = [
-        Ellipsoid((MIDDLE, 78, 104), (31, 30, 24)),
-        Ellipsoid((MIDDLE, 60, 92), (24, 21, 13)),
+        Ellipsoid((_MIDDLE, 78, 104), (31, 30, 24)),
+        Ellipsoid((_MIDDLE, 60, 92), (24, 21, 13)),
         *_pair((44.0, 80.0, 110.0), (12.0, 13.0, 11.0)),
-        Tube(((MIDDLE, 64, 140), (MIDDLE, 55, 130), (MIDDLE, 49, 122)), (6.5, 5.0, 3.0)),
+        Tube(((_MIDDLE, 64, 140), (_MIDDLE, 55, 130), (_MIDDLE, 49, 122)), (6.5, 5.0, 3.0)),
     ]
     arches = _both((46, 80, 111), (60, 98, 110), (66, 116, 108), (64, 134, 108))
     outer = _both((47, 80, 112), (50, 84, 128), (48, 84, 143))
@@ -258,7 +264,7 @@ def _face() -> list[Part]:
             *_pair((21.0, 83.0, 106.0), (11.0, 15.0, 14.0)),
             *_pair((8.0, 71.0, 150.0), (8.0, 5.0, 8.0)),
             *_pair((9.0, 96.0, 122.0), (6.0, 15.0, 8.0)),
-            Ellipsoid((MIDDLE, 116, 104), (11, 9, 7)),
+            Ellipsoid((_MIDDLE, 116, 104), (11, 9, 7)),
         )
     ]
     parts.append(
@@ -266,18 +272,18 @@ def _face() -> list[Part]:
             Loft(
                 "y",
                 (
-                    (30, MIDDLE, 106, 7, 4),
-                    (50, MIDDLE, 108, 11, 11),
-                    (75, MIDDLE, 110, 13, 16),
-                    (100, MIDDLE, 104, 14, 12),
-                    (112, MIDDLE, 98, 14, 10),
+                    (30, _MIDDLE, 106, 7, 4),
+                    (50, _MIDDLE, 108, 11, 11),
+                    (75, _MIDDLE, 110, 13, 16),
+                    (100, _MIDDLE, 104, 14, 12),
+                    (112, _MIDDLE, 98, 14, 10),
                 ),
             ),
             ((0.0, 0.0),),
         )
     )
     parts.append(
-        Part(Sheet(((52, 96), (46, 108), (58, 126), (108, 118), (112, 94)), 2.4, (MIDDLE, 0.0, 0.0)), ((0.0, 165.0),))
+        Part(Sheet(((52, 96), (46, 108), (58, 126), (108, 118), (112, 94)), 2.4, (_MIDDLE, 0.0, 0.0)), ((0.0, 165.0),))
     )
     parts += [
         Part(Tube(line, (2.8,)), ((0.0, 112.0),))
@@ -288,18 +294,18 @@ def _face() -> list[Part]:
         orbit = Loft(
             "y",
             (
-                (58, MIDDLE + side * 34, 131, 16, 15),
-                (72, MIDDLE + side * 33, 131, 19, 17),
-                (92, MIDDLE + side * 27, 129, 13, 12),
-                (116, MIDDLE + side * 17, 126, 3, 3),
+                (58, _MIDDLE + side * 34, 131, 16, 15),
+                (72, _MIDDLE + side * 33, 131, 19, 17),
+                (92, _MIDDLE + side * 27, 129, 13, 12),
+                (116, _MIDDLE + side * 17, 126, 3, 3),
             ),
         )
         parts.append(Part(orbit, ((-1.6, 190.0), (0.0, 66.0))))
-        eye = (MIDDLE + side * 33, 71.0, 131.0)
+        eye = (_MIDDLE + side * 33, 71.0, 131.0)
         parts += [
-            Part(Tube(((eye[0] - side * 2, 84, 130), (MIDDLE + side * 18, 114, 126)), (2.6,)), ((0.0, 104.0),)),
+            Part(Tube(((eye[0] - side * 2, 84, 130), (_MIDDLE + side * 18, 114, 126)), (2.6,)), ((0.0, 104.0),)),
             *(
-                Part(Tube(((eye[0] + dx, 76, 131 + dz), (MIDDLE + side * 18, 112, 126)), (2.0,)), ((0.0, 106.0),))
+                Part(Tube(((eye[0] + dx, 76, 131 + dz), (_MIDDLE + side * 18, 112, 126)), (2.0,)), ((0.0, 106.0),))
                 for dx, dz in ((11, 0), (-11, 0), (0, 11), (0, -11))
             ),
             Part(Ellipsoid((eye[0], 60, 131), (20, 7, 13)), ((0.0, 96.0),)),
@@ -317,7 +323,7 @@ def _jaw() -> list[Part]:
     )  # chin to condyle
     solids: list[Solid] = [Tube(line, (6.0, 5.5, 5.0, 5.0, 5.0, 5.0, 4.5, 3.5, 2.5)) for line in upper]
     solids += [Tube(line, (7.0, 6.5, 6.0, 6.0, 6.0, 6.0, 5.5, 5.0, 6.0)) for line in lower]
-    solids.append(Ellipsoid((MIDDLE, 48, 36), (14, 6, 11)))
+    solids.append(Ellipsoid((_MIDDLE, 48, 36), (14, 6, 11)))
     sheets = [
         Tube(line, (4.0,))
         for line in (
@@ -326,9 +332,9 @@ def _jaw() -> list[Part]:
             *_both((22, 58, 40), (38, 84, 46)),
         )
     ]
-    tongue = Blend((Ellipsoid((MIDDLE, 82, 66), (22, 30, 17)), Ellipsoid((MIDDLE, 100, 54), (18, 18, 22))), 10.0)
+    tongue = Blend((Ellipsoid((_MIDDLE, 82, 66), (22, 30, 17)), Ellipsoid((_MIDDLE, 100, 54), (18, 18, 22))), 10.0)
     hyoid = Tube(
-        tuple((MIDDLE + 22 * np.sin(t), 112 - 24 * np.cos(t), 26.0) for t in np.linspace(-1.3, 1.3, 9)), (2.6,)
+        tuple((_MIDDLE + 22 * np.sin(t), 112 - 24 * np.cos(t), 26.0) for t in np.linspace(-1.3, 1.3, 9)), (2.6,)
     )
     masseter = [Tube(line, (9.0,)) for line in _both((58, 88, 102), (57, 102, 60))]
     return [
@@ -347,7 +353,7 @@ def _teeth() -> list[Part]:
         shrink = 0.0 if top else 1.5
         arch = np.column_stack(
             [
-                MIDDLE + (27 - shrink) * np.sin(t),
+                _MIDDLE + (27 - shrink) * np.sin(t),
                 39 + shrink + 42 * (1 - np.cos(t)),
                 np.full(60, root + (1.0 if top else -1.0)),
             ]
@@ -361,7 +367,7 @@ def _teeth() -> list[Part]:
         for k in range(14):
             a = 1.3 * (k - 6.5) / 6.8
             wide = 2.6 + 1.9 * min(1.0, abs(k - 6.5) / 5.0) ** 1.5
-            x, y = MIDDLE + (27 - shrink) * np.sin(a), 39 + shrink + 42 * (1 - np.cos(a))
+            x, y = _MIDDLE + (27 - shrink) * np.sin(a), 39 + shrink + 42 * (1 - np.cos(a))
             neck = crown + (root - crown) * 0.42
             parts.append(Part(Tube(((x, y, neck), (x, y, root)), (0.8 * wide, 1.2)), ((0.0, 225.0),)))
             parts.append(
@@ -376,13 +382,16 @@ def _teeth() -> list[Part]:
 def _airway() -> list[Part]:
     throat = Tube(
         tuple(
-            (MIDDLE, float(y), float(z)) for y, z in ((112, 98), (124, 86), (128, 62), (124, 36), (110, 16), (106, -10))
+            (_MIDDLE, float(y), float(z))
+            for y, z in ((112, 98), (124, 86), (128, 62), (124, 36), (110, 16), (106, -10))
         ),
         (9.0, 8.0, 6.5, 7.0, 8.0, 8.5),
     )
     larynx = Both(
         (
-            Shell(Loft("z", ((-10, MIDDLE, 104, 17, 17), (10, MIDDLE, 104, 17, 18), (20, MIDDLE, 108, 16, 17))), 3.0),
+            Shell(
+                Loft("z", ((-10, _MIDDLE, 104, 17, 17), (10, _MIDDLE, 104, 17, 18), (20, _MIDDLE, 108, 16, 17))), 3.0
+            ),
             Block((0, 70, -10), (184, 118, 22)),
         )
     )

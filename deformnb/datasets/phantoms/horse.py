@@ -12,10 +12,10 @@ from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Solid, Tube
 
-MIDDLE, GROUND = 40.0, 6.0
+_MIDDLE, GROUND = 40.0, 6.0
 
 # Legs: (x from the middle, y, z, radius) from shoulder or hip to hoof; no two stand alike, as in the paper's horse.
-LEGS = (
+_LEGS = (
     (
         (-13, 147, 96, 13.0),
         (-15, 149, 72, 9.5),
@@ -51,7 +51,7 @@ LEGS = (
         (13, 44, 14, 4.6),
     ),
 )
-BODY = (
+_BODY = (
     ((0, 127, 96), (25, 36, 27)),
     ((0, 97, 97), (26, 38, 24.5)),
     ((0, 62, 106), (25, 27, 23)),
@@ -62,7 +62,7 @@ NECK = (
     ((0, 136, 116, 13), (0, 158, 136, 10), (0, 176, 151, 8.5), (0, 191, 158, 8)),
     ((0, 152, 100, 15), (0, 170, 122, 10.5), (0, 186, 142, 8)),
 )
-HEAD = ((0, 194, 157, 9.5), (0, 206, 146, 9), (0, 219, 132, 6.3), (0, 226, 124, 6.0))
+_HEAD = ((0, 194, 157, 9.5), (0, 206, 146, 9), (0, 219, 132, 6.3), (0, 226, 124, 6.0))
 MANE = ((0, 138, 126, 3), (0, 152, 140, 4), (0, 168, 155, 4), (0, 184, 166, 4), (0, 196, 168, 3), (0, 204, 163, 2))
 TAIL = ((0, 40, 122, 4), (0, 31, 118, 5), (0, 24, 104, 6), (0, 20, 82, 6.5), (0, 17, 60, 5), (0, 15, 44, 2))
 
@@ -73,8 +73,8 @@ def scene() -> PhantomScene:
 
     Voxels of 1.5 mm. One blended body, then mane, tail, hooves and eyes.
     """
-    flesh: list[Solid] = [Ellipsoid(_at(c), r) for c, r in BODY]
-    flesh += [_tube(line) for line in (*NECK, HEAD, *LEGS)]
+    flesh: list[Solid] = [Ellipsoid(_at(c), r) for c, r in _BODY]
+    flesh += [_tube(line) for line in (*NECK, _HEAD, *_LEGS)]
     flesh += [Ellipsoid(_at((s * 4.5, 203, 146)), (5, 9, 10)) for s in (-1, 1)]
     flesh += [_tube(((s * 4.5, 194, 163, 3.2), (s * 6, 194, 170, 2.8), (s * 6, 195, 177, 0.8))) for s in (-1, 1)]
     parts = [
@@ -82,7 +82,7 @@ def scene() -> PhantomScene:
         Part(_tube(TAIL), ((0.0, 120.0),)),
         Part(Blend(tuple(flesh), 7.0), ((0.0, 175.0), (3.0, 150.0))),
     ]
-    for leg in LEGS:
+    for leg in _LEGS:
         x, y, z, _ = leg[-1]
         hoof = _tube(((x, y, z, 4.2), (x, y + 3, z - 8, 6.5)))
         parts.append(Part(Both((hoof, Block((0.0, 0.0, GROUND), (80.0, 245.0, 13.0)))), ((0.0, 235.0),)))
@@ -93,7 +93,7 @@ def scene() -> PhantomScene:
 
 
 def _at(point: tuple[float, float, float]) -> Float3:
-    return (MIDDLE + point[0], float(point[1]), float(point[2]))
+    return (_MIDDLE + point[0], float(point[1]), float(point[2]))
 
 
 def _tube(line: tuple[tuple[float, float, float, float], ...]) -> Tube:

@@ -14,7 +14,7 @@ from deformnb._typing import Float3
 from deformnb.datasets.phantoms.scene import Part, PhantomScene
 from deformnb.datasets.phantoms.shapes import Blend, Both, Ellipsoid, Float32s, Loft, Shell, Solid, Tube, path
 
-LABELS = {
+_LABELS = {
     95: "femur",
     96: "tibia",
     97: "fibula",
@@ -31,7 +31,7 @@ LABELS = {
 }
 """Numbers of the SPL knee atlas, so that code written for one runs on the other."""
 
-LENGTHS = (130.0, 190.0, 300.0)
+_LENGTHS = (130.0, 190.0, 300.0)
 
 
 @cache
@@ -43,12 +43,12 @@ def scene() -> PhantomScene:
     parts = (*_flesh(), *_joint(), *_bones())
     return PhantomScene(
         "knee (phantom)",
-        LENGTHS,
+        _LENGTHS,
         (200, 127, 87),
         parts,
         texture=0.04,
         seed=4,
-        label_names={1: "other tissue", **LABELS},
+        label_names={1: "other tissue", **_LABELS},
     )
 
 

@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3
-from deformnb.datasets.phantoms.scene import Part, PhantomScene, Value
+from deformnb.datasets.phantoms.scene import Part, PhantomScene, SolidValue
 from deformnb.datasets.phantoms.shapes import Blend, Both, Ellipsoid, Float32s, Loft, Sheet, Shell, Solid, Tube, path
 
-MIDDLE = 120.0
-LENGTHS = (240.0, 330.0, 78.4)
+_MIDDLE = 120.0
+_LENGTHS = (240.0, 330.0, 78.4)
 FLESH = 62.0
 
 # Centre lines from the body outwards: (x from the middle, y, z); mirrored for the other side.
-LEGS = (
+_LEGS = (
     ((14, 132, 26), (44, 112, 40), (70, 104, 30), (88, 92, 9)),
     ((15, 146, 26), (50, 136, 42), (78, 132, 30), (98, 124, 8)),
     ((15, 160, 26), (50, 164, 42), (76, 172, 30), (95, 178, 8)),
@@ -39,10 +39,10 @@ def scene() -> PhantomScene:
     the next as in life.
     """
     parts = [*_legs(), *_tail(), *_claw(-1.0, 1.12), *_claw(1.0, 0.98), *_carapace(), *_feelers()]
-    return PhantomScene("lobster (phantom)", LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
+    return PhantomScene("lobster (phantom)", _LENGTHS, (56, 236, 172), tuple(parts), texture=0.05, seed=5)
 
 
-def _armour(value: float) -> Value:
+def _armour(value: float) -> SolidValue:
     """Shell with the mottling of uneven lime."""
 
     def paint(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
@@ -58,52 +58,52 @@ def _crust(solid: Solid, value: float, thickness: float = 1.8) -> Part:
 
 
 def _mirror(line: tuple[Float3, ...], side: float, count: int) -> tuple[Float3, ...]:
-    return tuple((MIDDLE + side * float(x), float(y), float(z)) for x, y, z in path(line, count))
+    return tuple((_MIDDLE + side * float(x), float(y), float(z)) for x, y, z in path(line, count))
 
 
 def _carapace() -> list[Part]:
     hull = Loft(
         "y",
         (
-            (96, MIDDLE, 42, 3, 3),
-            (101, MIDDLE, 41, 9, 10),
-            (116, MIDDLE, 39, 17, 16),
-            (140, MIDDLE, 38, 24, 21),
-            (166, MIDDLE, 37, 26, 21.5),
-            (190, MIDDLE, 36, 24, 20),
-            (203, MIDDLE, 36, 20, 17),
+            (96, _MIDDLE, 42, 3, 3),
+            (101, _MIDDLE, 41, 9, 10),
+            (116, _MIDDLE, 39, 17, 16),
+            (140, _MIDDLE, 38, 24, 21),
+            (166, _MIDDLE, 37, 26, 21.5),
+            (190, _MIDDLE, 36, 24, 20),
+            (203, _MIDDLE, 36, 20, 17),
         ),
     )
-    rostrum = Tube(((MIDDLE, 104, 51), (MIDDLE, 92, 54), (MIDDLE, 76, 58)), (5.0, 3.2, 0.6))
+    rostrum = Tube(((_MIDDLE, 104, 51), (_MIDDLE, 92, 54), (_MIDDLE, 76, 58)), (5.0, 3.2, 0.6))
     parts = [_crust(hull, 205.0, 2.2), Part(rostrum, ((0.0, 200.0),))]
-    organs = Both((Ellipsoid((MIDDLE, 150, 42), (16, 34, 11)), Shell(hull, 99.0, 4.0)))
+    organs = Both((Ellipsoid((_MIDDLE, 150, 42), (16, 34, 11)), Shell(hull, 99.0, 4.0)))
     parts += [
         Part(organs, ((0.0, 96.0), (4.0, 128.0))),
-        Part(Ellipsoid((MIDDLE, 120, 42), (9, 10, 9)), ((0.0, 120.0), (1.2, 20.0))),
+        Part(Ellipsoid((_MIDDLE, 120, 42), (9, 10, 9)), ((0.0, 120.0), (1.2, 20.0))),
     ]
     groove = Tube(
         (
-            (MIDDLE - 25, 140, 44),
-            (MIDDLE - 12, 153, 57),
-            (MIDDLE, 158, 60),
-            (MIDDLE + 12, 153, 57),
-            (MIDDLE + 25, 140, 44),
+            (_MIDDLE - 25, 140, 44),
+            (_MIDDLE - 12, 153, 57),
+            (_MIDDLE, 158, 60),
+            (_MIDDLE + 12, 153, 57),
+            (_MIDDLE + 25, 140, 44),
         ),
         (1.4,),
     )
     parts += [
         Part(groove, ((0.0, 232.0),)),
-        Part(Tube(((MIDDLE, 104, 52), (MIDDLE, 160, 59.5), (MIDDLE, 202, 53)), (1.0,)), ((0.0, 232.0),)),
+        Part(Tube(((_MIDDLE, 104, 52), (_MIDDLE, 160, 59.5), (_MIDDLE, 202, 53)), (1.0,)), ((0.0, 232.0),)),
     ]
     for side in (-1.0, 1.0):
         for k in range(3):
-            start = (MIDDLE + side * (4 - k), 96.0 - 6 * k, 53.0 + 1.5 * k)
+            start = (_MIDDLE + side * (4 - k), 96.0 - 6 * k, 53.0 + 1.5 * k)
             parts.append(
                 Part(Tube((start, (start[0] + side * 4, start[1] - 6, start[2] + 1)), (1.6, 0.5)), ((0.0, 210.0),))
             )
         parts += [
-            Part(Tube(((MIDDLE + side * 6, 104, 47), (MIDDLE + side * 11, 95, 49)), (2.6, 2.2)), ((0.0, 170.0),)),
-            Part(Ellipsoid((MIDDLE + side * 12.0, 93, 49.5), (3.8, 3.8, 3.8)), ((0.0, 225.0), (1.2, 110.0))),
+            Part(Tube(((_MIDDLE + side * 6, 104, 47), (_MIDDLE + side * 11, 95, 49)), (2.6, 2.2)), ((0.0, 170.0),)),
+            Part(Ellipsoid((_MIDDLE + side * 12.0, 93, 49.5), (3.8, 3.8, 3.8)), ((0.0, 225.0), (1.2, 110.0))),
         ]
     return parts
 
@@ -122,7 +122,7 @@ def _tail() -> list[Part]:
             rim = tuple(
                 (wide * float(np.cos(t)) * (1 + 0.25 * float(np.sin(t))), long * float(np.sin(t))) for t in angle
             )
-            origin = (MIDDLE + side * dx, float(y), float(z))
+            origin = (_MIDDLE + side * dx, float(y), float(z))
             parts.append(Part(Sheet(rim, 3.0, origin, u, v), ((0.0, 165.0),)))
             for s in np.linspace(-0.8, 0.8, 7):
                 base = np.asarray(origin) - 0.7 * long * np.asarray(v)
@@ -132,7 +132,7 @@ def _tail() -> list[Part]:
     parts.append(
         Part(
             Sheet(
-                tuple((MIDDLE + float(a), float(b)) for a, b in telson),
+                tuple((_MIDDLE + float(a), float(b)) for a, b in telson),
                 4.5,
                 (0.0, 0.0, 31.0),
                 (1.0, 0.0, 0.0),
@@ -146,20 +146,20 @@ def _tail() -> list[Part]:
         for side in (-1.0, 1.0):
             plate = Tube(
                 (
-                    (MIDDLE + side * (wide - 2), y, 33),
-                    (MIDDLE + side * (wide + 2), y + 3, 24),
-                    (MIDDLE + side * (wide + 1), y + 8, 15),
+                    (_MIDDLE + side * (wide - 2), y, 33),
+                    (_MIDDLE + side * (wide + 2), y + 3, 24),
+                    (_MIDDLE + side * (wide + 1), y + 8, 15),
                 ),
                 (6.0, 4.6, 0.8),
             )
             parts.append(_crust(plate, 205.0, 1.4))
             if k < 5:
-                parts.append(Part(Ellipsoid((MIDDLE + side * 9.0, y + 4, 16.5), (4.0, 8.0, 1.6)), ((0.0, 130.0),)))
-        parts.append(_crust(Ellipsoid((MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 198.0, 1.6))
+                parts.append(Part(Ellipsoid((_MIDDLE + side * 9.0, y + 4, 16.5), (4.0, 8.0, 1.6)), ((0.0, 130.0),)))
+        parts.append(_crust(Ellipsoid((_MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 198.0, 1.6))
         hoop = Both(
             (
-                Shell(Ellipsoid((MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 1.8),
-                Ellipsoid((MIDDLE, y + 8, 34), (40, 3.2, 40)),
+                Shell(Ellipsoid((_MIDDLE, y, 34.0 - 0.5 * k), (wide, 10.5, high)), 1.8),
+                Ellipsoid((_MIDDLE, y + 8, 34), (40, 3.2, 40)),
             )
         )
         parts.append(Part(hoop, ((0.0, 238.0),)))
@@ -169,7 +169,7 @@ def _tail() -> list[Part]:
 def _legs() -> list[Part]:
     parts = []
     for side in (-1.0, 1.0):
-        for line in LEGS:
+        for line in _LEGS:
             joints = _mirror(line, side, 4)
             for (a, b), (ra, rb) in zip(pairwise(joints), ((4.4, 3.6), (3.6, 2.6), (2.6, 0.8)), strict=True):
                 parts.append(_crust(Tube((a, b), (ra, rb)), 180.0, 1.2))
@@ -181,7 +181,7 @@ def _claw(side: float, size: float) -> list[Part]:
     """Four arm segments and a claw; the right one (side -1) is the larger crusher with blunt teeth."""
 
     def at(x: float, y: float, z: float = 30.0) -> Float3:
-        return (MIDDLE + side * (57 + size * (x - 57)), 80 + min(size, 1.0) * (y - 80), z)
+        return (_MIDDLE + side * (57 + size * (x - 57)), 80 + min(size, 1.0) * (y - 80), z)
 
     parts = []
     arm = _mirror(ARM, side, 4)

@@ -13,7 +13,7 @@ from deformnb.datasets.phantoms.shapes import Float32s, Solid, window
 from deformnb.errors import DeformError
 from deformnb.volume.volume import DTYPES, Grid, Volume
 
-Value = float | Callable[[Float32s, Float32s, Float32s], Float32s]
+SolidValue = float | Callable[[Float32s, Float32s, Float32s], Float32s]
 
 SLAB_VOXELS = 1_500_000
 """Voxels painted at a time: about 6 MB of float32, so that temporaries stay near the processor's cache."""
@@ -36,7 +36,7 @@ class Part:
     """
 
     solid: Solid
-    layers: tuple[tuple[float, Value], ...]
+    layers: tuple[tuple[float, SolidValue], ...]
     label: int = 0
 
 

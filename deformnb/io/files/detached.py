@@ -39,7 +39,7 @@ def detached_file(header: Path, name: str) -> Path:
 
 
 # Real sets have a file for each slice.
-_MOST_FILES = 50_000
+MOST_FILES = 50_000
 _PATTERN = re.compile(r"(.*%0?[0-9]{0,2}d\S*)\s+(-?[0-9]{1,9})\s+(-?[0-9]{1,9})(?:\s+(-?[0-9]{1,9}))?(?:\s+([0-9]+))?")
 
 
@@ -71,10 +71,10 @@ def numbered_names(header: Path, pattern: str) -> tuple[list[str], int | None]:
         )
     first, last, step = int(found[2]), int(found[3]), int(found[4] or 1)
     numbers = range(first, last + (1 if step > 0 else -1), step) if step else range(0)
-    if not 1 <= len(numbers) <= _MOST_FILES:
+    if not 1 <= len(numbers) <= MOST_FILES:
         raise fail(
             header,
-            f"its data files from {first} to {last} by {step} are {len(numbers)}; 1 to {_MOST_FILES} can be read.",
+            f"its data files from {first} to {last} by {step} are {len(numbers)}; 1 to {MOST_FILES} can be read.",
         )
     return [name % number for number in numbers], int(found[5]) if found[5] else None
 
@@ -82,8 +82,8 @@ def numbered_names(header: Path, pattern: str) -> tuple[list[str], int | None]:
 def listed_names(header: Path, text: str) -> list[str]:
     """The names of a set of files that a header lists, one a line up to its end."""
     names = [line.strip() for line in text.splitlines() if line.strip()]
-    if not 1 <= len(names) <= _MOST_FILES:
-        raise fail(header, f"its list of data files has {len(names)} names; 1 to {_MOST_FILES} can be read.")
+    if not 1 <= len(names) <= MOST_FILES:
+        raise fail(header, f"its list of data files has {len(names)} names; 1 to {MOST_FILES} can be read.")
     if len(set(names)) < len(names):
         raise fail(header, "its list of data files names a file twice.")
     return names

@@ -296,7 +296,7 @@ LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
 """All kinds of landmark files by name."""
 
 
-LONGEST_TEXT = 2**20
+LONGEST_TABLE = 2**20
 """Characters that are read at most."""
 
 _LONGEST_ID = 15  # digits, which every program that reads tables keeps
@@ -344,8 +344,8 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
         raise DeformError(f"points are read from text, got {shown_value(text)}.")
     if not isinstance(into, ControlPoints):
         raise DeformError(f"points are read into ControlPoints, got {shown_value(into)}.")
-    if len(text) > LONGEST_TEXT:
-        raise DeformError(f"the text has {len(text)} characters; at most {LONGEST_TEXT} are read.")
+    if len(text) > LONGEST_TABLE:
+        raise DeformError(f"the text has {len(text)} characters; at most {LONGEST_TABLE} are read.")
     rows = _rows(text)
     if not rows:
         raise DeformError("there are no points in the text: it is empty.")

@@ -21,7 +21,7 @@ from deformnb.io.landmarks.coordinates import coordinates, is_comment, is_missin
 from deformnb.volume.units import find_unit, ratio
 from deformnb.warping.points import Landmarks
 
-Rows = list[tuple[int, list[str]]]
+TableRows = list[tuple[int, list[str]]]
 
 _AXES = {
     "x": (0, 1.0),
@@ -54,7 +54,7 @@ _NAMES = (
 _ACTIVE = ("active", "selected", "enabled", "use")
 _VOXELS = {"px", "pixel", "pixels", "vx", "voxel", "voxels", "index"}
 _FALSE = ("false", "0", "no", "off")
-_START = 1 << 12  # characters in which a line of names and the first rows stand
+_HEAD_LENGTH = 1 << 12  # characters in which a line of names and the first rows stand
 
 
 def read_csv(path: Path, text: str) -> Landmarks:
@@ -70,7 +70,7 @@ def read_csv(path: Path, text: str) -> Landmarks:
     return _read_named(path, rows) if _is_heading(first) else _read_nameless(path, rows)
 
 
-def _rows(text: str) -> Rows:
+def _rows(text: str) -> TableRows:
     """The rows that are not empty, with the numbers of their lines; columns end at tabs, semicolons or commas."""
     first = text.lstrip("\n ").split("\n", 1)[0]
     delimiter = next((d for d in "\t;" if d in first), ",")
@@ -112,7 +112,7 @@ def _is_heading(row: list[str]) -> bool:
 # ---- BigWarp ---------------------------------------------------------------------------------------------------------
 
 
-def _read_bigwarp(path: Path, rows: Rows) -> Landmarks:
+def _read_bigwarp(path: Path, rows: TableRows) -> Landmarks:
     """Rows of a name, true or false, in new versions a number, the moving and the fixed place."""
     width = len(rows[0][1])
     half = (width - 2) // 2
@@ -170,7 +170,7 @@ class _Columns:
     unit: str = ""
 
 
-def _read_named(path: Path, rows: Rows) -> Landmarks:
+def _read_named(path: Path, rows: TableRows) -> Landmarks:
     columns = _columns(path, *rows[0])
     dim = max(columns.moving) + 1
     names, active, moving, fixed = list[str](), list[bool](), list[list[float]](), list[list[float]]()
@@ -265,7 +265,7 @@ def _words(path: Path, line: int, k: int, cell: str, units: dict[int, str]) -> l
     return words
 
 
-def _read_nameless(path: Path, rows: Rows) -> Landmarks:
+def _read_nameless(path: Path, rows: TableRows) -> Landmarks:
     """Rows of a place or two, after a name or none."""
     width = len(rows[0][1])
     named = width in (4, 5, 7) or (width == 3 and not _is_number(rows[0][1][0]))
@@ -306,7 +306,7 @@ def write_table(landmarks: Landmarks, delimiter: str = ",") -> str:
 
 def is_table(text: str) -> bool:
     """Check for a text that begins with a line of names of columns, among which are coordinates."""
-    rows = _rows(text[:_START].rsplit("\n", 1)[0])
+    rows = _rows(text[:_HEAD_LENGTH].rsplit("\n", 1)[0])
     if not rows or len(rows[0][1]) < 2 or not _is_heading(rows[0][1]):
         return False
     return len({word for cell in rows[0][1] for word in re.split(r"[\s_\-.()\[\]]+", cell.lower())} & set(_AXES)) > 1

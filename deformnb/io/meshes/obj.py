@@ -10,7 +10,7 @@ from typing import BinaryIO
 import numpy as np
 
 from deformnb.io.files.errors import fail, shown
-from deformnb.io.meshes.polygons import CUT, Polygons
+from deformnb.io.meshes.polygons import CUT_SHORT, Polygons
 from deformnb.warping.mesh import Mesh
 
 
@@ -33,11 +33,11 @@ def read_obj(path: Path) -> Polygons:
                     raise fail(path, f"the corner '{shown(word.decode('ascii', 'replace'), 30)}' of a face is none.")
                 corners.append(int(number) - 1 if int(number) > 0 else len(points) + int(number))
     if promised not in (None, (len(points), len(counts))):  # files of other programs do not mark their end
-        raise fail(path, f"its first line promises other numbers of corners and faces than it has: {CUT}.")
+        raise fail(path, f"its first line promises other numbers of corners and faces than it has: {CUT_SHORT}.")
     try:
         places = np.array(points, dtype=np.float64).reshape(len(points), 3)
     except ValueError as error:
-        raise fail(path, f"a line v does not hold three numbers: {CUT}.") from error
+        raise fail(path, f"a line v does not hold three numbers: {CUT_SHORT}.") from error
     return places, np.array(counts, dtype=np.int64), np.array(corners, dtype=np.int64)
 
 

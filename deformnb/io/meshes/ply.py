@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.files.errors import fail, shown
-from deformnb.io.meshes.polygons import CUT, Polygons, whole_numbers
+from deformnb.io.meshes.polygons import CUT_SHORT, Polygons, whole_numbers
 from deformnb.warping.mesh import Mesh
 
 _LONGEST_HEADER = 1 << 16
@@ -114,7 +114,7 @@ def _check_sizes(path: Path, elements: list[_Element], size: int) -> None:
             raise fail(
                 path,
                 f"its header promises {element.size} times {shown(element.name, 30)}, more than the file "
-                f"has room for: {CUT}.",
+                f"has room for: {CUT_SHORT}.",
             )
 
 
@@ -133,7 +133,7 @@ class _Binary:
     def _take(self, dtype: np.dtype[Any], count: int) -> NDArray[Any]:
         end = self._at + dtype.itemsize * count
         if end > len(self._data):
-            raise fail(self._path, f"its header promises more than the file holds: {CUT}.")
+            raise fail(self._path, f"its header promises more than the file holds: {CUT_SHORT}.")
         found = np.frombuffer(self._data, dtype, count, self._at)
         self._at = end
         return found
@@ -190,7 +190,7 @@ class _Text:
     def _take(self, count: int) -> NDArray[np.float64]:
         found = self._numbers[self._at : self._at + count]
         if len(found) < count:
-            raise fail(self._path, f"its header promises more than the file holds: {CUT}.")
+            raise fail(self._path, f"its header promises more than the file holds: {CUT_SHORT}.")
         self._at += count
         return found
 

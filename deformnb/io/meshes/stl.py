@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.files.errors import fail, shown
-from deformnb.io.meshes.polygons import CUT, Polygons
+from deformnb.io.meshes.polygons import CUT_SHORT, Polygons
 from deformnb.warping.mesh import Mesh
 
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
@@ -36,10 +36,10 @@ def read_stl(path: Path) -> Polygons:
 def _text(path: Path, data: bytes) -> NDArray[np.float64]:
     words = data.split()
     if words.count(b"endsolid") != words.count(b"solid") or words.count(b"facet") != words.count(b"endfacet"):
-        raise fail(path, f"a solid or a facet of its text does not end: {CUT}.")
+        raise fail(path, f"a solid or a facet of its text does not end: {CUT_SHORT}.")
     found = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", data)
     if len(found) % 3 or len(found) != 3 * words.count(b"endfacet"):
-        raise fail(path, f"a facet of its text has not three vertices: {CUT}.")
+        raise fail(path, f"a facet of its text has not three vertices: {CUT_SHORT}.")
     try:
         return np.array(found, dtype=np.float64).reshape(-1, 3)
     except ValueError as error:

@@ -12,7 +12,7 @@ from deformnb.io.files.errors import fail, human_bytes
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.texts import integers
 from deformnb.io.files.vtk_xml import StoredArray, Tag, VtkXml
-from deformnb.io.meshes.polygons import CUT, Polygons, whole_numbers
+from deformnb.io.meshes.polygons import CUT_SHORT, Polygons, whole_numbers
 from deformnb.warping.mesh import Mesh
 
 
@@ -21,7 +21,7 @@ def read_vtp(path: Path) -> Polygons:
     file = VtkXml(path, "PolyData")
     pieces = [tag for tag in file.tags if tag.name == "Piece"]
     if not pieces:
-        raise fail(path, f"it has no piece of a surface: {CUT}.")
+        raise fail(path, f"it has no piece of a surface: {CUT_SHORT}.")
     points, counts, corners, first = [], list[NDArray[np.int64]](), list[NDArray[np.int64]](), 0
     for piece in pieces:
         points.append(_points(file, piece))
@@ -48,7 +48,7 @@ def _points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
     if not count:
         return np.zeros((0, 3))
     if array is None or array.attributes.get("NumberOfComponents") != "3":
-        raise fail(file.path, f"a piece has no places of three numbers for its {count} corners: {CUT}.")
+        raise fail(file.path, f"a piece has no places of three numbers for its {count} corners: {CUT_SHORT}.")
     return _within_memory(file.stored(array, 3 * count)).values().astype(np.float64).reshape(-1, 3)
 
 
@@ -63,11 +63,13 @@ def _cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDAr
         if tag.name == "DataArray" and tag.within(kind) and tag.parent and tag.parent.parent is piece
     }
     if not {"offsets", "connectivity"} <= arrays.keys():
-        raise fail(file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {CUT}.")
+        raise fail(
+            file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {CUT_SHORT}."
+        )
     ends = whole_numbers(file.path, _within_memory(file.stored(arrays["offsets"], count)).values())
     sizes = np.diff(ends, prepend=0)
     if (sizes < 0).any():
-        raise fail(file.path, f"the offsets of its {kind.lower()} do not grow: {CUT}.")
+        raise fail(file.path, f"the offsets of its {kind.lower()} do not grow: {CUT_SHORT}.")
     numbers = _within_memory(file.stored(arrays["connectivity"], int(ends[-1]))).values()
     return sizes, whole_numbers(file.path, numbers)
 
@@ -75,7 +77,7 @@ def _cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDAr
 def _count(file: VtkXml, piece: Tag, name: str) -> int:
     count = integers(file.path, name, piece.attributes.get(name, "0"), 1)[0]
     if count < 0:
-        raise fail(file.path, f"its {name} is {count}: {CUT}.")
+        raise fail(file.path, f"its {name} is {count}: {CUT_SHORT}.")
     return count
 
 
@@ -85,7 +87,7 @@ def _within_memory(array: StoredArray) -> StoredArray:
         raise fail(
             array.file.path,
             f"its header promises an array of {human_bytes(array.size)}, for which there is "
-            f"not enough memory ({human_bytes(limit)} may be used), or {CUT}.",
+            f"not enough memory ({human_bytes(limit)} may be used), or {CUT_SHORT}.",
         )
     return array
 

@@ -16,7 +16,7 @@ from deformnb.io.transforms import itk_files
 from deformnb.io.transforms.displacement_images import image_of, write_by_name
 from deformnb.io.transforms.elastix import is_elastix, read_elastix
 from deformnb.io.transforms.itk_kinds import field_of_list
-from deformnb.io.transforms.parts import Part, sampled_parts
+from deformnb.io.transforms.parts import TransformPart, sampled_parts
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, Identity
 from deformnb.volume.volume import Grid, optional_package
@@ -57,11 +57,11 @@ def write_itk(
         lambda file: sitk.WriteTransform(whole, file),
         overwrite=overwrite,
         head=head,
-        longest=itk_files.LONGEST_TEXT if path.name.lower().endswith(".tfm") else None,
+        longest=itk_files.LONGEST_ITK_TEXT if path.name.lower().endswith(".tfm") else None,
     )
 
 
-def _to_itk(sitk: Any, part: Part) -> Any:
+def _to_itk(sitk: Any, part: TransformPart) -> Any:
     if isinstance(part, Identity):
         return sitk.TranslationTransform(3)
     if isinstance(part, Affine):

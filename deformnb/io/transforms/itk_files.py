@@ -20,7 +20,7 @@ from deformnb.io.files.memory import available_memory
 from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, checked_transform, class_of
 from deformnb.volume.volume import optional_package
 
-LONGEST_TEXT = 1 << 26
+LONGEST_ITK_TEXT = 1 << 26
 """Bytes of a .tfm file: some million numbers."""
 
 _MOST_TRANSFORMS = 1000  # of one file
@@ -37,10 +37,10 @@ _FILTERS = (1, 2, 3)
 def read_text(path: Path) -> str:
     """The text of a file of parameters, of bounded length."""
     size = path.stat().st_size
-    if size > LONGEST_TEXT:
+    if size > LONGEST_ITK_TEXT:
         raise fail(path, f"a text of {human_bytes(size)} is too long for a transform; save it as .h5.")
     with path.open("rb") as file:
-        return file.read(LONGEST_TEXT).decode("utf-8", errors="replace")
+        return file.read(LONGEST_ITK_TEXT).decode("utf-8", errors="replace")
 
 
 def finite_numbers(path: Path, text: str, what: str) -> NDArray[np.float64]:

@@ -30,7 +30,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid
 
-Linear: TypeAlias = Callable[[int, Floats, Floats], tuple[Floats, Floats, Floats]]
+LinearMap: TypeAlias = Callable[[int, Floats, Floats], tuple[Floats, Floats, Floats]]
 """From the dimension, the parameters and the fixed ones to the matrix M, the translation t and the centre c."""
 
 COMPOSITE = "CompositeTransform"
@@ -238,7 +238,7 @@ class LinearKind:
 
     counts: Mapping[int, int]
     fixed: Mapping[int, tuple[int, ...]]
-    parts: Linear
+    parts: LinearMap
 
 
 _BOTH, _NONE = {2: (2,), 3: (3,)}, {2: (0,), 3: (0,)}

@@ -31,14 +31,14 @@ from deformnb.volume.volume import IDENTITY, Grid, optional_package
 
 _VERSION = "0.6"
 _SYSTEM = "LPS"
-_AXES = ("z", "y", "x")
+_AXIS_NAMES = ("z", "y", "x")
 _FOLDER = "coordinateTransformations"
 _CHUNK = 64  # voxels along an axis of a chunk: 3 MiB of float32
 
 _MARKS = ("zarr.json", ".zgroup")  # files of which a folder that is replaced has one
 _LONGEST = 1 << 22  # bytes of metadata: a real scene has some tens of kB
-_SAME = 1e-9  # of two maps that are each other's inverse; rounding is a thousandth of it
-_DEEPEST = 20
+_INVERSE_TOLERANCE = 1e-9  # of two maps that are each other's inverse; rounding is a thousandth of it
+_DEEPEST_SEQUENCE = 20
 _MOST_CHUNKS = 1 << 18  # of a field; 512^3 vectors take 512 of those that are written here
 _MOST_PARTS = 1000
 
@@ -80,7 +80,7 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
         "0",
         shape=values.shape,
         dtype=values.dtype,
-        dimension_names=("c", *_AXES),
+        dimension_names=("c", *_AXIS_NAMES),
         chunks=(3, *(min(_CHUNK, n) for n in grid.shape)),
         config={"write_empty_chunks": True},
     )  # so that a lost one is known from one of zeros
@@ -114,7 +114,7 @@ def _write_field(root: Any, part: DisplacementField, name: str) -> list[dict[str
 
 def _space(unit: str) -> list[dict[str, str]]:
     stated = {"unit": UNITS[unit].name} if unit else {}
-    return [{"name": axis, "type": "space", **stated} for axis in _AXES]
+    return [{"name": axis, "type": "space", **stated} for axis in _AXIS_NAMES]
 
 
 def _rows(matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> list[list[float]]:
@@ -201,7 +201,7 @@ class _Reader:
     def field(self, given: Any, depth: int = 0) -> AbstractField:
         """The field of a transformation."""
         self.parts += 1
-        if not isinstance(given, dict) or depth > _DEEPEST or self.parts > _MOST_PARTS:
+        if not isinstance(given, dict) or depth > _DEEPEST_SEQUENCE or self.parts > _MOST_PARTS:
             raise fail(self.path, "one of its transformations is no object, or they are nested too deep.")
         kind = given.get("type")
         if kind == "sequence":
@@ -369,9 +369,9 @@ def _on_turned_grids(parts: list[AbstractField]) -> list[AbstractField]:
         turned, origin, grid = np.asarray(after.matrix), np.asarray(after.offset), field.lattice
         size = np.abs(origin).max() + 1.0
         if (
-            np.abs(turned @ before.matrix - np.eye(3)).max() < _SAME
-            and np.abs(turned @ before.offset + origin).max() < _SAME * size
-            and np.abs(turned @ turned.T - np.eye(3)).max() < _SAME
+            np.abs(turned @ before.matrix - np.eye(3)).max() < _INVERSE_TOLERANCE
+            and np.abs(turned @ before.offset + origin).max() < _INVERSE_TOLERANCE * size
+            and np.abs(turned @ turned.T - np.eye(3)).max() < _INVERSE_TOLERANCE
             and isinstance(grid, Grid)
         ):
             a, b, c = (tuple(row) for row in turned.tolist())

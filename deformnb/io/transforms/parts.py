@@ -12,12 +12,12 @@ from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity
 from deformnb.volume.volume import Grid
 
-Part = Identity | Affine | DisplacementField | BSplineField
+TransformPart = Identity | Affine | DisplacementField | BSplineField
 
 
 def sampled_parts(
     field: AbstractField, grid: Grid, progress: Progress | None = None, *, exact: tuple[type, ...] = ()
-) -> list[Part]:
+) -> list[TransformPart]:
     """The parts of a field in the order in which a place of the result is looked up in them.
 
     Each part that is not affine is sampled on the grid, which is enlarged by as much as the parts looked up before it
@@ -27,7 +27,7 @@ def sampled_parts(
     ----------
     exact : kinds of fields that the file holds as they are, beside affine maps.
     """
-    found = list[Part]()
+    found = list[TransformPart]()
     reach = np.zeros(3)  # along the axes of the grid
     steps = field.steps
     for k, part in enumerate(reversed(steps)):  # the last step is looked up first

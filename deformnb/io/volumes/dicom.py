@@ -24,11 +24,12 @@ from deformnb._deferred import ndimage
 from deformnb._typing import Float3
 from deformnb.errors import DeformError, MissingPackageError, VolumeFileError
 from deformnb.io.files.codecs import unpack_picture
+from deformnb.io.files.detached import MOST_FILES
 from deformnb.io.files.errors import fail, shown
 from deformnb.io.volumes.headers import Header, triple, volume_shape
 from deformnb.volume.volume import Matrix3
 
-SUFFIXES = (".dcm", ".dicom", ".ima")
+DICOM_SUFFIXES = (".dcm", ".dicom", ".ima")
 
 _TAGS = [
     "SOPClassUID",
@@ -84,7 +85,6 @@ _MOST_FRAMES = 100_000
 _DEFLATED = b"1.2.840.10008.1.2.1.99"
 _META_BYTES = 4096  # in which the field of the transfer syntax lies
 
-_MOST_FILES = 50_000
 
 # Positions are printed with three to six decimals. One percent of a slice distance is beyond that rounding and far
 # below a missing slice; voxels then lie at most this much of a slice from where the scanner put them.
@@ -173,8 +173,8 @@ def dicom_files(folder: Path) -> list[Path]:
         folders.sort()
         for name in sorted(names):
             seen += 1
-            if seen > _MOST_FILES:
-                raise fail(folder, f"it holds more than {_MOST_FILES} files; name the folder of the series itself.")
+            if seen > MOST_FILES:
+                raise fail(folder, f"it holds more than {MOST_FILES} files; name the folder of the series itself.")
             path = Path(where, name)
             if path.is_file() and is_dicom(path) and name.upper() != "DICOMDIR":
                 found.append(path)

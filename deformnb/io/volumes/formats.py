@@ -99,17 +99,22 @@ FORMATS: dict[str, Format] = {
     ),
     "raw": Format((".raw",), raw.read_raw_header, raw.write_raw, "plain voxels with a side file .raw.json", units=None),
     "zarr": Format(
-        (ome_zarr.SUFFIX,), ome_zarr.read_header, ome_zarr.write, "OME-Zarr pyramid, a folder", ome_zarr.MARKS, None
+        (ome_zarr.ZARR_SUFFIX,),
+        ome_zarr.read_header,
+        ome_zarr.write,
+        "OME-Zarr pyramid, a folder",
+        ome_zarr.MARKS,
+        None,
     ),
     "tiff": Format(
-        tiff.SUFFIXES,
+        tiff.TIFF_SUFFIXES,
         tiff.read_header,
         tiff.write,
         "TIFF stack (written as OME-TIFF), or a folder of slices",
         units=None,
     ),
-    "image": Format(images.SUFFIXES, images.read_header, images.write, "picture, as a volume of one slice"),
-    "dicom": Format(dicom.SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
+    "image": Format(images.IMAGE_SUFFIXES, images.read_header, images.write, "picture, as a volume of one slice"),
+    "dicom": Format(dicom.DICOM_SUFFIXES, dicom.read_header, None, "DICOM slice, or a folder with a series"),
 }
 """All formats by name. A new one is one row: suffixes, a header reader, a writer or None."""
 
@@ -238,7 +243,7 @@ def read_any_header(path: Path, series: str | int | None = None, uneven_slices: 
             return "dicom", dicom.read_header(path, series, uneven_slices)
         if ome_zarr.is_zarr(path):
             return "zarr", ome_zarr.read_header(path)
-        if any(file.suffix.lower() in tiff.SUFFIXES for file in path.iterdir()):
+        if any(file.suffix.lower() in tiff.TIFF_SUFFIXES for file in path.iterdir()):
             return "tiff", tiff.read_folder_header(path)
         raise fail(path, "this folder holds neither a DICOM series nor TIFF slices nor Zarr arrays; name a file.")
     name, entry = format_of(path)

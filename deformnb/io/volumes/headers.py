@@ -24,13 +24,16 @@ from deformnb.volume.volume import IDENTITY, Grid, Matrix3
 HEADER_BYTES = 2**20
 """Longest text header that is read. Real ones have a few kB; scanners' private fields stay below 100 kB."""
 
+MOST_SKIPPED = 2**26
+"""Bytes or lines before the voxels that a header may ask to skip."""
+
 # Sizes are Python integers, so nothing overflows; this many bytes no machine has (an exbibyte).
 _TOO_MANY_BYTES = 2**60
 
-Blocks = Callable[[], Iterator[NDArray[Any]]]
+VoxelBlocks = Callable[[], Iterator[NDArray[Any]]]
 
 # More channels or moments than this are no channels but a damaged header, or another kind of axis.
-MOST_FRAMES = 1_000_000
+MOST_MOMENTS = 1_000_000
 """Moments of a file."""
 _MOST_CHANNELS = 1024
 
@@ -43,7 +46,7 @@ class Layout:
     ----------
     frames : number of moments.
     channels : number of channels, or of the parts of a colour.
-    kind : a key of :data:`~deformnb.volume.channels.KINDS`.
+    kind : a key of :data:`~deformnb.volume.channels.CHANNEL_KINDS`.
     names : of the channels; empty where the file has none.
     colours : of the channels; empty where the file has none.
     interleaved : blocks come as [some z, y, x, channel], frame by frame; else as [some z, y, x], of each frame all
@@ -107,7 +110,7 @@ def described_layout(layout: Layout, text: str) -> Layout:
 
 def checked_layout(path: Path, layout: Layout) -> Layout:
     """The layout, if its numbers can be; VolumeFileError else."""
-    if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= MOST_FRAMES):
+    if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= MOST_MOMENTS):
         raise fail(
             path,
             f"it has {layout.frames} moments and {layout.channels} channels, more than can be; the header "
@@ -141,7 +144,7 @@ class Header:
     path: Path
     shape: tuple[int, int, int]
     dtype: np.dtype[Any]
-    blocks: Blocks
+    blocks: VoxelBlocks
     spacing: Float3 = (1.0, 1.0, 1.0)
     origin: Float3 = (0.0, 0.0, 0.0)
     direction: Matrix3 = IDENTITY

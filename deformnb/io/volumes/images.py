@@ -23,7 +23,7 @@ from deformnb.io.volumes.headers import Header, Layout
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".webp")
 _DEEP = {"I;16", "I;16B", "I;16L", "I;16N"}
 
 

@@ -27,6 +27,7 @@ from deformnb.io.files.errors import fail, shown
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.volumes.headers import (
     HEADER_BYTES,
+    MOST_SKIPPED,
     SINGLE,
     Header,
     Layout,
@@ -75,7 +76,6 @@ _NAMES = {
 # keeps or ignores, can.
 _LABELS = "deformnb labels"
 _CHANNELS = "deformnb channels "
-_MOST_SKIPPED = 2**26
 
 
 def _fields(path: Path) -> tuple[dict[str, str], int]:
@@ -213,7 +213,7 @@ def _part(path: Path, fields: dict[str, str], target: Path, offset: int, expecte
     """The voxels in one file; the bytes to skip are those of each file of a set."""
     skip = integers(path, "HeaderSize", fields.get("headersize", "0"), 1)[0]
     packed, is_text = _flag(path, fields, "CompressedData", False), not _flag(path, fields, "BinaryData", True)
-    if not -1 <= skip <= _MOST_SKIPPED or ((packed or is_text) and skip) or (packed and is_text):
+    if not -1 <= skip <= MOST_SKIPPED or ((packed or is_text) and skip) or (packed and is_text):
         raise fail(path, f"the field 'HeaderSize' is {skip}, which is not usable here.")
     if skip == -1:  # the voxels are the last bytes of the file
         offset = max(offset, target.stat().st_size - expected)

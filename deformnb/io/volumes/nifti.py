@@ -30,7 +30,7 @@ from deformnb.io.volumes.headers import (
     volume_shape,
 )
 from deformnb.io.volumes.voxels import Source, layout_blocks, write_packed
-from deformnb.volume.volume import IDENTITY, NIFTI_UNITS, Grid, Matrix3, Volume
+from deformnb.volume.volume import IDENTITY, LPS_TO_RAS, NIFTI_UNITS, Grid, Matrix3, Volume
 
 _TYPES = {2: "u1", 4: "i2", 8: "i4", 16: "f4", 64: "f8", 256: "i1", 512: "u2", 768: "u4", 1024: "i8", 1280: "u8"}
 _CODES = {np.dtype(name): code for code, name in _TYPES.items()} | {np.dtype(bool): 2}
@@ -49,7 +49,6 @@ _VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one vo
 _DISPLACEMENT_INTENT = 1006  # NIFTI_INTENT_DISPVECT: vectors of displacements
 _VECTOR_INTENTS = (_DISPLACEMENT_INTENT, _VECTOR_INTENT)
 _UNITS = {code: unit for unit, code in NIFTI_UNITS.items()}
-_RAS = np.diag([-1.0, -1.0, 1.0, 1.0])
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
 _FIRST_VOXEL = 352
 
@@ -259,7 +258,7 @@ def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tu
     if not affine[:3, :3].any() and qform_code > 0:  # programs that know no sform leave zeros under a code
         return None, (*notes, "the sform is all zeros; the qform is used")
     differs = _difference(path, fields, affine)
-    return _RAS @ affine, (*notes, differs) if differs else notes
+    return LPS_TO_RAS @ affine, (*notes, differs) if differs else notes
 
 
 def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str:
@@ -273,7 +272,7 @@ def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str
     except VolumeFileError:
         return "the qform is damaged; the sform is used"
     matrix = np.asarray(direction) * np.asarray(fields.pixdim[1:4])
-    both = _RAS @ np.column_stack([np.vstack([matrix, [0, 0, 0]]), [*origin, 1]])
+    both = LPS_TO_RAS @ np.column_stack([np.vstack([matrix, [0, 0, 0]]), [*origin, 1]])
     # float32 numbers and quaternions with four digits differ by this much without meaning anything else
     same = np.allclose(both, affine, rtol=1e-3, atol=1e-2 * float(np.abs(affine[:3, :3]).max()))
     return "" if same else "the file holds two different places (qform and sform); the sform is used"
@@ -304,7 +303,7 @@ def _qform(path: Path, fields: _Fields) -> tuple[Matrix3, Float3]:
         ]
     )
     turn[:, 2] *= -1 if fields.pixdim[0] < 0 else 1
-    rows: Matrix3 = tuple(tuple(row) for row in (_RAS[:3, :3] @ turn).tolist())  # type: ignore[assignment]
+    rows: Matrix3 = tuple(tuple(row) for row in (LPS_TO_RAS[:3, :3] @ turn).tolist())  # type: ignore[assignment]
     return rows, (-x, -y, z)
 
 
@@ -340,8 +339,8 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     code = next(code for code, kind in _COLOURS.items() if kind == layout.kind) if is_colour else _CODES[volume.dtype]
     intent = _VECTOR_INTENT if channels > 1 else _LABEL_INTENT if volume.is_labels else 0
     axes = 5 if channels > 1 else 4 if layout.frames > 1 else 3
-    affine = _RAS @ grid.affine
-    turn = _RAS[:3, :3] @ np.asarray(grid.direction)
+    affine = LPS_TO_RAS @ grid.affine
+    turn = LPS_TO_RAS[:3, :3] @ np.asarray(grid.direction)
     flip = -1.0 if np.linalg.det(turn) < 0 else 1.0
     header = bytearray(_FIRST_VOXEL)
 

@@ -30,6 +30,7 @@ from deformnb.io.files.errors import fail, shown
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.volumes.headers import (
     HEADER_BYTES,
+    MOST_SKIPPED,
     SINGLE,
     Header,
     Layout,
@@ -98,7 +99,6 @@ _PLACES = {"domain", "space", "???", "none"}
 
 _LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of our own
 _CHANNELS_KEY = "deformnb_channels"  # nor for the names of channels
-_MOST_SKIPPED = 2**26
 
 
 class _Text(NamedTuple):
@@ -274,7 +274,7 @@ def _source(
         raise fail(path, f"the encoding '{shown(fields['encoding'])}' is not supported; save it as raw or gzip.")
     lines = integers(path, "line skip", fields.get("lineskip", "0"), 1)[0]
     skip = integers(path, "byte skip", fields.get("byteskip", "0"), 1)[0]
-    if not (0 <= lines <= HEADER_BYTES and -1 <= skip <= _MOST_SKIPPED) or (skip == -1 and encoding != "raw"):
+    if not (0 <= lines <= HEADER_BYTES and -1 <= skip <= MOST_SKIPPED) or (skip == -1 and encoding != "raw"):
         raise fail(path, f"the fields 'line skip' ({lines}) and 'byte skip' ({skip}) are not usable.")
     total, name = math.prod(sizes) * dtype.itemsize, fields.get("datafile")
     if name is None:

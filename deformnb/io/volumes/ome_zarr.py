@@ -40,7 +40,7 @@ from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 if TYPE_CHECKING:
     import zarr
 
-SUFFIX = ".zarr"
+ZARR_SUFFIX = ".zarr"
 
 VERSIONS = {"0.5": 3, "0.4": 2}
 """Versions of OME-Zarr that are written, the usual one first, and the version of Zarr that each one has."""
@@ -53,7 +53,7 @@ _MOST_LEVELS = 32
 _MOST_CHECKED = 2**32
 
 # Voxels along each axis of a chunk: 2^20 in all, the block that one call of the warp computes.
-CHUNK = (64, 128, 128)
+CHUNK_SHAPE = (64, 128, 128)
 
 # zarr-python decodes up to this many chunks at once (its setting async.concurrency).
 _AT_ONCE = 10
@@ -633,7 +633,7 @@ def create_pyramid(
     name: str = "",
     is_labels: bool = False,
     fill: Any = 0,
-    chunks: tuple[int, int, int] = CHUNK,
+    chunks: tuple[int, int, int] = CHUNK_SHAPE,
     version: str = "0.5",
 ) -> list[Any]:
     """An empty pyramid in a new folder; returns its Zarr arrays, the finest first.

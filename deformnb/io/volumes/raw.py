@@ -29,7 +29,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import fail, shown
-from deformnb.io.volumes.headers import Blocks, Header, volume_shape
+from deformnb.io.volumes.headers import Header, VoxelBlocks, volume_shape
 from deformnb.io.volumes.voxels import Source, checked_bytes, slabs_of_bytes
 from deformnb.volume.units import stated_unit
 from deformnb.volume.volume import Volume, cast
@@ -132,7 +132,7 @@ def read_raw_header(path: Path) -> Header:
     return Header(path, shape, dtype, blocks, notes=notes + unit_notes, **known)
 
 
-def _checked(path: Path, fields: dict[str, Any], blocks: Blocks) -> Blocks:
+def _checked(path: Path, fields: dict[str, Any], blocks: VoxelBlocks) -> VoxelBlocks:
     """The same blocks; at their end their CRC must be that of the side file, if it has one."""
     if "crc32" not in fields:
         return blocks

@@ -32,7 +32,7 @@ from deformnb.io.volumes.formats import (
     read_any_header,
     write_volume,
 )
-from deformnb.io.volumes.headers import MOST_FRAMES, Header, Layout
+from deformnb.io.volumes.headers import MOST_MOMENTS, Header, Layout
 from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
 from deformnb.volume.units import checked_unit
@@ -255,9 +255,9 @@ def write_series(
 
     queue: Iterator[Channels] = map(in_written_unit, moments)
     first = next(queue, None)
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_FRAMES:
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_MOMENTS:
         raise DeformError(
-            f"count is the number of moments, a whole number from 1 to {MOST_FRAMES}, got {shown_value(count)}."
+            f"count is the number of moments, a whole number from 1 to {MOST_MOMENTS}, got {shown_value(count)}."
         )
     if first is None:
         raise DeformError("there is no moment to write.")

@@ -32,9 +32,9 @@ from deformnb.io.files.errors import fail, shown
 from deformnb.io.files.paths import regular_file
 from deformnb.io.volumes.headers import (
     SINGLE,
-    Blocks,
     Header,
     Layout,
+    VoxelBlocks,
     checked_layout,
     volume_shape,
 )
@@ -44,7 +44,7 @@ from deformnb.io.volumes.tiff_pages import (
     MOST_PAGES,
     RESOLUTION_UNIT,
     SAMPLES,
-    WIDTH,
+    WIDTH_TAG,
     XRES,
     YRES,
     Page,
@@ -59,7 +59,7 @@ from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.units import common_unit, ratio, stated_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, optional_package, voxel_checksum
 
-SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
+TIFF_SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
 
 _MOST_TABLES = 2**26  # bytes of the places of parts of all pages, where these must be sorted: damaged ones share them
 
@@ -99,7 +99,7 @@ def _description(path: Path) -> tuple[str, _Described]:
 
 def read_folder_header(folder: Path) -> Header:
     """Geometry and type of a folder of TIFF files with one page each."""
-    found = (file for file in folder.iterdir() if file.suffix.lower() in SUFFIXES)
+    found = (file for file in folder.iterdir() if file.suffix.lower() in TIFF_SUFFIXES)
     files = [regular_file(file) for file in sorted(found, key=_natural)]  # a pipe in the place of a slice is no slice
     order = f"{len(files)} files in the order {shown(files[0].name, 40)} ... {shown(files[-1].name, 40)}"
     return _header(folder, lambda: _single_pages(files), _Described(notes=(order,)))
@@ -146,7 +146,7 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
         notes += ("the file shows small values as white; the values are kept as they are",)
     if first.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
-    blocks: Blocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
+    blocks: VoxelBlocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
     planes = layout.channels // first.samples
     if layout.frames * planes > 1:
         blocks = lambda: _sorted_blocks(path, pages(), found.order, (layout.frames, planes, slices))  # noqa: E731
@@ -490,7 +490,7 @@ def _of_tifffile(path: Path, text: str, tags: Tags) -> _Described:
 
 def _planes(path: Path, shape: list[int], tags: Tags) -> list[int]:
     """The sizes of the axes along which pages lie: those of a shape before the ones of a page."""
-    (height,), (width,) = (whole_numbers(tags, tag)[:1].tolist() or [0] for tag in (HEIGHT, WIDTH))
+    (height,), (width,) = (whole_numbers(tags, tag)[:1].tolist() or [0] for tag in (HEIGHT, WIDTH_TAG))
     samples = (*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]
     for plane in ([height, width], [height, width, samples], [samples, height, width]):
         if shape[-len(plane) :] == plane and (samples > 1) == (len(plane) == 3):

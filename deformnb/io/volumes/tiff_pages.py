@@ -44,7 +44,7 @@ _FIELD_TYPES = {
     17: ("i8", 1),
     18: ("u8", 1),
 }
-KIND, WIDTH, HEIGHT, DESCRIPTION, SAMPLES, XRES, YRES, RESOLUTION_UNIT = 254, 256, 257, 270, 277, 282, 283, 296
+KIND, WIDTH_TAG, HEIGHT, DESCRIPTION, SAMPLES, XRES, YRES, RESOLUTION_UNIT = 254, 256, 257, 270, 277, 282, 283, 296
 _BITS, _COMPRESSION, _PHOTOMETRIC, _FILL = 258, 259, 262, 266
 _STRIPS, _ROWS, _STRIP_BYTES, _PLANAR, _T4, _PREDICTOR = 273, 278, 279, 284, 292, 317
 _TILE_WIDTH, _TILE_HEIGHT, _TILES, _TILE_BYTES, _EXTRA, _FORMAT, _TABLES = 322, 323, 324, 325, 338, 339, 347
@@ -55,7 +55,7 @@ _USED = {
     XRES,
     YRES,
     RESOLUTION_UNIT,
-    WIDTH,
+    WIDTH_TAG,
     HEIGHT,
     _BITS,
     _COMPRESSION,
@@ -368,7 +368,7 @@ def page_of(path: Path, order: str, tags: Tags) -> Page:
     def one(tag: int, missing: int | None = None) -> int:
         return _one(path, tags, tag, missing)
 
-    width, height, samples = one(WIDTH), one(HEIGHT), one(SAMPLES, 1)
+    width, height, samples = one(WIDTH_TAG), one(HEIGHT), one(SAMPLES, 1)
     compression, photometric, is_planar = one(_COMPRESSION, 1), one(_PHOTOMETRIC, 1), one(_PLANAR, 1) == 2
     _check_colours(path, photometric, samples, compression)
     bits = one(_BITS, 1)

@@ -34,11 +34,11 @@ from deformnb.io.files.streams import (
     take,
     write_all,
 )
-from deformnb.io.volumes.headers import Blocks, Layout
+from deformnb.io.volumes.headers import Layout, VoxelBlocks
 from deformnb.volume.volume import Volume
 
 # Blocks of about a mebibyte stay in the processor's cache between reading, scaling and storing.
-_BLOCK = 2**20
+BLOCK_BYTES = 2**20
 
 # Deflate cannot pack more than 1032 bytes into one; a header that claims more is lying or the file is cut short.
 _DEFLATE_MOST = 1032
@@ -73,7 +73,7 @@ class Source:
         try:
             left = self.skip
             while left:
-                dropped = len(stream.read(min(left, _BLOCK)))
+                dropped = len(stream.read(min(left, BLOCK_BYTES)))
                 if not dropped:
                     raise EOFError("the data end before the first voxel")
                 left -= dropped
@@ -140,7 +140,7 @@ class SeveralSources:
             with closing(part.open()) as stream:
                 left = size
                 while left:
-                    data = stream.read(min(left, _BLOCK))
+                    data = stream.read(min(left, BLOCK_BYTES))
                     if not data:
                         raise fail(
                             part.path,
@@ -158,8 +158,8 @@ def layout_blocks(
     shape: tuple[int, int, int],
     dtype: np.dtype[Any],
     layout: Layout,
-    check: Callable[[Any, tuple[int, int, int]], Blocks] | None = None,
-) -> Blocks:
+    check: Callable[[Any, tuple[int, int, int]], VoxelBlocks] | None = None,
+) -> VoxelBlocks:
     """The blocks of a file of channels and moments in its own order, with the checks of :meth:`Source.blocks`.
 
     Parameters
@@ -181,7 +181,7 @@ def stream_blocks(
     """Yield the voxels of a stream as arrays [some z, y, x]; there must be exactly as many bytes as voxels need."""
     nz, ny, nx = shape
     slice_bytes = ny * nx * dtype.itemsize
-    rows = max(1, _BLOCK // slice_bytes)
+    rows = max(1, BLOCK_BYTES // slice_bytes)
     with closing(open_stream()) as stream:
         for start in range(0, nz, rows):
             count = min(rows, nz - start)
@@ -202,7 +202,7 @@ def stream_blocks(
             )
 
 
-def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exception]) -> Blocks:
+def checked_bytes(blocks: VoxelBlocks, crc32: object, error: Callable[[int], Exception]) -> VoxelBlocks:
     """The same blocks; at their end their CRC-32 must be this, or the error made of the one found is raised."""
 
     def checked() -> Iterator[NDArray[Any]]:
@@ -218,7 +218,7 @@ def checked_bytes(blocks: Blocks, crc32: object, error: Callable[[int], Exceptio
 
 def checked_blocks(
     source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None, header: Path
-) -> Blocks:
+) -> VoxelBlocks:
     """The blocks of a detached data file, which must have the checksum in its header, if there is one."""
     blocks = source.blocks(shape, dtype)
     if crc32 is None:

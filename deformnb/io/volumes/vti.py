@@ -20,11 +20,10 @@ from deformnb.io.files.streams import LEVEL, packed_bytes
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.files.vtk_xml import TYPES, Tag, VtkXml
 from deformnb.io.volumes.headers import Header, triple, volume_shape
-from deformnb.io.volumes.voxels import slabs_of_bytes, stored_dtype, stream_blocks
+from deformnb.io.volumes.voxels import BLOCK_BYTES, slabs_of_bytes, stored_dtype, stream_blocks
 from deformnb.volume.volume import Grid, Matrix3, Volume
 
 _NAMES = {dtype: name for name, dtype in TYPES.items()}
-_BLOCK = 2**20
 
 # VTK has no units; in 3D Slicer, and beside the images of ITK, its lengths are millimetres.
 _UNIT = "mm"
@@ -152,7 +151,7 @@ def _write(
     path: Path, xml: bytes, values: NDArray[Any], dtype: np.dtype[Any], overwrite: bool, progress: Progress | None
 ) -> None:
     size = values.size * dtype.itemsize
-    blocks = -(-size // _BLOCK)
+    blocks = -(-size // BLOCK_BYTES)
     with atomic_write(path, overwrite=overwrite, needed=packed_bytes(size)) as file:
         file.write(xml)
         begin = file.tell()
@@ -160,16 +159,16 @@ def _write(
         counts = [file.write(zlib.compress(block, LEVEL)) for block in _blocks(values, dtype, progress)]
         file.write(b"\n  </AppendedData>\n</VTKFile>\n")
         file.seek(begin)
-        file.write(np.array([blocks, _BLOCK, size % _BLOCK, *counts], dtype="<u8").tobytes())
+        file.write(np.array([blocks, BLOCK_BYTES, size % BLOCK_BYTES, *counts], dtype="<u8").tobytes())
 
 
 def _blocks(values: NDArray[Any], dtype: np.dtype[Any], progress: Progress | None) -> Iterator[bytes]:
     waiting = b""
     for piece in slabs_of_bytes(values, dtype, progress):
         data = waiting + bytes(piece)
-        whole = len(data) // _BLOCK * _BLOCK
-        for start in range(0, whole, _BLOCK):
-            yield data[start : start + _BLOCK]
+        whole = len(data) // BLOCK_BYTES * BLOCK_BYTES
+        for start in range(0, whole, BLOCK_BYTES):
+            yield data[start : start + BLOCK_BYTES]
         waiting = data[whole:]
     if waiting:
         yield waiting

@@ -33,7 +33,7 @@ from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.edit_messages import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.editor.space_slices import PROJECTIONS, Shown, SpacePictures, folding, shapes_on
+from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.messages import Pictures, ShowPoint
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
@@ -91,7 +91,7 @@ class SpaceEditor(EditedPoints):
     front_end_traits = SPACE_TRAITS
     mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
-    projection = traitlets.Enum(list(PROJECTIONS), "slice").tag(sync=True)
+    projection = traitlets.Enum(list(SLICE_PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)
     revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")

@@ -28,7 +28,7 @@ from deformnb.widgets.packed_volume import packed_volume
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
 
-PROJECTIONS = ("slice", "mip", "composite", "shaded")
+SLICE_PROJECTIONS = ("slice", "mip", "composite", "shaded")
 """Projections of the pictures: a slice, or all of the volume seen from that side."""
 
 # Voxels of the volume that a projection warps while something moves, and at rest: 40 ms and a third of a second.

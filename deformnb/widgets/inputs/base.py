@@ -17,20 +17,18 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
-from deformnb.widgets.edit_messages import check_size
+from deformnb.widgets.edit_messages import LONGEST_MESSAGE, check_size
 from deformnb.widgets.messages import ValueRefused, ValueTaken
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 
 _LOG = logging.getLogger(__name__)
 
-LONGEST_MESSAGE = 65536
-"""Bytes of a message by the front end at most."""
 
 _LONGEST_NAME = 40
 _PAGES = 16  # that are distinguished; an older one has long been closed
 
-EditCallback = Callable[[Any, str], None]
+InputCallback = Callable[[Any, str], None]
 """Called with the value and "move" or "end"."""
 
 
@@ -49,7 +47,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     live = traitlets.Bool(False, help="whether the front end reports every movement").tag(sync=True)
 
     def __init__(self, **traits: Any) -> None:
-        self._callbacks: list[EditCallback] = []
+        self._callbacks: list[InputCallback] = []
         self._seen: dict[str, int] = {}
         super().__init__(**traits)
         self.on_msg(self._received)
@@ -74,7 +72,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         """The value that callbacks get of an edit."""
         return edit
 
-    def on_edit(self, callback: EditCallback, remove: bool = False) -> None:
+    def on_edit(self, callback: InputCallback, remove: bool = False) -> None:
         """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
 
         During a drag the traits stay as they were; only the callback sees the value on its way. Exceptions of the

@@ -18,7 +18,7 @@ import traitlets
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.errors import DeformError
-from deformnb.rbf.extrusion import FRONT_ONLY, LONGEST, modulate
+from deformnb.rbf.extrusion import FRONT_ONLY, LONGEST_FORMULA, modulate
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import AbstractEdited, nodes_from_json
 
@@ -234,8 +234,8 @@ class CurveEditor(AbstractEdited):
             raise DeformError("a curve is a formula or a list of nodes.")
         if "formula" in value:
             formula = value["formula"]
-            if not isinstance(formula, str) or len(formula) > LONGEST:
-                raise DeformError(f"a formula is a text of at most {LONGEST} characters.")
+            if not isinstance(formula, str) or len(formula) > LONGEST_FORMULA:
+                raise DeformError(f"a formula is a text of at most {LONGEST_FORMULA} characters.")
             modulate(formula)
             return _Edit((), False, formula.strip())
         nodes = nodes_from_json(value.get("nodes"), 2, MOST_NODES)

@@ -12,7 +12,7 @@ from deformnb.datasets.darcy import ThompsonMap, thompson_map
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.io import read_volume
-from deformnb.io.volumes.images import SUFFIXES
+from deformnb.io.volumes.images import IMAGE_SUFFIXES
 from deformnb.volume.plane import Picture
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing
@@ -73,8 +73,8 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self.take,
             self._guard,
             label="Open the second drawing",
-            accept=",".join(SUFFIXES),
-            tip="A photograph or drawing: " + ", ".join(SUFFIXES),
+            accept=",".join(IMAGE_SUFFIXES),
+            tip="A photograph or drawing: " + ", ".join(IMAGE_SUFFIXES),
         )
         self._place = ipw.VBox([self.upload], layout=ipw.Layout(flex="1 1 300px", min_width="0"))
         first_side = ipw.VBox(

@@ -30,7 +30,7 @@ PIECE = 2**18
 """Bytes of a piece: with its message it is less than what a page may send at once."""
 
 _MOST_UPLOADS = 4  # under way at a time, of all pages; the oldest belongs to a page that has gone
-_LONGEST_NAME = 200
+_LONGEST_FILE_NAME = 200
 _LONGEST_ID = 64
 _LOG = logging.getLogger(__name__)
 
@@ -139,7 +139,7 @@ class FileInput(SyncedWidget):
         if not isinstance(file, str) or not is_whole(size) or not isinstance(size, int) or size < 0:
             raise DeformError("a file has a name and a size.")
         file = Path(file.replace("\\", "/")).name
-        if file in ("", ".", "..") or len(file) > _LONGEST_NAME or any(ord(c) < 32 for c in file):
+        if file in ("", ".", "..") or len(file) > _LONGEST_FILE_NAME or any(ord(c) < 32 for c in file):
             raise DeformError("the file has no name that can be used here; rename it.")
         if self._check is not None:
             self._check(file)

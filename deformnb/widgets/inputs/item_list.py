@@ -25,7 +25,7 @@ LONGEST_NAME = 100
 COMMANDS = ("rename", "up", "down", "double", "remove")
 """Commands for which a row may have a button."""
 
-ActCallback = Callable[[str, int, Any], None]
+ItemCallback = Callable[[str, int, Any], None]
 """Called with "choose", "switch" or one of :data:`COMMANDS`, the row's number, and True, False or a name."""
 
 
@@ -62,7 +62,7 @@ class ItemList(SyncedWidget):
     empty = traitlets.Unicode("").tag(sync=True)
 
     def __init__(self, **traits: Any) -> None:
-        self._callbacks: list[ActCallback] = []
+        self._callbacks: list[ItemCallback] = []
         super().__init__(**traits)
         self.on_msg(self._received)
 
@@ -85,7 +85,7 @@ class ItemList(SyncedWidget):
                 self.rows = whole
             self.chosen = chosen
 
-    def on_act(self, callback: ActCallback) -> None:
+    def on_act(self, callback: ItemCallback) -> None:
         """Call ``callback(what, index, value)`` when the user requests an action."""
         self._callbacks.append(callback)
 

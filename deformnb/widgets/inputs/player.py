@@ -29,7 +29,7 @@ from deformnb.widgets.worker import Worker
 
 FASTEST, SLOWEST = 20.0, 0.01
 
-LONGEST = 3600.0
+LONGEST_MOVIE = 3600.0
 """Seconds that a player can show; an hour of key frames is a mistake of a unit."""
 
 _OF_PAGE = frozenset({"time", "is_playing", "speed", "loop"})
@@ -73,7 +73,7 @@ class Player(SyncedWidget):
     _css = bundle("player.css")
 
     time = _Seconds(0.0).tag(sync=True)
-    duration = _Seconds(1.0, min=0.0, max=LONGEST).tag(sync=True)
+    duration = _Seconds(1.0, min=0.0, max=LONGEST_MOVIE).tag(sync=True)
     marks = traitlets.List(traitlets.Float()).tag(sync=True)
     is_playing = traitlets.Bool(False).tag(sync=True)
     speed = traitlets.Float(1.0, min=SLOWEST, max=FASTEST).tag(sync=True)

@@ -18,11 +18,12 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.io.landmarks.formats import LONGEST_TEXT
+from deformnb.io.landmarks.formats import LONGEST_TABLE
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.inputs.base import LONGEST_MESSAGE, is_whole
+from deformnb.widgets.edit_messages import LONGEST_MESSAGE
+from deformnb.widgets.inputs.base import is_whole
 from deformnb.widgets.messages import PointsCommandDone
 from deformnb.widgets.synced import SyncedWidget
 
@@ -212,7 +213,7 @@ def _is_value(what: str, field: Any, value: Any) -> bool:
     if what == "seen" or (what == "cell" and field in _SWITCHES):
         return isinstance(value, bool)
     if what == "paste":
-        return isinstance(value, str) and len(value) <= LONGEST_TEXT
+        return isinstance(value, str) and len(value) <= LONGEST_TABLE
     if what in ("cell", "add"):
         return isinstance(value, str) and len(json.dumps(value)) <= LONGEST_MESSAGE
     return value is None

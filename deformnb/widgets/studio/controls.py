@@ -38,6 +38,8 @@ STEP_COLOURS = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#f0e442"
 
 _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "100px"}
+WHOLE_DESCRIPTION = {"description_width": "initial"}
+"""Style of a control whose description is never cut short."""
 _STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and beside the folds
 _ROUNDING = 0.501  # of a slider's step
 

@@ -15,7 +15,7 @@ from typing import Any
 
 import traitlets
 
-from deformnb.session.autosave import COMMANDS, Recovery
+from deformnb.session.autosave import RECOVERY_COMMANDS, Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.messages import CommandDone
@@ -84,7 +84,7 @@ class RestoreBar(SyncedWidget):
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
         try:
             what = content.get("what") if isinstance(content, dict) and content.get("type") == "act" else None
-            if not isinstance(what, str) or what not in COMMANDS:
+            if not isinstance(what, str) or what not in RECOVERY_COMMANDS:
                 _LOG.warning("a message to the bar of lost sessions was dropped: %.200r", content)
             elif content.get("version") == self.version:
                 self._guard(lambda: self.recovery.act(what))

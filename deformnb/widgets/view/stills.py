@@ -26,7 +26,7 @@ from deformnb.imaging.preview import draw_slices, draw_slices_mip
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
-from deformnb.volume.clip import WHOLE, Clip, Part, checked_clip
+from deformnb.volume.clip import WHOLE, Clip, ClipBox, checked_clip
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
@@ -40,7 +40,7 @@ PREVIEW_SIZE = (560, 420)
 """Width and height of a preview in pixels."""
 
 # So many voxels and this share of the pixels take 0.2 s: a cell waits for its preview before it shows its widget.
-_PREVIEW_SHARE = 0.6
+PREVIEW_SHARE = 0.6
 _PREVIEW_VOXELS = 128**3
 
 
@@ -157,8 +157,8 @@ def _seen(scene: SceneDescription, field: AbstractField | None, lattice: Grid, p
     return scene.shown.volume if field is None else Warper(scene.shown.volume, output=lattice)(field, progress=progress)
 
 
-def _part(scene: SceneDescription) -> Part | None:
-    return Part.of(scene.shown.volume.grid, scene.clip, scene.output or scene.shown.original)
+def _part(scene: SceneDescription) -> ClipBox | None:
+    return ClipBox.of(scene.shown.volume.grid, scene.clip, scene.output or scene.shown.original)
 
 
 def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField | None, box: Grid) -> Volume:
@@ -195,7 +195,7 @@ def _preview(scene: SceneDescription, size: tuple[int, int], is_original: bool, 
     if field is None:
         seen = _coarse(seen, few(seen.grid))
     camera, part, background = camera_of(scene.camera, box, size[0] / size[1]), _part(scene), scene.background
-    pixels = round(_PREVIEW_SHARE * size[0]), round(_PREVIEW_SHARE * size[1])
+    pixels = round(PREVIEW_SHARE * size[0]), round(PREVIEW_SHARE * size[1])
     if scene.projection == "mip":
         drawn = draw_slices_mip(
             seen, camera, pixels, 255 * scene.shown.white, INKS[background], BACKGROUNDS[background], part=part
@@ -435,7 +435,7 @@ class CoreScene:
         """Nothing is held."""
 
 
-METHODS = ("auto", "texture", "array", "core")
+VIEW_METHODS = ("auto", "texture", "array", "core")
 
 
 def make_scene(
@@ -455,8 +455,8 @@ def make_scene(
         first that works.
     looks : transfer, projection and background.
     """
-    if method not in METHODS:
-        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+    if method not in VIEW_METHODS:
+        raise DeformError(f"unknown method {method!r}; choose one of {', '.join(VIEW_METHODS)}.")
     works, found, remedy = gl_status() if method != "core" else (False, "", "")
     if works:
         return VtkScene(volume, size, method=method, map_size=map_size, space_size=space_size, **looks), ""

@@ -16,13 +16,12 @@ import numpy as np
 
 from deformnb._typing import Image
 from deformnb.widgets.messages import FrameSent
-from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png
+from deformnb.widgets.view.stills import PREVIEW_SHARE, PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
 _QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
 _IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
 _LOST_AFTER = 2.0  # seconds; a front end that was closed confirms nothing
-_PREVIEW_SHARE = 0.6  # of a preview's pixels
 
 
 class FrameSender:
@@ -126,7 +125,7 @@ def preview_png(scene: LoopScene, shows: str) -> bytes:
     """A small picture as a PNG, from fewer pixels than it has: it must not hold up its cell."""
     from PIL import Image as Pillow
 
-    few = Pillow.fromarray(drawn(scene, PREVIEW_SIZE, shows, scale=_PREVIEW_SHARE, coarseness=2.0))
+    few = Pillow.fromarray(drawn(scene, PREVIEW_SIZE, shows, scale=PREVIEW_SHARE, coarseness=2.0))
     return as_png(np.asarray(few.resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)))
 
 

@@ -40,7 +40,7 @@ from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
 from deformnb.widgets.view.space_points import ShowsPoints
-from deformnb.widgets.view.stills import METHODS, make_scene, with_png
+from deformnb.widgets.view.stills import VIEW_METHODS, make_scene, with_png
 from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
 
@@ -225,8 +225,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         super().__init__(**traits)
         check_transport(transport)
         self.set_trait("transport", transport)
-        if method not in METHODS:
-            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(METHODS)}.")
+        if method not in VIEW_METHODS:
+            raise DeformError(f"unknown method {method!r}; choose one of {', '.join(VIEW_METHODS)}.")
         self.on_msg(self._receive)
         self.observe(
             self._changed,

@@ -268,7 +268,7 @@ def warped(volume: Volume, field: AbstractField) -> Volume:
     return replace(volume, values=(values * opacity).astype(values.dtype))
 
 
-PROJECTIONS = ("shaded", "composite", "mip")
+VOLUME_PROJECTIONS = ("shaded", "composite", "mip")
 
 
 class VtkScene:
@@ -325,7 +325,7 @@ class VtkScene:
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
-        self._projection = one_of(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, VOLUME_PROJECTIONS, "projection")
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
@@ -398,7 +398,7 @@ class VtkScene:
 
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
-        self._projection = one_of(projection, PROJECTIONS, "projection")
+        self._projection = one_of(projection, VOLUME_PROJECTIONS, "projection")
         self._apply_looks()
 
     def set_background(self, background: str) -> None:

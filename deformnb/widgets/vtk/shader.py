@@ -108,7 +108,7 @@ _RULES = {
     "paper": "dnb_seen = min(1.0, closedByPlace(choice.cover, edge, dnb_softness));",
 }
 
-_AXES = "xyz"
+_COMPONENTS = "xyz"
 
 REPLACED_FOR_CUTS = {
     "texture3D(in_volume[0], g_dataPos)": "dnb_veil(texture3D(in_volume[0], "
@@ -120,18 +120,18 @@ REPLACED_FOR_CUTS = {
         f"dnb_fade_p.{x} = dnb_seen; "
         f"dnb_fade_n.{x} = clamp(2.0 * dnb_open - dnb_seen, 0.0, 1.0); "
         f"texPosPvec[{k}] = (dnb_at + dnb_{x}) * step(texPos.{x} + {x}vec.{x}, dnb_bare_high.{x});"
-        for k, x in enumerate(_AXES)
+        for k, x in enumerate(_COMPONENTS)
     },
     **{
         f"texPosNvec[{k}] = texPos - {x}vec;": f"texPosNvec[{k}] = (dnb_at - dnb_{x}) * "
         f"step(dnb_bare_low.{x}, texPos.{x} - {x}vec.{x});"
-        for k, x in enumerate(_AXES)
+        for k, x in enumerate(_COMPONENTS)
     },
     **{
         f"{g}.{x} = texture3D(volume, vec3(texPos{side}vec[{k}]))[c];": f"{g}.{x} = "
         f"dnb_faded(texture3D(volume, vec3(texPos{side}vec[{k}]))[c], dnb_fade_{side.lower()}.{x});"
         for g, side in (("g1", "P"), ("g2", "N"))
-        for k, x in enumerate(_AXES)
+        for k, x in enumerate(_COMPONENTS)
     },
 }
 """Replacements in VTK's shader for cuts."""

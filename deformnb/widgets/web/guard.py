@@ -25,7 +25,7 @@ from wslink.websocket import LinkProtocol
 
 from deformnb.errors import DeformError
 
-LONGEST_MESSAGE = 2**19
+LONGEST_REQUEST = 2**19
 """Bytes of a message to a widget at most: an edit with 2000 points."""
 
 LONGEST_OTHER = 65536
@@ -34,7 +34,7 @@ LONGEST_OTHER = 65536
 LONGEST_UNAUTHENTICATED = 512
 """Bytes of a message by a client that has not sent the password: only the password fits."""
 
-MOST_PAGES = 16
+MOST_OPEN_PAGES = 16
 """Connections at a time."""
 
 LOGIN_SECONDS = 10.0
@@ -164,7 +164,7 @@ def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], f
             return refused(405, "another method")
         if is_socket and not web.WebSocketResponse().can_prepare(request):
             return refused(400, "no WebSocket")
-        if is_socket and sum(len(one.connections) for one in handlers) >= MOST_PAGES:
+        if is_socket and sum(len(one.connections) for one in handlers) >= MOST_OPEN_PAGES:
             return refused(503, "too many pages")
         response = await handler(request)
         if not response.prepared:
@@ -344,7 +344,7 @@ class MessageGuard:
             return
         try:
             is_known = self._handler.isClientAuthenticated(client_id)
-            longest = LONGEST_MESSAGE if is_known else LONGEST_UNAUTHENTICATED
+            longest = LONGEST_REQUEST if is_known else LONGEST_UNAUTHENTICATED
             call = _decoded(message.data if is_binary else None, longest)
             if len(message.data) > LONGEST_OTHER and call["method"] not in self._long:
                 raise ValueError("a message that is too long")

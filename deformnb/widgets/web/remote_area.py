@@ -20,7 +20,7 @@ from deformnb.widgets.worker import Worker
 AREA = "volume"
 """Name of the area in the client."""
 
-Camera = dict[str, Any]
+CameraState = dict[str, Any]
 Push = Callable[[bytes, dict[str, Any]], None]
 """Called with a picture's JPEG and facts about it for the page."""
 
@@ -47,7 +47,7 @@ class MouseCamera:
     1.15
     """
 
-    def __init__(self, look: Callable[[Callable[[Camera], Camera]], None], rest: Callable[[], None]) -> None:
+    def __init__(self, look: Callable[[Callable[[CameraState], CameraState]], None], rest: Callable[[], None]) -> None:
         self._look, self._rest = look, rest
         self._held: tuple[str, float, float] | None = None
 
@@ -113,7 +113,7 @@ class Pictures:
         self._worker = Worker("deformnb-blink")
         self._layers: list[tuple[bytes, dict[str, Any]]] = []
 
-    def show(self, images: tuple[Image, ...], jpegs: list[bytes], camera: Camera, about: dict[str, Any]) -> None:
+    def show(self, images: tuple[Image, ...], jpegs: list[bytes], camera: CameraState, about: dict[str, Any]) -> None:
         """Send this from now on.
 
         Parameters

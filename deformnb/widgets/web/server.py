@@ -22,7 +22,7 @@ from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.web.guard import (
     FAREWELL_SECONDS,
-    LONGEST_MESSAGE,
+    LONGEST_REQUEST,
     Answer,
     MessageGuard,
     PasswordCheck,
@@ -102,7 +102,7 @@ class PageServer:
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._web: Any = None  # wslink's server
-        self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3", ws_max_msg_size=LONGEST_MESSAGE)
+        self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3", ws_max_msg_size=LONGEST_REQUEST)
         self.trame.add_protocol_to_configure(self._configure)
         self.trame.controller.on_server_bind.add(self._bind)
         self.content = make(self)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from deformnb.errors import DeformError
-from deformnb.io.landmarks.formats import LONGEST_TEXT, points_from_csv
+from deformnb.io.landmarks.formats import LONGEST_TABLE, points_from_csv
 from deformnb.rbf.points import ControlPoints
 
 
@@ -80,7 +80,7 @@ def test_rows_of_bigwarp_and_pairs_of_places_in_space() -> None:
         ("source_a,source_b,radius\n1,2,0", "positive length"),
         ("source_x,source_y,source_z\n1,2,3", "a and b"),
         ('"' + "x" * 200_000, "no table"),
-        ("1" * (LONGEST_TEXT + 1), "at most"),
+        ("1" * (LONGEST_TABLE + 1), "at most"),
         ("1e400,2", "must be a number"),
         ("1e20,2", "below 1e15"),
     ],

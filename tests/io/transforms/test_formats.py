@@ -286,7 +286,7 @@ def test_what_others_wrote_is_described_by_its_parts(tmp_path: Path, capsys: pyt
 
 
 def test_a_text_that_could_not_be_read_again_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("deformnb.io.transforms.itk_files.LONGEST_TEXT", 10_000)
+    monkeypatch.setattr("deformnb.io.transforms.itk_files.LONGEST_ITK_TEXT", 10_000)
     with pytest.raises(VolumeFileError, match=r"a\.tfm: a text of .* is too long .* write it as \.h5"):
         write_transform(_bend(), tmp_path / "a.tfm", GRID)
     assert not list(tmp_path.iterdir())

@@ -20,7 +20,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.widgets import CurveEditor
-from deformnb.widgets.inputs.base import LONGEST_MESSAGE
+from deformnb.widgets.edit_messages import LONGEST_MESSAGE
 from deformnb.widgets.inputs.curve_editor import Nodes, exact_nodes, few_nodes, fewest_values, values_of
 
 TENT = [[0.0, 0.0], [0.25, 1.0], [1.0, -0.5]]

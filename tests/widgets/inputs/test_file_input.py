@@ -12,7 +12,7 @@ from widgets.studio.panels.test_steps_history import Guarded
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.widgets.inputs.file_input import LARGEST_UPLOAD, PIECE, FileInput
-from deformnb.widgets.web.guard import LONGEST_MESSAGE
+from deformnb.widgets.web.guard import LONGEST_REQUEST
 
 
 class Taken:
@@ -42,7 +42,7 @@ def test_a_file_comes_in_pieces_that_a_socket_takes_and_is_gone_afterwards() -> 
     assert not taken.paths[0].parent.exists()
     requests = [m for m in sent if m["type"] == "next"]
     assert len(requests) == -(-len(content) // PIECE)
-    assert PIECE + 4096 < LONGEST_MESSAGE
+    assert PIECE + 4096 < LONGEST_REQUEST
     assert [m["type"] for m in sent[len(requests) :]] == ["reading", "reading", "done"]
     taken.input.close()
 

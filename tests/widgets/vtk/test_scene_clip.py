@@ -12,7 +12,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
-from deformnb.volume.clip import WHOLE, Part, checked_clip
+from deformnb.volume.clip import WHOLE, ClipBox, checked_clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.stills import CoreScene
@@ -181,7 +181,7 @@ def test_emptied_voxels_and_planes_agree() -> None:
     assert kept is not None
     voxels.write("plain", None, kept)
     values = np.asarray(voxels.image.active_scalars).reshape(voxels.lattice.shape)
-    part = Part.of(GRID, cut(0, (0.25, 0.75)))
+    part = ClipBox.of(GRID, cut(0, (0.25, 0.75)))
     assert part is not None
     inner = part.emptied(body()).values
     # One voxel of padding, and whole voxels: those that the sides go through may stay.

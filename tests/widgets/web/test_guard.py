@@ -22,9 +22,9 @@ from deformnb.app.application import Application
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.errors import DeformError
 from deformnb.widgets.web.guard import (
-    LONGEST_MESSAGE,
     LONGEST_OTHER,
-    MOST_PAGES,
+    LONGEST_REQUEST,
+    MOST_OPEN_PAGES,
     PasswordCheck,
     checked_host,
     own_names,
@@ -154,7 +154,7 @@ def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
     async def attempt() -> tuple[int, int]:
         entered = []
         try:
-            for _ in range(MOST_PAGES):
+            for _ in range(MOST_OPEN_PAGES):
                 entered.append(connected(running, secret=None))
                 await entered[-1].__aenter__()
             with pytest.raises(aiohttp.WSServerHandshakeError) as error:
@@ -164,7 +164,7 @@ def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
             for page in entered:
                 await page.__aexit__(None, None, None)
 
-    assert asyncio.run(attempt()) == (MOST_PAGES, 503)
+    assert asyncio.run(attempt()) == (MOST_OPEN_PAGES, 503)
 
 
 def _without(*names: str, **others: str) -> dict[str, str]:
@@ -193,7 +193,7 @@ def _without(*names: str, **others: str) -> dict[str, str]:
 def test_what_is_no_websocket_takes_no_place(
     running: RunningApp, method: str, headers: dict[str, str], status: int
 ) -> None:
-    for _ in range(MOST_PAGES + 1):
+    for _ in range(MOST_OPEN_PAGES + 1):
         with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
     wait_for(lambda: [dict(handler.connections) for handler in running.server._handlers] == [{}])
@@ -444,7 +444,7 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: Ru
     editor = running.studio.editor.model_id
     long = {"type": "no message", "text": "x" * (LONGEST_OTHER + 1000)}
     assert asyncio.run(attempt("deformnb.comm", 1, editor, _custom(long), "1", [])) == (1, True)
-    assert asyncio.run(attempt("deformnb.comm", LONGEST_MESSAGE + 1000)) == (1, True)
+    assert asyncio.run(attempt("deformnb.comm", LONGEST_REQUEST + 1000)) == (1, True)
     assert asyncio.run(attempt("trame.error.client", LONGEST_OTHER + 1000)) == (1, True)
     assert asyncio.run(attempt("deformnb.comm", 3_000_000))[1] is False  # closed before it was read whole
     test_the_password_of_this_start_opens(running)

@@ -19,7 +19,7 @@ from waiting import PATIENCE
 from deformnb.app.application import Application
 from deformnb.app.launch import app_server
 from deformnb.datasets.phantoms import PHANTOMS
-from deformnb.widgets.web.guard import MOST_PAGES
+from deformnb.widgets.web.guard import MOST_OPEN_PAGES
 from deformnb.widgets.web.server import PageServer
 
 
@@ -116,8 +116,8 @@ def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
 def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
     process, url = _started([sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"], tmp_path)
     name = url.split("/")[2]
-    visitors = [connection_with(name, request_of(name)) for _ in range(MOST_PAGES + 1)]  # no WebSockets
-    visitors += [connection_with(name, request_of(name, **HANDSHAKE)) for _ in range(MOST_PAGES)]  # silent
+    visitors = [connection_with(name, request_of(name)) for _ in range(MOST_OPEN_PAGES + 1)]  # no WebSockets
+    visitors += [connection_with(name, request_of(name, **HANDSHAKE)) for _ in range(MOST_OPEN_PAGES)]  # silent
     # Who takes no more of a long answer than fits into the buffers between.
     visitors += [connection_with(name, request_of(name, "/vue.global.js") * 30, receive_buffer=4096)]
     try:

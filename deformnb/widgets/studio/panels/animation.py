@@ -23,8 +23,8 @@ from deformnb.io.movies import write_movie
 from deformnb.session.exports import Frozen, movie_frames
 from deformnb.session.session import Session
 from deformnb.widgets.inputs.item_list import ItemList
-from deformnb.widgets.inputs.player import LONGEST, Playback, Player
-from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row, widget_of
+from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, widget_of
 from deformnb.widgets.studio.panels.files import plain_name
 from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
@@ -35,7 +35,6 @@ _EMPTY = (
     "No key frames yet. Press \u201cAdd key frame\u201d for the start; drag points, and press it again for the "
     "next moment."
 )
-_STYLE = {"description_width": "initial"}
 # The front end reports the time at which it has stopped only after an edit has stopped it: that shall not hide the
 # edit again.
 _LATE = 1.0
@@ -74,7 +73,7 @@ class AnimationPanel(Panel):
         self._easing = ipw.Dropdown(
             options=[(_EASINGS.get(name, name), name) for name in EASINGS],
             description="Time passes",
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             layout=ipw.Layout(width="280px"),
             tooltip="How time passes from one key frame to the next",
         )
@@ -86,10 +85,10 @@ class AnimationPanel(Panel):
         self.movie = MovieControls(session, guard, view, Path(folder))
         self._time = ipw.BoundedFloatText(
             min=0,
-            max=LONGEST,
+            max=LONGEST_MOVIE,
             step=0.1,
             description="Time (s)",
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             layout=ipw.Layout(width="170px"),
             tooltip="When the chosen key frame comes",
             continuous_update=False,

@@ -38,7 +38,7 @@ from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import warp, warp_picture
-from deformnb.widgets.studio.controls import Guard, Panel, button, raising, row, slider
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, slider
 from deformnb.widgets.studio.panels.files import FolderFiles
 from deformnb.widgets.view.stills import as_png
 from deformnb.widgets.worker import Worker
@@ -181,7 +181,6 @@ _MEASURES = {
     "ssd": "Squared difference (one grey scale)",
     "mi": "Mutual information (any grey scale)",
 }
-_STYLE = {"description_width": "initial"}
 _HINT = "Choose what the volume shall look like. Lock points where the picture shows nothing to go by."
 _SNAP_TIP = "Each selected point goes to the place in the target that looks like its surroundings"
 _ALONG_TIP = "New points on the outline of the subject, which go to the target's outline"
@@ -242,7 +241,7 @@ class FitPanel(Panel):
         self.choice = ipw.Dropdown(
             options=self.target.choices(),
             description="Target",
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
             tooltip="What the volume shall look like: another volume, or a saved session",
         )
@@ -252,7 +251,7 @@ class FitPanel(Panel):
         self.choice.observe(self._chosen, "value")
         self.measure = ipw.Dropdown(
             options=[(_MEASURES.get(name, name), name) for name in MEASURES],
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             description="Measure",
             layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
             tooltip="What counts as alike",
@@ -263,7 +262,7 @@ class FitPanel(Panel):
             step=0.1,
             value=0.005,
             description="Stiffness",
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             readout_format=".1g",
             layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
             tooltip="How much bending counts against similarity, when all points are fitted",
@@ -272,7 +271,7 @@ class FitPanel(Panel):
             min=3,
             max=200,
             value=16,
-            style=_STYLE,
+            style=WHOLE_DESCRIPTION,
             description="Points",
             layout=ipw.Layout(width="120px"),
             tooltip="How many are put on the outline",

@@ -19,7 +19,7 @@ import traitlets
 from deformnb.datasets.darcy import HEADS, thompson_map, thompson_pairs
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
-from deformnb.imaging.thompson import OVERLAYS, draw_grids
+from deformnb.imaging.thompson import GRID_OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.editor.editor import Editor
@@ -253,7 +253,7 @@ class ThompsonPanel(Panel):
         if step.plane is None:
             raise DeformError(_IN_SPACE)
         path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
-        overlay = editor.overlay if editor.overlay in OVERLAYS else "none"
+        overlay = editor.overlay if editor.overlay in GRID_OVERLAYS else "none"
         given: dict[str, Any] = {
             "lines": editor.density or _CELLS,
             "overlay": overlay,
