@@ -164,7 +164,7 @@ async function dataOf(template: Template, opened: Opened, side: string): Promise
   const { window, share, grid: shown, id, table, unit } = packed.packed,
     chunks = packed.chunks.length;
   const { n, v } = plane,
-    views = template.parameters.view.options.map(([name]: string[]) => name);
+    views = template.parameters.view.options.map(([name]) => name);
   const view = {
     ...template.view,
     label: `Volume ${volume.name}`,
@@ -199,7 +199,7 @@ async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   const numbers = facts.channels === 1 ? 255 : 65535,
     seen = new Uint8ClampedArray(rgba.length);
   for (let k = 0; k < rgba.length; k += 4) {
-    const number = facts.channels === 1 ? rgba[k] : 256 * rgba[k] + rgba[k + 1];
+    const number = facts.channels === 1 ? rgba[k]! : 256 * rgba[k]! + rgba[k + 1]!;
     const grey = (255 * (low + ((most - low) * number) / numbers - black)) / (white - black);
     seen.set([grey, grey, grey, 255], k);
   }

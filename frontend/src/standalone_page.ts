@@ -14,6 +14,19 @@ export type Open = Record<string, any>;
 /** the content of a message and its buffers */
 export type Packet = [Open, DataView<ArrayBuffer>[]];
 
+interface ParameterWords {
+  label: string;
+  tooltip: string;
+}
+export interface SliderParameter extends ParameterWords {
+  low: number;
+  high: number;
+  step: number;
+}
+export interface MenuParameter extends ParameterWords {
+  options: [value: string, text: string][];
+}
+
 export interface PageData {
   /** traits */
   editor: Open;
@@ -35,7 +48,7 @@ export interface PageData {
   /** names of the sides of the box; a warning, "%" stands for them */
   cut_off: { sides: string[]; text: string } | null;
   /** of the controls, as deformnb/widgets/parameters.py has them */
-  parameters: Record<string, Open>;
+  parameters: { view: MenuParameter; [name: string]: SliderParameter | MenuParameter };
   document: Open | null;
   /** its code */
   language: string;
@@ -111,7 +124,7 @@ function viewAnswers(
       return voxels ? picture() : [field.content, field.buffers];
     },
     chunk: ({ id, index }) => {
-      const { packed, ...about } = chunks[index];
+      const { packed, ...about } = chunks[index]!;
       return [{ type: "chunk", id, index, ...about }, [packed]];
     },
     still: picture,
@@ -120,7 +133,7 @@ function viewAnswers(
     queueMicrotask(() => {
       if (message.type === "stats") isDrawn(message);
       if (!Object.hasOwn(answers, message.type)) return;
-      const [content, buffers] = answers[message.type](message);
+      const [content, buffers] = answers[message.type]!(message);
       model()?.receive({ ...content, view: message.view }, buffers);
     });
 }
@@ -310,7 +323,7 @@ export class StandalonePage {
   }
 
   #slider(bar: Element, { name, now, set, listen }: Bound, shown: (value: number) => string) {
-    const { label, tooltip, low, high, step } = this.data.parameters[name];
+    const { label, tooltip, low, high, step } = this.data.parameters[name] as SliderParameter;
     const box = this.#field(bar, label, tooltip);
     const input = pageElement("input", "dnb-page-range", box, {
       type: "range",
@@ -331,7 +344,7 @@ export class StandalonePage {
   }
 
   #menu(bar: Element, { name, now, set, listen }: Bound) {
-    const { label, tooltip, options } = this.data.parameters[name];
+    const { label, tooltip, options } = this.data.parameters[name] as MenuParameter;
     const box = this.#field(bar, label, tooltip);
     const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
     for (const [value, text] of options) textElement("option", "", select, { value }, text);
@@ -353,8 +366,8 @@ export class StandalonePage {
       this.editor.update({ settings: { ...settings, kernel, ...(table && { kernel_table: table }) } });
     };
     const select = this.#menu(bar, { ...bound, set });
-    const order = trends[this.editor.get("settings").trend]; // the page changes no trend
-    for (const option of select.options) option.disabled = order < kernels[option.value]; // no fit exists
+    const order = trends[this.editor.get("settings").trend]!; // the page changes no trend
+    for (const option of select.options) option.disabled = order < kernels[option.value]!; // no fit exists
   }
 
   /** Adds the sliders that cut the volume, in a box of their own under the others. */

@@ -1,8 +1,8 @@
 // The curve editor: f(z) over the depth, drawn by hand or given by a formula.
 
-import type { NodeRules } from "../maths/curves.ts";
+import type { Node, NodeRules } from "../maths/curves.ts";
 import { shownNumber } from "../maths/curves.ts";
-import type { Model } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { CurvePlot } from "./curve_plot.ts";
 
@@ -63,7 +63,7 @@ class CurveEditorView extends CurvePlot {
     this.start();
   }
 
-  adopt(shown: { nodes: number[][]; samples: number[]; smooth: boolean; formula: string | null }) {
+  adopt(shown: { nodes: Node[]; samples: number[]; smooth: boolean; formula: string | null }) {
     this.nodes = shown.nodes;
     this.samples = shown.samples.length ? shown.samples : null;
     this.isSmooth = shown.smooth;
@@ -109,7 +109,7 @@ class CurveEditorView extends CurvePlot {
     this.invalidate();
   }
 
-  show(nodes: number[][], chosen: number) {
+  show(nodes: Node[], chosen: number) {
     super.show(nodes, chosen);
     this.forget();
   }
@@ -124,7 +124,7 @@ class CurveEditorView extends CurvePlot {
     return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 };
   }
 
-  axes(): number[][] {
+  axes(): [Vector2, Vector2] {
     const [low, high] = this.model.get("range");
     const seen = [...(this.samples ?? []), ...this.nodes.map((node) => node[1])];
     return [
@@ -137,12 +137,13 @@ class CurveEditorView extends CurvePlot {
     return this.box.width < 560 ? [0, 0.25, 0.5, 0.75, 1] : super.placeTicks(low, high);
   }
 
-  endWords() {
+  endWords(): [string, string] {
     return ["0 front", "back 1"];
   }
 
   words(k: number) {
-    return `z ${this.nodes[k][0].toFixed(2)}, f ${shownNumber(this.nodes[k][1], 1)}`;
+    const [z, f] = this.nodes[k]!;
+    return `z ${z.toFixed(2)}, f ${shownNumber(f, 1)}`;
   }
 
   describe() {

@@ -1,7 +1,7 @@
 // A plot with a curve through nodes that are dragged, added and removed. A widget extends it and defines its axes:
 // rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
 
-import type { NodeRules } from "../maths/curves.ts";
+import type { Node, NodeRules } from "../maths/curves.ts";
 import {
   addedNode,
   curveOfSamples,
@@ -11,14 +11,14 @@ import {
   shownNumber,
   ticksOf,
 } from "../maths/curves.ts";
-import type { Model } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
-export const ARROWS: Record<string, number[]> = {
+export const ARROWS: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
   ArrowUp: [0, 1],
@@ -29,14 +29,14 @@ export const ARROWS: Record<string, number[]> = {
 export interface NodeDrag {
   k: number;
   /** its place in pixels */
-  from: number[];
-  before: { nodes: number[][]; samples: number[] | null; named: string };
+  from: Vector2;
+  before: { nodes: Node[]; samples: number[] | null; named: string };
   /** whether nothing snaps */
   isFree: boolean;
 }
 
 /** A drag of the plot itself, which had these ends. */
-export type PlotDrag = { pan: number[] };
+export type PlotDrag = { pan: Vector2 };
 
 export class CurvePlot extends InputView {
   bar: HTMLDivElement;
@@ -55,7 +55,7 @@ export class CurvePlot extends InputView {
   remover: HTMLButtonElement;
   cancelDrag: () => boolean;
 
-  nodes: number[][] = [];
+  nodes: Node[] = [];
   /** values of a formula instead of nodes */
   samples: number[] | null = null;
   named = ""; // the preset or formula that made the curve
@@ -69,7 +69,7 @@ export class CurvePlot extends InputView {
   margins = PLOT;
   box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
   /** the ends of the axes */
-  view: number[][] = [
+  view: [Vector2, Vector2] = [
     [0, 1],
     [0, 1],
   ];
@@ -128,7 +128,7 @@ export class CurvePlot extends InputView {
   }
 
   /** The ends of the axes when nothing is dragged. */
-  axes(): number[][] {
+  axes(): [Vector2, Vector2] {
     const { x, y } = this.rules();
     return [x, y];
   }
@@ -148,7 +148,7 @@ export class CurvePlot extends InputView {
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  toPixel([x, y]: number[]): number[] {
+  toPixel([x, y]: Vector2): Vector2 {
     const {
         box: b,
         view: [[x0, x1], [y0, y1]],
@@ -157,7 +157,7 @@ export class CurvePlot extends InputView {
     return [b.left + ((x - x0) / (x1 - x0)) * b.width, b.top + (1 - height ** this.power) * b.height];
   }
 
-  toPlace([px, py]: number[]): number[] {
+  toPlace([px, py]: Vector2): Vector2 {
     const {
         box: b,
         view: [[x0, x1], [y0, y1]],
@@ -170,7 +170,7 @@ export class CurvePlot extends InputView {
    * A place with as many digits as can be distinguished, at one of the snapping heights if it is near.
    * @param isFree whether nothing snaps
    */
-  tidy([x, y]: number[], isFree: boolean = false): number[] {
+  tidy([x, y]: Vector2, isFree: boolean = false): Vector2 {
     const [, py] = this.toPixel([x, y]);
     const near = isFree ? undefined : this.snaps.find((value) => Math.abs(this.toPixel([x, value])[1] - py) < SNAP);
     const [[x0, x1], [y0, y1]] = this.view;
@@ -179,7 +179,7 @@ export class CurvePlot extends InputView {
     return [Number(x.toFixed(digits(x1 - x0))), near ?? Number(rounded)];
   }
 
-  pointOf(event: MouseEvent): number[] {
+  pointOf(event: MouseEvent): Vector2 {
     const box = this.svg.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
@@ -196,7 +196,7 @@ export class CurvePlot extends InputView {
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /** Show other nodes: they are no formula any more. */
-  show(nodes: number[][], chosen: number) {
+  show(nodes: Node[], chosen: number) {
     this.nodes = nodes;
     this.chosen = chosen;
     this.samples = null;
@@ -217,14 +217,14 @@ export class CurvePlot extends InputView {
     if (k === null) return null;
     this.settle();
     this.chosen = k;
-    this.dots[k].focus({ preventScroll: true });
+    this.dots[k]!.focus({ preventScroll: true });
     this.isHeld = true;
     this.invalidate();
     const { nodes, samples, named } = this;
-    return { k, from: this.toPixel(nodes[k]), before: { nodes, samples, named }, isFree: event.altKey };
+    return { k, from: this.toPixel(nodes[k]!), before: { nodes, samples, named }, isFree: event.altKey };
   }
 
-  drag(grabbed: NodeDrag | PlotDrag, [dx, dy]: number[]) {
+  drag(grabbed: NodeDrag | PlotDrag, [dx, dy]: Vector2) {
     if ("pan" in grabbed) return;
     const { k, from, before, isFree } = grabbed;
     const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
@@ -251,14 +251,14 @@ export class CurvePlot extends InputView {
   }
 
   /** Move a node by an arrow key. */
-  nudge(k: number, [dx, dy]: number[], isFar: boolean) {
+  nudge(k: number, [dx, dy]: Vector2, isFar: boolean) {
     const { step } = this.rules(),
       times = isFar ? 10 : 1,
       [[x0, x1]] = this.view,
-      [x, y] = this.nodes[k];
+      [x, y] = this.nodes[k]!;
     const [px, py] = this.toPixel([x, y]),
       moved = this.toPlace([px, py - (dy * times * this.box.height) / 100]);
-    const place: number[] = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
+    const place: Vector2 = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
     this.show(movedNode(this.nodes, k, place, this.rules()), k);
@@ -278,7 +278,7 @@ export class CurvePlot extends InputView {
     if (this.nudged !== null) this.commit();
   }
 
-  add(place: number[]) {
+  add(place: Vector2) {
     if (this.isReadOnly) return;
     this.settle();
     const added = addedNode(this.nodes, place, this.rules());
@@ -290,14 +290,13 @@ export class CurvePlot extends InputView {
     this.show(nodes, chosen);
     this.commit();
     this.draw();
-    this.dots[this.chosen].focus({ preventScroll: true });
+    this.dots[this.chosen]!.focus({ preventScroll: true });
     this.announce(`added ${this.words(this.chosen)}`);
   }
 
   addAfter(k: number) {
     const from = Math.max(0, Math.min(this.nodes.length - 2, k));
-    const [[x0], [x1]] = [this.nodes[from], this.nodes[from + 1]];
-    const x = (x0 + x1) / 2;
+    const x = (this.nodes[from]![0] + this.nodes[from + 1]![0]) / 2;
     this.add([x, this.tidy([x, this.curve()(x)], true)[1]]);
   }
 
@@ -315,7 +314,7 @@ export class CurvePlot extends InputView {
     this.show(nodes, Math.min(k, nodes.length - 1));
     this.commit();
     this.draw();
-    if (hadFocus) this.dots[this.chosen].focus({ preventScroll: true });
+    if (hadFocus) this.dots[this.chosen]!.focus({ preventScroll: true });
     this.announce(`removed; ${nodes.length} nodes are left`);
   }
 
@@ -339,9 +338,10 @@ export class CurvePlot extends InputView {
       event.stopPropagation();
       return;
     }
-    const k = targetIndex(this.dots, event);
+    const k = targetIndex(this.dots, event),
+      step = ARROWS[event.key];
     if (k < 0 || this.isReadOnly) return;
-    if (ARROWS[event.key]) this.nudge(k, ARROWS[event.key], event.shiftKey);
+    if (step) this.nudge(k, step, event.shiftKey);
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addAfter(k);
     else return;
@@ -395,12 +395,12 @@ export class CurvePlot extends InputView {
       return [...(a > from ? [at(a)] : []), ...inner, ...(b < to ? [at(b)] : [])];
     };
     if (this.samples) return [at(x0), ...between(x0, x1), at(x1)];
-    const found = [this.toPixel([x0, nodes[0][1]])];
+    const found = [this.toPixel([x0, nodes[0]![1]])];
     nodes.forEach((node, k) => {
       found.push(this.toPixel(node));
-      if (k + 1 < nodes.length) found.push(...between(node[0], nodes[k + 1][0]));
+      if (k + 1 < nodes.length) found.push(...between(node[0], nodes[k + 1]![0]));
     });
-    found.push(this.toPixel([x1, nodes[nodes.length - 1][1]]));
+    found.push(this.toPixel([x1, nodes[nodes.length - 1]![1]]));
     return found;
   }
 
@@ -429,14 +429,14 @@ export class CurvePlot extends InputView {
   }
 
   // Texts at the ends of the horizontal axis.
-  endWords() {
+  endWords(): [string, string] {
     const [[x0, x1]] = this.view;
-    return [x0, x1].map((x) => shownNumber(x, x1 - x0));
+    return [shownNumber(x0, x1 - x0), shownNumber(x1, x1 - x0)];
   }
 
   /** The place of a node in words. */
   words(k: number) {
-    return this.nodes[k].join(", ");
+    return this.nodes[k]!.join(", ");
   }
 
   tickText(y: number) {
@@ -477,7 +477,7 @@ export class CurvePlot extends InputView {
     this.chosen = Math.min(this.chosen, this.nodes.length - 1);
     this.nodes.forEach((node, k) => {
       const [x, y] = this.toPixel(node);
-      setAttributes(this.dots[k], {
+      setAttributes(this.dots[k]!, {
         transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`,
         tabindex: 0,
         "aria-label": `node ${k + 1} of ${this.nodes.length}`,
@@ -487,7 +487,7 @@ export class CurvePlot extends InputView {
         "aria-valuemax": y1,
         "aria-readonly": this.isReadOnly,
       });
-      this.dots[k].classList.toggle("dnb-cv-chosen", k === this.chosen);
+      this.dots[k]!.classList.toggle("dnb-cv-chosen", k === this.chosen);
     });
   }
 
@@ -501,6 +501,6 @@ export class CurvePlot extends InputView {
 }
 
 /** A path of straight lines. */
-export function pathOf(points: number[][]) {
+export function pathOf(points: Vector2[]) {
   return points.map(([x, y], k) => `${k ? "L" : "M"}${x.toFixed(2)} ${y.toFixed(2)}`).join("");
 }

@@ -105,8 +105,10 @@ class DepthKeysView extends InputView {
 
   /** These keys with the k-th one at another depth, as far as its neighbours let it. */
   moved(knots: number[], k: number, depth: number) {
-    const low = k > 0 ? knots[k - 1] + this.apart : 0,
-      high = k < knots.length - 1 ? knots[k + 1] - this.apart : 1;
+    const before = knots[k - 1],
+      after = knots[k + 1];
+    const low = before === undefined ? 0 : before + this.apart,
+      high = after === undefined ? 1 : after - this.apart;
     if (low > high) return knots;
     const rounded = Math.round(depth * 200) / 200;
     return knots.map((knot, j) => (j === k ? Number(Math.max(low, Math.min(high, rounded)).toFixed(6)) : knot));
@@ -130,7 +132,7 @@ class DepthKeysView extends InputView {
     const k = this.isReadOnly ? null : this.keyAt(event);
     if (k === null) return null;
     this.settle();
-    this.marks[k].focus({ preventScroll: true });
+    this.marks[k]!.focus({ preventScroll: true });
     this.isHeld = true;
     const { knots, selected } = this;
     this.selected = k;
@@ -139,7 +141,7 @@ class DepthKeysView extends InputView {
   }
 
   drag({ k, before }: KeyDrag, [dx]: Vector2) {
-    this.knots = this.moved(before.knots, k, before.knots[k] + dx / this.span);
+    this.knots = this.moved(before.knots, k, before.knots[k]! + dx / this.span);
     this.move(this.value("move", k));
     this.invalidate();
   }
@@ -162,7 +164,7 @@ class DepthKeysView extends InputView {
   nudge(k: number, by: number) {
     this.isHeld = true;
     this.nudged = k;
-    this.knots = this.moved(this.knots, k, this.knots[k] + by);
+    this.knots = this.moved(this.knots, k, this.knots[k]! + by);
     this.move(this.value("move", k));
     this.invalidate();
     clearTimeout(this.keyTimer);
@@ -199,11 +201,11 @@ class DepthKeysView extends InputView {
   /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
   addBeside() {
     const { knots, selected: k } = this,
-      at = knots[k],
-      before = k > 0 ? knots[k - 1] : null;
-    const after = knots[k + 1] ?? null;
-    const left = before === null ? [0, at] : [(before + at) / 2, (at - before) / 2];
-    const right = after === null ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
+      at = knots[k]!,
+      before = knots[k - 1],
+      after = knots[k + 1];
+    const left: Vector2 = before === undefined ? [0, at] : [(before + at) / 2, (at - before) / 2];
+    const right: Vector2 = after === undefined ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
     this.add(right[1] >= left[1] ? right[0] : left[0]);
   }
 
@@ -224,7 +226,7 @@ class DepthKeysView extends InputView {
 
   #focus() {
     this.draw();
-    this.marks[this.selected].focus({ preventScroll: true });
+    this.marks[this.selected]!.focus({ preventScroll: true });
   }
 
   key(event: KeyboardEvent) {
@@ -234,9 +236,10 @@ class DepthKeysView extends InputView {
       event.stopPropagation();
       return;
     }
-    const k = targetIndex(this.marks, event);
+    const k = targetIndex(this.marks, event),
+      step = STEPS[event.key];
     if (k < 0 || this.isReadOnly) return;
-    if (STEPS[event.key]) this.nudge(k, STEPS[event.key] * (event.shiftKey ? 0.1 : 0.01));
+    if (step) this.nudge(k, step * (event.shiftKey ? 0.1 : 0.01));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addBeside();
     else if (event.key === "Enter" || event.key === " ") {
@@ -250,7 +253,7 @@ class DepthKeysView extends InputView {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   words(k: number) {
-    return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k].toFixed(3))}`;
+    return `key ${k + 1} of ${this.knots.length} at depth ${Number(this.knots[k]!.toFixed(3))}`;
   }
 
   draw() {
@@ -265,7 +268,7 @@ class DepthKeysView extends InputView {
     this.#drawBack();
     this.#drawMarks();
     const words = this.words(this.selected);
-    setText(this.facts, words[0].toUpperCase() + words.slice(1));
+    setText(this.facts, words.charAt(0).toUpperCase() + words.slice(1));
     const isFull = this.knots.length >= MOST_KEYS;
     setAttributes(this.adder, { "aria-disabled": this.isReadOnly || isFull });
     setAttributes(this.remover, { "aria-disabled": this.isReadOnly || this.knots.length === 1 });
@@ -280,9 +283,11 @@ class DepthKeysView extends InputView {
     knots.forEach((knot, k) => {
       const x = this.toPixel(knot),
         name = `dnb-cv-hat${k === this.selected ? " dnb-cv-chosen" : ""}`;
+      const before = knots[k - 1],
+        after = knots[k + 1];
       const left =
-        k > 0 ? `M${this.toPixel(knots[k - 1])} ${low}L${x} ${top}` : `M${this.toPixel(0)} ${low}V${top}H${x}`;
-      const right = k < knots.length - 1 ? `L${this.toPixel(knots[k + 1])} ${low}Z` : `H${this.toPixel(1)}V${low}Z`;
+        before === undefined ? `M${this.toPixel(0)} ${low}V${top}H${x}` : `M${this.toPixel(before)} ${low}L${x} ${top}`;
+      const right = after === undefined ? `H${this.toPixel(1)}V${low}Z` : `L${this.toPixel(after)} ${low}Z`;
       svgElement("path", { class: name, d: left + right }, this.back);
     });
     svgElement("path", { class: "dnb-cv-rail", d: `M${this.toPixel(0)} ${BAR.line}H${this.toPixel(1)}` }, this.back);
@@ -323,15 +328,16 @@ class DepthKeysView extends InputView {
       number.textContent = String(this.marks.length);
     }
     this.knots.forEach((knot, k) => {
-      const isSelected = k === this.selected;
-      setAttributes(this.marks[k], {
+      const isSelected = k === this.selected,
+        mark = this.marks[k]!;
+      setAttributes(mark, {
         transform: `translate(${this.toPixel(knot).toFixed(2)} ${BAR.line})`,
         "aria-label": `key ${k + 1} of ${this.knots.length}${isSelected ? ", selected" : ""}`,
         "aria-valuenow": knot,
         "aria-valuetext": `depth ${Number(knot.toFixed(3))}`,
         "aria-readonly": this.isReadOnly,
       });
-      this.marks[k].classList.toggle("dnb-cv-chosen", isSelected);
+      mark.classList.toggle("dnb-cv-chosen", isSelected);
     });
   }
 }

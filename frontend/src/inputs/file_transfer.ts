@@ -53,7 +53,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
         area.select();
       }
     } else if (content.type === "download" && root.isConnected && root === firstShown()) {
-      downloaded(content.name, buffers[0]);
+      downloaded(content.name, buffers[0]!);
       line.textContent = `Downloaded ${content.name}.`;
     }
   };

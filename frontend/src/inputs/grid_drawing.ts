@@ -10,7 +10,7 @@ import { InputView, listenToDrags, targetIndex } from "./base.ts";
 export type NodeDrag = { index: number; before: Grid };
 export type Grid = { nodes: Vector2[][]; placed: number[] };
 
-const ARROWS: Record<string, [number, number]> = {
+const ARROWS: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
   ArrowRight: [1, 0],
   ArrowUp: [0, -1],
@@ -81,7 +81,7 @@ class GridDrawingView extends InputView {
   }
 
   adopt({ nodes, placed }: Grid) {
-    if (nodes.length !== this.grid.nodes.length || nodes[0].length !== this.columns) this.undone = [];
+    if (nodes.length !== this.grid.nodes.length || nodes[0]!.length !== this.columns) this.undone = [];
     this.grid = { nodes, placed };
   }
 
@@ -102,8 +102,8 @@ class GridDrawingView extends InputView {
     return this.svg.getScreenCTM()?.a || 1;
   }
 
-  placeOf(grid: Grid, index: number) {
-    return grid.nodes[Math.floor(index / this.columns)][index % this.columns];
+  placeOf(grid: Grid, index: number): Vector2 {
+    return grid.nodes[Math.floor(index / this.columns)]![index % this.columns]!;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
@@ -132,7 +132,7 @@ class GridDrawingView extends InputView {
     return before.nodes.map((row, i) =>
       row.map((_, j): Vector2 => {
         const [u, v] = [j / (columns - 1), i / (rows - 1)],
-          [da, db] = rbfAt(fit, u, v);
+          [da, db] = rbfAt(fit, u, v) as Vector2;
         return [u + da, v + db];
       }),
     );
@@ -170,11 +170,11 @@ class GridDrawingView extends InputView {
     if (index < 0) return null;
     this.isHeld = true;
     this.current = index;
-    this.marks[index].focus({ preventScroll: true });
+    this.marks[index]!.focus({ preventScroll: true });
     return { index, before: this.grid };
   }
 
-  drag({ index, before }: NodeDrag, [dx, dy]: [number, number]) {
+  drag({ index, before }: NodeDrag, [dx, dy]: Vector2) {
     const [a, b] = this.placeOf(before, index),
       { scale } = this;
     this.grid = this.moved(before, index, this.inside([a + dx / scale, b + dy / scale]));
@@ -196,19 +196,19 @@ class GridDrawingView extends InputView {
   }
 
   key(event: KeyboardEvent) {
+    const arrow = ARROWS[event.key];
     if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.takeBack();
     else if (event.key === "Escape") {
       if (!this.cancelDrag()) return;
-    } else if (ARROWS[event.key] && !event.ctrlKey && !event.metaKey) this.nudge(event);
+    } else if (arrow && !event.ctrlKey && !event.metaKey) this.nudge(event, arrow);
     else return;
     event.preventDefault();
     event.stopPropagation();
   }
 
   /** With Alt an arrow goes to the next node, else it moves the one that has the focus. */
-  nudge(event: KeyboardEvent) {
-    const index = targetIndex(this.marks, event),
-      [di, dj] = ARROWS[event.key];
+  nudge(event: KeyboardEvent, [di, dj]: Vector2) {
+    const index = targetIndex(this.marks, event);
     if (index < 0) return;
     if (event.altKey) {
       const i = (index % this.columns) + di,
@@ -216,7 +216,7 @@ class GridDrawingView extends InputView {
       if (i < 0 || j < 0 || i >= this.columns || j >= this.rows) return;
       this.current = i + j * this.columns;
       this.invalidate();
-      this.marks[this.current].focus({ preventScroll: true });
+      this.marks[this.current]!.focus({ preventScroll: true });
       return;
     }
     if (this.isReadOnly) return;
@@ -242,7 +242,7 @@ class GridDrawingView extends InputView {
     setAttributes(this.svg, { viewBox: sides.join(" "), "aria-label": this.model.get("label") });
     this.svg.style.maxHeight = `${this.model.get("height")}px`;
     setAttributes(this.image, { x: a0, y: b0, width: a1 - a0, height: b1 - b0 });
-    const columns = nodes[0].map((_, j) => nodes.map((row) => row[j]));
+    const columns = nodes[0]!.map((_, j) => nodes.map((row) => row[j]!));
     setAttributes(this.lines, {
       d: [...nodes, ...columns]
         .map((line) => `M${line.map(([a, b]) => `${a.toFixed(2)} ${b.toFixed(2)}`).join("L")}`)

@@ -22,13 +22,14 @@ export interface Row {
 }
 
 /** command: tip, icon of 16 x 16 */
-const ROW_BUTTONS: Record<string, [string, string]> = {
+const ROW_BUTTONS = {
   rename: ["Rename (F2)", "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2"],
   up: ["Earlier (Alt+Up)", "M8 13V3M4 7l4-4 4 4"],
   down: ["Later (Alt+Down)", "M8 3v10M4 9l4 4 4-4"],
   double: ["Duplicate", "M5.5 5.5h8v8h-8zM10.5 5.5v-3h-8v8h3"],
   remove: ["Delete (Del)", "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4"],
-};
+} as const;
+type RowCommand = keyof typeof ROW_BUTTONS;
 const LONGEST_NAME = 100;
 
 /** A time in the zone of the front end, which may be another than Python's, as the language around it writes it. */
@@ -97,13 +98,13 @@ class ItemListView {
     return this.model.get("switches") !== false;
   }
 
-  get commands(): string[] {
+  get commands(): RowCommand[] {
     return this.model.get("commands") || [];
   }
 
   /** @param what the command */
   act(what: string, index: number, value: string | boolean | null = null) {
-    const isKnown = what === "choose" || what === "switch" || this.commands.includes(what);
+    const isKnown = what === "choose" || what === "switch" || this.commands.some((command) => command === what);
     if ((this.isWaiting && what !== "rename") || !this.rows[index] || !isKnown) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
     this.current = index + Number(what === "down" || what === "double") - Number(what === "up");
@@ -256,7 +257,7 @@ class ItemListView {
 
   #rename(k: number) {
     if (!this.commands.includes("rename") || this.isNaming || !this.rows[k]) return;
-    const cell = this.body.rows[k].querySelector(".dnb-il-name"),
+    const cell = this.body.rows[k]!.querySelector(".dnb-il-name"),
       before = this.rows[k].name || "";
     const input = pageElement("input", "dnb-il-input", null, {
       type: "text",

@@ -376,7 +376,7 @@ class PlayerView extends InputView {
       );
     }
     [...this.diamonds.children].forEach((mark, k) => {
-      mark.classList.toggle("dnb-pl-here", Math.abs(keys[k] - time) < 1e-3);
+      mark.classList.toggle("dnb-pl-here", Math.abs(keys[k]! - time) < 1e-3);
     });
   }
 

@@ -2,7 +2,11 @@
 
 import type { Model } from "../types.ts";
 
-export const AXES: Record<number, string[]> = { 2: ["a", "b"], 3: ["x", "y", "z"] };
+/** The names of the axes of a picture or of a volume. */
+export function axisNames(dim: number) {
+  return dim === 3 ? ["x", "y", "z"] : ["a", "b"];
+}
+
 const FLAGS = { active: 1, locked: 2, suspect: 4 };
 
 /** A point: its source, target, weight, radius and error as numbers. */
@@ -33,7 +37,7 @@ export interface Column {
 }
 
 export function pointColumns(dim: number): Column[] {
-  const axes = AXES[dim] ?? AXES[2],
+  const axes = axisNames(dim),
     unit = "in the volume's unit",
     number = "number" as const;
   return [
@@ -148,23 +152,23 @@ export function readPoints(model: Model): TableRow[] | null {
   return ids.map((id, k) => ({
     id,
     name: names[k],
-    active: Boolean(flags[k] & FLAGS.active),
-    locked: Boolean(flags[k] & FLAGS.locked),
-    suspect: Boolean(flags[k] & FLAGS.suspect),
+    active: Boolean(flags[k]! & FLAGS.active),
+    locked: Boolean(flags[k]! & FLAGS.locked),
+    suspect: Boolean(flags[k]! & FLAGS.suspect),
     numbers: all.subarray(k * width, (k + 1) * width),
   }));
 }
 
 function dragOf(p: TableRow, dim: number) {
   let sum = 0;
-  for (let k = 0; k < dim; k += 1) sum += (p.numbers[dim + k] - p.numbers[k]) ** 2;
+  for (let k = 0; k < dim; k += 1) sum += (p.numbers[dim + k]! - p.numbers[k]!) ** 2;
   return Math.sqrt(sum);
 }
 
 /** The value of a cell, for its order and its text. */
 export function cellValue(p: TableRow, { key, at }: Column, dim: number) {
   if (key === "drag") return dragOf(p, dim);
-  return at === undefined ? p[key as "id" | "name" | "active" | "locked"] : p.numbers[at];
+  return at === undefined ? p[key as "id" | "name" | "active" | "locked"] : p.numbers[at]!;
 }
 
 /** The text of a value while it is edited, with all digits; empty for no number. */
@@ -187,8 +191,8 @@ export function orderedPoints(points: TableRow[], column: Column | undefined, is
     sign = isDown ? -1 : 1;
   const isNothing = (v: string | number | boolean) => v === "" || Number.isNaN(v);
   return places.sort((i, j) => {
-    const p = values[i],
-      q = values[j];
+    const p = values[i]!,
+      q = values[j]!;
     if (isNothing(p) || isNothing(q)) return Number(isNothing(p)) - Number(isNothing(q)) || i - j;
     const isText = typeof p === "string" && typeof q === "string";
     return sign * (isText ? p.localeCompare(q, undefined, { numeric: true }) : Number(p) - Number(q)) || i - j;

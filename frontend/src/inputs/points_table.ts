@@ -10,7 +10,7 @@ import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, tr
 import { ThemeObserver } from "../ui/theme.ts";
 import type { Column, TableRow } from "./point_rows.ts";
 import {
-  AXES,
+  axisNames,
   cellValue,
   editedText,
   fittingColumns,
@@ -239,12 +239,12 @@ class PointsTableView {
     if (!points) return;
     if (dim !== this.dim) {
       this.dim = dim;
-      this.place.placeholder = AXES[dim].join(", ");
+      this.place.placeholder = axisNames(dim).join(", ");
       this.#chooseColumns();
     }
     this.points = points;
     this.live.clear();
-    if (this.active.id === null && points.length && !this.isFocused()) this.active.id = points[0].id;
+    if (this.active.id === null && points[0] && !this.isFocused()) this.active.id = points[0].id;
     this.arrange();
   }
 
@@ -257,7 +257,7 @@ class PointsTableView {
     const columns = clientWidth ? fittingColumns(all, clientWidth) : all;
     if (
       columns.length === before.length &&
-      columns.every(({ key, tip }, k) => key === before[k].key && tip === before[k].tip)
+      columns.every(({ key, tip }, k) => key === before[k]?.key && tip === before[k].tip)
     )
       return;
     this.columns = columns;
@@ -277,7 +277,7 @@ class PointsTableView {
       isDown,
       this.dim,
     );
-    this.ranks = new Map(this.order.map((k, rank) => [this.points[k].id, rank]));
+    this.ranks = new Map(this.order.map((k, rank) => [this.points[k]!.id, rank]));
     this.draw();
   }
 
@@ -303,7 +303,7 @@ class PointsTableView {
   #showDrag({ points }: PointsDetail) {
     this.live = new Map();
     for (const { id, source, target } of points) {
-      const p = this.points[this.order[this.rankOf(id)]];
+      const p = this.pointAt(this.rankOf(id));
       if (!p || source.length !== this.dim) continue;
       this.live.set(id, Float64Array.of(...source, ...target, ...p.numbers.slice(2 * this.dim)));
     }
@@ -333,21 +333,22 @@ class PointsTableView {
   takeSelection(ids: number[]) {
     if (ids.length === this.selected.size && ids.every((id) => this.selected.has(id))) return;
     this.selected = new Set(ids);
-    const rank = this.rankOf(ids[0]);
+    const id = ids[0] ?? null,
+      rank = this.rankOf(id);
     if (rank >= 0 && !this.isFocused()) {
-      this.active.id = ids[0];
+      this.active.id = id;
       this.show(rank);
     }
     this.invalidate();
   }
 
   choose(rank: number, isToggled: boolean, isRange: boolean) {
-    const id = this.points[this.order[rank]]?.id,
+    const id = this.pointAt(rank)?.id,
       from = this.rankOf(this.anchor);
     if (id === undefined) return;
     if (isRange && from >= 0) {
       const [low, high] = [Math.min(from, rank), Math.max(from, rank)];
-      this.select(this.order.slice(low, high + 1).map((k) => this.points[k].id));
+      this.select(this.order.slice(low, high + 1).map((k) => this.points[k]!.id));
       return;
     }
     this.anchor = id;
@@ -367,14 +368,14 @@ class PointsTableView {
   }
 
   draw() {
-    const { points, order } = this,
+    const { order } = this,
       height = this.scroller.clientHeight || 200;
     const first = Math.max(0, Math.floor(this.scroller.scrollTop / ROW_HEIGHT) - SPARE_ROWS);
     const end = Math.min(order.length, first + Math.ceil(height / ROW_HEIGHT) + 2 * SPARE_ROWS);
     const held = this.isFocused();
     /** places of the rows to draw, by id */
     const wanted: Map<number, number> = new Map();
-    for (let k = first; k < end; k += 1) wanted.set(points[order[k]].id, k);
+    for (let k = first; k < end; k += 1) wanted.set(this.pointAt(k)!.id, k);
     const { id: active } = this.active; // the row that holds the focus stays, wherever it is
     if (held && active !== null && this.rankOf(active) >= 0) wanted.set(active, this.rankOf(active));
     for (const [id, row] of this.rows)
@@ -389,7 +390,7 @@ class PointsTableView {
       .forEach(([id, k], place) => {
         const row = this.rows.get(id) ?? this.#row(id);
         if (this.body.children[place] !== row) this.body.insertBefore(row, this.body.children[place] ?? null);
-        this.#fill(row, points[order[k]], k);
+        this.#fill(row, this.pointAt(k)!, k);
       });
     this.#drawHead();
     this.reach();
@@ -426,7 +427,7 @@ class PointsTableView {
   #drawHead() {
     const { key, isDown } = this.sort;
     this.columns.forEach((column, k) => {
-      const cell = this.head.children[k],
+      const cell = this.head.children[k]!,
         isSorted = column.key === key,
         way = cell.querySelector(".dnb-pt-way");
       setAttributes(cell, { "aria-sort": isSorted ? (isDown ? "descending" : "ascending") : "none" });
@@ -474,7 +475,7 @@ class PointsTableView {
           isSet = cellValue(p, column, this.dim) === true;
         if (box.checked !== isSet) box.checked = isSet;
         setAttributes(box, { "aria-label": `${who}: ${column.key === "active" ? "on" : "locked"}` });
-      } else if (column.kind === "go") setAttributes(cell.children[0], { "aria-label": `Show ${who} in the picture` });
+      } else if (column.kind === "go") setAttributes(cell.children[0]!, { "aria-label": `Show ${who} in the picture` });
       else if (!cell.classList.contains("dnb-pt-writing")) {
         this.#text(cell, column, moved ? { ...p, numbers: moved } : p);
       }
@@ -510,6 +511,12 @@ class PointsTableView {
     return id === null ? -1 : (this.ranks.get(id) ?? -1);
   }
 
+  /** The point at a place in the order. */
+  pointAt(rank: number): TableRow | undefined {
+    const k = this.order[rank];
+    return k === undefined ? undefined : this.points[k];
+  }
+
   /** The element of a cell that can have the focus; no id for the headings. */
   cellOf(id: number | null, key: string): HTMLElement | null {
     const row = id === null ? this.head : this.rows.get(id);
@@ -528,7 +535,7 @@ class PointsTableView {
   /** Let Tab reach one cell only; arrows go to the others. */
   reach() {
     if (this.active.id !== null && this.rankOf(this.active.id) < 0) {
-      const near = this.points[this.order[Math.min(this.lastRank, this.order.length - 1)]];
+      const near = this.pointAt(Math.min(this.lastRank, this.order.length - 1));
       this.active.id = near ? near.id : null;
     }
     this.lastRank = Math.max(0, this.rankOf(this.active.id));
@@ -541,7 +548,7 @@ class PointsTableView {
   /** @param rank 1 for the headings */
   mark(rank: number, key: string, isFocused: boolean = true) {
     const to = Math.max(-1, Math.min(rank, this.order.length - 1));
-    this.active = { id: to < 0 ? null : this.points[this.order[to]].id, key };
+    this.active = { id: this.pointAt(to)?.id ?? null, key };
     if (to >= 0) this.show(to);
     this.draw();
     if (isFocused) this.focusCell();
@@ -564,7 +571,7 @@ class PointsTableView {
    */
   write(id: number, key: string, first: string | null = null) {
     const column = this.columns.find((c) => c.key === key),
-      p = this.points[this.order[this.rankOf(id)]];
+      p = this.pointAt(this.rankOf(id));
     if (!p || !column || !["text", "number"].includes(column.kind) || this.isReadOnly) return;
     if (p.locked && column.axis !== undefined) {
       this.showMessage(`${p.name || `Point ${p.id}`} is locked. Unlock it to move it.`);
@@ -637,10 +644,10 @@ class PointsTableView {
     const last = this.order.length - 1;
     switch (key.length === 1 ? key.toLowerCase() : key) {
       case "Home":
-        this.mark(0, this.columns[0].key);
+        this.mark(0, this.columns[0]!.key);
         break;
       case "End":
-        this.mark(last, this.columns[this.columns.length - 1].key);
+        this.mark(last, this.columns[this.columns.length - 1]!.key);
         break;
       case "a":
         this.select(this.points.map((p) => p.id));
@@ -666,7 +673,7 @@ class PointsTableView {
       { active, columns } = this,
       at = columns.findIndex((c) => c.key === active.key);
     const rows = Math.max(1, Math.floor(this.scroller.clientHeight / ROW_HEIGHT) - 2),
-      { kind } = columns[at];
+      { kind } = columns[at]!;
     const ways: Record<string, number> = { ArrowUp: -1, ArrowDown: 1, PageUp: -rows, PageDown: rows };
     const up = ways[key],
       side = key === "ArrowLeft" ? -1 : key === "ArrowRight" ? 1 : 0;
@@ -675,8 +682,8 @@ class PointsTableView {
       const to = key.startsWith("Page") ? Math.max(0, rank + up) : rank + up;
       this.mark(to, active.key);
       if (shiftKey && to >= 0) this.choose(this.rankOf(this.active.id), false, true);
-    } else if (side) this.mark(rank, columns[Math.max(0, Math.min(at + side, columns.length - 1))].key);
-    else if (key === "Home" || key === "End") this.mark(rank, columns[key === "Home" ? 0 : columns.length - 1].key);
+    } else if (side) this.mark(rank, columns[Math.max(0, Math.min(at + side, columns.length - 1))]!.key);
+    else if (key === "Home" || key === "End") this.mark(rank, columns[key === "Home" ? 0 : columns.length - 1]!.key);
     else if (isBox && (key === " " || (key === "Enter" && kind !== "check")))
       return false; // the button's own
     else if ((key === "Enter" || key === "F2") && !isBox && active.id !== null) this.write(active.id, active.key);
@@ -772,7 +779,7 @@ class PointsTableView {
       this.text.value = "";
       this.#openPasting(false);
     }
-    if (!ok && request.ids.length) this.refuse(request.ids[0], request.key);
+    if (!ok && request.ids[0] !== undefined) this.refuse(request.ids[0], request.key);
     if (request.key === "place") setAttributes(this.place, { "aria-invalid": !ok });
     if (request.key === "text") setAttributes(this.text, { "aria-invalid": !ok });
   }

@@ -9,7 +9,7 @@ const EDGE = 4; // CSS pixels between the list and the window's border
 const OWN = "Own colours";
 
 /** @param name of a preset */
-const labelOf = (name: string) => (name ? name[0].toUpperCase() + name.slice(1) : OWN);
+const labelOf = (name: string) => (name ? name.charAt(0).toUpperCase() + name.slice(1) : OWN);
 
 class PresetMenuView {
   model: Model;
@@ -96,9 +96,10 @@ class PresetMenuView {
       End: -1,
     };
     if (event.key !== "Tab") event.stopPropagation(); // the page around has its own keys
-    if (!(event.key in next)) return;
+    const place = next[event.key];
+    if (place === undefined) return;
     event.preventDefault();
-    all.at(next[event.key] % all.length)?.focus();
+    all.at(place % all.length)?.focus();
   }
 
   #draw() {

@@ -63,7 +63,7 @@ class RestoreBarView {
     };
     this.died = () => this.#gone("restarting");
     this.changed = (_kernel, status) => {
-      if (GONE[status]) this.#gone(status);
+      this.#gone(status);
     };
     for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
     model.on("msg:custom", this.answered);
@@ -99,7 +99,9 @@ class RestoreBarView {
   }
 
   #gone(status: string) {
-    this.fate = GONE[status];
+    const fate = GONE[status];
+    if (!fate) return;
+    this.fate = fate;
     this.#draw();
   }
 
@@ -111,7 +113,7 @@ class RestoreBarView {
     setText(this.text, this.fate ? `The kernel ${this.fate}: run the cell again.${found}` : offer);
     this.buttons.forEach((button, k) => {
       button.hidden = Boolean(this.fate);
-      setText(button, RESTORE_BUTTONS[k][1]);
+      setText(button, RESTORE_BUTTONS[k]![1]);
     });
     this.root.classList.toggle("dnb-restore-gone", Boolean(this.fate));
     this.root.hidden = !this.fate && !offer;

@@ -1,20 +1,20 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
 
-import type { NodeRules } from "../maths/curves.ts";
+import type { Node, NodeRules } from "../maths/curves.ts";
 import { lineAt, shownNumber } from "../maths/curves.ts";
-import type { Model } from "../types.ts";
+import type { Model, Vector2, Vector3, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
 import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
 import { ARROWS, CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
 
 /** A value and its red, green and blue, from 0 to 1. */
-export type ColorStop = number[];
+export type ColorStop = Vector4;
 
 export type WindowPart = "level" | "low" | "high";
 
 /** A state before a drag. */
-export type Kept = { nodes: number[][]; colors: ColorStop[]; named: string };
+export type Kept = { nodes: Node[]; colors: ColorStop[]; named: string };
 
 // ---- the part of the axis of values that is seen, and the window (no DOM) -------------------------------------------
 
@@ -25,12 +25,7 @@ const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the 
  * The seen part of the axis, zoomed by a factor about a value and kept within the whole axis; null where all of it is
  * seen.
  */
-export function zoomedAxis(
-  [low, high]: number[],
-  [first, last]: number[],
-  factor: number,
-  at: number,
-): number[] | null {
+export function zoomedAxis([low, high]: Vector2, [first, last]: Vector2, factor: number, at: number): Vector2 | null {
   const span = last - first,
     width = Math.max(FINEST * span, (high - low) / factor);
   if (width >= span * (1 - 1e-9)) return null;
@@ -38,35 +33,35 @@ export function zoomedAxis(
 }
 
 /** The seen part of the axis, moved and kept within the whole axis. */
-export function pannedAxis([low, high]: number[], whole: number[], by: number) {
+export function pannedAxis([low, high]: Vector2, whole: Vector2, by: number) {
   return keptInside([low + by, high - low], whole);
 }
 
 /** @param part its low end and its width */
-function keptInside([low, width]: number[], [first, last]: number[]): number[] {
+function keptInside([low, width]: Vector2, [first, last]: Vector2): Vector2 {
   const from = Math.max(first, Math.min(last - width, low));
   return [from, from + width];
 }
 
 /** A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly. */
-export function stretchedValue(value: number, [first, last]: number[], [low, high]: number[]) {
+export function stretchedValue(value: number, [first, last]: Vector2, [low, high]: Vector2) {
   return value === last ? high : Math.min(high, low + ((value - first) / (last - first)) * (high - low));
 }
 
 /** The window of a transfer function, from its first value to its last. */
-export function windowOf(nodes: number[][], stops: ColorStop[]): number[] {
+export function windowOf(nodes: Node[], stops: ColorStop[]): Vector2 {
   const values = [...nodes, ...stops].map((row) => row[0]);
   return [Math.min(...values), Math.max(...values)];
 }
 
 /** A window after a drag of one end or of the whole ("level"): at least so wide, and within limits. */
 export function movedWindow(
-  [low, high]: number[],
+  [low, high]: Vector2,
   part: WindowPart,
   by: number,
   least: number,
-  [first, last]: number[],
-): number[] {
+  [first, last]: Vector2,
+): Vector2 {
   if (part === "low") return [Math.max(Math.min(first, low), Math.min(high - least, low + by)), high];
   if (part === "high") return [low, Math.min(Math.max(last, high), Math.max(low + least, high + by))];
   const shift = Math.max(Math.min(first - low, 0), Math.min(Math.max(last - high, 0), by));
@@ -78,7 +73,7 @@ export function movedWindow(
 const STRIP = { top: 28, height: 12 }; // CSS pixels, from the floor of the plot
 const PIN = "M0 -1L6 6V15.5H-6V6Z";
 
-export function hexOf(rgb: number[]) {
+export function hexOf(rgb: Vector3) {
   return `#${rgb
     .map((v) =>
       Math.round(255 * Math.max(0, Math.min(1, v)))
@@ -88,13 +83,13 @@ export function hexOf(rgb: number[]) {
     .join("")}`;
 }
 
-export function rgbOf(hex: string): number[] {
+export function rgbOf(hex: string): Vector3 {
   const part = (k: number) => parseInt(hex.slice(k, k + 2), 16) / 255;
   return [part(1), part(3), part(5)];
 }
 
 /** Red, green and blue at a value, linear between stops. */
-export function colorAt(stops: ColorStop[], value: number): number[] {
+export function colorAt(stops: ColorStop[], value: number): Vector3 {
   const part = (c: 1 | 2 | 3) =>
     lineAt(
       stops.map((stop) => [stop[0], stop[c]]),
@@ -104,10 +99,10 @@ export function colorAt(stops: ColorStop[], value: number): number[] {
 }
 
 /** Stops with one of them moved, which keeps its place among the others. No edit changes the list it is given. */
-export function movedStop(stops: ColorStop[], k: number, value: number, [first, last]: number[]): ColorStop[] {
-  const low = k > 0 ? stops[k - 1][0] : Math.min(first, stops[0][0]);
-  const high = k < stops.length - 1 ? stops[k + 1][0] : Math.max(last, stops[stops.length - 1][0]);
-  const [, r, g, b] = stops[k];
+export function movedStop(stops: ColorStop[], k: number, value: number, [first, last]: Vector2): ColorStop[] {
+  const low = k > 0 ? stops[k - 1]![0] : Math.min(first, stops[0]![0]);
+  const high = k < stops.length - 1 ? stops[k + 1]![0] : Math.max(last, stops[stops.length - 1]![0]);
+  const [, r, g, b] = stops[k]!;
   return stops.map((stop, j) => (j === k ? [Math.max(low, Math.min(high, value)), r, g, b] : stop));
 }
 
@@ -168,7 +163,7 @@ class ColorStops {
   }
 
   words(k: number) {
-    const [value, ...rgb] = this.stops[k];
+    const [value, ...rgb] = this.stops[k]!;
     return `value ${this.view.shownValue(value)}, colour ${hexOf(rgb)}`;
   }
 
@@ -198,13 +193,13 @@ class ColorStops {
       k = view.isReadOnly ? null : this.#at(event);
     if (k === null) return null;
     view.settle();
-    this.grips[k].focus({ preventScroll: true });
+    this.grips[k]!.focus({ preventScroll: true });
     this.choose(k);
     view.isHeld = true;
-    return { k, from: view.toPixel([this.stops[k][0], 0])[0], before: view.kept() };
+    return { k, from: view.toPixel([this.stops[k]![0], 0])[0], before: view.kept() };
   }
 
-  drag({ k, from, before }: { k: number; from: number; before: Kept }, [dx]: number[]) {
+  drag({ k, from, before }: { k: number; from: number; before: Kept }, [dx]: Vector2) {
     const { view } = this,
       [value] = view.tidy(view.toPlace([from + dx, 0]));
     this.#show(movedStop(before.colors, k, value, view.range), k);
@@ -218,8 +213,8 @@ class ColorStops {
   nudge(k: number, by: number) {
     const { view } = this;
     view.nudging(this);
-    this.#show(movedStop(this.stops, k, this.stops[k][0] + by, view.range), k);
-    view.reveal(this.stops[k][0]);
+    this.#show(movedStop(this.stops, k, this.stops[k]![0] + by, view.range), k);
+    view.reveal(this.stops[k]![0]);
     view.move(this.value());
   }
 
@@ -243,8 +238,8 @@ class ColorStops {
     const { stops, view } = this,
       k = this.chosen,
       next = stops[k + 1]?.[0] ?? view.range[1];
-    const at = k === stops.length - 1 && next - stops[k][0] <= 0 && k > 0 ? stops[k - 1][0] : next;
-    this.add((stops[k][0] + at) / 2);
+    const at = k === stops.length - 1 && next - stops[k]![0] <= 0 && k > 0 ? stops[k - 1]![0] : next;
+    this.add((stops[k]![0] + at) / 2);
   }
 
   get canRemove() {
@@ -276,7 +271,7 @@ class ColorStops {
 
   #focus() {
     this.view.draw();
-    this.grips[this.chosen].focus({ preventScroll: true });
+    this.grips[this.chosen]!.focus({ preventScroll: true });
   }
 
   #doubleClick(event: MouseEvent) {
@@ -306,8 +301,9 @@ class ColorStops {
 
   #recolour() {
     const { view } = this,
-      [r, g, b] = rgbOf(this.picker.value);
-    if (view.isReadOnly || hexOf(this.stops[this.chosen].slice(1)) === this.picker.value) return;
+      [r, g, b] = rgbOf(this.picker.value),
+      [, ...rgb] = this.stops[this.chosen]!;
+    if (view.isReadOnly || hexOf(rgb) === this.picker.value) return;
     this.isPicking = view.isHeld = true;
     this.#show(this.stops.map((stop, j) => (j === this.chosen ? [stop[0], r, g, b] : stop)));
     view.choose(this);
@@ -353,7 +349,7 @@ class ColorStops {
     const [first, last] = view.range;
     this.stops.forEach(([value, ...rgb], k) => {
       const [x] = view.toPixel([value, 0]),
-        grip = this.grips[k],
+        grip = this.grips[k]!,
         isChosen = k === this.chosen;
       setAttributes(grip, {
         transform: `translate(${x.toFixed(2)} ${top + STRIP.height})`,
@@ -388,7 +384,7 @@ class ColorStops {
 
   #drawPicker() {
     const { picker, view } = this,
-      [value, ...rgb] = this.stops[this.chosen],
+      [value, ...rgb] = this.stops[this.chosen]!,
       hex = hexOf(rgb);
     if (!this.isPicking && picker.value !== hex) picker.value = hex;
     picker.disabled = view.isReadOnly;
@@ -439,7 +435,7 @@ class WindowBar {
   }
 
   /** Limits of either end: as far again as the values of the volume reach. */
-  get limits(): number[] {
+  get limits(): Vector2 {
     const { low, high } = this.view.model.get("histogram");
     return [low - (high - low), high + (high - low)];
   }
@@ -482,7 +478,7 @@ class WindowBar {
   }
 
   /** Stretch nodes and colours to a window. */
-  #show({ nodes, colors }: { nodes: number[][]; colors: ColorStop[] }, to: number[]) {
+  #show({ nodes, colors }: { nodes: Node[]; colors: ColorStop[] }, to: Vector2) {
     const from = windowOf(nodes, colors);
     this.view.changed({
       nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
@@ -501,7 +497,7 @@ class WindowBar {
     return { part, before: view.kept() };
   }
 
-  drag({ part, before }: { part: WindowPart; before: Kept }, [dx]: number[]) {
+  drag({ part, before }: { part: WindowPart; before: Kept }, [dx]: Vector2) {
     const { view } = this,
       [[x0, x1]] = view.view,
       [low, high] = windowOf(before.nodes, before.colors);
@@ -681,9 +677,9 @@ class TransferEditorView extends CurvePlot {
   margins = ROWS;
   colors: ColorStop[] = [];
   back = ""; // the preset that "Reset" takes
-  range: number[] = [0, 1];
+  range: Vector2 = [0, 1];
   /** the part of the axis that is seen; null for all of it */
-  zoom: number[] | null = null;
+  zoom: Vector2 | null = null;
   /** the row at which the user works; null for the nodes of the curve */
   row: ColorStops | WindowBar | null = null;
   /** the row that arrow keys have changed */
@@ -754,7 +750,7 @@ class TransferEditorView extends CurvePlot {
     return button;
   }
 
-  adopt(shown: { nodes: number[][]; colors: ColorStop[]; preset: string; range: number[]; back: string }) {
+  adopt(shown: { nodes: Node[]; colors: ColorStop[]; preset: string; range: Vector2; back: string }) {
     this.nodes = shown.nodes;
     this.colors = shown.colors;
     this.named = shown.preset;
@@ -830,10 +826,10 @@ class TransferEditorView extends CurvePlot {
     else super.settle();
   }
 
-  show(nodes: number[][], chosen: number) {
+  show(nodes: Node[], chosen: number) {
     super.show(nodes, chosen);
     this.row = null;
-    this.reveal(nodes[chosen][0]);
+    this.reveal(nodes[chosen]![0]);
   }
 
   press(event: PointerEvent): NodeDrag | PlotDrag | null {
@@ -848,7 +844,7 @@ class TransferEditorView extends CurvePlot {
     return this.zoom && isInside && targetOf(event).closest(".dnb-cv-grip") === null ? { pan: this.zoom } : null;
   }
 
-  drag(grabbed: NodeDrag | PlotDrag, by: number[]) {
+  drag(grabbed: NodeDrag | PlotDrag, by: Vector2) {
     if (!("pan" in grabbed)) {
       super.drag(grabbed, by);
       return;
@@ -881,7 +877,7 @@ class TransferEditorView extends CurvePlot {
   // ---- the values that are seen ------------------------------------------------------------------------------------
 
   /** The ends of the whole axis of values. */
-  get whole(): number[] {
+  get whole(): Vector2 {
     const [low, high] = this.range;
     return [low, high > low ? high : low + 1];
   }
@@ -892,7 +888,7 @@ class TransferEditorView extends CurvePlot {
     return value >= low - slack && value <= high + slack;
   }
 
-  zoomTo(zoom: number[] | null) {
+  zoomTo(zoom: Vector2 | null) {
     this.zoom = zoom;
     this.view = this.axes();
     this.invalidate();
@@ -901,7 +897,7 @@ class TransferEditorView extends CurvePlot {
   /** Zoom about a value, by default the chosen one where it is seen. */
   zoomBy(factor: number, about?: number) {
     const [[low, high]] = this.view;
-    const chosen = this.row === this.stops ? this.colors[this.stops.chosen][0] : this.nodes[this.chosen][0];
+    const chosen = this.row === this.stops ? this.colors[this.stops.chosen]![0] : this.nodes[this.chosen]![0];
     const at = about ?? (this.isSeen(chosen) && !(this.row === this.window) ? chosen : (low + high) / 2);
     this.zoomTo(zoomedAxis([low, high], this.whole, factor, at));
   }
@@ -972,12 +968,12 @@ class TransferEditorView extends CurvePlot {
     return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 };
   }
 
-  axes(): number[][] {
+  axes(): [Vector2, Vector2] {
     return [this.zoom ?? this.whole, [0, 1]];
   }
 
   /** The same, kept within what is seen; the ends of the window may leave it. */
-  tidy([x, y]: number[], isFree: boolean = false, isInside: boolean = true): number[] {
+  tidy([x, y]: Vector2, isFree: boolean = false, isInside: boolean = true): Vector2 {
     const [[low, high]] = this.view;
     return super.tidy([isInside ? Math.max(low, Math.min(high, x)) : x, y], isFree);
   }
@@ -1009,7 +1005,7 @@ class TransferEditorView extends CurvePlot {
   }
 
   words(k: number) {
-    const [value, alpha] = this.nodes[k];
+    const [value, alpha] = this.nodes[k]!;
     return `value ${this.shownValue(value)}, opacity ${Number(alpha.toPrecision(3))}`;
   }
 
@@ -1035,11 +1031,11 @@ class TransferEditorView extends CurvePlot {
     }
     this.bars.setAttribute("d", `M${edge(0)} ${floor}${steps.join("")}V${floor}Z`);
     const outline = this.outline();
-    const [from] = outline[0],
-      [to] = outline[outline.length - 1];
+    const [from] = outline[0]!,
+      [to] = outline[outline.length - 1]!;
     this.area.setAttribute("d", `${pathOf(outline)}L${to} ${floor}L${from} ${floor}Z`);
-    const first = x(this.colors[0][0]),
-      last = x(this.colors[this.colors.length - 1][0]);
+    const first = x(this.colors[0]![0]),
+      last = x(this.colors[this.colors.length - 1]![0]);
     setAttributes(this.gradient, { x1: first, x2: last });
     this.gradient.replaceChildren(
       ...this.colors.map(([value, ...rgb]) =>
@@ -1056,7 +1052,7 @@ class TransferEditorView extends CurvePlot {
   drawNodes() {
     super.drawNodes();
     this.dots.forEach((dot, k) => {
-      dot.style.display = this.isSeen(this.nodes[k][0]) ? "" : "none";
+      dot.style.display = this.isSeen(this.nodes[k]![0]) ? "" : "none";
       if (this.row !== null) dot.classList.remove("dnb-cv-chosen");
     });
   }

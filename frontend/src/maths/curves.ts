@@ -1,13 +1,15 @@
 // Curves through nodes [x, y], x not falling: their values and edits. No edit changes the list it is given.
 
+import type { Vector2 } from "../types.ts";
+
 /** [x, y] */
-export type Node = number[];
+export type Node = Vector2;
 
 /**
  * The limits of edits. step: to which x is rounded, 0 for none; isPinned: the outer nodes keep their x; gap: the least
  * distance of two nodes in x; most: nodes.
  */
-export type NodeRules = { x: number[]; y: number[]; step: number; isPinned: boolean; gap: number; most: number };
+export type NodeRules = { x: Vector2; y: Vector2; step: number; isPinned: boolean; gap: number; most: number };
 
 /** The value at x of straight lines between the nodes. */
 export function lineAt(nodes: Node[], x: number) {
@@ -78,13 +80,13 @@ export function curveOfSamples(samples: ArrayLike<number>): (x: number) => numbe
 }
 
 /** The nodes with node k as near to a place as the rules allow. */
-export function movedNode(nodes: Node[], k: number, [x, y]: number[], rules: NodeRules) {
+export function movedNode(nodes: Node[], k: number, [x, y]: Node, rules: NodeRules) {
   const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
   const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const isOuter = k === 0 || k === nodes.length - 1,
     stays = (rules.isPinned && isOuter) || before > after;
-  const to = [
+  const to: Node = [
     stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)),
     Math.max(rules.y[0], Math.min(rules.y[1], y)),
   ];
@@ -92,7 +94,7 @@ export function movedNode(nodes: Node[], k: number, [x, y]: number[], rules: Nod
 }
 
 /** [nodes, index of the new one], or null where there is no room. */
-export function addedNode(nodes: Node[], [x, y]: number[], rules: NodeRules): [nodes: Node[], index: number] | null {
+export function addedNode(nodes: Node[], [x, y]: Node, rules: NodeRules): [nodes: Node[], index: number] | null {
   if (nodes.length >= rules.most) return null;
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
@@ -100,7 +102,7 @@ export function addedNode(nodes: Node[], [x, y]: number[], rules: NodeRules): [n
     k = index < 0 ? nodes.length : index;
   const gap = Math.max(rules.gap, 1e-12 * (rules.x[1] - rules.x[0]));
   if (nodes.slice(Math.max(0, k - 1), k + 1).some((node) => Math.abs(node[0] - at) < gap)) return null;
-  const node = [at, Math.max(rules.y[0], Math.min(rules.y[1], y))];
+  const node: Node = [at, Math.max(rules.y[0], Math.min(rules.y[1], y))];
   return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
 }
 

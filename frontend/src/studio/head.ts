@@ -20,7 +20,7 @@ const MENUS = [
   ["history", "History"],
   ["examples", "Examples"],
   ["export", "Export"],
-];
+] as const;
 const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
 const PANES = ["picture", "volume"] as const;
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side

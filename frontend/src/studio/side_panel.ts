@@ -12,7 +12,8 @@ const KEPT = "path=/; max-age=31536000; SameSite=Strict"; // a year
 const FIRST = 304,
   LEAST = 240; // CSS pixels
 const MOST = 0.6; // of the studio
-const STEPS = [16, 64]; // CSS pixels of an arrow key with and without Shift
+const STEP = 16,
+  LARGE_STEP = 64; // CSS pixels of an arrow key without and with Shift
 
 export type Remembered = { width?: number; tab?: string; open?: Record<string, boolean> };
 
@@ -163,7 +164,7 @@ export class SidePanel {
   }
 
   #key(event: KeyboardEvent) {
-    const step = STEPS[event.shiftKey ? 1 : 0],
+    const step = event.shiftKey ? LARGE_STEP : STEP,
       { offsetWidth } = this.panel;
     const widths: Record<string, number> = {
       ArrowLeft: offsetWidth + step,
@@ -171,10 +172,11 @@ export class SidePanel {
       Home: LEAST,
       End: this.#most,
     };
-    if (!(event.key in widths)) return;
+    const width = widths[event.key];
+    if (width === undefined) return;
     event.preventDefault();
     event.stopPropagation();
-    this.setWidth(widths[event.key]);
+    this.setWidth(width);
   }
 
   // ---- tab and sections ---------------------------------------------------------------------------------------------

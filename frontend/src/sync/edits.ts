@@ -114,11 +114,11 @@ export class Sender {
   }
 
   detach(model: Model) {
-    const at = this.models.findIndex((held) => held.model === model);
-    if (at < 0) return;
+    const held = this.models.find((one) => one.model === model);
+    if (!held) return;
     this.flush();
-    for (const [name, handler] of Object.entries(this.models[at].handlers)) model.off(name, handler);
-    this.models.splice(at, 1);
+    for (const [name, handler] of Object.entries(held.handlers)) model.off(name, handler);
+    this.models.splice(this.models.indexOf(held), 1);
     if (this.models.length === 0) for (const timer of [this.#timer, this.#greeting]) this.clock.cancel(timer);
   }
 
