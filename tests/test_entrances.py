@@ -458,7 +458,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "rbf.fields.as_field(grid)": lambda v, _: dn.rbf.as_field(_h(v), v).displacement(PLACES),
     "rbf.fields.blend(grid)": lambda v, _: dn.rbf.blend(_h(v), SHIFT, grid=v).displacement(PLACES),
     "rbf.fields.compose(grid)": lambda v, _: dn.rbf.compose(_h(v), SHIFT, grid=v).displacement(PLACES),
-    "session.session.Session(output)": lambda v, _: dn.Session(_reference(), output=v).output,
+    "session.session.Session(output)": lambda v, _: dn.Session(_reference(), output=v).editing.output,
     "volume.plane.Plane.along(grid)": lambda v, _: dn.Plane.along(v, "-x"),
     "volume.plane.Plane.depth_range(grid)": lambda v, _: dn.Plane.along(TURNED, "-x").depth_range(v),
     "volume.plane.Plane.slices(grid)": lambda v, _: dn.Plane.along(TURNED, "-x").slices(v),
@@ -473,7 +473,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "warping.warper.warp(output)": lambda v, _: dn.warp(_reference(), SHIFT, output=v),
     "warping.warper.warp_all(output)": lambda v, _: dn.warping.warp_all([_reference()], SHIFT, output=v),
     "widgets.studio.studio.Studio(output)": lambda v, _: _closed(
-        dn.Studio(_reference(), output=v), lambda studio: studio.session.output
+        dn.Studio(_reference(), output=v), lambda studio: studio.session.editing.output
     ),
 }
 """Parameters that are grids, for which a volume will do."""

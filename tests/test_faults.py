@@ -206,7 +206,7 @@ def test_processes_killed_while_they_save_themselves_leave_what_they_had_told(tm
         assert round(restore(entries[child.pid]).steps[0].strength * 1e6) >= known
     session = Session(volume)
     saving = Autosave(session, tmp_path)
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     crash(saving)
     assert sorted(path.suffix for path in tmp_path.iterdir()) == [".json"] * 4  # no litter stays
     assert len(children) < MOST_PER_VOLUME
@@ -306,7 +306,7 @@ def test_no_more_room_for_a_file_is_said(tmp_path: Path) -> None:
     troubles: list[str] = []
     saving = Autosave(session, tmp_path / "state", 0.01, on_trouble=troubles.append)
     with full_disk(500):
-        session.change(strength=0.5)
+        session.editing.change(strength=0.5)
         saving.flush()
         with pytest.raises(DeformError, match="is full; an older file of this name is untouched"):
             session.save(tmp_path / "fish.json")

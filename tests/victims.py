@@ -101,7 +101,7 @@ def autosave(folder: Path, chance: random.Random) -> Any:
     session = Session(a_volume())
     Autosave(session, folder, 0.002, on_written=tell)
     for number in range(1, 10**6):
-        session.change(strength=number / 1e6)
+        session.editing.change(strength=number / 1e6)
         time.sleep(chance.uniform(0, 0.002))
 
 
@@ -214,14 +214,14 @@ def full(folder: Path, chance: random.Random) -> Any:
     session = Session(a_volume())
     saving = Autosave(session, folder / "state", 0.01, on_trouble=told.append)
     strengths = [0.5]
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     saving.flush()
     (folder / "filler").write_bytes(b"")
     with suppress(OSError), (folder / "filler").open("wb", buffering=0) as filler:
         while True:
             filler.write(bytes(512))
     for strength in (0.6, 0.7):
-        session.change(strength=strength)  # editing goes on
+        session.editing.change(strength=strength)  # editing goes on
         saving.flush()
         strengths.append(restore(saved_sessions(session.volume, folder / "state", every=True)[0]).steps[0].strength)
     try:
@@ -231,11 +231,11 @@ def full(folder: Path, chance: random.Random) -> Any:
     assert read_deformation(path) == small
     left = listing(folder)
     (folder / "filler").unlink()
-    session.change(strength=0.8)
+    session.editing.change(strength=0.8)
     saving.flush()
     strengths.append(restore(saved_sessions(session.volume, folder / "state", every=True)[0]).steps[0].strength)
     session.save(path, overwrite=True)
-    assert read_deformation(path).steps == session.deformation.steps
+    assert read_deformation(path).steps == session.editing.deformation.steps
     saving.close()
     return {"said": said, "told": told, "strengths": strengths, "left": left, "after": listing(folder)}
 
@@ -244,9 +244,9 @@ def ends(folder: Path, chance: random.Random) -> Any:
     """Edits and comes to its end, as a program or a kernel that is shut down; nothing is closed or waited for."""
     session = Session(a_volume())
     saving = Autosave(session, folder, 60.0)
-    session.change(strength=chance.uniform(0.1, 0.9))
+    session.editing.change(strength=chance.uniform(0.1, 0.9))
     globals().update(_kept=session, _kept_by=saving)  # as in a notebook
-    return session.step.strength
+    return session.editing.step.strength
 
 
 def lost(folder: Path, chance: random.Random) -> Any:
@@ -256,11 +256,13 @@ def lost(folder: Path, chance: random.Random) -> Any:
     Autosave(session, folder, 0.05, on_written=written.append)
     for _ in range(5):
         place = np.array([chance.uniform(0.5, 6.5), chance.uniform(0.5, 4.5)])
-        session.edit_points(session.points.add(place, place + chance.uniform(0.01, 0.1)))
+        session.editing.edit_points(session.editing.points.add(place, place + chance.uniform(0.01, 0.1)))
     session.set_view("+z")
     while not written or written[-1].steps < 2 or written[-1].points < 13:
         time.sleep(0.01)
-    sys.stdout.write(json.dumps([m.target.tolist() for step in session.deformation.steps for m in step.maps]) + "\n")
+    sys.stdout.write(
+        json.dumps([m.target.tolist() for step in session.editing.deformation.steps for m in step.maps]) + "\n"
+    )
     sys.stdout.flush()
     os.kill(os.getpid(), signal.SIGKILL)
     return None

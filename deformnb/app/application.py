@@ -36,7 +36,7 @@ class Application:
     --------
     >>> from deformnb.datasets import PHANTOMS
     >>> app = Application(PHANTOMS["bar"].make((8, 8, 8)))
-    >>> app.thread.call(lambda: len(app.session.points)).result()
+    >>> app.thread.call(lambda: len(app.session.editing.points)).result()
     4
     >>> app.close()
     """

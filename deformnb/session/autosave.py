@@ -43,6 +43,7 @@ from deformnb.session.autosave_store import (
     state_folder,
     write_session,
 )
+from deformnb.session.editing import Edited
 from deformnb.session.session import Session
 
 __all__ = ["Autosave", "SavedSession", "delete", "restore", "saved_sessions", "skip"]
@@ -52,7 +53,7 @@ _LOG = logging.getLogger(__name__)
 LONGEST_WAIT = 5.0
 """Seconds after the first edit of a row at which it is written though the next comes: as many delays as a default."""
 
-_WATCHED = ["deformation", "index", "key", "saved"]
+_WATCHED = ["deformation", "index", "key"]
 _PATIENCE_AT_EXIT = 3.0
 _WAIT_AT_CLOSE = 1.0
 
@@ -60,9 +61,7 @@ _WAIT_AT_CLOSE = 1.0
 class _Snapshot(NamedTuple):
     """Snapshot to be written, as it was after an edit."""
 
-    deformation: Deformation
-    step: int
-    key: int
+    state: Edited
     edited: datetime
 
 
@@ -87,7 +86,7 @@ class Autosave:
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
     >>> autosave = Autosave(session)
-    >>> session.change(strength=0.5)
+    >>> session.editing.change(strength=0.5)
     >>> autosave.flush()
     >>> [(entry.state, entry.points) for entry in saved_sessions(session.volume, every=True)]
     [('open', 4)]
@@ -107,7 +106,8 @@ class Autosave:
         self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
         job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
         self._session = weakref.ref(session)
-        session.observe(job.note, _WATCHED)
+        session.editing.observe(job.note_edit, _WATCHED)
+        session.files.observe(job.note_saved, "saved")
         _OPEN.add(job)
         job.start()
         weakref.finalize(session, job.end).atexit = False
@@ -141,7 +141,8 @@ class Autosave:
         """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history."""
         session = self._session()
         if session is not None and not self._job.is_ending:
-            session.unobserve(self._job.note, _WATCHED)
+            session.editing.unobserve(self._job.note_edit, _WATCHED)
+            session.files.unobserve(self._job.note_saved, "saved")
         self._job.end()
         if not self._job.is_here:
             self._job.left(_WAIT_AT_CLOSE)
@@ -153,9 +154,10 @@ class _Job:
     def __init__(self, session: Session, folder: Path, delay: float) -> None:
         self.folder = folder
         self.delay = float(delay)
-        self.refer: Callable[[], VolumeReference] | None = session.reference
+        self.refer: Callable[[], VolumeReference] | None = session.files.reference
         self.reference: VolumeReference | None = None
-        self.first = _bare(session.deformation)
+        self.state = session.editing.state
+        self.first = _bare(self.state.deformation)
         self.saved: Deformation | None = None
         self.changed = threading.Condition()
         self.waiting: _Snapshot | None = None
@@ -191,19 +193,26 @@ class _Job:
                     self.thread = None
                     _safely(lambda error=error: self.report(error))  # type: ignore[misc]
 
-    def note(self, change: Any) -> None:
-        """An edit was made, another step chosen, or the session saved; this takes microseconds."""
-        session, now = change["owner"], time.monotonic()
+    def note_edit(self, change: Any) -> None:
+        """An edit was made, or another step chosen; this takes microseconds."""
         with self.changed:
-            if change["name"] == "saved":
-                self.saved = None if session.saved is None else _bare(session.saved)
             if change["name"] == "deformation":
                 self.edited = datetime.now(UTC)
-            is_first = self.waiting is None
-            self.waiting = _Snapshot(session.deformation, session.index, session.key, self.edited)
-            self.since = now if is_first else self.since
-            self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
-            self.start()  # a thread that waits already looks at the time again when it wakes
+            self.state = change["owner"].state
+            self._wait()
+
+    def note_saved(self, change: Any) -> None:
+        """The session was saved, or a saved one opened."""
+        with self.changed:
+            self.saved = None if change["new"] is None else _bare(change["new"])
+            self._wait()
+
+    def _wait(self) -> None:
+        now, is_first = time.monotonic(), self.waiting is None
+        self.waiting = _Snapshot(self.state, self.edited)
+        self.since = now if is_first else self.since
+        self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
+        self.start()  # a thread that waits already looks at the time again when it wakes
 
     def flushed(self, timeout: float) -> bool:
         with self.changed:
@@ -253,7 +262,7 @@ class _Job:
     def write(self, snapshot: _Snapshot) -> None:
         """Write what was edited, if it differs from what the session began with."""
         assert self.reference is not None
-        bare = _bare(snapshot.deformation)
+        bare = _bare(snapshot.state.deformation)
         state = "saved" if bare == self.saved else "unchanged" if bare == self.first else "open"
         if self.entry is None and state == "unchanged":
             return
@@ -264,8 +273,8 @@ class _Job:
             self.entry,
             state=state,
             edited=snapshot.edited,
-            index=snapshot.step,
-            key=snapshot.key,
+            index=snapshot.state.index,
+            key=snapshot.state.key,
             points=sum(len(m) for step in bare.steps for m in step.maps),
             steps=len(bare.steps),
         )
@@ -441,7 +450,7 @@ class Recovery:
         self.written = ""
         self._report, self._changed = report, changed
         self._ready = threading.Event()
-        self._differs = session.deformation if session.deformation.volume is not None else None
+        self._differs = session.editing.deformation if session.editing.deformation.volume is not None else None
         self._folder = Path(options.pop("folder", None) or state_folder())
         self.autosave = Autosave(
             session,
@@ -488,7 +497,7 @@ class Recovery:
     def _restore(self, entry: SavedSession) -> None:
         document = restore(entry)
         index = entry.index if 0 <= entry.index < len(document.steps) else None
-        self.session.edit_document(document, f"restore the edit of {moment(entry.edited)}", index=index)
+        self.session.editing.edit_document(document, f"restore the edit of {moment(entry.edited)}", index=index)
         self.autosave.replaces(entry)
 
     def go_back(self, which: int) -> None:
@@ -504,7 +513,7 @@ class Recovery:
         entry = self.earlier[which]
         document = restore(entry)
         index = entry.index if 0 <= entry.index < len(document.steps) else None
-        self.session.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
+        self.session.editing.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
 
     def wait(self, timeout: float = 60.0) -> bool:
         """Wait until the lost sessions are known; for scripts and tests."""
@@ -520,7 +529,7 @@ class Recovery:
             self.lost = [entry for entry in found if entry.is_lost]
             self.earlier = [entry for entry in found if entry.is_earlier]
             if self._differs is not None:
-                difference, self._differs = self.session.difference(self._differs), None
+                difference, self._differs = self.session.files.difference(self._differs), None
                 if difference:
                     self._report(difference)
         finally:

@@ -237,7 +237,7 @@ def restore(entry: SavedSession) -> Deformation:
     >>> from deformnb.session.session import Session
     >>> session = Session(PHANTOMS["bar"].make((8, 8, 16)))
     >>> autosave = Autosave(session)
-    >>> session.change(strength=0.5)
+    >>> session.editing.change(strength=0.5)
     >>> autosave.flush()
     >>> (entry,) = saved_sessions(session.volume, every=True)
     >>> restore(entry).steps[0].strength

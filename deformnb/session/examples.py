@@ -119,16 +119,18 @@ def apply_example(session: Session, name: str) -> None:
     >>> from deformnb.datasets.phantoms import PHANTOMS
     >>> session = Session(PHANTOMS["fish"].make((16, 32, 16)))
     >>> apply_example(session, next(iter(EXAMPLES)))
-    >>> bool(session.points.displacement.any())
+    >>> bool(session.editing.points.displacement.any())
     True
     """
     if name not in EXAMPLES:
         raise DeformError(f"unknown example {name!r}; choose one of {', '.join(EXAMPLES)}.")
-    plane = session.step.plane
+    plane = session.editing.step.plane
     if plane is None:
         raise DeformError(
             "the examples are for a picture, and this step has its points in space: choose another step, or add one."
         )
     example = EXAMPLES[name]
-    step = example.make(untouched_step(plane, session.grid), session.picture())
-    session.edit_document(session.deformation.with_step(session.index, step), f"example: {example.title.lower()}")
+    step = example.make(untouched_step(plane, session.editing.grid), session.pictures.picture())
+    session.editing.edit_document(
+        session.editing.deformation.with_step(session.editing.index, step), f"example: {example.title.lower()}"
+    )

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol
@@ -19,22 +18,21 @@ from deformnb.chunked.store import discard_unfinished
 from deformnb.chunked.warper import warp as warp_in_parts
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
-from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
 from deformnb.errors import Cancelled, DeformError
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
-from deformnb.imaging.projection import OF_CHANNELS, project, project_channels
 from deformnb.imaging.render import render_volume
-from deformnb.io.files.atomic import KnownFiles, atomic_write, check_target
+from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.memory import check_room
 from deformnb.io.volumes.formats import write_volume
 from deformnb.io.volumes.ome_zarr import MARKS, ZARR_SUFFIX
 from deformnb.io.volumes.series import write_channels
 from deformnb.rbf.fields import AbstractField, Identity
+from deformnb.session.files import Files
+from deformnb.session.pictures import PictureSettings
 from deformnb.session.session import Session
-from deformnb.volume.channels import ChannelDisplay, Channels
+from deformnb.volume.channels import Channels
 from deformnb.volume.clip import WHOLE, Clip
-from deformnb.volume.plane import Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper, warp, warp_all
@@ -103,33 +101,29 @@ class Frozen:
 
     Parameters
     ----------
-    seen : how renderings and movies show it.
-    output : grid of the result.
-    source : expression that reads the volume, for scripts.
-    save : writes a document to a path, as :meth:`Session.save <deformnb.session.session.Session.save>`.
+    volume, channels : that are deformed.
+    document : the deformation with its view state and the checksum of its volume, as it is saved.
+    picture, window, colour_map : how drawings show it.
+    transfer, seen : how renderings and movies show it.
     files : of the session, which it may replace.
+    size : (width, height) of renderings and movies in pixels.
+    fps : pictures a second of movies.
     overwrite : whether any file may be replaced.
-    channels, displays : that the picture shows in colours, and how.
     """
 
     volume: Volume
+    channels: Channels | None
     deformation: Deformation
     document: Deformation
-    plane: Plane
-    method: str
-    depth: float | None
+    picture: PictureSettings
     window: tuple[float, float] | None
     colour_map: str
     transfer: TransferFunction
     seen: Seen
-    save: Callable[..., None]
-    files: KnownFiles
-    source: str = ""
+    files: Files
     size: tuple[int, int] | None = None
     fps: float = _FPS
     overwrite: bool = False
-    channels: Channels | None = None
-    displays: tuple[ChannelDisplay, ...] = ()
 
     @classmethod
     def of(
@@ -148,25 +142,20 @@ class Frozen:
         size : (width, height) of renderings and movies in pixels.
         fps : pictures a second of movies.
         """
-        depth = session.depth if session.method == "slice" else None
+        pictures = session.pictures
         return cls(
             session.volume,
-            session.deformation,
+            session.channels,
+            session.editing.deformation,
             session.document(),
-            session.plane,
-            session.method,
-            depth,
-            session.window,
-            session.colour_map,
-            session.transfer_function,
+            pictures.settings,
+            pictures.window,
+            pictures.colour_map,
+            pictures.transfer_function,
             Seen.of(seen),
-            session.save,
             session.files,
-            session.source,
             _checked_size(size),
             _checked_rate(fps),
-            channels=session.channels,
-            displays=session.channel_displays,
         )
 
     @property
@@ -306,29 +295,23 @@ def _by_camera(it: Frozen, progress: Progress) -> Image:
 
 
 def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
-    step = next((s for s in reversed(it.deformation.steps) if s.plane == it.plane), None)
+    step = next((s for s in reversed(it.deformation.steps) if s.plane == it.picture.plane), None)
     points = None if step is None else step.points
-    titles = ["before", "after"]
-    if it.channels is not None and it.method in OF_CHANNELS:
-        still = (
-            it.channels
-            if it.output is None
-            else it.channels.with_volumes(warp_all(it.channels.volumes, Identity(3), output=it.output))
-        )
-        both = (still, it.deformed_channels(lambda share: progress(0.6 * share)))
-        drawn = [project_channels(one, it.plane, it.method, displays=it.displays, depth=it.depth) for one in both]
-        draw_pictures(drawn, points=[None, points], titles=titles, path=path)
-        return
-    original = it.volume if it.output is None else Warper(it.volume, output=it.output)(Identity(3))
-    before, after = (_projected(it, volume) for volume in (original, it.deformed(lambda share: progress(0.6 * share))))
+
+    def first_part(share: float) -> None:
+        progress(0.6 * share)
+
+    if it.channels is not None and it.picture.displays:
+        channels = it.channels
+        if it.output is not None:
+            channels = channels.with_volumes(warp_all(channels.volumes, Identity(3), output=it.output))
+        drawn = [it.picture.picture_of_channels(one) for one in (channels, it.deformed_channels(first_part))]
+    else:
+        original = it.volume if it.output is None else Warper(it.volume, output=it.output)(Identity(3))
+        drawn = [it.picture.picture(one) for one in (original, it.deformed(first_part))]
+        drawn = [replace(one, window=it.window or one.window, colour_map=it.colour_map) for one in drawn]
     progress(0.8)
-    draw_pictures([before, after], points=[None, points], titles=titles, path=path)
-
-
-def _projected(it: Frozen, volume: Volume) -> Picture:
-    colours = it.transfer if it.method in ("composite", "shaded") else None
-    made = project(volume, it.plane, it.method, transfer=colours, depth=it.depth)
-    return replace(made, window=it.window or made.window, colour_map=it.colour_map)
+    draw_pictures(drawn, points=[None, points], titles=["before", "after"], path=path)
 
 
 def _movie(it: Frozen, path: Path, progress: Progress) -> None:
@@ -386,14 +369,11 @@ def _drawn(
 
 def _script(it: Frozen, path: Path, progress: Progress) -> None:
     with atomic_write(path) as stream:
-        text = as_python(
-            it.deformation, it.volume.finest_grid, volume=it.source or UNKNOWN_VOLUME, own=own_grid_text(it.volume)
-        )
-        stream.write(text.encode("utf-8"))
+        stream.write(it.files.code(it.deformation).encode("utf-8"))
 
 
 def _document(it: Frozen, path: Path, progress: Progress) -> None:
-    it.save(path, document=it.document)
+    it.files.write(it.document, path, overwrite=it.overwrite)
 
 
 EXPORTS: dict[str, Export] = {
@@ -461,8 +441,8 @@ def export(
     writer = export_for(place)
     check_target(place, overwrite=overwrite or not writer.folder_marks, folder_marks=writer.folder_marks)  # before work
     if overwrite:
-        frozen = replace(frozen, save=partial(frozen.save, overwrite=True), overwrite=True)
-    with frozen.files.writing(place, overwrite=overwrite):
+        frozen = replace(frozen, overwrite=True)
+    with frozen.files.known.writing(place, overwrite=overwrite):
         writer.write(frozen, place, progress or _silent)
     return place
 

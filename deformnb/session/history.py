@@ -121,7 +121,7 @@ class History:
 
         Parameters
         ----------
-        slides : it is one of a slider, which may be dragged slowly; see :meth:`take_hold`.
+        slides : it is one of a slider, which may be dragged slowly; see :meth:`start_drag`.
         """
         now = time.monotonic() if now is None else now
         here = self._nodes[self._current]
@@ -138,8 +138,8 @@ class History:
         self._current = made.id
         self._prune()
 
-    def take_hold(self) -> None:
-        """The user has taken hold of a slider: the drag joins no edit before."""
+    def start_drag(self) -> None:
+        """The pointer has gone down on a slider: the drag joins no edit before."""
         self._kind = None
 
     def step(self, way: str, current: Any) -> tuple[Any, str] | None:

@@ -27,7 +27,7 @@ def _unfolded(session: Session, step: Step) -> str:
     far = step.strength * float(np.linalg.norm(step.points.displacement[step.points.active], axis=1).max(initial=0.0))
     if far < DRAG:
         return f"The longest drag is {far:.0f} mm. Keep it at {DRAG:g} mm or more, and remove the fold in another way."
-    least = folds_of(picture_field(step, session.volume.grid), session.picture().raster).least
+    least = folds_of(picture_field(step, session.volume.grid), session.pictures.picture().raster).least
     if least <= 0:
         return (
             f"The map still folds: its smallest determinant is {least:.2f}. Make the support radius larger in the "

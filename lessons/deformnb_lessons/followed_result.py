@@ -54,7 +54,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
         super().__init__()
         self.add_class("dnb-followed-result")
         self._exercise, self._session = exercise, session
-        session.observe(self._judge, ["deformation", "index"])
+        session.editing.observe(self._judge, ["deformation", "index"])
         self._judge()
 
     def _judge(self, _change: Any = None) -> None:
@@ -69,5 +69,5 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
         """Follow no more."""
         session = self.__dict__.pop("_session", None)  # ipywidgets closes a half-made widget too, and each one twice
         if session is not None:
-            session.unobserve(self._judge, ["deformation", "index"])
+            session.editing.unobserve(self._judge, ["deformation", "index"])
         super().close()

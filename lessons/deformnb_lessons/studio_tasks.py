@@ -49,7 +49,7 @@ class StudioTask(AbstractExercise):
         session = session_of(answer)
         if session is None:
             return self._no(_GIVE)
-        step = session.step
+        step = session.editing.step
         if step.plane is None:
             return self._no("The points of this step lie in space; add a step on a picture and work there.")
         if not step.enabled or not step.points.displacement.any():
@@ -95,13 +95,13 @@ class FishTask(AbstractExercise):
         session = session_of(answer)
         if session is None:
             return self._no(_GIVE)
-        planes = [step.plane for step in session.deformation.steps if step.enabled]
+        planes = [step.plane for step in session.editing.deformation.steps if step.enabled]
         plane = planes[0] if planes else None
-        if plane is None or session.view_of(plane) != "-x":
+        if plane is None or session.steps.view_of(plane) != "-x":
             return self._no("Work on the picture from the left (-x), where the head of the fish points left.")
         grids = self.grids(session.volume)
         try:
-            score = thompson_score(session.deformation, grids, grid=session.volume)
+            score = thompson_score(session.editing.deformation, grids, grid=session.volume)
         except DeformError as error:
             return self._no(str(error))
         if abs(score.percent) < _NEAR and np.abs(score.before - score.distances).max() < _NEAR:

@@ -34,7 +34,7 @@ def running(tmp_path: Path) -> Iterator[RunningApp]:
 
 
 def _dragged_points(running: RunningApp, by: float = 3.0) -> list[dict[str, Any]]:
-    points = points_to_json(running.session.points)
+    points = points_to_json(running.session.editing.points)
     points[0]["target"] = [points[0]["target"][0] + by, points[0]["target"][1]]
     return points
 
@@ -147,11 +147,11 @@ def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: 
     assert news["result"]["data"]["state"]["points"][0]["target"] == points[0]["target"]
     assert chosen["result"]["data"] == {"method": "echo_update", "state": {"selected": [2]}, "buffer_paths": []}
     assert chosen["result"]["parent"] == "mine-2"
-    np.testing.assert_allclose(running.session.points.displacement[0], [-3.0, 0.0])
+    np.testing.assert_allclose(running.session.editing.points.displacement[0], [-3.0, 0.0])
 
 
 def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
-    points, before = _dragged_points(running), running.session.points
+    points, before = _dragged_points(running), running.session.editing.points
     points[0]["target"] = points[1]["target"]  # two features asked to be in one place
 
     async def talk() -> Any:
@@ -168,7 +168,7 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
 
     asyncio.run(talk())
     running.settled()  # the reason is told before the points go back
-    assert running.session.points == before
+    assert running.session.editing.points == before
     assert running.studio.editor.points == before
 
 
@@ -247,8 +247,8 @@ def test_who_brings_no_volume_gets_a_carp() -> None:
 def test_it_goes_on_with_a_session() -> None:
     volume = _bar()
     session = Session(volume, view="+y")
-    session.edit_points(session.points.add([8.0, 6.0], [10.0, 6.0]))
-    app = Application(volume, Deformation(session.deformation.steps), side="+y")
-    assert app.session.deformation.steps == session.deformation.steps
+    session.editing.edit_points(session.editing.points.add([8.0, 6.0], [10.0, 6.0]))
+    app = Application(volume, Deformation(session.editing.deformation.steps), side="+y")
+    assert app.session.editing.deformation.steps == session.editing.deformation.steps
     assert app.thread.call(lambda: len(app.studio.editor.points)).result(PATIENCE) == 5
     app.close()

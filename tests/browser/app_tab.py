@@ -46,7 +46,7 @@ def cube() -> Volume:
 def app_of_a_cube(folder: Path, **options: Any) -> Application:
     """An application that shows the cube, and saves in this folder."""
     made = Application(cube(), side="+y", folder=folder, **options)
-    made.session.set_trait("transfer", "bone")
+    made.session.pictures.set_trait("transfer", "bone")
     return made
 
 
@@ -128,7 +128,7 @@ class Tab:
         """Wait until the session and the page have so many points, and so many of them moved."""
 
         def count() -> tuple[int, int]:
-            now = self.app.session.points
+            now = self.app.session.editing.points
             return len(now), int(now.displacement.any(axis=1).sum())
 
         eventually(lambda: count() == (points, moved))
@@ -164,8 +164,8 @@ class Tab:
     def core(self) -> NDArray[np.float64]:
         """What the page should show of the volume: the core's own warp of what the session says, from the same side."""
         session = self.app.session
-        view = LiveView(session.volume, transfer=session.transfer, background="dark")
-        view.show_deformation(session.field(), output=finer(session.volume.grid))
+        view = LiveView(session.volume, transfer=session.pictures.transfer, background="dark")
+        view.show_deformation(session.results.field(), output=finer(session.volume.grid))
         view.camera = self.camera
         return grey(view.still(self.size))
 

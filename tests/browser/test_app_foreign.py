@@ -31,7 +31,7 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
         tab.has(4, 1)
         tab.follows(before)
         tab.close()
-    app.application.thread.call(app.session.reset).result(30)
+    app.application.thread.call(app.session.editing.reset).result(30)
 
 
 @pytest.mark.nightly

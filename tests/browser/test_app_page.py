@@ -36,14 +36,14 @@ def fresh(app: RunningApp) -> RunningApp:
 
     def begin() -> None:
         session = app.session
-        session.deformation = type(session.deformation)()
-        session._history = type(session._history)()
-        session.edit_step(0)
+        session.editing.deformation = type(session.editing.deformation)()
+        session.editing.past = type(session.editing.past)()
+        session.editing.edit_step(0)
         session.set_view("+y")
-        session.method = "mip"
+        session.pictures.method = "mip"
         app.studio.view.shows = "deformed"
         app.studio.editor.show_grid = True
-        app.studio.view.set_camera(session.plane.normal, -np.asarray(session.plane.v))
+        app.studio.view.set_camera(session.editing.plane.normal, -np.asarray(session.editing.plane.v))
 
     app.application.thread.call(begin).result(30)
     app.settled()
@@ -92,7 +92,7 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
         moved = _middle(after) - _middle(before)
         assert moved[0] > 0.03  # to the right
         assert moved[1] < -0.01  # and up
-    backward = tab.app.session.points.displacement[4]
+    backward = tab.app.session.editing.points.displacement[4]
     np.testing.assert_allclose(backward < 0, [True, False])  # b points down
     tab.page.locator(".dnb-head").get_by_role("button", name="Undo: ").click()
     tab.has(5, 0)
@@ -111,7 +111,7 @@ def test_the_volume_follows_while_the_mouse_is_down_and_a_page_that_goes_leaves_
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
     eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
-    assert not tab.app.session.points.displacement.any()  # Python has not heard of it
+    assert not tab.app.session.editing.points.displacement.any()  # Python has not heard of it
     tab.page.reload()
     tab.drawn()
     tab.has(5, 0)
@@ -120,10 +120,12 @@ def test_the_volume_follows_while_the_mouse_is_down_and_a_page_that_goes_leaves_
 
 def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab) -> None:
     session = tab.app.session
-    low, high = session.points.source.min(axis=0), session.points.source.max(axis=0)
+    low, high = session.editing.points.source.min(axis=0), session.editing.points.source.max(axis=0)
     middle, reach = (low + high) / 2, (high - low) / 4
     corners = middle + reach * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
-    tab.app.application.thread.call(lambda: session.edit_parts([RigidPart(Polygon(corners), name="cube")])).result(30)
+    tab.app.application.thread.call(
+        lambda: session.editing.edit_parts([RigidPart(Polygon(corners), name="cube")])
+    ).result(30)
     tab.app.settled()
     before = tab.volume()
     tab.page.locator(".dnb-ed-shape-inside").wait_for(state="attached")
@@ -137,10 +139,10 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
     eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
-    assert session.step.parts[0].motion is None  # Python has not heard of it
+    assert session.editing.step.parts[0].motion is None  # Python has not heard of it
     tab.page.mouse.up()
-    eventually(lambda: session.step.parts[0].motion is not None)
-    np.testing.assert_allclose(session.step.parts[0].motion.shift, (60 / k, 0), atol=1e-6)
+    eventually(lambda: session.editing.step.parts[0].motion is not None)
+    np.testing.assert_allclose(session.editing.step.parts[0].motion.shift, (60 / k, 0), atol=1e-6)
     choose(tab.page, "Rigid parts and cuts")
     tab.page.get_by_text(f"shifted {60 / k:.1f}, 0.0").wait_for(state="attached")  # a narrow panel has no room for it
 
@@ -200,7 +202,7 @@ def test_two_tabs_show_one_session(browser: Any, tab: Tab) -> None:
     choose(tab.page, "Interpolation")
     tab.page.wait_for_function("""() => [...document.querySelectorAll('.dnb-studio-panel select')].some(
       (menu) => menu.selectedOptions[0]?.text === 'Gaussian')""")
-    assert tab.app.session.step.kernel == "gaussian"
+    assert tab.app.session.editing.step.kernel == "gaussian"
     other.close()
 
 
@@ -213,7 +215,7 @@ def test_the_keyboard_moves_a_slider(tab: Tab) -> None:
     thumb.focus()
     for _ in range(10):
         thumb.press("ArrowLeft")
-    eventually(lambda: tab.app.session.step.strength < 0.95)
+    eventually(lambda: tab.app.session.editing.step.strength < 0.95)
     eventually(lambda: once - _middle(tab.volume())[0] > 0.001)
 
 
@@ -237,7 +239,7 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab.add_in_the_middle()
         tab.drag(4, 40, 0)
         tab.has(5, 1)
-        before = app.session.points
+        before = app.session.editing.points
         tab.page.keyboard.press("Control+s")
         saved = tmp_path / "cube_nii.json"
         eventually(saved.exists)
@@ -247,7 +249,9 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         with tab.page.expect_download(timeout=PATIENCE) as waiting:
             tab.page.get_by_role("button", name="Download").click()
         waiting.value.save_as(tmp_path / "result.nii.gz")
-        np.testing.assert_array_equal(read_volume(tmp_path / "result.nii.gz").values, app.session.result().values)
+        np.testing.assert_array_equal(
+            read_volume(tmp_path / "result.nii.gz").values, app.session.results.volume().values
+        )
         tab.page.locator(".dnb-ed-stage").focus()
         tab.page.keyboard.press("Control+z")
         tab.has(5, 0)
@@ -255,10 +259,10 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
             tab.page.get_by_role("button", name="Open", exact=True).click()
         choosing.value.set_files(saved)
         tab.has(5, 1)
-        assert app.session.points == before
+        assert app.session.editing.points == before
         tab.page.evaluate(DROP, ["mark.fcsv", "# CoordinateSystem = LPS\n1,10,9,12,0,0,0,1,1,1,0,nose,,\n"])
         tab.has(6, 1)
-        assert app.session.points.names[-1] == "nose"
+        assert app.session.editing.points.names[-1] == "nose"
         tab.page.evaluate(DROP, ["scan.zip", "PK"])
         tab.page.get_by_text("scan.zip is no file that can be opened here").wait_for()
         first = app.session
@@ -370,9 +374,9 @@ def test_keys_fold_a_section(tab: Tab) -> None:
 def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> None:
     tab = Tab(browser, fresh)
     tab.close()
-    points = fresh.session.points
+    points = fresh.session.editing.points
     moved = ControlPoints.from_arrays(points.source, points.source + np.array([3.0, 0.0]))
-    fresh.application.thread.call(lambda: fresh.session.edit_points(moved)).result(30)
+    fresh.application.thread.call(lambda: fresh.session.editing.edit_points(moved)).result(30)
     tab = Tab(browser, fresh)
     tab.has(4, 4)
     assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
@@ -384,8 +388,8 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
 def test_what_was_lost_is_offered_and_restored(browser: Any, tmp_path: Path) -> None:
     volume = PHANTOMS["bar"].make((12, 12, 24))
     lost = Application(volume, side="+y", folder=tmp_path)
-    lost.session.edit_points(lost.session.points.add([10.0, 5.0], [12.0, 7.0]))
-    wanted = lost.session.points
+    lost.session.editing.edit_points(lost.session.editing.points.add([10.0, 5.0], [12.0, 7.0]))
+    wanted = lost.session.editing.points
     crash(lost.studio._bar.recovery.autosave)
     lost.close()
     with RunningApp(Application(volume, side="+y", folder=tmp_path)) as app:
@@ -393,7 +397,7 @@ def test_what_was_lost_is_offered_and_restored(browser: Any, tmp_path: Path) -> 
         page.goto(app.server.url)
         page.get_by_text("was not saved (5 points, 1 step).").wait_for(timeout=PATIENCE)
         page.get_by_role("button", name="Restore").click()
-        eventually(lambda: app.session.points == wanted)
+        eventually(lambda: app.session.editing.points == wanted)
         page.close()
 
 

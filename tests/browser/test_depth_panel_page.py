@@ -28,10 +28,10 @@ class Depth:
     def __init__(self, page: LivePage, rule: str) -> None:
         self.page = page
         self.session = Session(PHANTOMS["bar"].make((24, 24, 32)), view="+y")
-        points = self.session.points
+        points = self.session.editing.points
         middle = points.source.mean(axis=0)
-        self.session.edit_points(points.add(middle, middle + np.array([0.0, 6.0])))
-        self.session.change(extrusion=rule)
+        self.session.editing.edit_points(points.add(middle, middle + np.array([0.0, 6.0])))
+        self.session.editing.change(extrusion=rule)
         self.view = LiveView(self.session.volume, transfer="surface", width=320, height=240)
         self.view.set_camera((0.3, 0.2, -1))
         self.editor, self.worker = make_editor(self.session, 200), Worker()
@@ -42,7 +42,7 @@ class Depth:
         page.add(self.widget, "depth")
         page.add(self.view, "view")
         self.link.show(self.editor)
-        self.session.observe(self._changed, "deformation")
+        self.session.editing.observe(self._changed, "deformation")
         page.loaded()
         page.wait("document.querySelector('.dnb-view').deformnb.link.index !== null")
 
@@ -90,21 +90,21 @@ def made(browser: Any) -> Iterator[Any]:
 
 def test_the_volume_follows_the_curve_while_the_mouse_is_down(made: Any) -> None:
     depth = made("modulate")
-    document, before = depth.session.deformation, depth.pixels()
+    document, before = depth.session.editing.deformation, depth.pixels()
     x, y = depth.press(".dnb-curve-editor [data-node='0'] .dnb-cv-dot")
     depth.page.page.mouse.move(x, y - 60, steps=6)
     lifted = depth.differ(before)
-    assert depth.session.deformation is document
+    assert depth.session.editing.deformation is document
     depth.page.page.mouse.move(x, y + 20, steps=6)
     depth.differ(lifted)
     depth.page.page.mouse.move(x, y - 60, steps=6)
     depth.alike(lifted)
     depth.page.page.mouse.up()
     depth.page.wait(f"{PAGE}.link.waiting.size === 0")
-    assert depth.session.history["undo"] == "change curve"
+    assert depth.session.editing.history["undo"] == "change curve"
     depth.alike(lifted)
-    depth.session.undo()
-    assert depth.session.deformation == document  # one edit
+    depth.session.editing.undo()
+    assert depth.session.editing.deformation == document  # one edit
     depth.alike(before)
 
 
@@ -122,19 +122,19 @@ def test_a_drag_that_is_given_up_leaves_the_volume_as_it_was(made: Any) -> None:
 def test_the_volume_follows_a_key_and_then_its_points_again(made: Any) -> None:
     depth = made("interpolate")
     session = depth.session
-    points = session.points
-    session.edit_step(0, 1)
-    session.edit_points(points.reset())
+    points = session.editing.points
+    session.editing.edit_step(0, 1)
+    session.editing.edit_points(points.reset())
     depth.page.wait(f"{PAGE}.knots.length === 3")
-    before, document = depth.pixels(), session.deformation
+    before, document = depth.pixels(), session.editing.deformation
     x, y = depth.press(".dnb-depth-keys [data-key='1'] .dnb-cv-dot")
     depth.page.page.mouse.move(x + 250, y, steps=6)
     moved = depth.differ(before)
-    assert session.deformation is document
+    assert session.editing.deformation is document
     depth.page.page.mouse.up()
     depth.page.wait(f"{PAGE}.link.waiting.size === 0")
     depth.alike(moved)
-    assert session.history["undo"] == "move a key"
-    session.undo()
-    assert session.deformation == document
+    assert session.editing.history["undo"] == "move a key"
+    session.editing.undo()
+    assert session.editing.deformation == document
     depth.alike(before)

@@ -23,7 +23,7 @@ volume = Volume(np.where(ball, 120 + 8 * (x % 12), 0).astype(np.uint8), Grid((60
 told = Label().add_class("told")
 studio = Studio(volume, side="+y", height=300)
 def tell(change=None):
-    step = studio.session.step
+    step = studio.session.editing.step
     least = step_folds(step, volume.grid).least
     told.value = json.dumps({"least": least, "stages": step.stages, "overlay": studio.editor.overlay,
                              "uncertainty": len(studio.editor.uncertainty), "target": step.points.target[-1].tolist()})

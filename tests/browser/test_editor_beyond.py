@@ -31,8 +31,10 @@ def a_block() -> Volume:
 
 def dragged(session: Session, by: tuple[float, float]) -> None:
     """All of it, and the middle a little farther, so that it bends."""
-    source = np.concatenate([session.points.source, session.points.source.mean(axis=0, keepdims=True)])
-    session.edit_points(ControlPoints.from_arrays(source, source + by + np.array([[0.0, 0.0]] * 4 + [[3.0, -2.0]])))
+    source = np.concatenate([session.editing.points.source, session.editing.points.source.mean(axis=0, keepdims=True)])
+    session.editing.edit_points(
+        ControlPoints.from_arrays(source, source + by + np.array([[0.0, 0.0]] * 4 + [[3.0, -2.0]]))
+    )
 
 
 def looked_up(picture: Picture, places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -59,14 +61,14 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     assert editor.beyond == []
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
     before = page.js(f"({PAGE}.view.k)")
-    assert session.fit_output()
+    assert session.results.fit_output()
     show_step(editor, session)
     page.settled()
     assert page.js(f"({PAGE}.view.k)") < before  # all of it is seen
     assert page.js(f"({PAGE}.box)") == pytest.approx(editor.picture.raster.box)  # and the grid stays where it was
     off = beyond(page, editor.picture)
     shown = page.canvas()[..., 0]
-    result = replace(project(session.result(), session.plane), window=editor.picture.window)
+    result = replace(project(session.results.volume(), session.editing.plane), window=editor.picture.window)
     expected = looked_up(result, page.raster().points())
     sheet = page.raster().points()
     a0, a1, b0, b1 = np.add(editor.beyond, (1.5, -1.5, 1.5, -1.5))  # the frame's line lies on its edge
@@ -80,7 +82,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     to_edge = pixel * np.maximum(distance_transform_edt(is_block), distance_transform_edt(~is_block))
     assert to_edge[((shown > 60) != is_block) & seen].max() < np.hypot(*result.raster.spacing) / 2 + pixel
     assert np.median(np.abs(shown - expected)[seen & (expected > 60)]) < 6
-    session.output = None
+    session.editing.output = None
     show_step(editor, session)
     page.settled()
     assert page.js(f"({PAGE}.view.k)") == pytest.approx(before)
@@ -93,7 +95,7 @@ def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
     page = opened(editor)
     page.js(f"{PAGE}.zoomAt(2, 200, 150)")
     before = page.js(f"({PAGE}.view.k)")
-    session.grow(20.0)
+    session.results.grow(20.0)
     show_step(editor, session)
     page.settled()
     assert page.js(f"({PAGE}.view.k)") == pytest.approx(before)
@@ -101,10 +103,10 @@ def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
 
 def test_points_and_their_drags_stay_where_they_are(opened: Any) -> None:
     session = Session(a_block(), view="+y")
-    session.grow(20.0)
+    session.results.grow(20.0)
     editor = make_editor(session, 420)
     page = opened(editor)
-    corner = session.points.target[0]
+    corner = session.editing.points.target[0]
     k = page.js(f"({PAGE}.view.k)")
     page.drag(corner, (-30, 12))  # out of the picture
     assert page.points.target[0] - corner == pytest.approx(np.array([-30, 12]) / k, abs=1.5 / k)

@@ -23,19 +23,20 @@ from deformnb.datasets import PHANTOMS
 from deformnb.widgets import Studio
 volume = PHANTOMS["knee"].make((64, 64, 64))
 session = dn.Session(volume, view="-x")
-points, (du, dv) = session.points, session.picture().raster.spacing
+points, (du, dv) = session.editing.points, session.pictures.picture().raster.spacing
 for k, (u, v) in enumerate([(22, 14), (40, 14), (22, 50), (38, 50), (24, 32), (42, 32)]):
     points = points.add([u * du, v * dv], [(u + (-1) ** k * 2) * du, (v + (k % 3 - 1) * 2) * dv], name=f"mark {k}")
-session.edit_points(points)
-bent = session.result()
+session.editing.edit_points(points)
+bent = session.results.volume()
 for k in range(4):
     points = points.edit(k, locked=True)
 told = Label().add_class("told")
-start = dn.Deformation((session.step.with_points(points.reset()),))
+start = dn.Deformation((session.editing.step.with_points(points.reset()),))
 studio = Studio(volume, start, side="-x", target=bent, height=300)
 def tell(change=None):
-    away = (studio.session.points.target - points.target) / [du, dv]
-    told.value = json.dumps({"miss": float(np.linalg.norm(away, axis=1).max()), "undo": studio.session.history["undo"],
+    away = (studio.session.editing.points.target - points.target) / [du, dv]
+    told.value = json.dumps({"miss": float(np.linalg.norm(away, axis=1).max()),
+        "undo": studio.session.editing.history["undo"],
                              "selected": len(studio.editor.selected)})
 studio.observe(tell, "deformation")
 studio.editor.observe(tell, "selected")

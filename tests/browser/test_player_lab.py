@@ -23,9 +23,9 @@ panel = next(p for p in studio._panels.late if p.title == "Animation").panel
 studio
 """,
 ]
-DRAG = "session.edit_points(session.points.add([50.0, 16.0], [50.0, 26.0]))"
-STATE = """print(json.dumps({"times": [k.time for k in session.deformation.keyframes], "time": panel.player.time,
-    "playing": panel.player.is_playing, "moments": studio.view.moments is not None,
+DRAG = "session.editing.edit_points(session.editing.points.add([50.0, 16.0], [50.0, 26.0]))"
+STATE = """print(json.dumps({"times": [k.time for k in session.editing.deformation.keyframes],
+    "time": panel.player.time, "playing": panel.player.is_playing, "moments": studio.view.moments is not None,
     "messages": studio.view.stats()["messages"]}))"""
 ROWS = 'table[aria-label="Key frames"] .dnb-il-row'
 CLOCK = "document.querySelector('.dnb-player')?.deformnb.clock"

@@ -35,23 +35,23 @@ class TableOnPage:
         first = Deformation((Step((five_points() if points is None else points,), picture.plane),))
         self.session = Session(Volume(np.zeros((2, 3, 4), np.uint8), Grid((2, 3, 4))), first)
         self.guard = Guarded()
-        self.editor = Editor(picture, self.session.points, height=360, density=0)
+        self.editor = Editor(picture, self.session.editing.points, height=360, density=0)
         self.on_page = EditorOnPage(browser, self.editor, (1000, 900))
         self.page = self.on_page.page
         worker: Any = SimpleNamespace(latest=lambda name, job: job())
         self.panel = PointsPanel(self.session, self.guard, SimpleNamespace(current=self.editor), worker)
         self.on_page.add(self.panel.table, "table")
-        self.session.observe(self._follow, "deformation")
+        self.session.editing.observe(self._follow, "deformation")
         self.editor.observe(self._edited, "points")
-        self.on_page.wait(f"{TABLE}.points.length === {len(self.session.points)}")
+        self.on_page.wait(f"{TABLE}.points.length === {len(self.session.editing.points)}")
 
     def _follow(self, _change: Any) -> None:
-        self.editor.points = self.session.points
+        self.editor.points = self.session.editing.points
         self.panel.refresh()
 
     def _edited(self, change: Any) -> None:
-        if change["new"] != self.session.points:
-            self.session.edit_points(change["new"])
+        if change["new"] != self.session.editing.points:
+            self.session.editing.edit_points(change["new"])
 
     def cell(self, point: int, key: str) -> Any:
         return self.page.locator(f'.dnb-pt-row[data-id="{point}"] [data-key="{key}"]')
@@ -60,7 +60,7 @@ class TableOnPage:
         """Until Python has heard of all that was done in table and picture, and both show what it made of that."""
         self.on_page.wait(f"{TABLE}.waiting.size === 0")
         self.on_page.answered()
-        self.on_page.wait(f"!{TABLE}.frame && {TABLE}.points.length === {len(self.session.points)}")
+        self.on_page.wait(f"!{TABLE}.frame && {TABLE}.points.length === {len(self.session.editing.points)}")
         self.on_page.flush()
 
     def write(self, point: int, key: str, text: str) -> None:
@@ -96,10 +96,10 @@ def pixel(table: TableOnPage, canvas: np.ndarray, a: float, b: float) -> np.ndar
 def test_a_name_a_switch_and_a_coordinate_reach_the_session_and_the_picture(table: TableOnPage) -> None:
     before = table.on_page.canvas()
     table.write(4, "name", "nose")
-    assert table.session.points.names[4] == "nose"
+    assert table.session.editing.points.names[4] == "nose"
     assert table.page.locator(".dnb-ed-name", has_text="nose").count() == 1
     table.write(4, "target_b", "37.5")
-    assert table.session.points.target[4].tolist() == [70.0, 37.5]
+    assert table.session.editing.points.target[4].tolist() == [70.0, 37.5]
     table.on_page.settled()
     moved = table.on_page.canvas()
     assert np.abs(moved - before).max() > 20
@@ -109,7 +109,7 @@ def test_a_name_a_switch_and_a_coordinate_reach_the_session_and_the_picture(tabl
     assert table.cell(4, "drag").inner_text() == "12.50"
     table.cell(4, "active").locator("input").click()
     table.answered()
-    assert not table.session.points.active[4]
+    assert not table.session.editing.points.active[4]
     table.on_page.settled()
     assert np.abs(table.on_page.canvas() - before).max() <= 4  # it has no say any more
     assert not table.cell(4, "active").locator("input").is_checked()
@@ -124,19 +124,19 @@ def test_what_is_no_number_is_refused_in_words_and_the_old_value_stays(table: Ta
     table.page.keyboard.type("5")
     table.page.keyboard.press("Escape")
     assert table.cell(2, "source_b").inner_text() == "60.00"
-    assert len(table.session.history_tree()) == 1
+    assert len(table.session.editing.history_tree()) == 1
 
 
 def test_a_locked_point_says_so_and_takes_no_coordinates(table: TableOnPage) -> None:
     table.cell(1, "locked").locator("input").click()
     table.answered()
-    assert table.session.points.locked[1]
+    assert table.session.editing.points.locked[1]
     table.cell(1, "target_a").dblclick()
     assert table.page.locator(".dnb-pt-input").count() == 0
     assert table.page.locator(".dnb-pt-said").inner_text() == "top right is locked. Unlock it to move it."
     assert table.cell(1, "target_a").get_attribute("aria-readonly") == "true"
     table.write(1, "name", "held")
-    assert table.session.points.names[1] == "held"
+    assert table.session.editing.points.names[1] == "held"
 
 
 def test_the_button_of_a_row_brings_its_point_to_the_middle(table: TableOnPage) -> None:
@@ -172,12 +172,12 @@ def test_rows_follow_a_drag_before_python_has_heard_of_it(table: TableOnPage) ->
     cell = """document.querySelector('.dnb-pt-row[data-id="4"] [data-key="target_a"]').innerText"""
     table.on_page.wait(f"Math.abs(Number({cell}) - {70 + 30 / k}) < 0.02")
     shown = float(table.cell(4, "target_a").inner_text())
-    assert table.session.points.target[4, 0] == 70
+    assert table.session.editing.points.target[4, 0] == 70
     table.page.mouse.up()
     table.on_page.answered()
     table.answered()
-    assert table.session.points.target[4, 0] == pytest.approx(shown, abs=0.01)
-    assert table.cell(4, "target_a").inner_text() == f"{table.session.points.target[4, 0]:.2f}"
+    assert table.session.editing.points.target[4, 0] == pytest.approx(shown, abs=0.01)
+    assert table.cell(4, "target_a").inner_text() == f"{table.session.editing.points.target[4, 0]:.2f}"
 
 
 def test_all_is_done_by_keys(table: TableOnPage) -> None:
@@ -190,19 +190,19 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
     assert table.focused() == ("1", "active")
     keys.press("Space")
     table.answered()
-    assert not table.session.points.active[1]
+    assert not table.session.editing.points.active[1]
     assert table.focused() == ("1", "active")
     keys.press("ArrowLeft")
     keys.type("chin")  # writing begins with the first letter
     keys.press("Enter")
     table.answered()
-    assert table.session.points.names[1] == "chin"
+    assert table.session.editing.points.names[1] == "chin"
     assert table.focused() == ("2", "name")
     keys.press("F2")
     keys.type("ear")
     keys.press("Tab")
     table.answered()
-    assert table.session.points.names[2] == "ear"
+    assert table.session.editing.points.names[2] == "ear"
     assert table.focused() == ("2", "source_a")
     keys.press("End")
     assert table.focused() == ("2", "go")
@@ -214,11 +214,11 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
     assert table.editor.selected == [0, 1]
     keys.press("Delete")
     table.answered()
-    assert table.session.points.ids == (2, 3, 4)
+    assert table.session.editing.points.ids == (2, 3, 4)
     assert table.focused()[0] == "3"  # the focus does not fall out of the table
     keys.press("Control+z")
     table.answered()
-    assert table.session.points.ids == (0, 1, 2, 3, 4)
+    assert table.session.editing.points.ids == (0, 1, 2, 3, 4)
     assert table.page.locator(".dnb-pt-said").inner_text() == "Undone: remove 2 points"
     keys.press("Control+a")
     table.answered()
@@ -268,13 +268,13 @@ def test_a_point_is_added_at_numbers_and_put_back(table: TableOnPage) -> None:
     table.page.locator(".dnb-pt-place").fill("50, 20.5")
     table.page.keyboard.press("Enter")
     table.answered()
-    assert table.session.points.target[-1].tolist() == [50.0, 20.5]
+    assert table.session.editing.points.target[-1].tolist() == [50.0, 20.5]
     assert table.page.locator(".dnb-pt-place").input_value() == ""
     table.write(5, "target_b", "24")
     table.cell(5, "drag").click()
     table.page.locator('[data-act="reset"]').click()
     table.answered()
-    assert not table.session.points.displacement[5].any()
+    assert not table.session.editing.points.displacement[5].any()
     table.page.locator(".dnb-pt-place").fill("50")
     table.page.locator('[data-act="add"]').click()
     table.answered()
@@ -298,7 +298,7 @@ def test_points_are_copied_changed_and_pasted(table: TableOnPage) -> None:
     table.page.locator(".dnb-pt-rows").fill(changed)
     table.page.locator('[data-act="take"]').click()
     table.answered()
-    points = table.session.points
+    points = table.session.editing.points
     assert points.target[4].tolist() == [75, 26]
     assert points.radius[4] == 30
     assert points.names[-1] == "new"
@@ -343,10 +343,10 @@ def test_a_click_in_the_history_goes_there(page: LivePage) -> None:
     session = Session(Volume(np.zeros((8, 8, 8), np.uint8), Grid((8, 8, 8))))
     panel = HistoryPanel(session, Guarded())
     page.add(panel.items, "items")
-    session.change(trend="none")
-    session.change(kernel="gaussian")
-    session.undo()
-    session.change(strength=2.0)
+    session.editing.change(trend="none")
+    session.editing.change(kernel="gaussian")
+    session.editing.undo()
+    session.editing.change(strength=2.0)
     panel.refresh()
     page.flush()
     rows = page.page.locator(".dnb-il-row")
@@ -361,11 +361,11 @@ def test_a_click_in_the_history_goes_there(page: LivePage) -> None:
     page.page.locator(".dnb-il-choose", has_text="change kernel").click()
     page.wait("document.querySelector('.dnb-il-table').ariaBusy !== 'true'")
     assert "change kernel" in page.page.locator(".dnb-il-chosen").inner_text()
-    assert session.step.kernel == "gaussian"
+    assert session.editing.step.kernel == "gaussian"
     page.page.keyboard.press("ArrowUp")  # the branch that is left stands above it now
     page.page.keyboard.press("Enter")
     page.wait("document.querySelector('.dnb-il-chosen').textContent.includes('change strength')")
-    assert session.step.strength == 2.0
+    assert session.editing.step.strength == 2.0
     assert rows.count() == 4
     assert page.errors == []
 

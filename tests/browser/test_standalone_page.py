@@ -536,11 +536,11 @@ def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any,
     studio = Studio(bar_with_a_ball(), side="+y", transfer="surface")
     page = None
     try:
-        centre = studio.session.points.source.mean(axis=0)
-        studio.session.edit_points(studio.session.points.add(centre, centre + np.array([30.0, 0.0])))
-        cut_off = studio.session.exceeded_sides()
+        centre = studio.session.editing.points.source.mean(axis=0)
+        studio.session.editing.edit_points(studio.session.editing.points.add(centre, centre + np.array([30.0, 0.0])))
+        cut_off = studio.session.results.exceeded_sides()
         assert len(cut_off) == 1
-        assert studio.session.fit_output()
+        assert studio.session.results.fit_output()
         studio.view.background = "dark"
         studio.view.set_camera(PLANE.normal, [-c for c in PLANE.v])
         shares: list[float] = []
@@ -554,11 +554,11 @@ def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any,
         start = page.volume()
         size = (start.shape[1], start.shape[0])
         whole = silhouette(studio.view.still(size))
-        studio.view.show_deformation(studio.session.field())  # in the volume's own box
+        studio.view.show_deformation(studio.session.results.field())  # in the volume's own box
         assert dice(silhouette(start), whole) > 0.95
         assert dice(silhouette(start), silhouette(studio.view.still(size))) < 0.9
-        page.drag(studio.session.points.target[4], (0, 30))
-        assert (page.points().target[4] - studio.session.points.target[4])[1] > 1
+        page.drag(studio.session.editing.points.target[4], (0, 30))
+        assert (page.points().target[4] - studio.session.editing.points.target[4])[1] > 1
         assert middle_moved(start, page.volume())[1] > 1
         assert page.errors == []
     finally:

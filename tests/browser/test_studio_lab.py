@@ -36,9 +36,10 @@ studio.view.background = "dark"
 def tell(change=None):
     made, steps = studio.result().values, studio.deformation.steps
     told.value = json.dumps({
-        "row": (made[29:31].max(axis=(0, 1)) > 125).tolist(), "undo": studio.session.history["undo"],
-        "u": studio.session.plane.u[0],
-        "steps": [{"view": studio.session.view_of(s.plane), "points": len(s.points), "cuts": len(s.cuts),
+        "row": (made[29:31].max(axis=(0, 1)) > 125).tolist(),
+        "undo": studio.session.editing.history["undo"],
+        "u": studio.session.editing.plane.u[0],
+        "steps": [{"view": studio.session.steps.view_of(s.plane), "points": len(s.points), "cuts": len(s.cuts),
                    "on": s.enabled, "name": s.name} for s in steps]})
 studio.observe(tell, "deformation")
 tell()
@@ -200,13 +201,15 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
 @pytest.mark.nightly
 def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
     page = shown.page
-    shown.host.run(page, "studio.session.reset(); studio.session.set_view('+y')")
+    shown.host.run(page, "studio.session.editing.reset(); studio.session.set_view('+y')")
     shown.told(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
     shown.tab("Steps")
     page.get_by_role("button", name="Add step in space").click()
     page.wait_for_selector(".dnb-sp-pane0 .dnb-ed-target")
     assert page.locator(".dnb-ed-stage:not(.dnb-sp-stage):visible").count() == 0  # the picture has given its place
-    shown.host.run(page, "studio.session.edit_points(studio.session.points.add(studio.volume.grid.center), 'add')")
+    shown.host.run(
+        page, "studio.session.editing.edit_points(studio.session.editing.points.add(studio.volume.grid.center), 'add')"
+    )
     page.wait_for_selector(".dnb-sp-pane1 [data-id='8']")
     pane = page.locator(".dnb-sp-stage").nth(1)  # coronal: x to the right
     pane.scroll_into_view_if_needed()

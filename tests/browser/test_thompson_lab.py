@@ -22,7 +22,7 @@ studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60
 studio.editor.density = 6
 told = Label().add_class("told")
 def tell(change=None):
-    points = studio.session.points
+    points = studio.session.editing.points
     told.value = json.dumps([list(points.names), points.source.tolist(), points.target.tolist()])
 studio.observe(tell, "deformation")
 tell()

@@ -253,6 +253,6 @@ def test_a_session_and_its_studio_write_no_document_under_another_suffix(tmp_pat
     session = Session(Volume.from_array(np.arange(64.0).reshape(4, 4, 4)))
     with pytest.raises(VolumeFileError, match=r"name it drag\.json"):
         session.save(tmp_path / "drag.h5")
-    assert session.saved is None
-    assert session.file is None
+    assert session.files.saved is None
+    assert session.files.path is None
     assert not list(tmp_path.iterdir())

@@ -19,15 +19,15 @@ def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
     followed = lesson.follow("antigonia", session)
     assert not followed.result.right
     assert "<svg" not in followed.value
-    session.edit_points(goal.scaled(0.4))
+    session.editing.edit_points(goal.scaled(0.4))
     assert "% of the way" in followed.value
     assert "<svg" in followed.value
     assert not followed.result.right
-    session.deformation = Deformation.on_picture(carp, "-x", goal)
+    session.editing.deformation = Deformation.on_picture(carp, "-x", goal)
     assert followed.result.right
     assert followed.result.text == lesson.check("antigonia", session).text
     followed.close()
-    session.undo()
+    session.editing.undo()
     assert followed.result.right, "it follows no more"
 
 

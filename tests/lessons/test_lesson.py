@@ -182,14 +182,14 @@ def test_a_fish_is_scored_by_the_way_that_was_gone(carp: dn.Volume) -> None:
     session = Session(carp, dn.Deformation.on_picture(carp, "-x", points.reset()), view="-x")
     texts = []
     for answer in (points.reset(), points.scaled(0.3), points.scaled(-0.5)):
-        session.edit_points(answer)
+        session.editing.edit_points(answer)
         result = lesson.check("antigonia", session)
         assert not result.right
         texts.append(result.text)
     assert "Nothing has been dragged" in texts[0]
     assert "% is enough" in texts[1]
     assert "farther away than at the start" in texts[2]
-    session.edit_points(points)
+    session.editing.edit_points(points)
     done = lesson.check("antigonia", session)
     assert done.right
     assert "Your fish: 7" in done.text
@@ -204,19 +204,19 @@ def test_a_back_is_lifted_by_a_small_support_or_by_points_on_the_head(carp: dn.V
     session = Session(carp, dn.Deformation.on_picture(carp, "-x", corners, trend="none"), view="-x")
     assert "Nothing has been dragged" in lesson.check("local", session).text
     for target, words in (([250, 50], "lifted by 10 mm"), ([250, 90], "lifted by 0 mm"), ([250, 30], "The head moves")):
-        session.edit_points(corners.add([250, 60], target))
+        session.editing.edit_points(corners.add([250, 60], target))
         result = lesson.check("local", session)
         assert words in result.text
         assert not result.right
-    lifted = session.points
-    session.change(support=120.0)
+    lifted = session.editing.points
+    session.editing.change(support=120.0)
     assert lesson.check("local", session).right
-    session.change(trend="affine")
+    session.editing.change(trend="affine")
     assert "choose None for Trend" in lesson.check("local", session).text
     for a, b in ((20, 100), (60, 80), (60, 120), (100, 60), (100, 100), (100, 140)):
         lifted = lifted.add([a, b])
-    session.change(trend="none", support=None)
-    session.edit_points(lifted)
+    session.editing.change(trend="none", support=None)
+    session.editing.edit_points(lifted)
     assert lesson.check("local", session).right
 
 
@@ -256,24 +256,24 @@ def test_a_fold_is_removed_by_a_larger_support_and_not_by_a_shorter_drag(carp: d
         result = lesson.check("unfold", session)
         assert words in result.text
         assert not result.right
-    session.edit_points(dn.ControlPoints.from_arrays([[200.0, 100.0]], [[280.0, 100.0]]))
-    session.change(support=175.0)  # 80 mm times 135/64 is 169
+    session.editing.edit_points(dn.ControlPoints.from_arrays([[200.0, 100.0]], [[280.0, 100.0]]))
+    session.editing.change(support=175.0)  # 80 mm times 135/64 is 169
     assert lesson.check("unfold", session).right
 
 
 def test_a_cut_has_to_be_there_and_open(carp: dn.Volume) -> None:
     lesson = LESSONS["folding"]
     session = Session(carp, view="-x")
-    apart = session.points.add([220, 100], [190, 100]).add([280, 100], [310, 100])
-    session.edit_points(apart)
+    apart = session.editing.points.add([220, 100], [190, 100]).add([280, 100], [310, 100])
+    session.editing.edit_points(apart)
     assert "no cut yet" in lesson.check("cut", session).text
     across = dn.Cut(dn.Line(((250.0, 0.0), (250.0, 190.0))), "across")
-    session.edit_cuts([across])
+    session.editing.change(cuts=[across])
     assert lesson.check("cut", session).right
-    session.edit_points(session.points.reset().move(4, [218, 100]))
+    session.editing.edit_points(session.editing.points.reset().move(4, [218, 100]))
     assert "mm apart" in lesson.check("cut", session).text
-    session.edit_points(apart)
-    session.edit_cuts([dn.Cut(across.region, "across", enabled=False)])
+    session.editing.edit_points(apart)
+    session.editing.change(cuts=[dn.Cut(across.region, "across", enabled=False)])
     assert not lesson.check("cut", session).right
 
 

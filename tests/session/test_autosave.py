@@ -46,12 +46,12 @@ def test_an_edit_is_written_after_a_pause_and_a_row_of_edits_once(session: Sessi
     saving = Autosave(session, delay=0.3, on_written=told.append)
     with saving._job.changed:  # the thread waits for it: the row has no pause, however busy the machine is
         for k in range(10):
-            session.change(strength=0.1 * k)
+            session.editing.change(strength=0.1 * k)
         last = time.monotonic()
     wait_for(lambda: told)
     assert time.monotonic() - last >= 0.29
     assert len(told) == 1
-    assert restore(told[0]).steps == session.deformation.steps
+    assert restore(told[0]).steps == session.editing.deformation.steps
     assert told[0].path.parent == state_folder / "sessions"
     assert told[0].is_live
     assert entries(session.volume, every=False) == []  # it runs
@@ -64,7 +64,7 @@ def test_edits_without_a_pause_are_written_all_the_same(session: Session, monkey
     saving = Autosave(session, delay=0.4, on_written=told.append)
     end = time.monotonic() + 20
     while not told and time.monotonic() < end:
-        session.change(strength=0.5 + 0.4 * np.sin(time.monotonic()))
+        session.editing.change(strength=0.5 + 0.4 * np.sin(time.monotonic()))
         time.sleep(0.02)
     assert told
     saving.close()
@@ -72,53 +72,53 @@ def test_edits_without_a_pause_are_written_all_the_same(session: Session, monkey
 
 def test_what_was_left_is_lost_and_comes_back_exactly(session: Session) -> None:
     saving = Autosave(session, delay=60)
-    middle = session.points.source.mean(axis=0)
-    session.edit_points(session.points.add(middle, middle + np.array([0.1, 1 / 3])))
+    middle = session.editing.points.source.mean(axis=0)
+    session.editing.edit_points(session.editing.points.add(middle, middle + np.array([0.1, 1 / 3])))
     session.set_view("+z")
-    session.edit_step(0)
+    session.editing.edit_step(0)
     crash(saving)
     (entry,) = entries(session.volume, every=False)
-    assert restore(entry).steps == session.deformation.steps
+    assert restore(entry).steps == session.editing.deformation.steps
     assert (entry.points, entry.steps, entry.index) == (9, 2, 0)
     assert [p.suffix for p in entry.path.parent.iterdir()] == [".json"]
 
 
 def test_the_box_of_the_result_comes_back_with_the_rest(session: Session) -> None:
     autosave = Autosave(session)
-    session.grow(3.0)
+    session.results.grow(3.0)
     autosave.flush()
     crash(autosave)
     (lost,) = saved_sessions(session.volume)
-    assert session.output is not None
-    assert restore(lost).output == session.output
+    assert session.editing.output is not None
+    assert restore(lost).output == session.editing.output
 
 
 def test_what_was_closed_or_saved_or_never_edited_is_not_lost(session: Session, tmp_path: Path) -> None:
     saving = Autosave(session)
     saving.flush()
     assert entries(session.volume) == []
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["open"]
     session.save(tmp_path / "a.json")
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["saved"]
-    session.change(strength=0.6)
+    session.editing.change(strength=0.6)
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["open"]
-    while session.undo():
+    while session.editing.undo():
         pass
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["unchanged"]
-    session.redo()
+    session.editing.redo()
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["saved"]  # as it is in the file
-    session.change(strength=0.65)
+    session.editing.change(strength=0.65)
     closed(saving)
     assert [e.state for e in entries(session.volume)] == ["closed"]
     assert [e.is_earlier for e in entries(session.volume)] == [True]
     assert entries(session.volume, every=False) == []
-    session.change(strength=0.7)  # nobody listens any more
+    session.editing.change(strength=0.7)  # nobody listens any more
     saving.close()
 
 
@@ -133,7 +133,7 @@ def test_an_edit_before_the_checksum_is_known_is_kept(session: Session, monkeypa
     monkeypatch.setattr(LazyReference, "__call__", slowly)
     saving = Autosave(session, delay=0.01)
     start = time.perf_counter()
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     assert time.perf_counter() - start < 30
     time.sleep(0.1)
     assert not slow
@@ -149,24 +149,24 @@ def test_trouble_is_told_once_and_editing_goes_on(session: Session, tmp_path: Pa
     place.parent.write_text("a file is in the way", encoding="utf-8")
     saving = Autosave(session, place, delay=0.01, on_trouble=told.append)
     for strength in (0.5, 0.6):
-        session.change(strength=strength)
+        session.editing.change(strength=strength)
         saving.flush()
     assert len(told) == 1
     assert "save the session yourself" in told[0]
     assert "\n" not in told[0]
     place.parent.unlink()
-    session.change(strength=0.7)
+    session.editing.change(strength=0.7)
     saving.flush()
     assert [e.state for e in saved_sessions(session.volume, place, every=True)] == ["open"]
     shutil.rmtree(place.parent)  # while it runs: it is made again, and held again
-    session.change(strength=0.8)
+    session.editing.change(strength=0.8)
     saving.flush()
     (entry,) = saved_sessions(session.volume, place, every=True)
     assert entry.is_live
     assert restore(entry).steps[0].strength == 0.8
     shutil.rmtree(place.parent)
     place.parent.write_text("again", encoding="utf-8")
-    session.change(strength=0.9)
+    session.editing.change(strength=0.9)
     saving.flush()
     assert len(told) == 2
     saving.close()
@@ -177,7 +177,7 @@ def test_a_failing_listener_stops_nothing(session: Session) -> None:
         raise RuntimeError("of another")
 
     saving = Autosave(session, delay=0.01, on_ready=fail, on_written=fail, on_trouble=fail)
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     saving.flush()
     assert len(entries(session.volume)) == 1
     saving.close()
@@ -185,12 +185,12 @@ def test_a_failing_listener_stops_nothing(session: Session) -> None:
 
 def test_what_is_continued_is_offered_until_the_new_one_is_written(session: Session) -> None:
     first = Autosave(session)
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     crash(first)
     (lost,) = entries(session.volume, every=False)
     later = Session(session.volume)
     saving = Autosave(later, delay=60)
-    later.edit_document(restore(lost), "restore")
+    later.editing.edit_document(restore(lost), "restore")
     saving.replaces(lost)
     assert entries(session.volume, every=False) == [lost]
     saving.flush()
@@ -202,7 +202,7 @@ def test_neither_session_nor_volume_is_kept_alive_and_the_last_edit_is_written()
     volume = a_volume()
     session = Session(volume)
     saving = Autosave(session, delay=60)
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     alive, held, twin = weakref.ref(session), weakref.ref(volume), a_volume()
     del session, volume
     gc.collect()
@@ -219,7 +219,7 @@ def test_a_session_that_nobody_edits_has_no_thread_and_is_written_when_it_is_edi
     saving = Autosave(session, delay=0.01, on_written=lambda entry: told.append((entry, threading.current_thread())))
     for strength in (0.5, 0.25, 0.75):
         wait_for(lambda: not writers())
-        session.change(strength=strength)
+        session.editing.change(strength=strength)
         wait_for(lambda: told and restore(told[-1][0]).steps[0].strength == strength)  # noqa: B023
         assert told[-1][0].is_live  # another process takes it for running
     wait_for(lambda: not writers())
@@ -239,10 +239,10 @@ def test_an_edit_goes_on_where_no_thread_can_be_started(session: Session, monkey
 
     with monkeypatch.context() as system:
         system.setattr(threading.Thread, "start", refuse)
-        session.change(strength=0.25)
+        session.editing.change(strength=0.25)
     [trouble] = told
     assert trouble.endswith("save the session yourself: RuntimeError: can't start new thread")
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     saving.flush()
     assert [restore(entry).steps[0].strength for entry in entries(session.volume)] == [0.5]
     saving.close()
@@ -255,7 +255,7 @@ from deformnb.datasets import PHANTOMS
 from deformnb.session.session import Session
 session = Session(PHANTOMS["bar"].make((8, 8, 8)))
 saving = Autosave(session, delay=0.0)
-session.change(strength=0.5)
+session.editing.change(strength=0.5)
 saving.flush()
 while threading.active_count() > 1:
     time.sleep(0.01)
@@ -264,7 +264,7 @@ while threading.active_count() > 1:
 COPY = """
 child = os.fork()
 if child == 0:
-    session.change(strength=0.25)
+    session.editing.change(strength=0.25)
     saving.close()
     os._exit(threading.active_count())
 assert os.waitpid(child, 0)[1] == 256  # no thread was started, and it has ended by itself
@@ -295,7 +295,7 @@ def writers() -> list[str]:
 
 def test_the_file_is_text_that_can_be_read_without_the_program(session: Session) -> None:
     saving = Autosave(session)
-    session.change(strength=0.5)
+    session.editing.change(strength=0.5)
     crash(saving)
     (entry,) = entries(session.volume)
     facts, document = entry.path.read_text(encoding="utf-8").split("\n", 1)
@@ -316,7 +316,7 @@ def test_what_could_not_be_written_is_tried_once_more_at_the_end(
 
     with monkeypatch.context() as disk:
         disk.setattr(module, "write_session", full)
-        session.change(strength=0.25)
+        session.editing.change(strength=0.25)
         saving.flush()
         assert len(told) == 1
         assert entries(session.volume) == []
@@ -332,11 +332,11 @@ def test_a_volume_without_a_checksum_is_trouble_and_flushes_nothing(session: Ses
     def unreadable() -> Any:
         raise OSError(5, "Input/output error")
 
-    session.reference = unreadable  # type: ignore[assignment]
+    session.files.reference = unreadable  # type: ignore[assignment]
     saving = Autosave(session, delay=0.01, on_trouble=told.append)
     wait_for(lambda: told)
     assert "Nothing is kept by itself for now" in told[0]
-    session.change(strength=0.25)
+    session.editing.change(strength=0.25)
     with pytest.raises(TimeoutError):
         saving.flush(5)
     saving.close()

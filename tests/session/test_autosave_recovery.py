@@ -24,9 +24,9 @@ def lose(strength: float = 0.5, points: int = 5) -> Session:
     """A session that ends without being saved or closed."""
     session = Session(a_volume())
     saving = autosave.Autosave(session)
-    session.change(strength=strength)
+    session.editing.change(strength=strength)
     for k in range(points - 4):
-        session.edit_points(session.points.add([2.0 + k, 2.5], [2.0 + k, 3.0 + k / 7]))
+        session.editing.edit_points(session.editing.points.add([2.0 + k, 2.5], [2.0 + k, 3.0 + k / 7]))
     session.set_view("+z")
     crash(saving)
     return session
@@ -44,7 +44,7 @@ def test_nothing_is_offered_where_nothing_was_lost() -> None:
         recovery = opened(session)
         assert recovery.offer == ""
         recovery.act("restore")
-        assert session.history["undo"] == ""
+        assert session.editing.history["undo"] == ""
         recovery.close()
 
 
@@ -53,17 +53,17 @@ def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     told: list[str] = []
     recovery = opened(report=told.append)
     session = recovery.session
-    first = session.deformation
+    first = session.editing.deformation
     assert recovery.offer.startswith("An edit of ")
     assert recovery.offer.endswith(" was not saved (9 points, 2 steps).")
     recovery.act("restore")
-    assert session.deformation.steps == lost.deformation.steps
-    assert session.index == lost.index
+    assert session.editing.deformation.steps == lost.editing.deformation.steps
+    assert session.editing.index == lost.editing.index
     assert recovery.offer == ""
     assert told == []
-    assert session.undo().startswith("restore the edit of ")
-    assert session.deformation == first
-    session.redo()
+    assert session.editing.undo().startswith("restore the edit of ")
+    assert session.editing.deformation == first
+    session.editing.redo()
     recovery.autosave.flush()
     assert recovery.written
     crash(recovery.autosave)
@@ -99,10 +99,10 @@ def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
     recovery = opened()
     whole = recovery.lost[0].path.read_bytes()
     recovery.lost[0].path.write_bytes(whole[:-20])
-    before = recovery.session.deformation
+    before = recovery.session.editing.deformation
     with pytest.raises(DeformError, match="not complete JSON"):
         recovery.act("restore")
-    assert recovery.session.deformation is before
+    assert recovery.session.editing.deformation is before
     assert recovery.offer.endswith("(9 points, 2 steps).")
     recovery.close()
 

@@ -28,8 +28,8 @@ def written(
     folder: Path, *, minutes: float = 1.0, state: str = "open", volume: Volume | None = None, strength: float = 1.0
 ) -> SavedSession:
     session = Session(volume or a_volume())
-    session.change(strength=strength)
-    reference = session.reference()
+    session.editing.change(strength=strength)
+    reference = session.files.reference()
     count = len(list(folder.glob("*.json"))) if folder.exists() else 0
     path = folder / autosave_store.file_name(reference, f"{count:08x}")
     entry = SavedSession(path, reference, datetime.now(UTC) - timedelta(minutes=minutes), state, 4, 1)

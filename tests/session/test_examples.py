@@ -21,28 +21,28 @@ def session() -> Session:
 
 @pytest.mark.parametrize("name", list(EXAMPLES))
 def test_an_example_is_one_edit_that_one_undo_takes_back(session: Session, name: str) -> None:
-    before = session.deformation
+    before = session.editing.deformation
     apply_example(session, name)
-    assert session.deformation != before
-    assert session.points.displacement.any()
-    assert EXAMPLES[name].title.lower() in session.history["undo"]
-    session.undo()
-    assert session.deformation == before
+    assert session.editing.deformation != before
+    assert session.editing.points.displacement.any()
+    assert EXAMPLES[name].title.lower() in session.editing.history["undo"]
+    session.editing.undo()
+    assert session.editing.deformation == before
 
 
 @pytest.mark.parametrize("name", list(EXAMPLES))
 def test_an_example_takes_the_place_of_what_was_there(session: Session, name: str) -> None:
     apply_example(session, name)
-    once = session.deformation
+    once = session.editing.deformation
     apply_example(session, "open")
     apply_example(session, name)
-    assert session.deformation.steps == once.steps
+    assert session.editing.deformation.steps == once.steps
 
 
 def test_the_bent_middle_line_is_an_arc_of_the_same_length(session: Session) -> None:
     apply_example(session, "bend")
-    target = session.points.target.reshape(3, 5, 2)[1]  # of the middle line
-    source = session.points.source.reshape(3, 5, 2)[1]
+    target = session.editing.points.target.reshape(3, 5, 2)[1]  # of the middle line
+    source = session.editing.points.source.reshape(3, 5, 2)[1]
     chords = np.linalg.norm(np.diff(target, axis=0), axis=1)
     np.testing.assert_allclose(chords, chords[0])
     angle = 1.0 / 4  # of a chord: a fourth of a radian
@@ -61,11 +61,11 @@ def test_examples_follow_a_subject_that_lies_across_the_picture(name: str, degre
     session = Session(Volume.from_array(np.repeat(200 * seen[None].astype(np.uint8), 3, axis=0)), view="+z")
     apply_example(session, name)
     way = (
-        session.points.source.reshape(3, 5, 2)[1, -1] - session.points.source.reshape(3, 5, 2)[1, 0]
+        session.editing.points.source.reshape(3, 5, 2)[1, -1] - session.editing.points.source.reshape(3, 5, 2)[1, 0]
         if name == "bend"
-        else np.subtract(*session.step.cuts[0].region.vertices)
+        else np.subtract(*session.editing.step.cuts[0].region.vertices)
     )
-    plane = session.step.plane
+    plane = session.editing.step.plane
     turned = plane.from_plane([[*way, 0.0]])[0] - plane.from_plane([[0.0, 0.0, 0.0]])[0]
     assert (np.degrees(np.arctan2(turned[1], turned[0])) - degrees + 90) % 180 - 90 == pytest.approx(0, abs=1)
     assert np.hypot(*way) == pytest.approx(60 if name == "bend" else 36, rel=0.03)
@@ -73,33 +73,33 @@ def test_examples_follow_a_subject_that_lies_across_the_picture(name: str, degre
 
 def test_an_incision_opens_inside_the_subject_from_the_front_without_a_fold(session: Session) -> None:
     apply_example(session, "open")
-    (cut,) = session.step.cuts
-    a0, a1, b0, b1 = subject_box(session.picture())
+    (cut,) = session.editing.step.cuts
+    a0, a1, b0, b1 = subject_box(session.pictures.picture())
     middle, reach = (a0 + a1) / 2, 0.6 * (a1 - a0) / 2
     ends = [(middle - reach, (b0 + b1) / 2), (middle + reach, (b0 + b1) / 2)]
     np.testing.assert_allclose(cut.region.vertices, ends, atol=0.05 * (a1 - a0))  # the fish lies along the picture
     assert cut.region.stops == (True, True)
-    sides = cut.region.signed_distance(session.points.source) < 0
-    moved = session.points.displacement.any(axis=1)
+    sides = cut.region.signed_distance(session.editing.points.source) < 0
+    moved = session.editing.points.displacement.any(axis=1)
     assert sorted(sides[moved].tolist()) == [False, True]
-    away = cut.region.signed_distance(session.points.target[moved])
-    assert (np.abs(away) > np.abs(cut.region.signed_distance(session.points.source[moved]))).all()
-    grid, plane = session.volume.grid, session.step.plane
-    assert jacobian_determinant(session.deformation, grid).min() > 0.2
+    away = cut.region.signed_distance(session.editing.points.target[moved])
+    assert (np.abs(away) > np.abs(cut.region.signed_distance(session.editing.points.source[moved]))).all()
+    grid, plane = session.volume.grid, session.editing.step.plane
+    assert jacobian_determinant(session.editing.deformation, grid).min() > 0.2
     slices = plane.slices(grid)
     behind = plane.from_plane([(middle + reach / 2, (b0 + b1) / 2 + 1, slices.depth(slices.count - 1))])
-    assert np.abs(session.deformation.field(grid).displacement(behind)).max() < 1e-9
+    assert np.abs(session.editing.deformation.field(grid).displacement(behind)).max() < 1e-9
 
 
 def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> None:
-    before = session.deformation
+    before = session.editing.deformation
     with pytest.raises(DeformError, match="unknown example 'twist'; choose one of bend, open, thompson"):
         apply_example(session, "twist")
-    session.add_step(in_space=True)
+    session.steps.add(in_space=True)
     with pytest.raises(DeformError, match="points in space"):
         apply_example(session, "bend")
-    session.undo()
-    assert session.deformation == before
+    session.editing.undo()
+    assert session.editing.deformation == before
     empty = Session(Volume(np.zeros((4, 5, 6), np.uint8), Grid((4, 5, 6))))
     with pytest.raises(DeformError, match="all pixels are alike"):
         apply_example(empty, "bend")

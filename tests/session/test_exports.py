@@ -27,7 +27,7 @@ def session() -> Session:
     z, y, x = np.mgrid[:12, :14, :20]
     values = (200 * ((z - 6) ** 2 / 25 + (y - 7) ** 2 / 36 + (x - 10) ** 2 / 81 < 1)).astype(np.uint8)
     made = Session(Volume(values, Grid((12, 14, 20), (1.0, 1.0, 2.0)), "egg"))
-    made.edit_points(made.points.add([8.0, 6.0], [11.0, 6.0]))
+    made.editing.edit_points(made.editing.points.add([8.0, 6.0], [11.0, 6.0]))
     return made
 
 
@@ -37,8 +37,8 @@ def test_a_document_with_key_frames_is_exported_as_its_animation(
     from PIL import Image
 
     monkeypatch.setattr("deformnb.session.exports._FRAME", (64, 48))
-    moved, rest = session.deformation, session.deformation.scaled(0)
-    session.deformation = replace(moved, keyframes=(Keyframe(0.0, rest.steps), Keyframe(0.25, moved.steps)))
+    moved, rest = session.editing.deformation, session.editing.deformation.scaled(0)
+    session.editing.deformation = replace(moved, keyframes=(Keyframe(0.0, rest.steps), Keyframe(0.25, moved.steps)))
     shares: list[float] = []
     path = export(session, tmp_path / "swim.gif", camera={"direction": (0, 1, 0)}, progress=shares.append)
     with Image.open(path) as gif:
@@ -56,7 +56,7 @@ def test_every_writable_format_of_volumes_is_a_suffix_of_the_export() -> None:
 @pytest.mark.parametrize("suffix", [s for s in EXPORTS["volume"].suffixes if s not in (".nii", ".nhdr", ".mhd")])
 def test_a_volume_comes_back(session: Session, tmp_path: Path, suffix: str) -> None:
     path = export(session, tmp_path / f"egg{suffix}")
-    assert_array_equal(read_volume(path).values, session.result().values)
+    assert_array_equal(read_volume(path).values, session.results.volume().values)
 
 
 @pytest.fixture
@@ -70,9 +70,9 @@ def levels(tmp_path: Path) -> list[Volume]:
 
 def _edited(volume: Volume) -> Session:
     made = Session(volume, view="+y")
-    made.edit_points(made.points.add([60.0, 12.0], [75.0, 14.0]))
-    made.change(extrusion="modulate", curve="sin(pi*z)")
-    made.grow(4.0)
+    made.editing.edit_points(made.editing.points.add([60.0, 12.0], [75.0, 14.0]))
+    made.editing.change(extrusion="modulate", curve="sin(pi*z)")
+    made.results.grow(4.0)
     return made
 
 
@@ -81,15 +81,15 @@ def test_a_document_does_not_depend_on_the_level_that_is_edited(levels: list[Vol
     assert (fine.volume.shape, coarse.volume.shape) == ((13, 19, 301), (7, 10, 151))
     assert fine.document() == coarse.document()
     assert fine.document().volume == VolumeReference.of(Volume(levels[0].values, levels[0].grid, "in"))
-    assert not coarse.difference(fine.document())
+    assert not coarse.files.difference(fine.document())
     middle = levels[1].grid.center
-    assert_allclose(coarse.field().displacement(middle), fine.field().displacement(middle))
-    assert_allclose(coarse.result().grid.lengths, fine.result().grid.lengths, rtol=0.05)
-    assert coarse.result().grid.size < fine.result().grid.size / 6
+    assert_allclose(coarse.results.field().displacement(middle), fine.results.field().displacement(middle))
+    assert_allclose(coarse.results.volume().grid.lengths, fine.results.volume().grid.lengths, rtol=0.05)
+    assert coarse.results.volume().grid.size < fine.results.volume().grid.size / 6
     code = coarse.code().replace("deformed =", "_ =")
     there: dict[str, Any] = {}
     exec(code.replace(UNKNOWN_VOLUME, "coarse"), {"coarse": levels[1]}, there)
-    assert there["deformation"].output == fine.deformation.output
+    assert there["deformation"].output == fine.editing.deformation.output
 
 
 def test_voxels_that_are_not_of_the_pyramid_are_not_taken_for_its_level(levels: list[Volume]) -> None:
@@ -111,8 +111,8 @@ def test_full_resolution_is_that_of_the_finest_level(levels: list[Volume], tmp_p
     fine, coarse = (_edited(volume) for volume in levels)
     target = tmp_path / "out.zarr"
     found = read_volume(export(coarse, target), level=0)
-    assert found.grid == fine.result().grid
-    assert np.abs(found.values.astype(int) - fine.result().values).max() <= 1  # a rounding of values at a half
+    assert found.grid == fine.results.volume().grid
+    assert np.abs(found.values.astype(int) - fine.results.volume().values).max() <= 1  # a rounding of values at a half
     before = found.values
     with pytest.raises(VolumeFileError, match="exists already"):
         export(coarse, target)
@@ -121,7 +121,7 @@ def test_full_resolution_is_that_of_the_finest_level(levels: list[Volume], tmp_p
         if share > 0:
             raise Cancelled("enough.")
 
-    coarse.edit_points(coarse.points.add([20.0, 10.0]))
+    coarse.editing.edit_points(coarse.editing.points.add([20.0, 10.0]))
     with pytest.raises(Cancelled):
         export(coarse, target, overwrite=True, progress=stop)
     assert_array_equal(read_volume(target, level=0).values, before)
@@ -129,11 +129,11 @@ def test_full_resolution_is_that_of_the_finest_level(levels: list[Volume], tmp_p
 
 
 def test_document_and_script_come_back(session: Session, tmp_path: Path) -> None:
-    assert read_deformation(export(session, tmp_path / "egg.json")).steps == session.deformation.steps
+    assert read_deformation(export(session, tmp_path / "egg.json")).steps == session.editing.deformation.steps
     text = export(session, tmp_path / "egg.py").read_text(encoding="utf-8")
     scope: dict[str, Any] = {}
     exec(text.replace('dn.read_volume("volume.nii.gz")', "volume"), scope | {"volume": session.volume}, scope)
-    assert scope["deformation"] == session.deformation
+    assert scope["deformation"] == session.editing.deformation
 
 
 @pytest.mark.parametrize("name", ["egg.png", "egg.svg", "egg.pdf", "egg.gif"])
@@ -201,10 +201,10 @@ def test_a_file_that_was_there_before_is_not_written_over(session: Session, tmp_
 
 
 def test_an_export_knows_nothing_of_later_edits(session: Session, tmp_path: Path) -> None:
-    frozen, before = Frozen.of(session), session.result().values
-    session.change(strength=-1.0)
+    frozen, before = Frozen.of(session), session.results.volume().values
+    session.editing.change(strength=-1.0)
     assert_array_equal(read_volume(export(frozen, tmp_path / "egg.nrrd")).values, before)
-    assert not np.array_equal(session.result().values, before)
+    assert not np.array_equal(session.results.volume().values, before)
 
 
 def test_a_suffix_that_says_nothing_is_refused_with_those_that_do(session: Session, tmp_path: Path) -> None:
@@ -218,17 +218,17 @@ def test_a_suffix_that_says_nothing_is_refused_with_those_that_do(session: Sessi
 
 def cut_off(session: Session) -> Session:
     """The egg dragged out of its box to the left, and a box that is large enough."""
-    middle = session.points.source.mean(axis=0)
-    session.edit_points(session.points.add(middle, middle + np.array([26.0, 0.0])))
-    assert session.exceeded_sides() == ("left side (L)",)
-    assert session.fit_output()
+    middle = session.editing.points.source.mean(axis=0)
+    session.editing.edit_points(session.editing.points.add(middle, middle + np.array([26.0, 0.0])))
+    assert session.results.exceeded_sides() == ("left side (L)",)
+    assert session.results.fit_output()
     return session
 
 
 def test_a_volume_is_written_on_the_grid_of_the_result(session: Session, tmp_path: Path) -> None:
     written = read_volume(export(cut_off(session), tmp_path / "egg.nrrd"))
-    assert written.grid.is_like(session.box)
-    assert_array_equal(written.values, session.result().values)
+    assert written.grid.is_like(session.results.box)
+    assert_array_equal(written.values, session.results.volume().values)
     assert (written.values[:, :, 20:] > 100).any()  # beyond the volume
 
 
@@ -249,8 +249,8 @@ def test_pictures_and_movies_show_what_lies_beyond_the_volume(
             grey = np.asarray(image.convert("L")).astype(int)
         seen = np.flatnonzero((np.abs(grey - grey[0, 0]) > 25).any(axis=0))
         # x runs to the right; the picture is as high as the box or as wide: the egg ends where its voxels do.
-        lit = np.flatnonzero((session.result().values > 100).any(axis=(0, 1)))
-        nx, share = session.box.shape[2], 1.02 if not is_seen else None
+        lit = np.flatnonzero((session.results.volume().values > 100).any(axis=(0, 1)))
+        nx, share = session.results.box.shape[2], 1.02 if not is_seen else None
         if share is not None:
             wanted = 120 + (np.array([lit[0] - 0.5, lit[-1] + 0.5]) - (nx - 1) / 2) * 240 / (share * nx)
             assert np.abs(seen[[0, -1]] - wanted).max() < 240 / nx
@@ -287,7 +287,7 @@ def test_a_rendering_shows_what_the_view_shows(session: Session, tmp_path: Path,
     plain = LiveView(session.volume, projection="mip")
     view = LiveView(session.volume, **{"projection": "mip", **look})
     for shown in (plain, view):
-        shown.show_deformation(session.field())
+        shown.show_deformation(session.results.field())
     path = export(session, tmp_path / "egg.png", seen=view.seen(), size=size)
     made = np.asarray(Image.open(path)).astype(float)
     alike, other = (np.abs(made - v.still(size)).mean() for v in (view, plain))
@@ -339,7 +339,7 @@ def test_sizes_and_rates_that_are_none_are_refused(
 
 
 def test_a_script_names_the_file_that_was_opened(session: Session, tmp_path: Path) -> None:
-    session.source = 'dn.read_volume("scans/egg.nrrd")'
+    session.files.source = 'dn.read_volume("scans/egg.nrrd")'
     assert 'volume = dn.read_volume("scans/egg.nrrd")\n' in export(session, tmp_path / "egg.py").read_text("utf-8")
 
 
@@ -358,8 +358,8 @@ def test_the_first_picture_shows_the_broad_side(axis: int, view: str) -> None:
 def test_what_is_given_is_opened(session: Session, tmp_path: Path) -> None:
     assert volume_from(session.volume) is session.volume
     assert volume_from(session.volume.values.tolist()).shape == session.volume.shape
-    assert_array_equal(volume_from(str(export(session, tmp_path / "egg.nrrd"))).values, session.result().values)
+    assert_array_equal(volume_from(str(export(session, tmp_path / "egg.nrrd"))).values, session.results.volume().values)
     assert as_deformation(None) is None
     opened = as_deformation(export(session, tmp_path / "egg.json"))
     assert opened is not None
-    assert opened.steps == session.deformation.steps
+    assert opened.steps == session.editing.deformation.steps

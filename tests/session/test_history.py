@@ -82,7 +82,7 @@ def test_a_slider_takes_its_time_and_each_hold_of_it_is_one_state() -> None:
     for k, now in enumerate((0.0, 2.0, 31.0, 62.0)):
         history.record(k, f"slide {k}", "strength", now=now, slides=True)
     assert flat(history) == [(0, None, ""), (1, 0, "slide 0"), (2, 1, "slide 3")]
-    history.take_hold()
+    history.start_drag()
     history.record(4, "again", "strength", now=62.1, slides=True)
     history.record(5, "again", "strength", now=70.0, slides=True)
     history.record(6, "menu", "kernel", now=71.0)
@@ -332,14 +332,14 @@ TestTree.settings = settings(max_examples=60, stateful_step_count=40, deadline=N
 
 def test_a_session_goes_to_any_state_and_observers_see_one_change() -> None:
     session = a_session()
-    first = session.deformation
-    session.change(trend="none")
-    session.add_step()
-    second, index = session.deformation, session.index
-    session.undo()
-    session.undo()
-    session.change(kernel="gaussian")
-    tree = session.history_tree()
+    first = session.editing.deformation
+    session.editing.change(trend="none")
+    session.steps.add()
+    second, index = session.editing.deformation, session.editing.index
+    session.editing.undo()
+    session.editing.undo()
+    session.editing.change(kernel="gaussian")
+    tree = session.editing.history_tree()
     assert [(n.id, n.parent, n.label, n.is_current) for n in tree] == [
         (0, None, "", False),
         (1, 0, "change trend", False),
@@ -347,36 +347,38 @@ def test_a_session_goes_to_any_state_and_observers_see_one_change() -> None:
         (3, 0, "change kernel", True),
     ]
     seen: list[Any] = []
-    session.observe(
-        lambda change: seen.append((len(session.deformation.steps), session.index, session.history["undo"])),
+    session.editing.observe(
+        lambda change: seen.append(
+            (len(session.editing.deformation.steps), session.editing.index, session.editing.history["undo"])
+        ),
         ["deformation", "index", "history"],
     )
-    assert session.go_to(2) == "add a step"
-    assert (session.deformation, session.index) == (second, index)
+    assert session.editing.go_to(2) == "add a step"
+    assert (session.editing.deformation, session.editing.index) == (second, index)
     assert set(seen) == {(2, 1, "add a step")}
-    assert session.go_to(0) == ""
-    assert session.deformation == first
-    assert session.history == {"undo": "", "redo": "change trend"}
+    assert session.editing.go_to(0) == ""
+    assert session.editing.deformation == first
+    assert session.editing.history == {"undo": "", "redo": "change trend"}
     with pytest.raises(DeformError, match="no state 9"):
-        session.go_to(9)
-    assert session.deformation == first
+        session.editing.go_to(9)
+    assert session.editing.deformation == first
 
 
 def test_going_between_equal_documents_goes_all_the_same() -> None:
     session = a_session()
-    session.change(trend="none")
-    session.change(trend="affine")
-    session.go_to(0)
-    assert session.history == {"undo": "", "redo": "change trend"}
-    assert next(n for n in session.history_tree() if n.is_current).id == 0
+    session.editing.change(trend="none")
+    session.editing.change(trend="affine")
+    session.editing.go_to(0)
+    assert session.editing.history == {"undo": "", "redo": "change trend"}
+    assert next(n for n in session.editing.history_tree() if n.is_current).id == 0
 
 
 def test_the_documents_of_a_session_weigh_only_what_changed() -> None:
     session = a_session()
-    points = session.points
+    points = session.editing.points
     for place in np.random.default_rng(0).random((300, 2)) * 7:
         points = points.add(place)
-    session.edit_points(points)
+    session.editing.edit_points(points)
     for k in range(20):
-        session.change(strength=1 + k / 100)  # the points are shared
-    assert session._history.bytes < 2 * weigh_part(points)[0]
+        session.editing.change(strength=1 + k / 100)  # the points are shared
+    assert session.editing.past.bytes < 2 * weigh_part(points)[0]

@@ -69,55 +69,55 @@ def test_a_look_is_kept_to_the_letter() -> None:
 
 def test_a_session_comes_back_as_it_was_seen(tmp_path: Path) -> None:
     session = Session(BAR, view="+y", transfer=OWN, method="slice")
-    session.depth = 3.5
+    session.pictures.depth = 3.5
     session.save(tmp_path / "bar.json")
     for opened in (Session(BAR), Session(BAR, from_json((tmp_path / "bar.json").read_text(encoding="utf-8")))):
         opened.open(tmp_path / "bar.json")
-        assert (opened.transfer, opened.method, opened.depth) == (OWN, "slice", 3.5)
-        assert opened.deformation.extra == {}
+        assert (opened.pictures.transfer, opened.pictures.method, opened.pictures.depth) == (OWN, "slice", 3.5)
+        assert opened.editing.deformation.extra == {}
         assert opened.document().extra == session.document().extra
     named = Session(BAR, session.document(), transfer="bone")  # what is asked for comes first
-    assert (named.transfer, named.method) == ("bone", "slice")
+    assert (named.pictures.transfer, named.pictures.method) == ("bone", "slice")
 
 
 def test_other_colours_are_no_edit_and_nothing_unsaved(tmp_path: Path) -> None:
     session = Session(BAR)
     session.save(tmp_path / "bar.json")
-    session.transfer, session.method = "bone", "mean"
-    assert session.history["undo"] == ""
-    assert session.saved is not None
-    assert session.saved.unit == "mm"  # that of its volume
-    assert replace(session.saved, volume=None, unit="") == session.deformation
+    session.pictures.transfer, session.pictures.method = "bone", "mean"
+    assert session.editing.history["undo"] == ""
+    assert session.files.saved is not None
+    assert session.files.saved.unit == "mm"  # that of its volume
+    assert replace(session.files.saved, volume=None, unit="") == session.editing.deformation
 
 
 def test_a_window_set_by_hand_is_kept_exported_and_no_edit(tmp_path: Path) -> None:
     session = Session(BAR, method="slice")
-    automatic = session.picture().window
-    session.window = [20, 90]
-    assert (session.picture().window, session.history["undo"]) == ((20, 90), "")
+    automatic = session.pictures.picture().window
+    session.pictures.window = [20, 90]
+    assert (session.pictures.picture().window, session.editing.history["undo"]) == ((20, 90), "")
     session.save(tmp_path / "bar.json")
     opened = Session(BAR)
     opened.open(tmp_path / "bar.json")
-    assert opened.window == opened.picture().window == (20, 90)
-    opened.method = "mean"
-    assert opened.picture().window == (20, 90)
+    assert opened.pictures.window == opened.pictures.picture().window == (20, 90)
+    opened.pictures.method = "mean"
+    assert opened.pictures.picture().window == (20, 90)
     assert Frozen.of(opened).window == (20, 90)
-    session.window = None
-    assert session.picture().window == automatic
+    session.pictures.window = None
+    assert session.pictures.picture().window == automatic
     assert ViewState.split(session.document())[1].window is None
     other = Session(PHANTOMS["bar"].make((12, 12, 20)))
     other.take(opened.document(), allow_other_volume=True)
-    assert other.window is None
+    assert other.pictures.window is None
 
 
 def test_ambient_occlusion_is_kept_where_it_is_off(tmp_path: Path) -> None:
     session = Session(BAR)
-    assert "ambient_occlusion" not in session.view_state.added_to(Deformation()).extra["look"]
-    session.ambient_occlusion = False
+    assert "ambient_occlusion" not in session.pictures.view_state.added_to(Deformation()).extra["look"]
+    session.pictures.ambient_occlusion = False
     session.save(tmp_path / "flat.json")
     opened = Session(BAR)
     opened.open(tmp_path / "flat.json")
-    assert not opened.ambient_occlusion
+    assert not opened.pictures.ambient_occlusion
 
 
 def test_a_colour_map_is_kept_and_colours_every_picture(tmp_path: Path) -> None:
@@ -125,12 +125,12 @@ def test_a_colour_map_is_kept_and_colours_every_picture(tmp_path: Path) -> None:
     session.save(tmp_path / "bar.json")
     opened = Session(BAR)
     opened.open(tmp_path / "bar.json")
-    assert opened.colour_map == opened.picture().colour_map == Frozen.of(opened).colour_map == "magma"
-    drawn = opened.picture()
+    assert opened.pictures.colour_map == opened.pictures.picture().colour_map == Frozen.of(opened).colour_map == "magma"
+    drawn = opened.pictures.picture()
     np.testing.assert_array_equal(drawn.rgb8(), colour_table("magma")[(drawn.grey() * 255 + 0.5).astype(np.uint8)])
     with pytest.raises(DeformError, match="colour map"):
-        opened.colour_map = "jet"
-    assert opened.colour_map == "magma"
+        opened.pictures.colour_map = "jet"
+    assert opened.pictures.colour_map == "magma"
     newer = Deformation(extra={"look": {"colour_map": "of a later version"}})
     assert ViewState.split(newer)[1].colour_map is None
 
@@ -139,8 +139,8 @@ def test_a_colour_map_is_kept_and_colours_every_picture(tmp_path: Path) -> None:
 def test_a_window_that_is_none_is_refused(window: Any) -> None:
     session = Session(BAR, window=(1, 2))
     with pytest.raises(DeformError, match="window"):
-        session.window = window
-    assert session.window == (1, 2)
+        session.pictures.window = window
+    assert session.pictures.window == (1, 2)
     with pytest.raises(DeformError, match="look"):
         ViewState.split(Deformation(extra={"look": {"window": window}}))
 
@@ -148,30 +148,30 @@ def test_a_window_that_is_none_is_refused(window: Any) -> None:
 def test_undo_takes_an_opened_document_back_but_not_its_colours() -> None:
     session = Session(BAR)
     session.take(ViewState("bone").added_to(Deformation(name="other")))
-    assert (session.transfer, session.deformation.name) == ("bone", "other")
-    session.undo()
-    assert (session.transfer, session.deformation.name) == ("bone", "")
+    assert (session.pictures.transfer, session.editing.deformation.name) == ("bone", "other")
+    session.editing.undo()
+    assert (session.pictures.transfer, session.editing.deformation.name) == ("bone", "")
 
 
 def test_colours_at_values_of_another_volume_are_not_taken() -> None:
     document = Session(PHANTOMS["bar"].make((12, 12, 20)), transfer=OWN, method="slice").document()
     opened = Session(BAR)
     opened.take(document, allow_other_volume=True)
-    assert (opened.transfer, opened.method) == ("specimen", "slice")
-    assert Session(BAR, document).transfer == "specimen"
+    assert (opened.pictures.transfer, opened.pictures.method) == ("specimen", "slice")
+    assert Session(BAR, document).pictures.transfer == "specimen"
     named = replace(document, extra={"look": {"transfer": "xray"}})
-    assert Session(BAR, named).transfer == "xray"
+    assert Session(BAR, named).pictures.transfer == "xray"
 
 
 def test_a_slice_lies_within_the_volume_and_belongs_to_the_last_step() -> None:
     session = Session(BAR)
     session.take(ViewState(method="slice", depth=1e300).added_to(Deformation()))
-    assert session.depth == session.depth_range[1]
-    assert session.view_state.depth == session.depth
-    session.add_step()
-    session.edit_step(0)
-    session.method = "slice"
-    assert session.view_state.depth is None
+    assert session.pictures.depth == session.pictures.depth_range[1]
+    assert session.pictures.view_state.depth == session.pictures.depth
+    session.steps.add()
+    session.editing.edit_step(0)
+    session.pictures.method = "slice"
+    assert session.pictures.view_state.depth is None
 
 
 def test_what_a_later_version_may_know_is_passed_over() -> None:
@@ -199,10 +199,10 @@ def test_what_a_later_version_may_know_is_passed_over() -> None:
 def test_a_malformed_look_is_refused_at_its_place_and_nothing_changes(look: Any, place: str) -> None:
     session = Session(BAR)
     document = from_json(json.dumps({**json.loads(to_json(Deformation(name="x"))), "look": look}))
-    before = session.deformation
+    before = session.editing.deformation
     with pytest.raises(DeformError, match=place):
         session.take(document)
-    assert session.deformation is before
+    assert session.editing.deformation is before
     assert without_view_state(document) == replace(document, extra={})
 
 
@@ -211,5 +211,5 @@ def test_a_volume_of_a_named_preset_is_fitted_anew(tmp_path: Path) -> None:
     brighter = Volume(BAR.values * 2.0, BAR.grid)
     opened = Session(brighter)
     opened.open(tmp_path / "bar.json", allow_other_volume=True)
-    assert opened.transfer == "bone"
-    assert opened.transfer_function == PRESETS["bone"](brighter)
+    assert opened.pictures.transfer == "bone"
+    assert opened.pictures.transfer_function == PRESETS["bone"](brighter)

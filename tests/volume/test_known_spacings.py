@@ -149,15 +149,15 @@ def test_an_older_document_is_edited_on_the_same_voxels(in_file: Volume, file: P
     document, volume = older(in_file), read_volume(file)
     write_deformation(document, tmp_path / "old.json")
     for begun in (Session(volume, document), Session(volume)):
-        if len(begun.points) == 4:  # a new session
+        if len(begun.editing.points) == 4:  # a new session
             begun.open(tmp_path / "old.json")
-            assert begun.saved is None, "what is edited is in no file yet"
-            assert begun.file is None
-        assert "wrong spacing of its file" in begun.notice
-        index = volume.grid.point_to_index(begun.plane.from_plane(begun.points.target))
+            assert begun.files.saved is None, "what is edited is in no file yet"
+            assert begun.files.path is None
+        assert "wrong spacing of its file" in begun.editing.notice
+        index = volume.grid.point_to_index(begun.editing.plane.from_plane(begun.editing.points.target))
         then = in_file.grid.point_to_index(document.steps[0].plane.from_plane(document.steps[0].points.target))
         np.testing.assert_allclose(index[..., [0, 2]], then[..., [0, 2]], atol=1e-9)
-        assert begun.difference(begun.document()) == ""
+        assert begun.files.difference(begun.document()) == ""
         assert begun.document().volume.spacing == TRUE
     fresh = begun.document()
     assert fresh.older_spacing(volume.grid) is None
@@ -173,7 +173,7 @@ def test_what_cannot_be_laid_on_the_true_spacing_is_refused_with_a_way_on(in_fil
     with pytest.raises(OtherVolumeError):
         Session(volume).take(document)
     as_told = Session(read_volume(file, spacing=(1.0, 1.0, 1.0)), document)
-    assert as_told.deformation.steps == document.steps
+    assert as_told.editing.deformation.steps == document.steps
 
 
 def test_a_document_of_another_volume_is_left_alone(in_file: Volume, file: Path) -> None:

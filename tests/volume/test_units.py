@@ -465,7 +465,7 @@ def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
         dn.warp(other, DOCUMENT),
         dn.warp(other, dn.fit_rbf(PAIRS.control_points(), support=9.0)),
         dn.chunked.warp(other, DOCUMENT, dn.Volume),
-        session.result(),
+        session.results.volume(),
         read.in_unit(unit).apply(BALL),
     ):
         # A value at a half may be rounded either way.
@@ -512,7 +512,7 @@ def test_landmarks_and_meshes_meet_a_volume_by_length(unit: str) -> None:
     np.testing.assert_allclose(points.displacement, 0, atol=1e-12)
     session = Session(dn.Volume(BALL.values, grid), dn.Deformation((dn.Step((dn.ControlPoints.empty(3),)),)))
     session.add_landmarks(PAIRS)
-    np.testing.assert_allclose(session.points.source, there.points)
+    np.testing.assert_allclose(session.editing.points.source, there.points)
     np.testing.assert_allclose(session.landmarks().in_unit("mm").fixed, PAIRS.fixed, rtol=1e-12)
 
 

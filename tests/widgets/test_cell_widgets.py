@@ -156,14 +156,14 @@ def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written
     volume, threads = a_volume(), Threads()
     studio = Studio(volume, folder=tmp_path, view=view)
     left = weakref.ref(studio)
-    studio.session.change(strength=0.5)
+    studio.session.editing.change(strength=0.5)
     del studio
     wait_for(lambda: gc.collect() >= 0 and not threads.begun)
     (entry,) = saved_sessions(volume, every=True)
     assert (entry.state, restore(entry).steps[0].strength) == ("open", 0.5)
     kept = left()  # by ipywidgets: a page may show it
     assert kept is not None
-    kept.session.change(strength=0.25)
+    kept.session.editing.change(strength=0.25)
     threads.wait()
     assert restore(entry).steps[0].strength == 0.25
     kept.close()

@@ -250,8 +250,8 @@ class Panel:
         """Bind a widget to a field of the step being edited."""
         return self.add(
             widget,
-            lambda: getattr(self.session.step, name),
-            lambda value: self.session.change(kind=name, slides=_is_slider(widget), **{name: value}),
+            lambda: getattr(self.session.editing.step, name),
+            lambda value: self.session.editing.change(kind=name, slides=_is_slider(widget), **{name: value}),
         )
 
     def refresh(self) -> None:
@@ -336,16 +336,16 @@ class PicturePanel(Panel):
         super().__init__(session, guard)
         self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
-        self.add(side, lambda: session.view or "", lambda view: session.set_view(view) if view else None)
+        self.add(side, lambda: session.steps.view or "", lambda view: session.set_view(view) if view else None)
         method = self.add(
             widget_of("method", layout=ipw.Layout(width="auto")),
-            lambda: session.method,
-            lambda value: session.set_trait("method", value),
+            lambda: session.pictures.method,
+            lambda value: session.pictures.set_trait("method", value),
         )
         self._depth = self.add(
             slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume", ".1f"),
             self._held_depth,
-            lambda value: session.set_trait("depth", value),
+            lambda value: session.pictures.set_trait("depth", value),
         )
         hold = action_button("hold_outline", lambda: guard(session.hold_outline))
         shows_grids = action_button("thompson", lambda: guard(show_grids))
@@ -355,29 +355,29 @@ class PicturePanel(Panel):
         self.refresh()
 
     def _held_depth(self) -> float:
-        return float(np.clip(self.session.depth, *self.session.depth_range))
+        return float(np.clip(self.session.pictures.depth, *self.session.pictures.depth_range))
 
     def arrange(self) -> None:
         self._step.value = step_badge(self.session)
         self._step.layout.display = "" if self._step.value else "none"
-        low, high = self.session.depth_range
+        low, high = self.session.pictures.depth_range
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
-            self._depth.min, self._depth.max, self._depth.step = low, high, self.session.slices.spacing
-        in_space = self.session.step.plane is None
+            self._depth.min, self._depth.max, self._depth.step = low, high, self.session.pictures.slices.spacing
+        in_space = self.session.editing.step.plane is None
         for widget in self._on_picture:
             widget.layout.display = "none" if in_space else ""
-        self._depth.layout.display = "" if self.session.method == "slice" and not in_space else "none"
-        elsewhere = [] if self.session.view else [_IN_SPACE if in_space else _OBLIQUE]
+        self._depth.layout.display = "" if self.session.pictures.method == "slice" and not in_space else "none"
+        elsewhere = [] if self.session.steps.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
 
 def step_badge(session: Session) -> str:
     """The number of the step that is edited, on its colour; empty while there is only one."""
-    count, k = len(session.deformation.steps), session.index
+    count, k = len(session.editing.deformation.steps), session.editing.index
     if count == 1:
         return ""
-    title = html.escape(session.step_titles()[k])
+    title = html.escape(session.steps.titles()[k])
     return (
         f'<span class="dnb-step-badge" title="Step {k + 1} of {count}, {title}, is edited on this picture" '
         f'style="background: {STEP_COLOURS[k % len(STEP_COLOURS)]}">{k + 1}</span>'
@@ -392,16 +392,18 @@ class PictureLookPanel(Panel):
     def __init__(self, session: Session, guard: Guard, editor: Any) -> None:
         super().__init__(session, guard)
         colours = self.add(
-            widget_of("colour_map"), lambda: session.colour_map, lambda value: session.set_trait("colour_map", value)
+            widget_of("colour_map"),
+            lambda: session.pictures.colour_map,
+            lambda value: session.pictures.set_trait("colour_map", value),
         )
-        self._auto = action_button("auto_window", lambda: guard(lambda: session.set_trait("window", None)))
+        self._auto = action_button("auto_window", lambda: guard(lambda: session.pictures.set_trait("window", None)))
         density = widget_of("density")
         traitlets.link((editor, "density"), (density, "value"))
         self.box = row(colours, self._auto, density)
         self.refresh()
 
     def arrange(self) -> None:
-        self._auto.disabled = self.session.window is None
+        self._auto.disabled = self.session.pictures.window is None
 
 
 class ChannelsPanel(Panel):
@@ -423,19 +425,19 @@ class ChannelsPanel(Panel):
     def _row(self, k: int, volume: Volume) -> ipw.Widget:
         name = volume.name or f"Channel {k + 1}"
         low, high = volume.value_range
-        first, last = self.session.channel_displays[k].window
+        first, last = self.session.pictures.channel_displays[k].window
         low, high = min(low, first), max(high, last)
         shown = self.add(
             ipw.Checkbox(
                 description=name, indent=False, tooltip=f"Whether {name} is shown", layout=ipw.Layout(width="140px")
             ),
             lambda: self._display(k).visible,
-            lambda on: self.session.show_channel(k, visible=on),
+            lambda on: self.session.pictures.show_channel(k, visible=on),
         )
         colour = self.add(
             ipw.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=ipw.Layout(width="36px")),
             lambda: _hex(self._display(k).colour),
-            lambda value: self.session.show_channel(k, colour=_rgb(value)),
+            lambda value: self.session.pictures.show_channel(k, colour=_rgb(value)),
         )
         window = self.add(
             ipw.FloatRangeSlider(
@@ -454,11 +456,11 @@ class ChannelsPanel(Panel):
         return ipw.VBox([ipw.HBox([shown, colour], layout=ipw.Layout(align_items="center")), row(window)])
 
     def _display(self, k: int) -> ChannelDisplay:
-        display: ChannelDisplay = self.session.channel_displays[k]
+        display: ChannelDisplay = self.session.pictures.channel_displays[k]
         return display
 
     def _set_window(self, k: int, ends: tuple[float, float], least: float) -> None:
-        self.session.show_channel(k, window=(ends[0], max(ends[1], ends[0] + least)))
+        self.session.pictures.show_channel(k, window=(ends[0], max(ends[1], ends[0] + least)))
 
 
 def _hex(colour: tuple[float, float, float]) -> str:
@@ -485,31 +487,31 @@ class MapPanel(Panel):
         }
         self._kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
         self._support = widget_of(
-            "support", session.grid.diagonal, ipw.Layout(flex="1 1 auto", min_width="0", width="auto")
+            "support", session.editing.grid.diagonal, ipw.Layout(flex="1 1 auto", min_width="0", width="auto")
         )
         self._support.style.description_width = "96px"
         self.add(
             self._support,
             self._shown_support,
-            lambda value: session.change(kind="support", slides=True, support=float(value)),
+            lambda value: session.editing.change(kind="support", slides=True, support=float(value)),
         )
         self._auto = widget_of("automatic_support")
         self.add(
             self._auto,
-            lambda: not isinstance(session.step.support, float),
-            lambda on: session.change(support=None if on else float(self._support.value)),
+            lambda: not isinstance(session.editing.step.support, float),
+            lambda on: session.editing.change(support=None if on else float(self._support.value)),
         )
         self.box = ipw.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
         self.refresh()
 
     def _shown_support(self) -> float:
-        step, low, high = self.session.step, 10**self._support.min, 10**self._support.max
-        support = step.support_for(self.session.points) or lone_support(self.session.grid)
+        step, low, high = self.session.editing.step, 10**self._support.min, 10**self._support.max
+        support = step.support_for(self.session.editing.points) or lone_support(self.session.editing.grid)
         return float(np.clip(support, low, high))
 
     def arrange(self) -> None:
         fill(self._kernel, PARAMETERS["kernel"].menu)  # type: ignore[attr-defined]  # some are registered later
-        least = KERNELS[self.session.step.kernel].order
+        least = KERNELS[self.session.editing.step.kernel].order
         choices = PARAMETERS["trend"].menu  # type: ignore[attr-defined]
         fill(self._trend, [(label, name) for label, name in choices if TRENDS[name].order >= least])
 
@@ -530,8 +532,8 @@ class DisplayPanel(Panel):
         light = [
             self.add(
                 widget_of("ambient_occlusion"),
-                lambda: session.ambient_occlusion,
-                lambda value: session.set_trait("ambient_occlusion", value),
+                lambda: session.pictures.ambient_occlusion,
+                lambda value: session.pictures.set_trait("ambient_occlusion", value),
             )
         ]
         self.box = ipw.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
@@ -550,10 +552,10 @@ class StrengthPanel(Panel):
         strength = widget_of("strength", layout=wide())
         self.add(
             strength,
-            lambda: float(np.clip(session.step.strength, strength.min, strength.max)),
-            lambda value: session.change(kind="strength", slides=True, strength=float(value)),
+            lambda: float(np.clip(session.editing.step.strength, strength.min, strength.max)),
+            lambda value: session.editing.change(kind="strength", slides=True, strength=float(value)),
         )
-        self.box = row(strength, action_button("reset", lambda: guard(session.reset)))
+        self.box = row(strength, action_button("reset", lambda: guard(session.editing.reset)))
 
 
 class VolumePanel(Panel):
@@ -598,4 +600,4 @@ class VolumePanel(Panel):
 
 def _take_preset(session: Session, name: str) -> None:
     if name:  # the user's own are those that are there
-        session.transfer = name
+        session.pictures.transfer = name

@@ -37,16 +37,16 @@ _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view ar
 
 def make_editor(session: Session, height: int) -> Editor:
     """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
-    step = session.step
+    step = session.editing.step
     made = Editor(
-        session.automatic_picture(),
+        session.pictures.automatic_picture(),
         None,
         height=height,
-        history=session.history,
+        history=session.editing.history,
         label=f"Picture of {session.volume.name or 'the volume'}",
     )
     made.chooses_support = False
-    made.lone_support = lone_support(session.grid)
+    made.lone_support = lone_support(session.editing.grid)
     show_view_state(made, session)
     if step.plane is not None:
         show_step(made, session)
@@ -55,7 +55,7 @@ def make_editor(session: Session, height: int) -> Editor:
 
 def show_step(editor: Any, session: Session) -> None:
     """Show the points, settings and shapes of the step that a session edits, all at once."""
-    step = session.step
+    step = session.editing.step
     with editor.hold_sync():
         editor.settings = step.settings
         if isinstance(editor, Editor):
@@ -64,8 +64,8 @@ def show_step(editor: Any, session: Session) -> None:
             editor.front_only = is_front_only(step)
         elif editor.options != _options(session):
             editor.options = _options(session)
-        if editor.points != session.points:
-            editor.points = session.points
+        if editor.points != session.editing.points:
+            editor.points = session.editing.points
 
 
 def is_front_only(step: Step) -> bool:
@@ -76,31 +76,39 @@ def is_front_only(step: Step) -> bool:
 def show_view_state(editor: Any, session: Session) -> None:
     """Show the window, the colour map and the number of the slice that a session has."""
     if isinstance(editor, Editor):
-        editor.window = list(session.window or ())
-        editor.colour_map = session.colour_map
+        editor.window = list(session.pictures.window or ())
+        editor.colour_map = session.pictures.colour_map
         editor.air = _air(session)
-        slices = session.slices if session.method == "slice" and session.step.plane is not None else None
+        slices = (
+            session.pictures.slices
+            if session.pictures.method == "slice" and session.editing.step.plane is not None
+            else None
+        )
         editor.slices = {} if slices is None else vars(slices)
-        editor.slice = 0 if slices is None else slices.index(session.depth)
+        editor.slice = 0 if slices is None else slices.index(session.pictures.depth)
 
 
 def _air(session: Session) -> float | None:
     """The value of the picture up to which nothing is seen; None where its values are not those of the volume."""
-    if session.step.plane is None or session.method not in ("slice", "mip") or session.shows_channels:
+    if (
+        session.editing.step.plane is None
+        or session.pictures.method not in ("slice", "mip")
+        or session.pictures.shows_channels
+    ):
         return None
     return foreground_level(session.volume)
 
 
 def _box_on_picture(session: Session) -> list[float]:
     """Outline of the result's box on the picture, (a0, a1, b0, b1); empty for the volume's own."""
-    if session.output is None:
+    if session.editing.output is None:
         return []
-    corners = session.plane.to_plane(session.output.corners())[:, :2]
+    corners = session.editing.plane.to_plane(session.editing.output.corners())[:, :2]
     return np.stack([corners.min(axis=0), corners.max(axis=0)], axis=1).ravel().tolist()
 
 
 def _options(session: Session) -> dict[str, Any]:
-    step = session.step
+    step = session.editing.step
     return {"cuts": step.cuts, "parts": step.parts, "cut_rule": step.cut_rule}
 
 
@@ -129,13 +137,13 @@ class StudioEditors:
         self.beside = ipw.Box([], layout=ipw.Layout(flex=_HALF, min_width="0"))
         self.plane.layout.width = "100%"
         self.plane.fill, self.plane.theme = True, "dark"
-        if session.step.plane is None:
+        if session.editing.step.plane is None:
             self.show_picture(self.make_picture())
 
     @property
     def current(self) -> Any:
         """The editor of the step that is edited."""
-        if self._session.step.plane is not None:
+        if self._session.editing.step.plane is not None:
             return self.plane
         if self.space is None:
             self.space = self._make_space()
@@ -146,11 +154,11 @@ class StudioEditors:
         with parts_of_another():
             made = SpaceEditor(
                 session.volume,
-                session.points,
+                session.editing.points,
                 height=self._low_height,
-                history=session.history,
-                transfer=session.transfer_function,
-                before=session.before(),
+                history=session.editing.history,
+                transfer=session.pictures.transfer_function,
+                before=session.pictures.before(),
             )
         made.chooses_support = False
         made.layout.width = "100%"
@@ -160,7 +168,11 @@ class StudioEditors:
     def make_picture(self) -> Picture | AbstractField | None:
         """Make the picture behind the points of this step's editor: takes time, and changes nothing yet."""
         session = self._session
-        return session.automatic_picture() if session.step.plane is not None else session.before()
+        return (
+            session.pictures.automatic_picture()
+            if session.editing.step.plane is not None
+            else session.pictures.before()
+        )
 
     def show_picture(self, made: Any) -> None:
         """Show it together with its points: a picture must never meet another one's points."""
@@ -168,7 +180,7 @@ class StudioEditors:
         with editor.hold_sync():
             if isinstance(editor, Editor):
                 editor.picture = made
-                editor.lone_support = lone_support(self._session.grid)
+                editor.lone_support = lone_support(self._session.editing.grid)
                 show_view_state(editor, self._session)
             elif editor.before is not made:
                 editor.before = made
@@ -208,16 +220,16 @@ _STANDS = 1e-6  # of a direction's length: less is a rounding error of the front
 
 def picture_key(session: Session) -> Any:
     """Key of a picture, of all that it depends on: the steps before the edited one, its plane, and the projection."""
-    s = session
+    edited, pictures = session.editing.state, session.pictures
     return (
-        s.index,
-        s.deformation.steps[: s.index],
-        s.step.plane,
-        s.method,
-        s.depth if s.method == "slice" else 0.0,
-        s.deformation.mode,
-        s.transfer if s.method in ("composite", "shaded") else None,
-        s.channel_displays if s.shows_channels else (),
+        edited.index,
+        edited.deformation.steps[: edited.index],
+        edited.step.plane,
+        pictures.method,
+        pictures.depth if pictures.method == "slice" else 0.0,
+        edited.deformation.mode,
+        pictures.transfer if pictures.method in ("composite", "shaded") else None,
+        pictures.channel_displays if pictures.shows_channels else (),
     )
 
 
@@ -349,9 +361,9 @@ class StudioEdits:
     def edited(self, action: Callable[[], None]) -> bool:
         """Do what a user requested, be it with an editor or with a control; the report of the edit before goes."""
         self._words.show("")
-        before, start = self._session.deformation, time.perf_counter()
+        before, start = self._session.editing.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
-        if self._session.deformation is not before:  # much that is requested edits nothing
+        if self._session.editing.deformation is not before:  # much that is requested edits nothing
             self.milliseconds = (time.perf_counter() - start) * 1e3
             self._timed()
         return is_done
@@ -359,32 +371,32 @@ class StudioEdits:
     def points_changed(self, editor: Any, points: Any) -> None:
         """An editor has other points."""
         session = self._session
-        if points == session.points:
+        if points == session.editing.points:
             return
         made = editor.edit_under_way
         done = made.kind if made is not None else ""
         kind = done if done in JOINING else None
-        label = edit_label(session.points, points, done) if points.dim == session.points.dim else ""
-        self._take(editor, lambda: session.edit_points(points, label, kind))
+        label = edit_label(session.editing.points, points, done) if points.dim == session.editing.points.dim else ""
+        self._take(editor, lambda: session.editing.edit_points(points, label, kind))
 
     def shapes_changed(self, editor: Any, what: str, changed: Any) -> None:
         """An editor has other cuts, or other rigid parts."""
         session = self._session
-        if getattr(session.step, what) == changed:
+        if getattr(session.editing.step, what) == changed:
             return
         made = editor.edit_under_way
         label = made.kind if made is not None else f"change {'cuts' if what == 'cuts' else 'rigid parts'}"
         kind = label if made is not None and made.joins else None
         if what == "cuts":
-            self._take(editor, lambda: session.edit_cuts(changed, label, kind))
+            self._take(editor, lambda: session.editing.change(label, kind, cuts=changed))
         else:
             points = made.points if made is not None else None
-            self._take(editor, lambda: session.edit_parts(changed, label, kind, points=points))
+            self._take(editor, lambda: session.editing.edit_parts(changed, label, kind, points=points))
 
     def travel(self, way: str) -> None:
         """Go "undo" or "redo", and report what that was."""
         self._words.show("")
-        what = self._session.undo() if way == "undo" else self._session.redo()
+        what = self._session.editing.undo() if way == "undo" else self._session.editing.redo()
         if what:
             self._words.show(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
 

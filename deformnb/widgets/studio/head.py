@@ -27,7 +27,8 @@ from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
-_WATCHED = ["deformation", "index", "saved", "file", "history"]
+_EDITING = ["deformation", "index", "history"]
+_FILES = ["saved", "path"]
 
 
 def volume_facts(volume: Volume) -> str:
@@ -75,7 +76,7 @@ class StudioHead(SyncedWidget):
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
     >>> head = StudioHead(session, lambda action: action() is None, print, tempfile.mkdtemp())
-    >>> session.change(trend="none")
+    >>> session.editing.change(trend="none")
     >>> head.unsaved
     True
     >>> head.press()
@@ -108,9 +109,10 @@ class StudioHead(SyncedWidget):
         super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume), **traits)
         self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
         self._run = run or (lambda work: work())
-        self._first = _bare(session.first)
+        self._first = _bare(session.editing.first)
         self._observer = weakly(self, StudioHead._update, lambda head: head.comm is not None)
-        session.observe(self._observer, _WATCHED)
+        session.editing.observe(self._observer, _EDITING)
+        session.files.observe(self._observer, _FILES)
         self.on_msg(self._received)
         self._update()
 
@@ -122,7 +124,7 @@ class StudioHead(SyncedWidget):
         self._guard(self._save)
 
     def _save(self) -> None:
-        path = self._session.file or self._new_file()
+        path = self._session.files.path or self._new_file()
         self._session.save(path)
         self._update()
         self._show_text(f"Saved {path.name}.")
@@ -133,10 +135,10 @@ class StudioHead(SyncedWidget):
         return next(path for path in (self._folder / name for name in names) if not path.exists())
 
     def _update(self, _change: Any = None) -> None:
-        saved = self._session.saved
-        self.unsaved = _bare(self._session.deformation) != (self._first if saved is None else _bare(saved))
-        file = self._session.file
-        self.history = dict(self._session.history)
+        saved = self._session.files.saved
+        self.unsaved = _bare(self._session.editing.deformation) != (self._first if saved is None else _bare(saved))
+        file = self._session.files.path
+        self.history = dict(self._session.editing.history)
         self.tip = f"Save the session {'in ' + file.name if file else 'in a new file'} (Ctrl+S)"
 
     def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
@@ -154,7 +156,8 @@ class StudioHead(SyncedWidget):
     def close(self) -> None:
         """End, and stop observing the session."""
         if hasattr(self, "_observer"):
-            self._session.unobserve(self._observer, _WATCHED)
+            self._session.editing.unobserve(self._observer, _EDITING)
+            self._session.files.unobserve(self._observer, _FILES)
             del self._observer
         super().close()
 

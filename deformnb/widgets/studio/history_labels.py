@@ -96,10 +96,10 @@ def go_to(session: Session, state: int, *, recovery: Recovery | None = None) -> 
     """
     if state < 0 and recovery is not None:
         recovery.go_back(-1 - state)
-        session.notice = "As an earlier session has left it; undo leads back."
+        session.editing.notice = "As an earlier session has left it; undo leads back."
         return
-    label = session.go_to(state)
-    session.notice = f"As it was after: {label}" if label else "As it was in the beginning."
+    label = session.editing.go_to(state)
+    session.editing.notice = f"As it was after: {label}" if label else "As it was in the beginning."
 
 
 def history_rows(

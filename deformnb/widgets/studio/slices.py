@@ -38,7 +38,7 @@ class StudioSlices:
         self._window: tuple[float, float] | None = None  # the automatic one
         self._moved = weakly(self, StudioSlices._preview, StudioSlices._is_open)
         self._of_picture = weakly(self, StudioSlices._follow_picture, StudioSlices._is_open)
-        session.observe(self._of_picture, ["depth", "method"])
+        session.pictures.observe(self._of_picture, ["depth", "method"])
         self.is_shown = False
 
     def show(self, is_shown: bool) -> None:
@@ -64,7 +64,7 @@ class StudioSlices:
     def close(self) -> None:
         """Stop observing the editor and the session; whoever closes the place closes the slices too."""
         self._editor.on_edit(self._moved, remove=True)
-        self._session.unobserve(self._of_picture, ["depth", "method"])
+        self._session.pictures.unobserve(self._of_picture, ["depth", "method"])
 
     def _make(self) -> SpaceEditor:
         session = self._session
@@ -73,12 +73,12 @@ class StudioSlices:
         with parts_of_another():
             made = SpaceEditor(
                 session.volume,
-                before=session.field(),
-                window=session.window or self._window,
+                before=session.results.field(),
+                window=session.pictures.window or self._window,
                 read_only=True,
                 theme="dark",
                 fill=True,
-                transfer=session.transfer_function,
+                transfer=session.pictures.transfer_function,
                 label=f"Slices of {session.volume.name or 'the volume'}",
             )
         made.layout.width = "100%"
@@ -90,30 +90,30 @@ class StudioSlices:
     def _follow(self) -> None:
         session, widget = self._session, self._widget
         assert widget is not None
-        widget.set_look(session.window or self._window, session.colour_map)
-        widget.before = session.field()
+        widget.set_look(session.pictures.window or self._window, session.pictures.colour_map)
+        widget.before = session.results.field()
 
     def _has_slice(self) -> bool:
-        return self._session.method == "slice" and self._session.step.plane is not None
+        return self._session.pictures.method == "slice" and self._session.editing.step.plane is not None
 
     def _follow_cursor(self, _change: Any = None) -> None:
         """Show the slice of the picture that is nearest to the cross-hair."""
         session, widget = self._session, self._widget
         if widget is None or not self._has_slice():
             return
-        slices = session.slices
-        index = slices.index(float(session.plane.to_plane([widget.cursor])[0, 2]))
-        if index != slices.index(session.depth):
-            session.depth = slices.depth(index)
+        slices = session.pictures.slices
+        index = slices.index(float(session.editing.plane.to_plane([widget.cursor])[0, 2]))
+        if index != slices.index(session.pictures.depth):
+            session.pictures.depth = slices.depth(index)
 
     def _follow_picture(self, _change: Any = None) -> None:
         """Move the cross-hair across the picture to its slice, unless it lies there already."""
         session, widget = self._session, self._widget
         if widget is None or not self._has_slice():
             return
-        a, b, c = session.plane.to_plane([widget.cursor])[0]
-        if session.slices.index(float(c)) != session.slices.index(session.depth):
-            widget.cursor = session.plane.from_plane([(a, b, session.depth)])[0].tolist()
+        a, b, c = session.editing.plane.to_plane([widget.cursor])[0]
+        if session.pictures.slices.index(float(c)) != session.pictures.slices.index(session.pictures.depth):
+            widget.cursor = session.editing.plane.from_plane([(a, b, session.pictures.depth)])[0].tolist()
 
     def _preview(self, edit: EditMessage) -> None:
         if edit.phase == "move":

@@ -99,9 +99,9 @@ def tissue_of(session: Session) -> IsTissue | None:
 
     None, so that every fold counts, where steps before have deformed the volume.
     """
-    if any(step.enabled for step in session.deformation.steps[: session.index]):
+    if any(step.enabled for step in session.editing.deformation.steps[: session.editing.index]):
         return None
-    volume, plane = session.volume, session.step.plane
+    volume, plane = session.volume, session.editing.step.plane
     with _COMPUTING_TISSUE:
         kept = _TISSUE.get(session)
         if kept is None or kept[0] is not volume or kept[1] != plane:
@@ -138,10 +138,10 @@ def diagnose(step: Step, key: int, grid: Grid, is_tissue: IsTissue | None = None
 
 def warm_up(session: Session) -> None:
     """Compile what the first edit of a session needs, by diagnostics of a point that is dragged; changes nothing."""
-    points, step = session.points, session.step
+    points, step = session.editing.points, session.editing.step
     place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
-    moved = points.add(place, [c + 0.01 * session.grid.diagonal for c in place])
-    diagnose(replace(step, maps=(moved,) * len(step.maps)), session.key, session.grid)
+    moved = points.add(place, [c + 0.01 * session.editing.grid.diagonal for c in place])
+    diagnose(replace(step, maps=(moved,) * len(step.maps)), session.editing.key, session.editing.grid)
 
 
 def _places(step: Step, grid: Grid) -> NDArray[np.float64]:
@@ -162,10 +162,13 @@ _COMPUTING = threading.Lock()
 def diagnostics_of(session: Session) -> Diagnostics:
     """The diagnostics of the step that a session edits; the last ones are kept."""
     with _COMPUTING:
-        state = session.deformation, session.index, session.key
+        state = session.editing.deformation, session.editing.index, session.editing.key
         kept = _COMPUTED.get(session)
         if kept is None or kept[0] is not state[0] or kept[1:3] != state[1:]:
-            kept = (*state, diagnose(session.step, session.key, session.grid, tissue_of(session)))
+            kept = (
+                *state,
+                diagnose(session.editing.step, session.editing.key, session.editing.grid, tissue_of(session)),
+            )
             _COMPUTED[session] = kept
         return kept[3]
 
@@ -307,7 +310,7 @@ class UncertaintyCache:
 
     def make(self, session: Session) -> tuple[UncertaintyOverlay, str]:
         """The uncertainty overlay, or none and the reason why."""
-        settings = (session.step, session.key, session.grid, session.picture().raster)
+        settings = (session.editing.step, session.editing.key, session.editing.grid, session.pictures.picture().raster)
         kept = self._kept
         if kept is None or kept[0][0] is not settings[0] or kept[0][1:] != settings[1:]:
             try:
@@ -366,7 +369,7 @@ class FoldActions:
     >>> fold_actions.diagnose().folds_text
     'no folds'
     >>> fold_actions.unfold()
-    >>> session.notice
+    >>> session.editing.notice
     'Nothing folds here.'
     """
 
@@ -383,12 +386,12 @@ class FoldActions:
         keep_free : where it folds, choose stages that leave no fold, as part of the edit that folded.
         """
         session = self._session
-        deformation = session.deformation
+        deformation = session.editing.deformation
         found = diagnostics_of(session)
-        if session.deformation is not deformation:
+        if session.editing.deformation is not deformation:
             return None
         if found.is_fold_free:
-            self._safe = (session.index, session.key, session.points)
+            self._safe = (session.editing.index, session.editing.key, session.editing.points)
         elif keep_free and found.is_fold_free is False and self._kept_free(deformation):
             return None
         return found
@@ -401,12 +404,12 @@ class FoldActions:
         DeformError
             If that is not at all.
         """
-        session, step, grid = self._session, self._session.step, self._session.grid
-        start, points = self._start_of_drag(), session.points
+        session, step, grid = self._session, self._session.editing.step, self._session.editing.grid
+        start, points = self._start_of_drag(), session.editing.points
         if start is not None:
-            made = safe_points(step, start, points, grid, session.key, is_tissue=tissue_of(session))
+            made = safe_points(step, start, points, grid, session.editing.key, is_tissue=tissue_of(session))
             if made is not points:
-                session.edit_points(made, "largest safe drag")
+                session.editing.edit_points(made, "largest safe drag")
                 self._report("The last drag goes as far as is safe now.")
                 return
         safe = safe_strength(step, grid, is_tissue=tissue_of(session))
@@ -415,7 +418,7 @@ class FoldActions:
         elif safe == 0:
             raise DeformError("the map folds however weak it is; the control points, or a shape, require too much.")
         else:
-            session.change("largest safe strength", strength=safe)
+            session.editing.change("largest safe strength", strength=safe)
             self._report(f"The strength is {safe:.2f} now, as much as is safe.")
 
     def unfold(self) -> None:
@@ -426,12 +429,12 @@ class FoldActions:
         DeformError
             If no number of stages does.
         """
-        session, step = self._session, self._session.step
-        count = stages_needed(step, session.grid, is_tissue=tissue_of(session))
+        session, step = self._session, self._session.editing.step
+        count = stages_needed(step, session.editing.grid, is_tissue=tissue_of(session))
         if count == step.stages:
             self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
-        session.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
+        session.editing.change("unfold by stages" if count > 1 else "back to one stage", stages=count)
         self._report(f"Done in {count} stages: nothing folds." if count > 1 else "One stage is enough.")
 
     def predict(self) -> None:
@@ -443,17 +446,17 @@ class FoldActions:
             If no point is active.
         """
         session = self._session
-        self._chosen_for = session.step.maps
-        chosen = best_prediction(session.step)
-        fields = chosen_fields(chosen, session.step)
+        self._chosen_for = session.editing.step.maps
+        chosen = best_prediction(session.editing.step)
+        fields = chosen_fields(chosen, session.editing.step)
         if fields:
-            session.change("best prediction", **fields)
-        self._report(said_of(chosen, session.grid))
+            session.editing.change("best prediction", **fields)
+        self._report(said_of(chosen, session.editing.grid))
 
     def keep_chosen(self) -> bool:
         """Choose the fit anew where the points are others than before, as part of the edit; whether that was done."""
         session = self._session
-        deformation, index, step = session.deformation, session.index, session.step
+        deformation, index, step = session.editing.deformation, session.editing.index, session.editing.step
         if self._chosen_for == step.maps:
             return False
         self._chosen_for = step.maps
@@ -466,32 +469,36 @@ class FoldActions:
         if not fields:
             return False
         made = deformation.with_step(index, replace(step, **fields))
-        return session.amend(deformation, made, said_of(chosen, session.grid))
+        return session.editing.amend(deformation, made, said_of(chosen, session.editing.grid))
 
     def _report(self, text: str) -> None:
-        self._session.notice = ""  # the same message again is shown again
-        self._session.notice = text
+        self._session.editing.notice = ""  # the same message again is shown again
+        self._session.editing.notice = text
 
     def _start_of_drag(self) -> ControlPoints | None:
         """The points of this step when it last did not fold, if they are others than now."""
-        if self._safe is None or self._safe[:2] != (self._session.index, self._session.key):
+        if self._safe is None or self._safe[:2] != (self._session.editing.index, self._session.editing.key):
             return None
         points = self._safe[2]
-        return points if points.dim == self._session.points.dim and points != self._session.points else None
+        return (
+            points
+            if points.dim == self._session.editing.points.dim and points != self._session.editing.points
+            else None
+        )
 
     def _kept_free(self, deformation: Deformation) -> bool:
         """Choose stages that leave no fold, as part of the edit that folded; whether that was done."""
         session = self._session
-        index, step = session.index, session.step
+        index, step = session.editing.index, session.editing.step
         try:
-            count = stages_needed(step, session.grid, is_tissue=tissue_of(session))
+            count = stages_needed(step, session.editing.grid, is_tissue=tissue_of(session))
         except DeformError as error:
             self._report(str(error))
             return False
         if count == step.stages:
             return False
         made = deformation.with_step(index, replace(step, stages=count))
-        return session.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")
+        return session.editing.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")
 
 
 # ---- what the studio and the application show of it ------------------------------------------------------------------
@@ -549,7 +556,7 @@ class StepDiagnostics:
     def show(self, findings: Findings, current: Any, picture: Any) -> None:
         """Mark possible outliers in the current editor, and lay the uncertainty over the picture."""
         if current.has_trait("marked"):
-            current.marked = suspects_of(findings.diagnostics, self._session.points)[1]
+            current.marked = suspects_of(findings.diagnostics, self._session.editing.points)[1]
         if findings.uncertainty is not None:
             with picture.hold_sync():
                 picture.uncertainty, picture.uncertainty_facts = findings.uncertainty.data, findings.uncertainty.facts

@@ -126,24 +126,30 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     What such a page cannot drag (points in space, steps that are added up) is done to its volume beforehand, and the
     page goes on with a picture of that.
     """
-    last = followed_step(session.deformation)
-    deformed = None if last is not None else session.result()
-    channels = session.result_channels() if deformed and session.channels else session.channels
+    last = followed_step(session.editing.deformation)
+    deformed = None if last is not None else session.results.volume()
+    channels = session.results.channels() if deformed and session.channels else session.channels
+    pictures = session.pictures
     whole = Session(
-        deformed or session.volume, None if deformed else session.deformation, view=session.plane, channels=channels
+        deformed or session.volume,
+        None if deformed else session.editing.deformation,
+        view=session.editing.plane,
+        channels=channels,
+        channel_displays=pictures.channel_displays,
+        method=pictures.method,
+        window=pictures.window,
+        colour_map=pictures.colour_map,
     )
-    whole.channel_displays = session.channel_displays
-    whole.method, whole.window, whole.colour_map = session.method, session.window, session.colour_map
-    whole.edit_step(last or 0)
+    whole.editing.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme, shown.shows = editor.density, editor.theme, on_picture(view.shows)
     with parts_of_another():
-        live = LiveView(whole.volume, transfer=session.transfer_function, width=view.width, height=view.height)
+        live = LiveView(whole.volume, transfer=pictures.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
     for name in ("projection", "background", "show_folds", "ambient_occlusion"):
         if view.has_trait(name):
             setattr(live, name, getattr(view, name))
-    live.follow(shown, whole.field(), whole.key, output=whole.result_grid)
+    live.follow(shown, whole.results.field(), whole.editing.key, output=whole.results.grid)
     return shown, live
 
 
@@ -164,13 +170,13 @@ def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
 
 def status_text(session: Session, latency: str = "", found: Diagnostics | None = None) -> str:
     """Status line: number of points, edited step, folds and round trip, and the time that these took."""
-    step = session.step
-    moved = int(np.count_nonzero(session.points.displacement.any(axis=1) & session.points.active))
-    facts = [f"{len(session.points)} points, {moved} dragged"]
-    if len(session.deformation.steps) > 1:
-        facts.append(f"step {session.index + 1} of {len(session.deformation.steps)}")
+    step = session.editing.step
+    moved = int(np.count_nonzero(session.editing.points.displacement.any(axis=1) & session.editing.points.active))
+    facts = [f"{len(session.editing.points)} points, {moved} dragged"]
+    if len(session.editing.deformation.steps) > 1:
+        facts.append(f"step {session.editing.index + 1} of {len(session.editing.deformation.steps)}")
     if step.extrusion == "interpolate":
-        facts.append(f"key {session.key + 1} of {len(step.maps)}")
+        facts.append(f"key {session.editing.key + 1} of {len(step.maps)}")
     if step.stages > 1:
         facts.append(f"{step.stages} stages")
     if found is not None:
@@ -256,8 +262,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         regions can be made rigid or cut out; label_names : what the numbers are called.
     target : what the volume shall look like: a volume, an array as large, or a file, chosen in the panel "Fit".
     output : grid of the result, which is what can be seen; default is the document's, or the volume's own. See
-        :meth:`Session.grow <deformnb.session.session.Session.grow>` and :meth:`Session.fit_output
-        <deformnb.session.session.Session.fit_output>`.
+        :meth:`Results.grow <deformnb.session.results.Results.grow>` and :meth:`Results.fit_output
+        <deformnb.session.results.Results.fit_output>`.
     language : of what is seen, "en" or "de"; default is the one of :func:`deformnb.set_language`.
 
     Attributes
@@ -312,7 +318,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             **look,
         )
         if isinstance(deformation, (str, PathLike)):
-            session.files.remember(deformation)
+            session.files.known.remember(deformation)
         self._options = view, height, folder
         self._begin(session, laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
 
@@ -326,7 +332,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Make the parts of a studio for a session; where that fails the parts before, if any, stay as they were."""
         before = {name: self.__dict__.pop(name) for name in _PARTS if name in self.__dict__}
         self.session = session
-        self._shown = (session.deformation, session.index, session.key)
+        self._shown = (session.editing.deformation, session.editing.index, session.editing.key)
         self._words = StudioStatus()
         self._worker = Worker("deformnb-studio", failed=self._words.failed)
         is_whole = threading.Event()
@@ -354,7 +360,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Make the parts; once all are there, take the place of those before, or of what the cell has shown before."""
         view, height, folder = self._options
         self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
-        self.view = make_view(view, self.volume, self.session.transfer_function, height)
+        self.view = make_view(view, self.volume, self.session.pictures.transfer_function, height)
         self._editors = StudioEditors(self.session, height, self._listen_to)
         self._link = StudioLink(self.session, self.view, self._worker)
         self._picture = StudioPicture(
@@ -383,13 +389,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         else:
             super().__init__([file_input, self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
             self.add_class("dnb-studio")
-        self.deformation = self.session.deformation
+        self.deformation = self.session.editing.deformation
         self._listen()
         self._picture.turn()
         self._occlusion_changed()
         self._link.show(self._editors.current)
         self._words.status.value = status_text(self.session)
-        self._words.show(self.session.notice)
+        self._words.show(self.session.editing.notice)
 
     def _leave(self, before: Mapping[str, Any]) -> None:
         """End the parts that are replaced; the edits that are in no file are written by the autosave."""
@@ -408,7 +414,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         target: Volume | None,
         file_input: FileInput | None,
     ) -> StudioPanels:
-        self._opacity = TransferEditor(self.session.volume, self.session.transfer, worker=self._worker)
+        self._opacity = TransferEditor(self.session.volume, self.session.pictures.transfer, worker=self._worker)
         return make_panels(
             PanelParts(
                 self.session,
@@ -434,13 +440,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _listen(self) -> None:
         session = self.session
-        session.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
-        session.observe(self._weakly(Studio._picture_changed), ["method", "depth", "transfer", "channel_displays"])
-        session.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
-        session.observe(self._weakly(Studio._transfer_changed), "transfer")
-        session.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
-        session.observe(self._weakly(Studio._send_history), "history")
-        session.observe(self._weakly(Studio._show_notice), "notice")
+        session.editing.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
+        session.pictures.observe(
+            self._weakly(Studio._picture_changed), ["method", "depth", "transfer", "channel_displays"]
+        )
+        session.pictures.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
+        session.pictures.observe(self._weakly(Studio._transfer_changed), "transfer")
+        session.pictures.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
+        session.editing.observe(self._weakly(Studio._send_history), "history")
+        session.editing.observe(self._weakly(Studio._show_notice), "notice")
         self._opacity.on_edit(self._weakly(Studio._opacity_changed))
         if self.view.has_trait("projection"):
             self.view.observe(self._weakly(Studio._refresh_panels), "projection")
@@ -469,21 +477,27 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _window_chosen(self, change: Any) -> None:
         window = tuple(change["new"]) or None
-        self._words.guarded(lambda: self.session.set_trait("window", window))
+        self._words.guarded(lambda: self.session.pictures.set_trait("window", window))
 
     def _slice_chosen(self, change: Any) -> None:
-        session, slices = self.session, self.session.slices
-        if session.method == "slice" and slices.index(session.depth) != change["new"]:
-            self._words.guarded(lambda: session.set_trait("depth", slices.depth(change["new"])))
+        session, slices = self.session, self.session.pictures.slices
+        if session.pictures.method == "slice" and slices.index(session.pictures.depth) != change["new"]:
+            self._words.guarded(lambda: session.pictures.set_trait("depth", slices.depth(change["new"])))
 
     def _depth_chosen(self, change: Any) -> None:
         session = self.session
-        if session.step.plane is None or change["new"] is None or change["new"] == is_front_only(session.step):
+        if (
+            session.editing.step.plane is None
+            or change["new"] is None
+            or change["new"] == is_front_only(session.editing.step)
+        ):
             return
         depth: dict[str, Any] = (
             {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {"extrusion": "replicate"}
         )
-        self._edits.edited(lambda: session.change("in front only" if change["new"] else "at every depth", **depth))
+        self._edits.edited(
+            lambda: session.editing.change("in front only" if change["new"] else "at every depth", **depth)
+        )
 
     def _window_changed(self, _change: Any) -> None:
         self._editors.show_view_state()
@@ -498,50 +512,52 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._edits.travel(way)
 
     def _document_changed(self, _change: Any) -> None:
-        now = (self.session.deformation, self.session.index, self.session.key)
+        now = (self.session.editing.deformation, self.session.editing.index, self.session.editing.key)
         if now == self._shown:  # the session notifies of each of the three
             return
         self._shown = now
-        self._words.show(self.session.notice)
+        self._words.show(self.session.editing.notice)
         if not self._picture.renew():
             self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
             self._editors.show_step()
         self._slices.follow()
         self._refresh_panels()
         self._request_status()
-        self._words.guarded(lambda: self.set_trait("deformation", self.session.deformation))  # observers of other cells
+        self._words.guarded(
+            lambda: self.set_trait("deformation", self.session.editing.deformation)
+        )  # observers of other cells
 
     @traitlets.validate("deformation")
     def _valid_deformation(self, proposal: Any) -> Deformation:
-        if proposal["value"] is not self.session.deformation:
-            self.session.deformation = proposal["value"]
-        return self.session.deformation
+        if proposal["value"] is not self.session.editing.deformation:
+            self.session.editing.deformation = proposal["value"]
+        return self.session.editing.deformation
 
     def _picture_changed(self, _change: Any = None) -> None:
         self._refresh_panels()
         self._picture.renew()
 
     def _send_history(self, _change: Any) -> None:
-        self._editors.set_traits(history=dict(self.session.history))
+        self._editors.set_traits(history=dict(self.session.editing.history))
 
     def _show_notice(self, _change: Any) -> None:
-        if self.session.notice:
-            self._words.show(self.session.notice)
+        if self.session.editing.notice:
+            self._words.show(self.session.editing.notice)
 
     def _transfer_changed(self, _change: Any) -> None:
-        function = self.session.transfer_function
+        function = self.session.pictures.transfer_function
         self.view.set_transfer(function)
         if self._opacity.transfer != function:
-            self._opacity.set_transfer(self.session.transfer)
+            self._opacity.set_transfer(self.session.pictures.transfer)
         self._refresh_panels()
 
     def _occlusion_changed(self, _change: Any = None) -> None:
         if self.view.has_trait("ambient_occlusion"):
-            self.view.ambient_occlusion = self.session.ambient_occlusion
+            self.view.ambient_occlusion = self.session.pictures.ambient_occlusion
         self._refresh_panels()
 
     def _opacity_changed(self, transfer: Any, _phase: str) -> None:
-        self._words.guarded(lambda: self.session.set_trait("transfer", transfer))
+        self._words.guarded(lambda: self.session.pictures.set_trait("transfer", transfer))
 
     def _refresh_panels(self, _change: Any = None) -> None:
         for panel in self._panels.made:
@@ -572,8 +588,8 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         return self.session.volume
 
     def result(self, progress: Callable[[float], None] | None = None) -> Volume:
-        """The deformed volume, on the grid ``session.output``."""
-        return self.session.result(progress)
+        """The deformed volume, on the grid ``session.editing.output``."""
+        return self.session.results.volume(progress)
 
     def undo(self) -> None:
         """Take back the last edit."""
@@ -630,7 +646,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             source=source_of(volume),
         )
         if isinstance(deformation, (str, PathLike)):
-            session.files.remember(deformation)
+            session.files.known.remember(deformation)
         self._open_session(session)
 
     def _decide_labels(self, is_labels: bool) -> None:
@@ -640,12 +656,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self._open_session(
                 Session(
                     session.volume.decided(True),
-                    session.view_state.added_to(session.deformation),
-                    view=session.plane,
-                    source=source_of_labels(session.source),
+                    session.pictures.view_state.added_to(session.editing.deformation),
+                    view=session.editing.plane,
+                    source=source_of_labels(session.files.source),
                 )
             )
-        self.session.notice = (
+        self.session.editing.notice = (
             "The voxels are labels: each keeps its number."
             if is_labels
             else "The voxels are amounts: values between them are blended."
@@ -657,7 +673,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         with parts_of_another():
             self._begin(session)
         name = before.volume.name or "the volume before"
-        self.session.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
+        self.session.editing.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
 
     def export(
         self,
@@ -711,7 +727,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
         editor, view = last_step(self.session, self._editors.plane, self.view)
         try:
-            with self.session.files.writing(path, overwrite=overwrite):
+            with self.session.files.known.writing(path, overwrite=overwrite):
                 write_standalone(
                     path,
                     editor,
@@ -747,7 +763,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Show what the session holds, in place of a drag that will not end because its page has gone."""
         self._link.show(self.editor)
         self._editors.show_step()
-        self.view.set_transfer(self.session.transfer_function)
+        self.view.set_transfer(self.session.pictures.transfer_function)
 
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""

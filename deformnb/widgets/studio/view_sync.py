@@ -52,17 +52,17 @@ class StudioLink:
     def show(self, editor: Any) -> None:
         """Show the displacement of the session, and from now on what is dragged in this editor."""
         session = self._session
-        field = session.field()
+        field = session.results.field()
         follows = self._page_can_follow(field)
         with self._lock:
             self._serial += 1
             self._editor, self._has_previewed = editor, False
             if follows:
-                index = min(session.key, len(session.step.maps) - 1)
-                self._view.follow(editor, field, index, output=session.result_grid)
+                index = min(session.editing.key, len(session.editing.step.maps) - 1)
+                self._view.follow(editor, field, index, output=session.results.grid)
             else:
-                self._view.follow(None, field, output=session.result_grid)
-        in_space = editor if session.step.plane is None and hasattr(self._view, "edit_points") else None
+                self._view.follow(None, field, output=session.results.grid)
+        in_space = editor if session.editing.step.plane is None and hasattr(self._view, "edit_points") else None
         if in_space is not self._in_space:
             self._in_space = in_space
             self._view.edit_points(in_space, self.field_of)
@@ -81,12 +81,12 @@ class StudioLink:
                 self.show(self._editor)
             return
         session, self._has_previewed = self._session, True
-        document, index = session.deformation, session.index
-        self._latest(lambda: document.with_step(index, step).field(session.grid))
+        document, index = session.editing.deformation, session.editing.index
+        self._latest(lambda: document.with_step(index, step).field(session.editing.grid))
 
     def turn(self) -> None:
         """Look at the volume from the side of the picture, turned a little so that it looks solid."""
-        u, v, n = self._session.plane.frame
+        u, v, n = self._session.editing.plane.frame
         self._view.set_camera(n + 0.35 * u + 0.2 * v, -v)
 
     def close(self) -> None:
@@ -96,7 +96,7 @@ class StudioLink:
             self._view.edit_points(None)
 
     def _page_can_follow(self, field: AbstractField) -> bool:
-        if self._session.index != followed_step(self._session.deformation):
+        if self._session.editing.index != followed_step(self._session.editing.deformation):
             return False
         maps = count_maps(field)
         return maps is not None and maps <= MOST_MAPS
@@ -116,11 +116,13 @@ class StudioLink:
 
     def field_on_the_way(self, edit: EditMessage) -> AbstractField:
         """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
-        session, parts = self._session, edit.with_part(self._session.step.parts)
-        if parts is session.step.parts:
+        session, parts = self._session, edit.with_part(self._session.editing.step.parts)
+        if parts is session.editing.step.parts:
             return self.field_of(edit.points)
-        step = replace(session.step, parts=parts).with_points(edit.points, min(session.key, len(session.step.maps) - 1))
-        return session.deformation.with_step(session.index, step).field(session.grid)
+        step = replace(session.editing.step, parts=parts).with_points(
+            edit.points, min(session.editing.key, len(session.editing.step.maps) - 1)
+        )
+        return session.editing.deformation.with_step(session.editing.index, step).field(session.editing.grid)
 
     def _latest(self, make: Callable[[], AbstractField]) -> None:
         if not self._worker.is_closed:
@@ -134,13 +136,13 @@ class StudioLink:
             return
         with self._lock:
             if serial == self._serial:
-                self._view.show_deformation(field, output=self._session.result_grid)
+                self._view.show_deformation(field, output=self._session.results.grid)
                 self.previews += 1
 
     def field_of(self, points: ControlPoints) -> AbstractField:
         """The displacement of the whole document, had the step that is edited these points."""
         session = self._session
-        if points == session.points:
-            return session.field()
-        step = session.step.with_points(points, min(session.key, len(session.step.maps) - 1))
-        return session.deformation.with_step(session.index, step).field(session.grid)
+        if points == session.editing.points:
+            return session.results.field()
+        step = session.editing.step.with_points(points, min(session.editing.key, len(session.editing.step.maps) - 1))
+        return session.editing.deformation.with_step(session.editing.index, step).field(session.editing.grid)

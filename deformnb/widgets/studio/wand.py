@@ -47,12 +47,14 @@ class Wand:
         self._region: Mask | None = None
         editor.on_wand(weakly(self, Wand._received, lambda wand: not wand._worker.is_closed))
         self._observer = weakly(self, Wand._forget, lambda wand: not wand._worker.is_closed)
-        session.observe(self._observer, ["deformation", "index", "key", "method", "depth"])
+        session.editing.observe(self._observer, ["deformation", "index", "key"])
+        session.pictures.observe(self._observer, ["method", "depth"])
         self._show()
 
     def close(self) -> None:
         """Stop following the session."""
-        self._session.unobserve(self._observer, ["deformation", "index", "key", "method", "depth"])
+        self._session.editing.unobserve(self._observer, ["deformation", "index", "key"])
+        self._session.pictures.unobserve(self._observer, ["method", "depth"])
 
     def _show(self, **facts: Any) -> None:
         self._editor.wand = {"region": None, "words": "", "share": 1.0, **facts}
@@ -75,7 +77,7 @@ class Wand:
         region = self._region
         if region is None:
             raise DeformError("click on the picture with the wand first.")
-        step = self._session.step
+        step = self._session.editing.step
         name = f"region {len(step.parts) + len(step.cuts) + 1}"
         self._take(what, [(name, region)])
         self._forget()
@@ -116,7 +118,7 @@ def selected(session: Session, request: WandMessage, progress: Progress | None =
     DeformError
         Where nothing can be selected: beside the picture, in air, on a picture of colours, or in too narrow a range.
     """
-    picture = session.picture()
+    picture = session.pictures.picture()
     if picture.values.ndim == 3:
         raise DeformError(
             "This picture shows colours, which have no range of values: choose a slice, the maximum or "
@@ -130,7 +132,7 @@ def selected(session: Session, request: WandMessage, progress: Progress | None =
     value, seed = float(picture.values[line, column]), (0, line, column)
     values: NDArray[Any] = picture.values[None]
     if request.through:
-        volume = session.base()
+        volume = session.pictures.base()
         values, seed = volume.values, _voxel(session, picture, request.place, value)
         value = float(values[seed])
     low = -np.inf if request.rule == "darker" else value - request.tolerance
@@ -138,7 +140,11 @@ def selected(session: Session, request: WandMessage, progress: Progress | None =
     if not np.isfinite(value):
         raise DeformError("There is no value here: click on what is seen.")
     mask = connected_threshold(values, seed, low, high, progress)
-    flat = Mask(mask[0], raster) if not request.through else Mask(mask, session.base().grid).silhouette(picture.plane)
+    flat = (
+        Mask(mask[0], raster)
+        if not request.through
+        else Mask(mask, session.pictures.base().grid).silhouette(picture.plane)
+    )
     filled = ndimage.binary_fill_holes(flat.values)
     count = int(filled.sum())
     sides = sum(bool(edge.any()) for edge in (filled[0], filled[-1], filled[:, 0], filled[:, -1]))
@@ -151,10 +157,10 @@ def selected(session: Session, request: WandMessage, progress: Progress | None =
 
 def _voxel(session: Session, picture: Picture, place: tuple[float, float], value: float) -> tuple[int, int, int]:
     """Index of the voxel that is seen at a place: in the slice, or on the ray the one with the pixel's value."""
-    volume, plane = session.base(), picture.plane
+    volume, plane = session.pictures.base(), picture.plane
     slices = plane.slices(volume.grid)
-    is_slice = session.method == "slice"
-    depths = [session.depth] if is_slice else [slices.depth(k) for k in range(slices.count)]
+    is_slice = session.pictures.method == "slice"
+    depths = [session.pictures.depth] if is_slice else [slices.depth(k) for k in range(slices.count)]
     points = plane.from_plane([(*place, depth) for depth in depths])
     index = np.round(volume.grid.point_to_index(points)).astype(int)[:, ::-1]
     index = index[((index >= 0) & (index < volume.shape)).all(axis=1)]

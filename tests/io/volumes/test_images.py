@@ -68,11 +68,11 @@ def test_a_picture_is_seen_upright_and_bent(tmp_path: Path) -> None:
     Image.fromarray(large).save(tmp_path / "plate.png")
     volume = dn.read_volume(tmp_path / "plate.png")
     session = dn.Session(volume, view=best_view(volume))
-    shown = session.picture().grey()
+    shown = session.pictures.picture().grey()
     assert shown.shape == large.shape
     assert np.corrcoef(shown.ravel(), large.ravel())[0, 1] > 0.999
-    session.edit_points(session.points.add([20.0, 20.0], [25.0, 22.0]))
-    assert session.deformation.apply(volume).values.shape == (1, 48, 68)
+    session.editing.edit_points(session.editing.points.add([20.0, 20.0], [25.0, 22.0]))
+    assert session.editing.deformation.apply(volume).values.shape == (1, 48, 68)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff\xe0 cut", b"text"])

@@ -123,26 +123,26 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     files = panel(studio, "Export")
     drag(studio, a_drag(studio))
     other = Session(Volume(a_volume().values // 2, a_volume().grid, "half"))
-    other.change(strength=0.25)
+    other.editing.change(strength=0.25)
     other.save(tmp_path / "half.json")
     opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
     uploaded(opening.box, "half.json", content)
     assert opening.question.box.layout.display == ""
     assert "another volume (&#x27;half" in opening.question.text.value
-    assert studio.session.step.strength == 1.0
+    assert studio.session.editing.step.strength == 1.0
     opening.question.refuse.click()
     assert opening.question.box.layout.display == "none"
     opening.question.agree.click()  # nothing is asked
-    assert studio.session.step.strength == 1.0
+    assert studio.session.editing.step.strength == 1.0
     uploaded(opening.box, "half.json", content)
     opening.question.agree.click()
-    assert studio.session.step.strength == 0.25
+    assert studio.session.editing.step.strength == 0.25
     assert studio.undo() is None
 
     files.name.value = "mine.json"
     files.write.click()
     wait_for(lambda: files.message.value.startswith("Wrote mine.json"))
-    assert studio.session.saved is not None
+    assert studio.session.files.saved is not None
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()

@@ -62,7 +62,7 @@ def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
     drag(studio, points)
     assert studio.deformation.steps[0].points == points
     assert seen == [studio.deformation]
-    expected = Deformation.on_picture(studio.volume.grid, studio.session.view or "", points).apply(studio.volume)
+    expected = Deformation.on_picture(studio.volume.grid, studio.session.steps.view or "", points).apply(studio.volume)
     assert_array_equal(studio.result().values, expected.values)
     assert not np.array_equal(studio.result().values, studio.volume.values)
     assert studio.stats()["edits"] == 1
@@ -71,7 +71,7 @@ def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
 def test_a_kernel_that_is_registered_later_is_in_the_menu(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(KERNELS, "bell", KERNELS["gaussian"])  # so that it is gone in the end
     register_kernel(lambda rho: jnp.exp(-4.5 * rho**2), name="bell", title="Bell")
-    studio.session.change(kernel="bell")
+    studio.session.editing.change(kernel="bell")
     assert controls(studio)["Kernel"].value == studio.editor.kernel == "bell"
     assert ("Bell", "bell") in controls(studio)["Kernel"].options
     sent = studio.editor.get_state("settings")["settings"]["kernel_table"]
@@ -88,7 +88,7 @@ def test_undo_of_the_page_goes_through_the_document(studio: Studio) -> None:
     assert studio.editor.history == {"undo": f"add point {points.ids[-1]}", "redo": ""}
     controls(studio)["Kernel"].value = "gaussian"
     page_says(studio, {"type": "history", "way": "undo"})
-    assert studio.session.step.kernel == "wendland_c2"
+    assert studio.session.editing.step.kernel == "wendland_c2"
     assert controls(studio)["Kernel"].value == "wendland_c2"
     assert studio.editor.points == points
     page_says(studio, {"type": "history", "way": "undo"})
@@ -112,9 +112,9 @@ def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
     for k in range(60):
         drag(studio, a_drag(studio, 0.05 * (k % 7 - 3)))
     last = studio.editor.points
-    assert studio.session.points == last
+    assert studio.session.editing.points == last
     studio.wait()
-    assert studio.view._field is studio.session.field()
+    assert studio.view._field is studio.session.results.field()
 
 
 def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,8 +128,8 @@ def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monke
 
     monkeypatch.setattr(fitting, "solve_prepared", counted)
     drag(studio, a_drag(studio, 3.0))
-    studio.session.result()
-    studio.session.field()
+    studio.session.results.volume()
+    studio.session.results.field()
     assert solved.count(threading.current_thread()) == 1
     studio.wait()
     assert len(solved) <= 2  # diagnostics invert the whole system, in a thread of their own
@@ -173,8 +173,8 @@ def test_a_document_can_be_set_and_undone(studio: Studio, tmp_path: Path) -> Non
     drag(studio, a_drag(studio))
     kept = studio.deformation
     studio.save(tmp_path / "kept.json")
-    studio.session.reset()
-    assert not studio.session.points.displacement.any()
+    studio.session.editing.reset()
+    assert not studio.session.editing.points.displacement.any()
     studio.deformation = kept
     assert studio.editor.points == kept.steps[0].points
     studio.undo()
@@ -208,8 +208,8 @@ def test_every_row_of_the_registries_can_be_chosen(studio: Studio) -> None:
     found = controls(studio)
     for kernel in KERNELS:
         found["Kernel"].value = kernel
-        assert (studio.session.step.kernel, studio.editor.kernel) == (kernel, kernel)
-        assert found["Trend"].value == studio.session.step.trend == studio.editor.trend
+        assert (studio.session.editing.step.kernel, studio.editor.kernel) == (kernel, kernel)
+        assert found["Trend"].value == studio.session.editing.step.trend == studio.editor.trend
         offered = {value for _, value in found["Trend"].options}
         assert offered == {t.name for t in TRENDS.values() if t.order >= KERNELS[kernel].order}
     found["Kernel"].value = "wendland_c2"
@@ -232,7 +232,7 @@ def test_turning_the_picture_replaces_picture_and_points_together(studio: Studio
     for view in VIEWS:
         side.value = view
         studio.wait()
-        together.append((studio.editor.picture.plane, studio.session.plane))
+        together.append((studio.editor.picture.plane, studio.session.editing.plane))
         a0, a1, b0, b1 = studio.editor.picture.raster.box
         inside = studio.editor.points.target
         assert (inside >= [a0, b0]).all()
@@ -246,14 +246,14 @@ def test_an_edit_that_comes_after_the_picture_was_turned_is_dropped(studio: Stud
     late = a_drag(studio)
     hold = threading.Event()
     studio._worker.call(hold.wait)  # the new picture waits behind this
-    controls(studio)["Side"].value = next(v for v in VIEWS if v != studio.session.view)
+    controls(studio)["Side"].value = next(v for v in VIEWS if v != studio.session.steps.view)
     count = len(studio.deformation.steps)
     drag(studio, late)
     hold.set()
     studio.wait()
     assert len(studio.deformation.steps) == count == 2
-    assert studio.editor.points == studio.session.points
-    assert not studio.session.points.displacement.any()
+    assert studio.editor.points == studio.session.editing.points
+    assert not studio.session.editing.points.displacement.any()
     assert studio.stats()["late"] == 1
 
 
@@ -261,7 +261,7 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     found = controls(studio)
     found["Strength"].value = 2.5
-    assert studio.editor.strength == studio.session.step.strength == 2.5
+    assert studio.editor.strength == studio.session.editing.step.strength == 2.5
     found["Automatic"].value = False
     found["Support radius"].value = 12.0
     assert studio.editor.support == pytest.approx(12.0)
@@ -269,18 +269,18 @@ def test_sliders_and_keys_edit_the_step(studio: Studio) -> None:
     assert studio.editor.smoothing == 0.5
     found["Extrusion"].value = "modulate"
     panel(studio, "Depth").curve.curve = "sin(pi*z)"
-    assert studio.session.step.curve == "sin(pi*z)"
+    assert studio.session.editing.step.curve == "sin(pi*z)"
     found["Extrusion"].value = "interpolate"
     keys = panel(studio, "Depth").keys
-    assert keys.knots == studio.session.step.knots == (0.0, 0.5, 1.0)
+    assert keys.knots == studio.session.editing.step.knots == (0.0, 0.5, 1.0)
     message = {"kind": "select", "index": 2, "knots": [0.0, 0.5, 1.0], "selected": 2}
     deliver(keys, {"type": "edit", "seq": 1, "view": "v", "phase": "end", "value": message})
-    assert studio.session.key == 2
+    assert studio.session.editing.key == 2
     drag(studio, a_drag(studio, -3.0))
-    assert studio.session.step.maps[2] != studio.session.step.maps[0]
+    assert studio.session.editing.step.maps[2] != studio.session.editing.step.maps[0]
     assert studio.view.editor_map == 2
     found["Automatic"].value = True
-    assert studio.session.step.support is None
+    assert studio.session.editing.step.support is None
 
 
 def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -> None:
@@ -289,13 +289,13 @@ def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -
     rounded = 10 ** (support.min + round((np.log10(exact) - support.min) / support.step) * support.step)
     assert rounded != exact
     support.set_state({"value": rounded})  # as ipywidgets' page does when it shows a slider for the first time
-    assert studio.session.history["undo"] == ""
-    assert studio.session.step.support is None
+    assert studio.session.editing.history["undo"] == ""
+    assert studio.session.editing.step.support is None
     support.set_state({"value": 10 ** (np.log10(rounded) + support.step)})  # a hand that moves it by one step
-    assert studio.session.step.support == pytest.approx(10 ** (np.log10(rounded) + support.step))
-    studio.session.change(strength=0.123456)
+    assert studio.session.editing.step.support == pytest.approx(10 ** (np.log10(rounded) + support.step))
+    studio.session.editing.change(strength=0.123456)
     controls(studio)["Strength"].set_state({"value": 0.12})
-    assert studio.session.step.strength == 0.123456
+    assert studio.session.editing.step.strength == 0.123456
 
 
 def test_opacities_reach_session_and_view(studio: Studio) -> None:
@@ -303,62 +303,62 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
     value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}
     message = {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": value}
     deliver(studio._opacity, message)
-    assert studio.session.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
+    assert studio.session.pictures.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
     assert studio.view.table != before
-    studio.session.transfer = "bone"
-    assert studio._opacity.transfer == studio.session.transfer_function
+    studio.session.pictures.transfer = "bone"
+    assert studio._opacity.transfer == studio.session.pictures.transfer_function
 
 
 def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     for name, field in (("Strength", "strength"), ("Smoothing", "smoothing"), ("Support radius", "support")):
-        first = getattr(studio.session.step, field)
+        first = getattr(studio.session.editing.step, field)
         for value in (0.5, 1.0, 1.5):
             controls(studio)[name].value = value * (20 if field == "support" else 1)
             now += 2.0
         studio.undo()
-        assert getattr(studio.session.step, field) == first
+        assert getattr(studio.session.editing.step, field) == first
     for kernel in ("gaussian", "cubic"):  # a menu has no way between
         controls(studio)["Kernel"].value = kernel
         now += 2.0
     studio.undo()
-    assert studio.session.step.kernel == "gaussian"
+    assert studio.session.editing.step.kernel == "gaussian"
 
 
 def test_ambient_occlusion_is_switched_in_the_panel_and_kept_by_a_page(studio: Studio) -> None:
     box = controls(studio)["Ambient occlusion"]
     assert (box.value, studio.view.ambient_occlusion) == (True, True)
     box.value = False
-    assert (studio.session.ambient_occlusion, studio.view.ambient_occlusion) == (False, False)
+    assert (studio.session.pictures.ambient_occlusion, studio.view.ambient_occlusion) == (False, False)
     assert not studio.view.seen().ambient_occlusion
     editor, view = last_step(studio.session, studio._editors.plane, studio.view)
     assert not view.ambient_occlusion
     close_all(editor)
     close_all(view)
-    studio.session.ambient_occlusion = True
+    studio.session.pictures.ambient_occlusion = True
     assert (box.value, studio.view.ambient_occlusion) == (True, True)
 
 
 def test_the_window_of_the_page_is_that_of_the_session_and_of_its_pictures(studio: Studio) -> None:
     session, image = studio.session, studio.editor.image
     studio.editor.set_state({"window": [20.0, 90.0]})
-    assert session.window == session.picture().window == studio.editor.picture.window == (20, 90)
+    assert session.pictures.window == session.pictures.picture().window == studio.editor.picture.window == (20, 90)
     assert studio.editor.image == image  # the page has it already
-    session.method = "mean"
+    session.pictures.method = "mean"
     studio.wait()
     assert studio.editor.window == [20, 90]
-    session.window = None
+    session.pictures.window = None
     assert studio.editor.window == []
-    assert studio.editor.picture.window == session.picture().window
-    session.window, session.colour_map = (10, 30), "bone"
+    assert studio.editor.picture.window == session.pictures.picture().window
+    session.pictures.window, session.pictures.colour_map = (10, 30), "bone"
     assert studio.editor.picture.colour_map == "bone"
     assert len(studio.editor.colours) == 3 * 256
     studio.view.shows = "fade"
     assert studio.editor.shows == "fade"
     studio.view.shows = "flicker"  # which pictures do not
     assert studio.editor.shows == "deformed"
-    session.method = "composite"
+    session.pictures.method = "composite"
     studio.wait()
     assert studio.editor.raster["channels"] == 3
 
@@ -372,7 +372,7 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
     place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
     view, slices = place.children
     assert (view.layout.display, slices.layout.display) == ("none", None)
-    assert slices.before is studio.session.field()
+    assert slices.before is studio.session.results.field()
     assert (slices.read_only, len(slices.points)) == (True, 0)
     assert studio.editor.live  # what is on its way is shown too
     points = studio.editor.points.move(4, [3.0, 3.0])
@@ -388,12 +388,12 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
         },
     )
     studio.wait()
-    wanted = studio.session.step.with_points(points, 0).field(studio.volume.grid)
+    wanted = studio.session.editing.step.with_points(points, 0).field(studio.volume.grid)
     place = [[3.0, 3.0, 3.0]]
     assert_array_equal(slices.before.displacement(place), wanted.displacement(place))
     studio.undo()
     studio.wait()
-    assert slices.before is studio.session.field()
+    assert slices.before is studio.session.results.field()
     button.value = False
     assert (view.layout.display, slices.layout.display, studio.editor.live) == (None, "none", False)
 
@@ -401,22 +401,22 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
 def test_the_page_goes_through_the_slices(studio: Studio) -> None:
     session = studio.session
     assert studio.editor.slices == {}
-    session.method = "slice"
+    session.pictures.method = "slice"
     studio.wait()
-    slices = session.slices
+    slices = session.pictures.slices
     assert studio.editor.slices == {"count": slices.count, "first": slices.first, "spacing": slices.spacing}
     studio.editor.set_state({"slice": 2})
     studio.wait()
-    assert session.depth == slices.depth(2)
+    assert session.pictures.depth == slices.depth(2)
     assert studio.editor.slice == 2
-    assert_array_equal(studio.editor.picture.values, session.picture().values)
-    session.depth = slices.depth(4)
+    assert_array_equal(studio.editor.picture.values, session.pictures.picture().values)
+    session.pictures.depth = slices.depth(4)
     studio.wait()
     assert studio.editor.slice == 4
     studio.editor.set_state({"slice": 10**6})
     studio.wait()
-    assert session.depth == slices.depth(slices.count - 1)
-    session.method = "mip"
+    assert session.pictures.depth == slices.depth(slices.count - 1)
+    session.pictures.method = "mip"
     studio.wait()
     assert studio.editor.slices == {}
 
@@ -425,52 +425,52 @@ def test_front_only_of_the_page_is_the_depth_of_the_step(studio: Studio) -> None
     session, editor = studio.session, studio.editor
     assert editor.front_only is False
     editor.set_state({"front_only": True})
-    assert (session.step.extrusion, session.step.curve) == ("modulate", FRONT_ONLY)
+    assert (session.editing.step.extrusion, session.editing.step.curve) == ("modulate", FRONT_ONLY)
     editor.set_state({"front_only": False})
-    assert session.step.extrusion == "replicate"
-    session.change(extrusion="modulate", curve="sin(pi*z)")
+    assert session.editing.step.extrusion == "replicate"
+    session.editing.change(extrusion="modulate", curve="sin(pi*z)")
     studio.wait()
     assert editor.front_only is False
     studio.undo()
     studio.undo()
     studio.wait()
     assert editor.front_only is True
-    assert session.step.curve == FRONT_ONLY
+    assert session.editing.step.curve == FRONT_ONLY
 
 
 def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_together(studio: Studio) -> None:
     session = studio.session
     controls(studio)["Slices"].value = True
-    session.method = "slice"
+    session.pictures.method = "slice"
     studio.wait()
     place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
-    three, slices, plane = place.children[1], session.slices, session.plane
+    three, slices, plane = place.children[1], session.pictures.slices, session.editing.plane
 
     def at(a: float, b: float, c: float) -> list[float]:
         return plane.from_plane([(a, b, c)])[0].tolist()
 
     three.cursor = at(2.0, 3.0, slices.depth(1))
     studio.wait()
-    assert session.depth == slices.depth(1)
+    assert session.pictures.depth == slices.depth(1)
     assert studio.editor.slice == 1
-    assert_array_equal(studio.editor.picture.values, session.picture().values)
+    assert_array_equal(studio.editor.picture.values, session.pictures.picture().values)
     studio.editor.set_state({"slice": 4})
     studio.wait()
     assert three.cursor == pytest.approx(at(2.0, 3.0, slices.depth(4)))
-    session.method = "mip"
+    session.pictures.method = "mip"
     three.cursor = at(2.0, 3.0, slices.depth(0))
-    assert session.depth == slices.depth(4)  # which shows no slice
+    assert session.pictures.depth == slices.depth(4)  # which shows no slice
 
 
 def test_a_preset_is_chosen_over_the_volume_and_shown_as_such(studio: Studio) -> None:
     session, menu = studio.session, next(found for found in all_of(studio) if isinstance(found, PresetMenu))
     menu.value = "bone"
     studio.wait()
-    assert session.transfer_function == preset("bone", studio.volume)
-    session.transfer = replace(session.transfer_function, opacities=((0.0, 0.0), (200.0, 0.5)))
+    assert session.pictures.transfer_function == preset("bone", studio.volume)
+    session.pictures.transfer = replace(session.pictures.transfer_function, opacities=((0.0, 0.0), (200.0, 0.5)))
     studio.wait()
     assert menu.value == ""
-    session.transfer = "surface"
+    session.pictures.transfer = "surface"
     studio.wait()
     assert menu.value == "surface"
 
@@ -478,7 +478,7 @@ def test_a_preset_is_chosen_over_the_volume_and_shown_as_such(studio: Studio) ->
 def test_air_around_the_body_is_known_where_the_picture_has_values_of_the_volume(studio: Studio) -> None:
     air = levels(studio.volume)[1]
     for method, wanted in (("mip", air), ("slice", air), ("mean", None), ("composite", None)):
-        studio.session.method = method
+        studio.session.pictures.method = method
         studio.wait()
         assert studio.editor.air == wanted
 
@@ -488,13 +488,13 @@ def test_several_steps_can_be_chosen_and_switched_off(studio: Studio) -> None:
     controls(studio)["Side"].value = "+z"
     studio.wait()
     drag(studio, a_drag(studio))
-    words = SIDES[studio.session.view_of(studio.deformation.steps[0].plane) or ""].split(" (")[0]
+    words = SIDES[studio.session.steps.view_of(studio.deformation.steps[0].plane) or ""].split(" (")[0]
     steps = panel(studio, "Steps").items
     assert [row["facts"] for row in steps.rows] == [[words, "5, 1 dragged", ""], ["from below", "5, 1 dragged", ""]]
     assert [row["title"] for row in steps.rows] == [words, "from below"]
     act(steps, "choose", 0)
     studio.wait()
-    assert studio.session.index == 0
+    assert studio.session.editing.index == 0
     assert studio.view.editor is None  # points of an earlier step pass through the later ones, in Python
     act(steps, "choose", 1)
     studio.wait()
@@ -512,7 +512,7 @@ def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
     for _ in range(3):  # each changes the words of the menu of steps
         drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
         drag(studio, a_drag(studio))
-        assert studio.session.index == 1
+        assert studio.session.editing.index == 1
         assert panel(studio, "Steps").items.chosen == 1
     assert len(studio.deformation.steps) == 2
 
@@ -589,7 +589,7 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     studio.undo()
     opening = panel(studio, "Open").box
     uploaded(opening, "s.json", saved)
-    assert studio.session.points.displacement.any()
+    assert studio.session.editing.points.displacement.any()
     uploaded(opening, "s.json", b"{nonsense")
     assert "JSON" in notice_of(studio)
 
@@ -708,11 +708,13 @@ def test_channels_are_shown_in_colours_of_their_own(tmp_path: Path) -> None:
         studio.wait()
         names = [box.description for box in all_of(panel(studio, "Channels").box) if isinstance(box, ipw.Checkbox)]
         assert names == ["nuclei", "actin", "membrane"]
-        picture = studio.session.picture()
+        picture = studio.session.pictures.picture()
         assert picture.rgb8()[[15, 15, 2], [5, 25, 5]].tolist() == [[0, 0, 255], [255, 0, 0], [0, 255, 255]]
         (box, colour), (window,) = (part.children for part in panel(studio, "Channels").rows[0].children)
         colour.value, window.value = "#ff00ff", (0.0, 400.0)
-        assert studio.session.channel_displays[0] == ChannelDisplay((1, 0, 1), (0, 200))  # no more than there is
+        assert studio.session.pictures.channel_displays[0] == ChannelDisplay(
+            (1, 0, 1), (0, 200)
+        )  # no more than there is
         window.value = (100.0, 200.0)
         panel(studio, "Channels").rows[1].children[0].children[0].value = False
         studio.wait()
@@ -721,8 +723,8 @@ def test_channels_are_shown_in_colours_of_their_own(tmp_path: Path) -> None:
         studio.wait()
         assert not studio.editor.picture.rgb8()[15].any()
         drag(studio, a_drag(studio, 4.0))
-        whole = studio.session.result_channels()
-        field = studio.session.field()
+        whole = studio.session.results.channels()
+        field = studio.session.results.field()
         for made, given in zip(whole, stained, strict=True):
             assert_array_equal(made.values, warp(given, field).values)
         written = read_channels(studio.export(tmp_path / "out.nrrd"))
@@ -738,17 +740,17 @@ def test_colours_of_a_file_are_shown_and_one_volume_has_no_channels(tmp_path: Pa
     write_channels(Channels.from_array(photo, kind="rgb"), tmp_path / "photo.png")
     studio = Studio(tmp_path / "photo.png")
     try:
-        assert studio.session.picture().rgb8()[[2, 10], 3].tolist() == [[200, 100, 0], [0, 0, 0]]
-        studio.session.method = "shaded"  # which has the colours of the transfer function
-        assert not studio.session.shows_channels
+        assert studio.session.pictures.picture().rgb8()[[2, 10], 3].tolist() == [[200, 100, 0], [0, 0, 0]]
+        studio.session.pictures.method = "shaded"  # which has the colours of the transfer function
+        assert not studio.session.pictures.shows_channels
         with pytest.raises(DeformError, match="ChannelDisplay"):
-            studio.session.channel_displays = ()
+            studio.session.pictures.channel_displays = ()
     finally:
         studio.close()
     plain = Studio(a_volume())
     try:
         assert not any(one.title == "Channels" for one in plain._panels.late)
         with pytest.raises(DeformError, match="no channels"):
-            plain.session.result_channels()
+            plain.session.results.channels()
     finally:
         plain.close()

@@ -19,7 +19,7 @@ from uploads import uploaded
 from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
-from deformnb.session.session import Session
+from deformnb.session.pictures import Pictures
 from deformnb.widgets import LiveView, Studio
 from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.studio.controls import Panel, fill
@@ -122,30 +122,30 @@ def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypat
 
 def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     drag(studio, a_drag(studio))
-    before, (reason, again, back) = studio.session.view, studio._picture.ways_on.children
+    before, (reason, again, back) = studio.session.steps.view, studio._picture.ways_on.children
     assert studio._picture.ways_on.layout.display == "none"
     is_poor = [True]
-    make = Session.automatic_picture
+    make = Pictures.automatic_picture
 
-    def picture(session: Session, *given: Any) -> Any:
+    def picture(pictures: Pictures, *given: Any) -> Any:
         if is_poor[0]:
             raise MemoryError("no room for a picture")
-        return make(session, *given)
+        return make(pictures, *given)
 
-    monkeypatch.setattr(Session, "automatic_picture", picture)
+    monkeypatch.setattr(Pictures, "automatic_picture", picture)
     controls(studio)["Side"].value = "+z"
     studio.wait()
     assert "no room for a picture" in reason.value
     assert "could not be made" in studio.editor.waiting  # no gesture on the old one
     assert studio._picture.ways_on.layout.display == ""
-    assert studio.editor.picture.plane != studio.session.plane
+    assert studio.editor.picture.plane != studio.session.editing.plane
     again.click()  # it fails once more
     studio.wait()
     assert "no room" in reason.value
     assert studio._picture.ways_on.layout.display == ""
     back.click()  # to the picture that still stands there
     studio.wait()
-    assert studio.session.view == before
+    assert studio.session.steps.view == before
     assert "Undone" in notice_of(studio)
     assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
     studio.redo()
@@ -156,11 +156,11 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     studio.wait()
     assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
     assert reason.value == ""
-    assert studio.editor.picture.plane == studio.session.plane
+    assert studio.editor.picture.plane == studio.session.editing.plane
     count = studio.stats()["late"]
     drag(studio, a_drag(studio))
     assert studio.stats()["late"] == count
-    assert studio.session.points == studio.editor.points
+    assert studio.session.editing.points == studio.editor.points
 
 
 # -- what fails unseen -------------------------------------------------------------------------------------------------
@@ -178,7 +178,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
     with monkeypatch.context() as patched:
         patched.setattr(type(studio._link), "field_of", fails)
         studio._words.show("")
-        studio._link._moved(EditMessage("a", 1, "move", "move", False, studio.session.points))
+        studio._link._moved(EditMessage("a", 1, "move", "move", False, studio.session.editing.points))
         wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
     studio.wait()
@@ -303,7 +303,7 @@ def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatc
     assert shown.shape[1] == 2 * PREVIEW_SIZE[0]
     for part in (shown[:, : PREVIEW_SIZE[0]], shown[:, PREVIEW_SIZE[0] :]):
         assert part.std() > 8
-    studio.session.reset()
+    studio.session.editing.reset()
     bundle = studio._repr_mimebundle_()
     before = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
     assert before.shape != shown.shape or np.abs(before.astype(int) - shown).max() > 60  # it shows what was dragged

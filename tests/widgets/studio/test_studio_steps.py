@@ -61,14 +61,14 @@ def a_line(studio: Studio) -> dict[str, Any]:
 
 def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> None:
     draws(studio, "cuts", "add cut", a_line(studio))
-    assert studio.session.history["undo"] == "add cut"
+    assert studio.session.editing.history["undo"] == "add cut"
     assert shapes_to_json("cuts", studio.editor.cuts) == [a_line(studio)]
     middle = studio.editor.points.source.mean(axis=0)
     near, far = np.array([2.0, 0.0]), np.array([5.0, 0.0])
     drag(studio, studio.editor.points.add(middle - near, middle - far).add(middle + near, middle + far))
     expected = studio.deformation.apply(studio.volume)
     assert_array_equal(studio.result().values, expected.values)
-    across = studio.result().values.max(axis=(0, 1)) if studio.session.view == "+y" else None
+    across = studio.result().values.max(axis=(0, 1)) if studio.session.steps.view == "+y" else None
     assert across is not None
     assert (across[10:14] == 0).all()
     assert across[:9].any()
@@ -99,40 +99,40 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     draws(studio, "parts", "add part", around)
     assert "stone" in notice_of(studio)
     assert studio.editor.parts == ()
-    assert studio.session.step.parts == ()
+    assert studio.session.editing.step.parts == ()
     assert studio.stats()["refused"] == 1
     points = studio.editor.points
     drag(studio, points.remove(points.ids[-1]))
     draws(studio, "parts", "add part", around)
-    assert studio.session.step.parts[0].name == "stone"
+    assert studio.session.editing.step.parts[0].name == "stone"
     page_says(studio, {"type": "shapes", "what": "parts", "kind": "x", "shapes": [{"region": {"kind": "no"}}]})
-    assert studio.session.step.parts[0].name == "stone"
+    assert studio.session.editing.step.parts[0].name == "stone"
 
 
 def test_quick_keys_on_a_part_are_one_step_of_the_history(studio: Studio) -> None:
     part = RigidPart(HalfSpace((0.0, 40.0), (0.0, -1.0)), name="floor")
-    studio.session.edit_parts([part])
+    studio.session.editing.edit_parts([part])
     for number in (1.0, 2.0, 3.0):
         moved = part_to_data(replace(part, motion=RigidMotion.turn(0, (0, 0), (number, 0))))
         page_says(studio, {"type": "shapes", "what": "parts", "kind": "move floor", "shapes": [moved], "joins": True})
-    assert studio.session.step.parts[0].motion == RigidMotion.turn(0, (0, 0), (3.0, 0))
-    assert studio.session.undo() == "move floor"
-    assert studio.session.step.parts == (part,)
+    assert studio.session.editing.step.parts[0].motion == RigidMotion.turn(0, (0, 0), (3.0, 0))
+    assert studio.session.editing.undo() == "move floor"
+    assert studio.session.editing.step.parts == (part,)
 
 
 def test_code_and_page_share_cuts_and_parts(studio: Studio) -> None:
     cut = Cut(HalfSpace((12.0, 5.0), (1.0, 0.0)), "half")
     part = RigidPart(HalfSpace((0.0, 14.0), (0.0, -1.0)), name="floor")
-    studio.session.edit_cuts([cut])
-    studio.session.edit_parts([part])
-    studio.session.change(cut_rule="paper")
+    studio.session.editing.change(cuts=[cut])
+    studio.session.editing.edit_parts([part])
+    studio.session.editing.change(cut_rule="paper")
     assert studio.editor.cuts[0].name == "half"
     assert studio.editor.parts[0].name == "floor"
     assert studio.editor.cut_rule == "paper"
     assert (studio.editor.step().cuts, studio.editor.step().parts) == ((cut,), (part,))
     controls(studio)["Sides seen"].value = "source"
-    assert studio.editor.cut_rule == studio.session.step.cut_rule == "source"
-    studio.session.add_step()
+    assert studio.editor.cut_rule == studio.session.editing.step.cut_rule == "source"
+    studio.session.steps.add()
     studio.wait()
     assert studio.editor.cuts == studio.editor.parts == ()
 
@@ -145,30 +145,32 @@ def test_a_part_is_turned_and_shifted_about_its_middle(studio: Studio) -> None:
     found["Part"].value = "moved"
     found["Turn"].value = 90.0
     found["Shift right"].value = 2.0
-    part = studio.session.step.parts[0]
+    part = studio.session.editing.step.parts[0]
     np.testing.assert_allclose(part.motion([[10.0, 6.0]]), [[9.0, 9.0]], atol=1e-9)  # turned about (7, 6), and 2 on
     assert shapes.items.rows[0]["facts"] == ["rigid part", "closed line", "turned 90\N{DEGREE SIGN}, shifted 2.0, 0.0"]
     assert studio.editor.parts[0].motion is not None
-    x = studio.session.plane.from_plane(np.array([[9.0, 9.0, 3.0]]))
-    came_from = studio.session.plane.to_plane(x + studio.session.field().displacement(x))
+    x = studio.session.editing.plane.from_plane(np.array([[9.0, 9.0, 3.0]]))
+    came_from = studio.session.editing.plane.to_plane(x + studio.session.results.field().displacement(x))
     np.testing.assert_allclose(came_from[0, :2], [10, 6], atol=1e-6)
     found["Reach"].value = 6.0
-    assert studio.session.step.parts[0].reach == 6.0
+    assert studio.session.editing.step.parts[0].reach == 6.0
     found["Felt by"].value = "distance"
     found["Part"].value = "fixed"
-    assert studio.session.step.parts[0].motion is None
+    assert studio.session.editing.step.parts[0].motion is None
     assert found["Turn"].layout.display == "none"
     act(shapes.items, "rename", 0, "knee")
-    assert studio.session.history["undo"] == "rename part 1"
+    assert studio.session.editing.history["undo"] == "rename part 1"
     act(shapes.items, "remove", 0)
-    assert studio.session.step.parts == ()
-    assert studio.session.history["undo"] == "remove knee"
+    assert studio.session.editing.step.parts == ()
+    assert studio.session.editing.history["undo"] == "remove knee"
 
 
 def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> None:
     shapes = panel(studio, "Rigid parts and cuts")
     boxes = [[[a, 4], [a + 4, 4], [a + 4, 8], [a, 8]] for a in (2.0, 8.0, 14.0)]
-    studio.session.edit_parts([RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)])
+    studio.session.editing.edit_parts(
+        [RigidPart(Polygon(box), name=name) for box, name in zip(boxes, "abc", strict=True)]
+    )
     assert shapes.items.chosen == -1
     assert shapes.part.part is None
 
@@ -184,11 +186,11 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
     act(shapes.items, "choose", 2)
     assert names() == ("c", "c")
     next(c.widget for c in shapes.part.controls if c.widget.description == "Part").value = "moved"
-    assert [part.motion is not None for part in studio.session.step.parts] == [False, False, True]
+    assert [part.motion is not None for part in studio.session.editing.step.parts] == [False, False, True]
     assert names() == ("c", "c")
-    studio.session.edit_parts(studio.session.step.parts[::-1], "reorder")
+    studio.session.editing.edit_parts(studio.session.editing.step.parts[::-1], "reorder")
     assert names() == ("c", "c")
-    studio.session.edit_parts(studio.session.step.parts[:-1], "remove a")
+    studio.session.editing.edit_parts(studio.session.editing.step.parts[:-1], "remove a")
     page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
     studio.undo()
     assert names() == ("b", "b")
@@ -216,19 +218,19 @@ def test_labels_and_the_ground_become_parts_and_cuts(tmp_path: Path) -> None:
     assert [text for text, _ in shapes.labels.list.options] == ["femur", "label 9"]
     buttons = buttons_of(shapes.box)
     buttons["Label as part"].click()
-    part = made.session.step.parts[0]
+    part = made.session.editing.step.parts[0]
     assert part.name == "femur"
     flat = np.array([[6.0, 8.0], [1.0, 8.0]])  # +y: a is x, b is down from the top slice
     assert (part.region.signed_distance(flat) < 0).tolist() == [True, False]
     buttons["Fixed side"].click()
-    ground = made.session.step.parts[1].region
+    ground = made.session.editing.step.parts[1].region
     assert (ground.signed_distance([[5.0, 15.0], [5.0, 2.0]]) < 0).tolist() == [True, False]
-    made.session.add_step(in_space=True)
+    made.session.steps.add(in_space=True)
     made.wait()
     shapes.labels.list.value = (9,)
     buttons["Label as cut"].click()
     inside = np.array([[3.0, 3.0, 3.0], [9.0, 9.0, 9.0]])
-    assert (made.session.step.cuts[0].region.signed_distance(inside) < 0).tolist() == [True, False]
+    assert (made.session.editing.step.cuts[0].region.signed_distance(inside) < 0).tolist() == [True, False]
     made.close()
     with pytest.raises(DeformError, match="shape"):
         Studio(volume, labels=labels[1:])
@@ -260,9 +262,9 @@ def test_a_label_file_is_opened_and_several_labels_are_taken_in_one_edit(tmp_pat
     assert labels.options == (("femur", 7), ("label 9", 9), ("tibia", 11))
     labels.value = (7, 11)
     buttons_of(shapes.box)["Label as part"].click()
-    assert [part.name for part in made.session.step.parts] == ["femur", "tibia"]
-    assert made.session.undo() == "add the rigid parts femur, tibia"
-    assert made.session.step.parts == ()
+    assert [part.name for part in made.session.editing.step.parts] == ["femur", "tibia"]
+    assert made.session.editing.undo() == "add the rigid parts femur, tibia"
+    assert made.session.editing.step.parts == ()
     made.close()
 
 
@@ -290,8 +292,8 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
     studio.wait()
     assert studio.editor is flat
     assert studio._editors.box.children == (flat,)
-    assert flat.points == studio.session.points
-    assert controls(studio)["Side"].value == studio.session.view
+    assert flat.points == studio.session.editing.points
+    assert controls(studio)["Side"].value == studio.session.steps.view
 
 
 def test_a_studio_opens_with_a_step_in_space(tmp_path: Path) -> None:
@@ -326,11 +328,11 @@ def test_what_the_page_cannot_follow_is_previewed_by_python(studio: Studio) -> N
     )
     studio.wait()
     assert studio.stats()["previews"] == 1
-    wanted = studio.deformation.with_step(0, studio.session.step.with_points(moved)).field(studio.volume.grid)
+    wanted = studio.deformation.with_step(0, studio.session.editing.step.with_points(moved)).field(studio.volume.grid)
     x = np.array([[10.0, 9.0, 7.0], [12.0, 11.0, 9.0]])
     assert_array_equal(studio.view._field.displacement(x), wanted.displacement(x))
     drag(studio, moved)
-    assert studio.view._field is studio.session.field()
+    assert studio.view._field is studio.session.results.field()
     act(panel(studio, "Steps").items, "choose", 1)
     studio.wait()
     assert not studio.editor.live
@@ -359,7 +361,7 @@ def test_steps_are_ordered_named_and_added_up_in_the_list(studio: Studio) -> Non
     act(items, "remove", 0)
     studio.wait()
     assert [row["name"] for row in items.rows] == ["bend", "bend"]
-    while studio.session.undo():
+    while studio.session.editing.undo():
         pass
     studio.wait()
     assert len(items.rows) == 1
@@ -374,12 +376,12 @@ def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path
     if how == "off":
         act(panel(studio, "Steps").items, "switch", 0, False)
     elif how != "cut":
-        studio.session.add_step(in_space=how == "space")
+        studio.session.steps.add(in_space=how == "space")
         studio.wait()
         drag(studio, studio.editor.points.add(studio.editor.points.source.mean(axis=0)))
         drag(studio, a_drag(studio))
     if how == "blend":
-        studio.session.set_mode("blend")
+        studio.session.steps.set_mode("blend")
     for name in ("a.html", "a.py", "a.json", "a.nrrd"):
         studio.export(tmp_path / name)
         assert (tmp_path / name).stat().st_size > 0
@@ -388,7 +390,7 @@ def test_everything_is_exported_whatever_was_done(studio: Studio, tmp_path: Path
     assert scope["deformation"] == studio.deformation
     assert_array_equal(scope["deformed"].values, studio.result().values)
     kept = studio.deformation
-    studio.session.reset()
+    studio.session.editing.reset()
     studio.load(tmp_path / "a.json")
     studio.wait()
     assert studio.deformation.steps == kept.steps

@@ -33,8 +33,8 @@ def volume() -> Volume:
 def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     made = volume()
     session = Session(made, view="+y")
-    session.method = "slice"
-    session.depth = session.slices.depth(7)
+    session.pictures.method = "slice"
+    session.pictures.depth = session.pictures.slices.depth(7)
     editor, worker, guard = make_editor(session, 300), Worker("test"), Guarded()
     taken: list[tuple[str, str, Mask]] = []
     wand = Wand(
@@ -58,7 +58,7 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
         assert done.wait(30)
         return dict(editor.wand)
 
-    picture = session.picture()
+    picture = session.pictures.picture()
     raster = picture.raster
     line, column = np.argwhere(picture.values == 200)[-1]
     rod = (float(raster.columns[column]), float(raster.rows[line]))
@@ -86,7 +86,7 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
     use(rod)
     assert use(rod, "stop")["region"] is None
     use(rod)
-    session.method = "shaded"
+    session.pictures.method = "shaded"
     assert editor.wand["region"] is None
     assert "shows colours" in use(rod)["words"]
     wand.close()

@@ -133,7 +133,7 @@ def test_a_studio_takes_a_view_of_ones_own_and_says_what_it_lacks() -> None:
         studio.editor._take(EditMessage("a", 1, "end", "add", False, added))
         moved = added.move(added.ids[-1], [7.0, 5.0])
         studio.editor._take(EditMessage("a", 2, "move", "move", False, moved))
-        assert view.gone(studio.session.plane.from_plane([7.0, 5.0, 5.0])) == pytest.approx(2.0, abs=1e-6)
+        assert view.gone(studio.session.editing.plane.from_plane([7.0, 5.0, 5.0])) == pytest.approx(2.0, abs=1e-6)
     finally:
         studio.close()
 

@@ -22,7 +22,7 @@ def session() -> Session:
     z, y, x = np.mgrid[:12, :14, :20]
     values = (200 * ((z - 6) ** 2 / 25 + (y - 7) ** 2 / 36 + (x - 10) ** 2 / 81 < 1)).astype(np.uint8)
     made = Session(Volume(values, Grid((12, 14, 20), (1.0, 1.0, 2.0)), "egg"))
-    made.edit_points(made.points.add([8.0, 6.0], [11.0, 6.0]))
+    made.editing.edit_points(made.editing.points.add([8.0, 6.0], [11.0, 6.0]))
     return made
 
 
@@ -64,14 +64,14 @@ def test_one_picture_of_a_live_view_is_the_cores_and_of_a_view_of_vtk_vtks(sessi
 
 @pytest.mark.needs_gl
 def test_one_picture_of_a_live_view_is_red_where_the_map_folds(session: Session) -> None:
-    middle = session.points.source.mean(axis=0)
-    session.edit_points(session.points.add(middle - 1, middle + 6).add(middle + 1, middle - 6))
+    middle = session.editing.points.source.mean(axis=0)
+    session.editing.edit_points(session.editing.points.add(middle - 1, middle + 6).add(middle + 1, middle - 6))
     live = LiveView(session.volume)
     for is_shown, kind in ((True, VtkScene), (False, CoreScene)):
         live.show_folds = is_shown
         made = Frozen.of(session, live.seen()).scene((64, 48), once=True)
         assert isinstance(made, StillAsSeen)
-        made.set_field(session.field())
+        made.set_field(session.results.field())
         assert isinstance(made.scene, kind)
         made.close()
     live.close()

@@ -87,10 +87,10 @@ def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
                 for call in (("trame.state.get",), ("deformnb.open",), ("deformnb.comm", "editor", {}, "1", []))
             ]
 
-    before = running.application.session.deformation
+    before = running.application.session.editing.deformation
     assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 3
     running.settled()
-    assert running.application.session.deformation is before
+    assert running.application.session.editing.deformation is before
 
 
 def test_the_password_of_this_start_opens(running: RunningApp) -> None:
@@ -342,10 +342,10 @@ def test_wrong_messages_change_nothing(
 
     def looks() -> Any:
         return (
-            session.deformation,
-            session.view,
-            session.method,
-            session.transfer,
+            session.editing.deformation,
+            session.steps.view,
+            session.pictures.method,
+            session.pictures.transfer,
             studio.editor.image,
             studio.editor.kernel,
             studio.view.projection,
@@ -496,7 +496,7 @@ def test_a_page_has_one_message_at_a_time_in_the_application(running: RunningApp
 
     assert asyncio.run(attempt()) <= 3
     running.settled()
-    running.application.thread.call(running.studio.session.reset).result(PATIENCE)
+    running.application.thread.call(running.studio.session.editing.reset).result(PATIENCE)
 
 
 def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:

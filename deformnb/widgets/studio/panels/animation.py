@@ -58,7 +58,7 @@ class AnimationPanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, folder: str | PathLike[str]) -> None:
         super().__init__(session, guard)
         self._chosen = -1
-        self._known = session.deformation
+        self._known = session.editing.deformation
         self._quiet_until = 0.0
         self._held = -1.0  # moment of the key frame at which the player was put, until it leaves that
         self.items = ItemList(
@@ -78,9 +78,9 @@ class AnimationPanel(Panel):
             tooltip="How time passes from one key frame to the next",
         )
         self.playback = Playback(
-            view, self.player, self.animation, session.grid, self._shown, lambda: session.result_grid
+            view, self.player, self.animation, session.editing.grid, self._shown, lambda: session.results.grid
         )
-        self.add(self._easing, lambda: session.deformation.easing, lambda value: self._play_as(easing=value))
+        self.add(self._easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))
         self._time = ipw.BoundedFloatText(
@@ -133,7 +133,7 @@ class AnimationPanel(Panel):
 
     def animation(self) -> Animation | None:
         """Animation for the player; None without key frames, and right after an edit, whose result is to be seen."""
-        document = self.session.deformation
+        document = self.session.editing.deformation
         if abs(self.player.time - self._held) > key_frames.APART:
             self._held = -1.0
         rests = self._held >= 0 or time.monotonic() < self._quiet_until
@@ -148,10 +148,10 @@ class AnimationPanel(Panel):
     # -- edits ---------------------------------------------------------------------------------------------------------
 
     def _edit(self, label: str, change: Callable[[Deformation], Deformation]) -> None:
-        before = self.session.deformation
+        before = self.session.editing.deformation
         after = change(before)
         chosen = _follow(before, after, self._chosen)
-        self.session.edit_document(after, label, index=min(self.session.index, len(after.steps) - 1))
+        self.session.editing.edit_document(after, label, index=min(self.session.editing.index, len(after.steps) - 1))
         self._chosen = chosen
         self.refresh()
 
@@ -160,21 +160,21 @@ class AnimationPanel(Panel):
         moment = self.player.time if self._is_between() else None
         self._edit("add a key frame", lambda document: key_frames.add_key(document, moment))
         self._go(self._chosen)
-        document = self.session.deformation
+        document = self.session.editing.deformation
         added, following = document.keyframes[self._chosen].time, key_frames.free_time(document)
         play = " Or play what is there." if len(document.keyframes) > 1 else ""
-        self.session.notice = (
+        self.session.editing.notice = (
             f"Key frame {self._chosen + 1} is at {added:.4g} s. Drag on and press \u201cAdd key "
             f"frame\u201d again for the next, at {following:.4g} s.{play}"
         )
 
     def _is_between(self) -> bool:
         """True if the player rests between two key frames."""
-        keys, t = self.session.deformation.keyframes, self.player.time
+        keys, t = self.session.editing.deformation.keyframes, self.player.time
         return (
             len(keys) > 1
             and keys[0].time < t < keys[-1].time
-            and key_frames.key_at(self.session.deformation, t) is None
+            and key_frames.key_at(self.session.editing.deformation, t) is None
         )
 
     def _at_moment(self, deformation: Deformation) -> Deformation:
@@ -183,7 +183,7 @@ class AnimationPanel(Panel):
 
     def _play_as(self, **looks: Any) -> None:
         """Another easing or loop, kept with the key frames; without any there is nothing to keep."""
-        document = self.session.deformation
+        document = self.session.editing.deformation
         if document.keyframes and any(getattr(document, name) != value for name, value in looks.items()):
             self.guard(lambda: self._edit(f"change the {next(iter(looks))}", lambda d: replace(d, **looks)))
             self.playback.show()
@@ -208,7 +208,7 @@ class AnimationPanel(Panel):
         self._chosen = index
         if self.player.is_playing:
             self._rest()
-        self._held = self.session.deformation.keyframes[index].time
+        self._held = self.session.editing.deformation.keyframes[index].time
         self.player.time = self._held
 
     def _rest(self) -> None:
@@ -219,11 +219,11 @@ class AnimationPanel(Panel):
     # -- what is shown -------------------------------------------------------------------------------------------------
 
     def _chosen_time(self) -> float:
-        keys = self.session.deformation.keyframes
+        keys = self.session.editing.deformation.keyframes
         return keys[self._chosen].time if 0 <= self._chosen < len(keys) else 0.0
 
     def arrange(self) -> None:
-        document = self.session.deformation
+        document = self.session.editing.deformation
         keys = document.keyframes
         known, self._known = self._known, document
         if (document.steps, document.keyframes) != (known.steps, known.keyframes) and self.player.is_playing:
@@ -337,7 +337,7 @@ class MovieControls:
     def _do(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> None:
         message = ""
         try:
-            with frozen.files.writing(path):
+            with frozen.files.known.writing(path):
                 note = self._write_frames(path, frozen, fps, by_page=by_page)
             message = f"Wrote {path.name}.{note}"
         except Cancelled:

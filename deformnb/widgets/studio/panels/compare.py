@@ -59,13 +59,13 @@ class ComparePanel(Panel):
             "Another volume of the folder, or the result of another session; both turn together",
         )
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
-        session.observe(weakly(self, ComparePanel._follow_colours), "transfer")
+        session.pictures.observe(weakly(self, ComparePanel._follow_colours), "transfer")
         self.box = ipw.VBox([row(self._menu), self._line])
         self.refresh()
 
     def take(self, volume: Volume) -> None:
         """Show a volume beside."""
-        self._chosen.offer(volume.in_unit(self.session.grid.unit))
+        self._chosen.offer(volume.in_unit(self.session.editing.grid.unit))
         self._choose(GIVEN)
         self.refresh()
 
@@ -111,7 +111,9 @@ class ComparePanel(Panel):
             return
         view = self._view
         with parts_of_another():
-            made = LiveView(volume, transfer=self.session.transfer, width=view.width, height=view.height, fill=True)
+            made = LiveView(
+                volume, transfer=self.session.pictures.transfer, width=view.width, height=view.height, fill=True
+            )
         made.layout.width = "100%"
         self._links = [
             view.link_camera(made),
@@ -134,4 +136,4 @@ class ComparePanel(Panel):
 
     def _follow_colours(self, _change: Any = None) -> None:
         if self._second is not None:
-            self._second.set_transfer(self.session.transfer)
+            self._second.set_transfer(self.session.pictures.transfer)

@@ -46,8 +46,8 @@ class DepthPanel(Panel):
         super().__init__(session, guard)
         self._preview = preview
         self._rule = self.of_step(widget_of("extrusion"), "extrusion")
-        self.curve = CurveEditor(session.step.curve)
-        self.keys = DepthKeys(session.step.knots or (0.0, 1.0))
+        self.curve = CurveEditor(session.editing.step.curve)
+        self.keys = DepthKeys(session.editing.step.knots or (0.0, 1.0))
         self.curve.observe(self._curve_changed, "curve")
         if preview is not None:
             self.curve.on_edit(self._curve_dragged)
@@ -57,7 +57,7 @@ class DepthPanel(Panel):
         self.refresh()
 
     def arrange(self) -> None:
-        step = self.session.step
+        step = self.session.editing.step
         self._rule.layout.display = "none" if step.plane is None else ""
         self._hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
         self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
@@ -65,26 +65,26 @@ class DepthPanel(Panel):
         if step.extrusion == "modulate" and self.curve.curve != step.curve:
             self.curve.curve = step.curve
         if step.extrusion == "interpolate":
-            key = min(self.session.key, len(step.knots) - 1)
+            key = min(self.session.editing.key, len(step.knots) - 1)
             if (self.keys.knots, self.keys.selected) != (step.knots, key):
                 with self.keys.hold_trait_notifications():
                     self.keys.knots, self.keys.selected = step.knots, key
 
     def _curve_changed(self, change: Any) -> None:
-        if self.session.step.extrusion == "modulate" and change["new"] != self.session.step.curve:
-            self.guard(lambda: self.session.change(curve=change["new"], kind="curve"))
+        if self.session.editing.step.extrusion == "modulate" and change["new"] != self.session.editing.step.curve:
+            self.guard(lambda: self.session.editing.change(curve=change["new"], kind="curve"))
 
     def _curve_dragged(self, curve: Any, phase: str) -> None:
-        if self.session.step.extrusion == "modulate":
+        if self.session.editing.step.extrusion == "modulate":
             self._show(phase, curve=curve)
 
     def _show(self, phase: str, **changed: Any) -> None:
         """Show what is on its way; where no edit came of it, what was there is shown again."""
         if self._preview is not None:
-            self._preview(replace(self.session.step, **changed) if phase == "move" else None)
+            self._preview(replace(self.session.editing.step, **changed) if phase == "move" else None)
 
     def _keys_changed(self, edit: Any, phase: str) -> None:
-        if self.session.step.extrusion != "interpolate":
+        if self.session.editing.step.extrusion != "interpolate":
             return
         if phase == "end":
             self._edit_keys(edit)
@@ -94,8 +94,8 @@ class DepthPanel(Panel):
     def _edit_keys(self, edit: Any) -> None:
         session = self.session
         if edit.kind == "select":
-            self.guard(lambda: session.edit_step(session.index, edit.selected))
+            self.guard(lambda: session.editing.edit_step(session.editing.index, edit.selected))
             return
         way = {"add": "added", "remove": "removed"}.get(edit.kind)
         options = {way: edit.index} if way else {}
-        self.guard(lambda: session.edit_keys(edit.knots, selected=edit.selected, **options))
+        self.guard(lambda: session.editing.edit_keys(edit.knots, selected=edit.selected, **options))

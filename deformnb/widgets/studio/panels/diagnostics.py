@@ -97,8 +97,10 @@ class DiagnosticsPanel(Panel):
     # -- what is shown -------------------------------------------------------------------------------------------------
 
     def arrange(self) -> None:
-        self.overlay.disabled = self.session.step.plane is None
-        if self._shown is not None and self._shown.step is not self.session.step:  # on a busy machine it takes seconds
+        self.overlay.disabled = self.session.editing.step.plane is None
+        if (
+            self._shown is not None and self._shown.step is not self.session.editing.step
+        ):  # on a busy machine it takes seconds
             self.facts.value = f'<div style="opacity: 0.45">{facts_html(self._shown)}</div>'
             self.message.value = _WAITING
             self._shown = None
@@ -118,7 +120,7 @@ class DiagnosticsPanel(Panel):
         self._model.show(findings, self._editors.current, self._editors.plane)
 
     def _show_suspects(self, found: Diagnostics) -> None:
-        points = self.session.points
+        points = self.session.editing.points
         text, known = suspects_of(found, points)
         shown = [text, *(point_name(points, i) for i in known)]
         if shown == self._named:

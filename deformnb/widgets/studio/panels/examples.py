@@ -28,7 +28,7 @@ class ExamplesPanel(Panel):
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 24)))
     >>> panel = ExamplesPanel(session, lambda action: action() or True, is_start=True)
     >>> panel.buttons["bend"].click()
-    >>> len(session.points), panel.box.layout.display
+    >>> len(session.editing.points), panel.box.layout.display
     (15, 'none')
     """
 
@@ -51,7 +51,7 @@ class ExamplesPanel(Panel):
 
     def arrange(self) -> None:
         if self._is_start:
-            is_empty = self.session.step.plane is not None and is_untouched(self.session.deformation)
+            is_empty = self.session.editing.step.plane is not None and is_untouched(self.session.editing.deformation)
             self.box.layout.display = "" if is_empty else "none"
 
 

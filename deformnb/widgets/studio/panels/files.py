@@ -173,7 +173,7 @@ class FilesPanel(Panel):
             "about": self.page_text.value,
             "controls": [name for name, box in self.page_controls.items() if box.value],
         }
-        if os.path.lexists(path) and not frozen.files.has(path):
+        if os.path.lexists(path) and not frozen.files.known.has(path):
             self.message.value = ""
             is_volume = path.name.lower().endswith((*EXPORTS["volume"].suffixes, *_FOLDERS))
             doubt = ", and may be the original" if is_volume else ""
@@ -259,7 +259,7 @@ class FilesPanel(Panel):
         self.message.value = ""
         note = (
             ""
-            if self.session.source
+            if self.session.files.source
             else (f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
         )
         self.file_transfer.copy(self.session.code(), note)
@@ -462,7 +462,7 @@ _MARGIN = 0.1
 
 
 class ResultBox(Panel):
-    """A row of controls for :attr:`Session.output`; it stands in another panel.
+    """A row of controls for :attr:`Editing.output`; it stands in another panel.
 
     Parameters
     ----------
@@ -480,14 +480,14 @@ class ResultBox(Panel):
         self.follows = self._is_requested = False
         self._known: Deformation | None = None
         self._left: tuple[str, ...] = ()
-        self._length = float(f"{_MARGIN * max(session.grid.lengths):.1g}")
+        self._length = float(f"{_MARGIN * max(session.editing.grid.lengths):.1g}")
         self.margin = ipw.BoundedFloatText(
             value=self._length,
             min=0.0,
-            max=4 * session.grid.diagonal,
+            max=4 * session.editing.grid.diagonal,
             step=1.0,
             continuous_update=False,
-            description=unit_of(session.grid),
+            description=unit_of(session.editing.grid),
             layout=ipw.Layout(width="120px"),
             style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels",
@@ -513,7 +513,7 @@ class ResultBox(Panel):
     # -- what is chosen ------------------------------------------------------------------------------------------------
 
     def _chosen(self) -> str:
-        output = self.session.output
+        output = self.session.editing.output
         if self._is_requested or (self.follows and output is not None):
             return "needed"
         if output is None:
@@ -525,7 +525,7 @@ class ResultBox(Panel):
 
     def _margin_of(self, output: Grid) -> float | None:
         """The margin that makes this box; None if there is none."""
-        grid = self.session.grid
+        grid = self.session.editing.grid
         index = -grid.point_to_index(output.origin)
         for length in (self._length, *(abs(index) * grid.spacing).tolist()):
             if padded(grid, length) == output:
@@ -539,7 +539,7 @@ class ResultBox(Panel):
         elif what == "margin":
             self._grow(self._length)
         elif what == "volume":
-            self.session.output = None
+            self.session.editing.output = None
 
     def _make_larger(self) -> None:
         self.guard(lambda: self._choose("needed"))
@@ -548,10 +548,10 @@ class ResultBox(Panel):
     def _grow(self, length: float) -> None:
         self._length = float(length)
         self.follows = False
-        self.session.grow(self._length)
+        self.session.results.grow(self._length)
 
     def arrange(self) -> None:
-        output = self.session.output
+        output = self.session.editing.output
         if output is None and not self._is_requested:
             self.follows = False  # it was taken back
         chosen = self._chosen()
@@ -559,13 +559,13 @@ class ResultBox(Panel):
             self._length = self._margin_of(output) or self._length
         fill(self.choice, self._options())
         self.margin.layout.display = "" if chosen == "margin" else "none"
-        if self._known is not self.session.deformation:
-            self._known = self.session.deformation
+        if self._known is not self.session.editing.deformation:
+            self._known = self.session.editing.deformation
             self._request_check()
         self._show_size()
 
     def _show_size(self) -> None:
-        grid, volume = self.session.box, self.session.volume
+        grid, volume = self.session.results.box, self.session.volume
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
         if self._left:
@@ -582,7 +582,7 @@ class ResultBox(Panel):
             self._worker.latest("result box", weakly(self, ResultBox._check_again))
 
     def _fit(self) -> None:
-        self.session.fit_output()
+        self.session.results.fit_output()
 
     def _check_again(self) -> None:
         with contextlib.suppress(DeformError):  # of an edit that has already reported it
@@ -594,7 +594,7 @@ class ResultBox(Panel):
         if self._is_requested:
             self.guard(self._fit)
             self._is_requested = False
-        elif self.follows and session.output is not None:
-            session.fit_output(joins=True)
-        self._left = session.exceeded_sides()
+        elif self.follows and session.editing.output is not None:
+            session.results.fit_output(joins=True)
+        self._left = session.results.exceeded_sides()
         self.refresh()

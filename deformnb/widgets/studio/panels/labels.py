@@ -143,7 +143,7 @@ class LabelChooser(Panel):
         DeformError
             If it lies elsewhere in space, or is no label volume; what was shown stays.
         """
-        labels = labels.in_unit(self.session.grid.unit)
+        labels = labels.in_unit(self.session.editing.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
             raise DeformError(
                 f"{name} lies elsewhere in space than {self.session.volume.name or 'the volume'}: "
@@ -166,12 +166,16 @@ class LabelChooser(Panel):
             raise DeformError(f"{path.name} is no table of label names: it needs columns such as label and name.")
         self._table = names
         if self._labels is None:
-            self.session.notice = f"{path.name} names {len(names)} labels: open the label volume that they belong to."
+            self.session.editing.notice = (
+                f"{path.name} names {len(names)} labels: open the label volume that they belong to."
+            )
             return
         chosen, numbers = self.list.value, [number for _, number in self.list.options]
         self.list.options = [(names.get(n, words), n) for words, n in self.list.options]
         self.list.value = chosen
-        self.session.notice = f"{path.name} names {sum(n in names for n in numbers)} of the {len(numbers)} labels."
+        self.session.editing.notice = (
+            f"{path.name} names {sum(n in names for n in numbers)} of the {len(numbers)} labels."
+        )
 
     def _show(self, labels: Volume, names: Mapping[int, str]) -> None:
         present = np.unique(labels.values)
@@ -197,7 +201,7 @@ class LabelChooser(Panel):
     def _regions(self) -> list[tuple[str, Mask]]:
         if self._labels is None or not self.list.value:
             raise DeformError("no label is chosen; click on one in the list, with Ctrl or Shift on several.")
-        plane = self.session.step.plane
+        plane = self.session.editing.step.plane
         masks = [Mask.from_labels(self._labels, n) for n in self.list.value]
         return [
             (name, mask if plane is None else mask.silhouette(plane))

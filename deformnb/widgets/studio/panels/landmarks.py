@@ -62,7 +62,7 @@ class LandmarkFiles:
         found = read_landmarks(path)
         self._session.add_landmarks(found)
         notes = [f"{len(found)} landmarks of {path.name} are control points now", *found.notes]
-        self._session.notice = "; ".join(notes)
+        self._session.editing.notice = "; ".join(notes)
 
     def _download(self) -> None:
         landmarks = self._session.landmarks()

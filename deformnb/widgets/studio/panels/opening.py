@@ -121,20 +121,20 @@ class OpenPanel(Panel):
             self._opened(path.name, document)
         except OtherVolumeError:
             self.question.ask(
-                self.session.difference(document),
+                self.session.files.difference(document),
                 "Open anyway",
                 lambda: self._opened(path.name, document, allow_other_volume=True),
             )
 
     def _opened(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, f"open {name}", allow_other_volume=allow_other_volume)
-        self.session.notice = self.session.notice or f"Opened {name}; undo leads back."
+        self.session.editing.notice = self.session.editing.notice or f"Opened {name}; undo leads back."
 
     def _take_volume(self, path: Path, progress: Progress) -> None:
         subject, names = subject_from(path, progress=progress), read_label_names(path)
         volume, _ = as_volume_and_channels(subject)
         present = self.session.volume.name or "the volume that is open"
-        kept = f" The edits of {present} stay under History." if self.session.history.get("undo") else ""
+        kept = f" The edits of {present} stay under History." if self.session.editing.history.get("undo") else ""
         answers: dict[str, Callable[[], None]] = {
             "Open": lambda: self._open_volume(subject),
             "Show beside": lambda: self._show_beside(path.name, volume),
@@ -154,18 +154,18 @@ class OpenPanel(Panel):
     def _show_beside(self, name: str, volume: Volume) -> None:
         self._compare.panel.take(volume)
         self._compare.reveal()
-        self.session.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
+        self.session.editing.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
 
     def _take_target(self, name: str, volume: Volume) -> None:
         self._fit.panel.take(volume)
         self._fit.reveal()
-        self.session.notice = f'{name} is the target under "Match to another picture".'
+        self.session.editing.notice = f'{name} is the target under "Match to another picture".'
 
     def _take_labels(self, name: str, volume: Volume, names: Mapping[int, str]) -> None:
         self._shapes.panel.labels.take(name, replace(volume, is_labels=True), names)
         self._shapes.reveal()
         count = len(self._shapes.panel.labels.list.options)
-        self.session.notice = (
+        self.session.editing.notice = (
             f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
             'parts and cuts", and make them rigid parts or cuts.'
         )

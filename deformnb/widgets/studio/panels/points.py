@@ -65,26 +65,26 @@ class PointsPanel(Panel):
 
     def arrange(self) -> None:
         self._follow(self._editors.current)
-        self.table.smoothing_on = self.session.step.smoothing > 0
+        self.table.smoothing_on = self.session.editing.step.smoothing > 0
         if self.table.is_seen:
             self._show()
 
     def _show(self) -> None:
         with self._showing:
             session = self.session
-            state = (session.deformation, session.index, session.key)
+            state = (session.editing.deformation, session.editing.index, session.editing.key)
             if self._sent_state is None or self._sent_state[0] is not state[0] or self._sent_state[1:] != state[1:]:
                 if self._sent_state is None or self._sent_state[1:] != state[1:]:
                     self._errors, self._suspects = {}, ()  # of other points
                 self._sent_state = state
                 self._worker.latest("point diagnostics", weakly(self, PointsPanel._compute, lambda panel: True))
-            if self._shown is not session.points:
-                self._shown = session.points
+            if self._shown is not session.editing.points:
+                self._shown = session.editing.points
                 self._send()
 
     def _send(self) -> None:
         """Send the points with their errors: those of the edit before until they are computed again."""
-        points = self.session.points
+        points = self.session.editing.points
         errors = np.array([self._errors.get(point, np.nan) for point in points.ids])
         self.table.show(points, errors, self._suspects)
 
@@ -126,12 +126,12 @@ class PointsPanel(Panel):
     def _act(self, act: TableAct) -> str | None:
         self._said = ""
         if act.what in ("undo", "redo"):
-            what = getattr(self.session, act.what)()
+            what = getattr(self.session.editing, act.what)()
             return f"{'Undone' if act.what == 'undo' else 'Done again'}: {what}" if what else ""
         return self._said if self.guard(lambda: self._do(act)) else None
 
     def _do(self, act: TableAct) -> None:
-        points = self.session.points
+        points = self.session.editing.points
         known = [i for i in act.ids if i in set(points.ids)]
         if act.what == "look":
             self._look(known)
@@ -148,9 +148,9 @@ class PointsPanel(Panel):
             self._edit(commands[act.what](points, known))
 
     def _edit(self, points: ControlPoints) -> None:
-        before = self.session.points
+        before = self.session.editing.points
         if points != before:
-            self.session.edit_points(points, edit_label(before, points))
+            self.session.editing.edit_points(points, edit_label(before, points))
 
     def _look(self, ids: list[int]) -> None:
         if ids:
@@ -158,7 +158,7 @@ class PointsPanel(Panel):
             self._editors.current.look_at(ids[0])
 
     def _add(self, text: str) -> None:
-        points, axes = self.session.points, _AXES[self.session.points.dim]
+        points, axes = self.session.editing.points, _AXES[self.session.editing.points.dim]
         words = text.replace(";", " ").replace(",", " ").split()
         if len(words) != len(axes):
             raise DeformError(f"a new point needs {len(axes)} numbers, {', '.join(axes)}; got {len(words)}.")
@@ -171,7 +171,9 @@ class PointsPanel(Panel):
     def _source_of(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
         """Source of a visible place: a new point there moves nothing."""
         try:
-            way = np.asarray(self._editors.current.fit().displacement(place)) / (self.session.step.strength or 1.0)
+            way = np.asarray(self._editors.current.fit().displacement(place)) / (
+                self.session.editing.step.strength or 1.0
+            )
         except DeformError:  # nothing is fitted yet
             return place
         if not np.isfinite(way).all():
@@ -179,14 +181,14 @@ class PointsPanel(Panel):
         return place + way
 
     def _paste(self, text: str) -> None:
-        before = self.session.points
+        before = self.session.editing.points
         read = points_from_csv(text, before)
         held = [i for i in read.changed if before.locked[before.index(i)] and _is_moved(before, read.points, i)]
         if held:
             raise DeformError(f"{before.label(before.index(held[0]))} is locked; unlock it to move it.")
         if read.points != before:
             label = "add points" if read.added and not read.changed else "take points from a text"
-            self.session.edit_points(read.points, label)
+            self.session.editing.edit_points(read.points, label)
         self._said = f"{len(read.added)} points added, {len(read.changed)} changed."
 
     def close(self) -> None:

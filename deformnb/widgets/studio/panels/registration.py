@@ -116,14 +116,14 @@ class FitTarget:
         target, session = self.volume, self._session
         if target is None:
             raise DeformError("choose a target first: a volume, or the session file of another result.")
-        if session.step.plane is None:
-            return session.base(), target
-        moving = session.picture()
-        slice_at = session.depth if session.method == "slice" else None
-        key = (id(target), moving.plane, session.method, slice_at, session.transfer_function)
+        if session.editing.step.plane is None:
+            return session.pictures.base(), target
+        moving = session.pictures.picture()
+        slice_at = session.pictures.depth if session.pictures.method == "slice" else None
+        key = (id(target), moving.plane, session.pictures.method, slice_at, session.pictures.transfer_function)
         if self._pictured is None or self._pictured[0] != key:
-            colours = session.transfer_function if session.method in ("composite", "shaded") else None
-            made = project(target, moving.plane, session.method, transfer=colours, depth=slice_at)
+            colours = session.pictures.transfer_function if session.pictures.method in ("composite", "shaded") else None
+            made = project(target, moving.plane, session.pictures.method, transfer=colours, depth=slice_at)
             self._pictured = (key, made)
         return moving, self._pictured[1]
 
@@ -207,7 +207,11 @@ class Begun:
 
     def is_overtaken(self, session: Session) -> bool:
         """Check whether something was edited, or another step chosen, since."""
-        return (session.deformation, session.index, session.key) != (self.deformation, self.index, self.key)
+        return (session.editing.deformation, session.editing.index, session.editing.key) != (
+            self.deformation,
+            self.index,
+            self.key,
+        )
 
 
 Work = Callable[[Begun], tuple[ControlPoints, str]]
@@ -337,10 +341,12 @@ class FitPanel(Panel):
         self._request_preview()
 
     def _allow(self) -> None:
-        self.shown.layout.display = "none" if self.target.volume is None or self.session.step.plane is None else None
+        self.shown.layout.display = (
+            "none" if self.target.volume is None or self.session.editing.step.plane is None else None
+        )
         idle = not self._is_busy and self.target.volume is not None
         for text, made in self.buttons.items():
-            made.disabled = not idle or ("outline" in text and self.session.step.plane is None)
+            made.disabled = not idle or ("outline" in text and self.session.editing.step.plane is None)
         self.choice.disabled = self._is_busy
         self.stop.disabled = not self._is_busy
         self.bar.layout.visibility = "visible" if self._is_busy else "hidden"
@@ -358,7 +364,7 @@ class FitPanel(Panel):
             self.target.choose(key, self._progress)
         finally:
             self.choice.value = self.target.key  # what could not be read is not chosen
-            if self.target.volume is None and self.session.step.plane is not None:
+            if self.target.volume is None and self.session.editing.step.plane is not None:
                 self._editors.current.ghost_opacity = 0.0
         return self.target.note if key != NO_TARGET else _HINT
 
@@ -366,7 +372,7 @@ class FitPanel(Panel):
         """Make a volume the target that is chosen."""
         if self._is_busy:
             raise DeformError("a fit is under way; stop it first.")
-        self.target.offer(volume.in_unit(self.session.grid.unit))
+        self.target.offer(volume.in_unit(self.session.editing.grid.unit))
         self.target.choose(GIVEN)
         self.message.value = _words(self.target.note or _HINT)
         self.refresh()
@@ -389,7 +395,7 @@ class FitPanel(Panel):
         self._thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
 
     def _begin(self) -> Begun:
-        session, step = self.session, self.session.step
+        session, step = self.session, self.session.editing.step
         if self.target.volume is None:
             raise DeformError("choose a target first: a volume, or the session file of another result.")
         if step.strength != 1:
@@ -397,13 +403,13 @@ class FitPanel(Panel):
         if step.direction != "backward":
             raise DeformError("points are fitted backward: set the direction of the step to Backward first.")
         editor = self._editors.current
-        options = step.settings.arguments(session.points, lone_support(session.grid))
+        options = step.settings.arguments(session.editing.points, lone_support(session.editing.grid))
         settings = {"measure": self.measure.value, "energy": self.stiffness.value, "stages": step.stages}
         return Begun(
-            session.deformation,
-            session.index,
-            session.key,
-            session.points,
+            session.editing.deformation,
+            session.editing.index,
+            session.editing.key,
+            session.editing.points,
             tuple(editor.selected),
             editor.fit(),
             options,
@@ -414,7 +420,7 @@ class FitPanel(Panel):
         points, words = work(begun)
         if begun.is_overtaken(self.session):
             return f"{what} was overtaken: something was edited meanwhile, and that stays. Press the button again."
-        if points != begun.points and not self.guard(lambda: self.session.edit_points(points, what.lower())):
+        if points != begun.points and not self.guard(lambda: self.session.editing.edit_points(points, what.lower())):
             return "The result could not be taken; nothing was changed."
         return words
 
@@ -499,7 +505,7 @@ class FitPanel(Panel):
 
     def _show_preview(self) -> None:
         """Both pictures; an error in making them is shown at the buttons."""
-        if self.session.step.plane is None:
+        if self.session.editing.step.plane is None:
             return
         try:
             moving, fixed = self.target.pair()

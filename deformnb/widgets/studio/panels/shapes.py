@@ -94,7 +94,7 @@ def edit_parts(
     Parameters
     ----------
     editor : shows the picture; None where there is none to ask.
-    label, kind, slides : as of :meth:`~deformnb.session.session.Session.edit_parts`.
+    label, kind, slides : as of :meth:`~deformnb.session.editing.Editing.edit_parts`.
 
     Raises
     ------
@@ -102,10 +102,10 @@ def edit_parts(
         If that makes no deformation, or not before there is an answer.
     """
     try:
-        session.edit_parts(parts, label, kind, slides=slides)
+        session.editing.edit_parts(parts, label, kind, slides=slides)
     except DeformError:
-        points = carried_points(session.points, session.step.parts, parts)
-        if editor is None or session.step.plane is None or without_conflicts(points, parts) == points:
+        points = carried_points(session.editing.points, session.editing.step.parts, parts)
+        if editor is None or session.editing.step.plane is None or without_conflicts(points, parts) == points:
             raise
         editor.propose(parts, label)
         raise DeformError(
@@ -221,7 +221,7 @@ class PartControls(Panel):
     @property
     def part(self) -> RigidPart | None:
         """The part that is chosen."""
-        index, parts = self._index(), self.session.step.parts
+        index, parts = self._index(), self.session.editing.step.parts
         return parts[index] if index is not None and index < len(parts) else None
 
     def _of_motion(self) -> tuple[float, int, NDArray[np.float64]]:
@@ -268,7 +268,7 @@ class PartControls(Panel):
         self._write(verb, slider, motion=motion, pivot=pivot or self.part.pivot)
 
     def _write(self, verb: str, kind: str | None = None, **fields: Any) -> None:
-        index, parts = self._index(), list(self.session.step.parts)
+        index, parts = self._index(), list(self.session.editing.step.parts)
         if index is None or index >= len(parts):
             return
         parts[index] = replace(parts[index], **fields)
@@ -311,7 +311,7 @@ _EMPTY = (
 )
 _EMPTY_SPACE = (
     "Nothing yet. In space a part or a cut is a fixed side, a label, or made in Python: "
-    "studio.session.edit_cuts([...]). The pen and the wand need a picture: choose a side over it."
+    "studio.session.editing.change(cuts=[...]). The pen and the wand need a picture: choose a side over it."
 )
 _FIXED_AT = 0.1  # share of the picture's height, from below
 
@@ -390,7 +390,7 @@ class ShapesPanel(Panel):
     # -- what is there -------------------------------------------------------------------------------------------------
 
     def _rows(self) -> list[tuple[str, int]]:
-        step = self.session.step
+        step = self.session.editing.step
         return [("cut", k) for k in range(len(step.cuts))] + [("part", k) for k in range(len(step.parts))]
 
     def _part_index(self) -> int | None:
@@ -399,7 +399,11 @@ class ShapesPanel(Panel):
     def _line(self) -> Line | None:
         """The line of the chosen cut, if it is one."""
         what, k = self._chosen or ("", 0)
-        region = self.session.step.cuts[k].region if what == "cut" and k < len(self.session.step.cuts) else None
+        region = (
+            self.session.editing.step.cuts[k].region
+            if what == "cut" and k < len(self.session.editing.step.cuts)
+            else None
+        )
         return region if isinstance(region, Line) else None
 
     def _ends_of(self) -> str:
@@ -413,7 +417,7 @@ class ShapesPanel(Panel):
 
     def arrange(self) -> None:
         self._follow()
-        rows, step = self._rows(), self.session.step
+        rows, step = self._rows(), self.session.editing.step
         self.items.show(
             [_row(what, k, (step.cuts if what == "cut" else step.parts)[k]) for what, k in rows],
             rows.index(self._chosen) if self._chosen in rows else -1,
@@ -439,7 +443,7 @@ class ShapesPanel(Panel):
 
     def _chosen_in_the_picture(self, change: Any) -> None:
         chosen = change["new"]
-        if chosen and self.session.step.plane is not None:  # where it has none, the row stays
+        if chosen and self.session.editing.step.plane is not None:  # where it has none, the row stays
             self._choose(chosen["what"].removesuffix("s"), chosen["index"])
             self.refresh()
 
@@ -478,12 +482,12 @@ class ShapesPanel(Panel):
         return self._chosen
 
     def _shapes(self, what: str) -> tuple[Any, ...]:
-        step = self.session.step
+        step = self.session.editing.step
         return step.cuts if what == "cut" else step.parts
 
     def _edit(self, what: str, shapes: list[Any], label: str) -> None:
         if what == "cut":
-            self.session.edit_cuts(shapes, label)
+            self.session.editing.change(label, cuts=shapes)
         else:
             edit_parts(self.session, self._editor, shapes, label)
 
@@ -500,7 +504,7 @@ class ShapesPanel(Panel):
         self.refresh()
 
     def _show_in_the_picture(self) -> None:
-        if self._chosen is not None and self.session.step.plane is not None:
+        if self._chosen is not None and self.session.editing.step.plane is not None:
             what, index = self._chosen
             if index < len(getattr(self._editor, f"{what}s")):  # else another picture is still being made
                 self._editor.choose(f"{what}s", index)
@@ -508,7 +512,7 @@ class ShapesPanel(Panel):
     def _fixed_side(self) -> HalfSpace:
         """All below a level near the lower edge of the picture, or of the volume."""
         corners = self.session.volume.grid.corners()
-        plane = self.session.step.plane
+        plane = self.session.editing.step.plane
         if plane is None:
             low, high = corners.min(axis=0), corners.max(axis=0)
             middle = (low + high) / 2

@@ -39,13 +39,13 @@ class StepsPanel(Panel):
         super().__init__(session, guard)
         self.items = ItemList(label="Steps", columns=["Step", "Side", "Points", "On it"])
         self.items.on_act(self._act)
-        here = action_button("add_step", lambda: guard(session.add_step))
+        here = action_button("add_step", lambda: guard(session.steps.add))
         space = button(
             "Add step in space",
             "Deform with points in the volume itself instead of on a picture of it",
-            lambda: guard(lambda: session.add_step(in_space=True)),
+            lambda: guard(lambda: session.steps.add(in_space=True)),
         )
-        mode = self.add(widget_of("mode"), lambda: session.deformation.mode, session.set_mode)
+        mode = self.add(widget_of("mode"), lambda: session.editing.deformation.mode, session.steps.set_mode)
         self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
@@ -53,24 +53,24 @@ class StepsPanel(Panel):
     def _act(self, what: str, index: int, value: Any) -> None:
         session = self.session
         actions: dict[str, Callable[[], None]] = {
-            "choose": lambda: session.edit_step(index),
-            "switch": lambda: session.set_step_enabled(index, value),
-            "rename": lambda: session.rename_step(index, value),
-            "up": lambda: session.move_step(index, index - 1),
-            "down": lambda: session.move_step(index, index + 1),
-            "double": lambda: session.duplicate_step(index),
-            "remove": lambda: session.remove_step(index),
+            "choose": lambda: session.editing.edit_step(index),
+            "switch": lambda: session.steps.set_enabled(index, value),
+            "rename": lambda: session.steps.rename(index, value),
+            "up": lambda: session.steps.move(index, index - 1),
+            "down": lambda: session.steps.move(index, index + 1),
+            "double": lambda: session.steps.duplicate(index),
+            "remove": lambda: session.steps.remove(index),
         }
         self.guard(actions[what])
         self.refresh()  # what was refused stands as it did
 
     def arrange(self) -> None:
         session = self.session
-        steps = session.deformation.steps
-        titles = session.step_titles()
-        rows = [_row(step, k, titles[k], session.side_of(step.plane)) for k, step in enumerate(steps)]
-        self.items.show(rows, session.index)
-        self._hint.value = prose(_HINTS[session.deformation.mode] if len(steps) > 1 else _ALONE)
+        steps = session.editing.deformation.steps
+        titles = session.steps.titles()
+        rows = [_row(step, k, titles[k], session.steps.side_of(step.plane)) for k, step in enumerate(steps)]
+        self.items.show(rows, session.editing.index)
+        self._hint.value = prose(_HINTS[session.editing.deformation.mode] if len(steps) > 1 else _ALONE)
 
 
 def _row(step: Step, k: int, title: str, side: str) -> dict[str, Any]:
@@ -111,7 +111,7 @@ class HistoryPanel(Panel):
     >>> from deformnb.datasets import PHANTOMS
     >>> session = Session(PHANTOMS["bar"].make((8, 8, 8)))
     >>> panel = HistoryPanel(session, lambda action: action() or True)
-    >>> session.change(trend="none")
+    >>> session.editing.change(trend="none")
     >>> panel.refresh()
     >>> [row["title"] for row in panel.items.rows]
     ['the beginning', 'change trend']
@@ -131,7 +131,7 @@ class HistoryPanel(Panel):
         self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
         # Going between equal documents changes nothing else, and refreshes no panel.
         self._observer = weakly(self, HistoryPanel._history_changed, lambda panel: True)
-        session.observe(self._observer, "history")
+        session.editing.observe(self._observer, "history")
         self.refresh()
 
     def lead_back(self, former: Session, open_session: Callable[[Session], None]) -> None:
@@ -160,7 +160,7 @@ class HistoryPanel(Panel):
     def arrange(self) -> None:
         if not self._is_seen:  # hundreds of rows would go to the front end after every edit
             return
-        nodes = self.session.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
+        nodes = self.session.editing.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
         if nodes == self._shown:
             return
         self._shown = nodes
@@ -169,4 +169,4 @@ class HistoryPanel(Panel):
         self.items.show(rows, shown)
 
     def close(self) -> None:
-        self.session.unobserve(self._observer, "history")
+        self.session.editing.unobserve(self._observer, "history")

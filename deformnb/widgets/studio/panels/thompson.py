@@ -40,7 +40,8 @@ _OVERLAYS = [
 ]
 _IN_SPACE = "Points in space deform no picture, so there is no grid to show: choose a step on a picture."
 _HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
-_WATCHED = ["deformation", "index", "key", "history", "method", "depth", "transfer", "window", "colour_map"]
+_EDITING = ["deformation", "index", "key", "history"]
+_PICTURES = ["method", "depth", "transfer", "window", "colour_map"]
 _CELLS = 12  # of a printed grid, where the picture shows none
 _LOOK = (
     '<div style="line-height: 1.35"><b>Drag the nodes of the grid titled Deformed</b>: '
@@ -69,7 +70,7 @@ class ThompsonPanel(Panel):
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 16)))
     >>> panel = ThompsonPanel(session)
     >>> panel.magnify.value = 2.0
-    >>> session.step.strength
+    >>> session.editing.step.strength
     2.0
     >>> panel.close()
     """
@@ -130,8 +131,8 @@ class ThompsonPanel(Panel):
         traitlets.link((self.editor, "overlay"), (overlay, "value"))
         self.magnify = self.add(
             slider("Magnify", -1.0, 3.0, 0.01, "0 the original, 1 as drawn, 2 exaggerated, -1 the opposite way"),
-            lambda: float(np.clip(self.session.step.strength, -1.0, 3.0)),
-            lambda value: self.session.change(kind="strength", slides=True, strength=float(value)),
+            lambda: float(np.clip(self.session.editing.step.strength, -1.0, 3.0)),
+            lambda value: self.session.editing.change(kind="strength", slides=True, strength=float(value)),
         )
         self._words = ipw.Label("")
         self.everywhere = ipw.Checkbox(
@@ -193,35 +194,35 @@ class ThompsonPanel(Panel):
         self.arrange()
 
     def arrange(self) -> None:
-        on_picture = self.session.step.plane is not None
+        on_picture = self.session.editing.step.plane is not None
         self._pictures.layout.display = "" if on_picture else "none"
         self._nowhere.layout.display = "none" if on_picture else ""
         shown = (self.editor,) if self._is_open and on_picture else ()
         for place in (self.before, self.after):
             if place.children != shown:
                 place.children = shown
-        self._words.value = in_words(self.session.step.strength)
+        self._words.value = in_words(self.session.editing.step.strength)
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
     def apply_grid(self) -> None:
         """Put control points at the nodes of one of Thompson's grids, laid around what the picture shows."""
-        if self.session.step.plane is None:
+        if self.session.editing.step.plane is None:
             raise DeformError(_IN_SPACE)
         source, target = self.grid.value
-        picture = self.session.picture()
+        picture = self.session.pictures.picture()
         grids = thompson_map(source, target, box=subject_box(picture), frame=picture.raster.box, head=self.head.value)
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
         points = ControlPoints.from_arrays(*rows)  # 56 names would hide the picture
-        self.session.edit_points(points, f"apply the grid of {target}")
+        self.session.editing.edit_points(points, f"apply the grid of {target}")
 
     def _show_own(self, is_shown: bool) -> None:
         """Show or put away the two drawings, beginning with the picture that is seen."""
         self._end_own()
         if is_shown:
-            if self.session.step.plane is None:
+            if self.session.editing.step.plane is None:
                 raise DeformError(_IN_SPACE)
-            self.drawings = DrawingPair(self.session.picture(), guard=self.guard)
+            self.drawings = DrawingPair(self.session.pictures.picture(), guard=self.guard)
             told = "Points at the nodes of your grid, in place of those that are there; can be undone"
             self._own.children = (self.drawings, button("Apply own grids", told, lambda: self.guard(self.apply_own)))
 
@@ -235,21 +236,21 @@ class ThompsonPanel(Panel):
         """Put control points at the nodes of the grid on this picture, which go to those of the second drawing."""
         if self.drawings is None:
             raise DeformError("no drawings are shown: press Own drawings.")
-        if self.drawings.first.picture.plane != self.session.step.plane:
+        if self.drawings.first.picture.plane != self.session.editing.step.plane:
             raise DeformError(
                 "the grid was put on another side of the volume: go back to it, or press Own drawings "
                 "twice to begin on this one."
             )
         grids = self.drawings.map()
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
-        self.session.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
+        self.session.editing.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
 
     def _writer(self, suffix: str) -> Callable[[], Any]:
         return lambda: self.guard(lambda: self.write(suffix))
 
     def write(self, suffix: str) -> None:
         """Write the figure into the folder, in a thread of its own."""
-        session, editor, step = self.session, self.editor, self.session.step
+        session, editor, step = self.session, self.editor, self.session.editing.step
         if step.plane is None:
             raise DeformError(_IN_SPACE)
         path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
@@ -257,8 +258,8 @@ class ThompsonPanel(Panel):
         given: dict[str, Any] = {
             "lines": editor.density or _CELLS,
             "overlay": overlay,
-            "grid": session.grid,
-            "key": session.key,
+            "grid": session.editing.grid,
+            "key": session.editing.key,
             "path": path,
         }
         named, downloads = replace(step, name=step.name or session.volume.name), self.downloads.value
@@ -268,8 +269,8 @@ class ThompsonPanel(Panel):
         missing = " The uncertainty overlay is shown here only." if editor.overlay == "uncertainty" else ""
 
         def draw() -> None:
-            with session.files.writing(path):
-                draw_grids(named, session.picture(), **given)
+            with session.files.known.writing(path):
+                draw_grids(named, session.pictures.picture(), **given)
 
         self._thread.call(lambda: self._do(draw, path, downloads, missing))
 
@@ -294,39 +295,41 @@ class ThompsonPanel(Panel):
         self._thread.close()
         self._end_own()
         if self.is_alone:
-            self.session.unobserve(self._session_changed, _WATCHED)
+            self.session.editing.unobserve(self._session_changed, _EDITING)
+            self.session.pictures.unobserve(self._session_changed, _PICTURES)
             self.editor.close()
 
     # -- alone ---------------------------------------------------------------------------------------------------------
 
     def _listen(self) -> None:
-        self._drawn = self.session.automatic_picture()
+        self._drawn = self.session.pictures.automatic_picture()
         self.editor.observe(self._points_changed, "points")
         self.editor.observe(self._shapes_changed, ["cuts", "parts"])
-        self.editor.on_history(lambda way: getattr(self.session, way)())
+        self.editor.on_history(lambda way: getattr(self.session.editing, way)())
         self.editor.observe(self._window_chosen, "window")
-        self.session.observe(self._session_changed, _WATCHED)
+        self.session.editing.observe(self._session_changed, _EDITING)
+        self.session.pictures.observe(self._session_changed, _PICTURES)
 
     def _points_changed(self, change: Any) -> None:
-        if change["new"] != self.session.points:
-            label = edit_label(self.session.points, change["new"])
-            self._taken(lambda: self.session.edit_points(change["new"], label))
+        if change["new"] != self.session.editing.points:
+            label = edit_label(self.session.editing.points, change["new"])
+            self._taken(lambda: self.session.editing.edit_points(change["new"], label))
 
     def _shapes_changed(self, change: Any) -> None:
         what = change["name"]
-        if getattr(self.session.step, what) != change["new"]:
+        if getattr(self.session.editing.step, what) != change["new"]:
             made = self.editor.edit_under_way
             points = None if made is None else made.points
             self._taken(
                 lambda: (
-                    self.session.edit_cuts(change["new"])
+                    self.session.editing.change(cuts=change["new"])
                     if what == "cuts"
-                    else self.session.edit_parts(change["new"], points=points)
+                    else self.session.editing.edit_parts(change["new"], points=points)
                 )
             )
 
     def _window_chosen(self, change: Any) -> None:
-        self.guard(lambda: self.session.set_trait("window", tuple(change["new"]) or None))
+        self.guard(lambda: self.session.pictures.set_trait("window", tuple(change["new"]) or None))
 
     def _taken(self, edit: Callable[[], None]) -> None:
         """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""
@@ -337,8 +340,8 @@ class ThompsonPanel(Panel):
         if change["name"] == "history":
             self.editor.history = dict(change["new"])
             return
-        if self.session.step.plane is not None:
-            picture = self.session.automatic_picture()
+        if self.session.editing.step.plane is not None:
+            picture = self.session.pictures.automatic_picture()
             if self._drawn is not picture:  # the editor's own is in the window of the session
                 self.editor.picture = self._drawn = picture
             show_view_state(self.editor, self.session)

@@ -42,7 +42,7 @@ class Bench:
         self.session = Session(volume, Deformation.on_picture(GRID, "+y", points))
         self.view = view or LiveView(volume, width=64, height=64)
         self.panel = AnimationPanel(self.session, self.guard, self.view, folder)
-        self.session.observe(lambda _: self.panel.refresh(), "deformation")
+        self.session.editing.observe(lambda _: self.panel.refresh(), "deformation")
 
     def guard(self, action: Any) -> bool:
         try:
@@ -61,11 +61,11 @@ class Bench:
         deliver(items, {"type": "act", "what": what, "index": index, "version": items.version})
 
     def drag(self, target: tuple[float, float]) -> None:
-        self.session.edit_points(self.session.points.move(3, target))
+        self.session.editing.edit_points(self.session.editing.points.move(3, target))
 
     @property
     def times(self) -> list[float]:
-        return [key.time for key in self.session.deformation.keyframes]
+        return [key.time for key in self.session.editing.deformation.keyframes]
 
     @property
     def titles(self) -> list[str]:
@@ -95,16 +95,16 @@ def test_key_frames_are_added_chosen_updated_moved_and_removed(bench: Bench) -> 
     assert [row["facts"][1] for row in bench.panel.items.rows] == ["", "as it is now"]
     assert (bench.panel.items.chosen, bench.panel.player.duration, bench.panel.player.marks) == (1, 1.0, [0.0, 1.0])
     assert bench.panel.player.time == 1.0
-    assert "Key frame 2 is at 1 s" in bench.session.notice
-    assert "the next, at 2 s" in bench.session.notice
+    assert "Key frame 2 is at 1 s" in bench.session.editing.notice
+    assert "the next, at 2 s" in bench.session.editing.notice
 
     bench.act("choose", 0)
-    assert bench.session.points.target[3].tolist() == [28.0, 7.5]
+    assert bench.session.editing.points.target[3].tolist() == [28.0, 7.5]
     assert (bench.panel.items.chosen, bench.panel.player.time) == (0, 0.0)
     bench.drag((28.0, 8.5))
     assert [row["facts"][1] for row in bench.panel.items.rows] == ["", ""]
     bench.press("Update")
-    assert bench.session.deformation.keyframes[0].steps[0].points.target[3].tolist() == [28.0, 8.5]
+    assert bench.session.editing.deformation.keyframes[0].steps[0].points.target[3].tolist() == [28.0, 8.5]
 
     bench.panel._time.value = 3.0
     assert bench.times == [1.0, 3.0]
@@ -118,9 +118,9 @@ def test_key_frames_are_added_chosen_updated_moved_and_removed(bench: Bench) -> 
     bench.act("remove", 1)
     assert bench.times == [1.0, 4.0]
     for _ in range(2):
-        bench.session.undo()
+        bench.session.editing.undo()
     assert bench.times == [1.0, 3.0]
-    assert bench.session.history["redo"] == "repeat a key frame"
+    assert bench.session.editing.history["redo"] == "repeat a key frame"
 
 
 def test_a_key_frame_comes_where_the_player_rests_between_two(bench: Bench) -> None:
@@ -129,8 +129,8 @@ def test_a_key_frame_comes_where_the_player_rests_between_two(bench: Bench) -> N
     bench.press("Add key frame")
     bench.panel.player.time = 0.4
     bench.press("Edit this moment")
-    assert bench.session.points.target[3] == pytest.approx([25.9, 11.1], abs=0.5)
-    assert bench.session.history["undo"] == "go to a moment"
+    assert bench.session.editing.points.target[3] == pytest.approx([25.9, 11.1], abs=0.5)
+    assert bench.session.editing.history["undo"] == "go to a moment"
     bench.press("Add key frame")
     assert bench.times == [0.0, 0.4, 1.0]
     bench.press("Add key frame")  # it stands on a key frame now: after the last
@@ -150,7 +150,7 @@ def test_the_view_goes_through_the_moments_and_comes_back_to_the_document(bench:
     bench.panel.playback.wait()
     assert bench.view.moments is maps  # nothing is made or sent again
     middle = bench.view.still((64, 48)).astype(int)
-    bench.view.show_deformation(bench.session.deformation)  # as the studio does after an edit
+    bench.view.show_deformation(bench.session.editing.deformation)  # as the studio does after an edit
     assert bench.view.moments is None
     assert np.abs(bench.view.still((64, 48)).astype(int) - middle).max() > 20
     bench.panel._easing.value = "smooth"
@@ -168,7 +168,7 @@ def test_an_edit_stops_the_player_and_is_not_hidden_by_it(bench: Bench) -> None:
     assert bench.view.moments is not None
     bench.drag((20.0, 14.0))
     assert not bench.panel.player.is_playing
-    bench.view.show_deformation(bench.session.deformation)
+    bench.view.show_deformation(bench.session.editing.deformation)
     bench.panel.player.time = 0.33  # what the page says a little later: where it has stopped
     bench.panel.playback.wait()
     assert bench.view.moments is None
@@ -196,8 +196,8 @@ def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
     for time in (0.25, 1.0):
         bench.panel.player.time = time
         bench.panel.playback.wait()
-        target = Animation(bench.session.deformation).at(time).steps[0].points.target[3]
-        plane = bench.session.plane
+        target = Animation(bench.session.editing.deformation).at(time).steps[0].points.target[3]
+        plane = bench.session.editing.plane
         place = plane.from_plane([*target, 0.0])
         found = plane.to_plane(place + view.shown[-1].displacement(place))[:2]
         assert found == pytest.approx([28.0, 7.5], abs=0.3)  # where the point was taken
@@ -205,7 +205,7 @@ def test_a_view_that_python_draws_is_shown_every_moment(tmp_path: Path) -> None:
 
 
 def test_moments_that_are_no_maps_are_shown_one_by_one(bench: Bench) -> None:
-    bench.session.change(cuts=(Cut(Line([(15.0, -5.0), (15.0, 30.0)])),))
+    bench.session.editing.change(cuts=(Cut(Line([(15.0, -5.0), (15.0, 30.0)])),))
     bench.press("Add key frame")
     bench.drag((24.0, 9.0))
     bench.press("Add key frame")
@@ -345,18 +345,18 @@ def test_a_page_with_a_card_draws_the_movie_and_python_all_of_it_if_the_page_lea
 
 def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> None:
     bench.panel.player.loop = "swing"  # nothing to keep it with yet
-    assert bench.session.history["undo"] == ""
+    assert bench.session.editing.history["undo"] == ""
     bench.press("Add key frame")
     bench.drag((22.0, 12.0))
     bench.press("Add key frame")
     bench.panel._easing.value = "smooth"
     bench.panel.player.loop = "loop"
-    document = bench.session.deformation
+    document = bench.session.editing.deformation
     assert (document.easing, document.loop) == ("smooth", "loop")
     assert Animation(document).easing == "smooth"
-    bench.session.undo()
+    bench.session.editing.undo()
     bench.panel.refresh()
     assert bench.panel.player.loop == "once"
-    bench.session.undo()
+    bench.session.editing.undo()
     bench.panel.refresh()
     assert bench.panel._easing.value == "linear"

@@ -49,14 +49,14 @@ class Depth:
 
     def __init__(self, rule: str) -> None:
         self.session = Session(a_volume(), view="+y")
-        self.session.edit_points(self.session.points.add([10.0, 10.0], [10.0, 14.0]))
-        self.session.change(extrusion=rule)
+        self.session.editing.edit_points(self.session.editing.points.add([10.0, 10.0], [10.0, 14.0]))
+        self.session.editing.change(extrusion=rule)
         self.view, self.worker = View(), Worker()
         self.link = StudioLink(self.session, self.view, self.worker)
         self.refused: list[Exception] = []
         self.panel = DepthPanel(self.session, self.guard, self.link.preview)
         self.editor = object()
-        self.session.observe(lambda _: self.link.show(self.editor), "deformation")
+        self.session.editing.observe(lambda _: self.link.show(self.editor), "deformation")
         self.link.show(self.editor)
 
     def guard(self, action: Any) -> bool:
@@ -97,11 +97,11 @@ def made() -> Iterator[Any]:
 
 def test_the_view_follows_a_curve_that_is_dragged(made: Any) -> None:
     depth = made("modulate")
-    document, undo = depth.session.deformation, depth.session.history["undo"]
+    document, undo = depth.session.editing.deformation, depth.session.editing.history["undo"]
     ramp = depth.moves
     depth.curve(TENT, "move")
     tent = depth.moves
-    assert depth.session.deformation is document
+    assert depth.session.editing.deformation is document
     assert depth.link.previews == 1
     assert depth.view.followed[-1] is None
     z = np.linspace(0, 1, len(tent))
@@ -111,17 +111,17 @@ def test_the_view_follows_a_curve_that_is_dragged(made: Any) -> None:
     depth.curve([[0, 0.5], [1, 0.5]], "move")
     np.testing.assert_allclose(depth.moves, ramp[-1] / 2, rtol=1e-4)
     depth.curve([[0, 1], [1, 1]], "end")
-    assert depth.session.history["undo"] != undo
+    assert depth.session.editing.history["undo"] != undo
     assert depth.view.followed[-1] is depth.editor
     np.testing.assert_allclose(depth.moves, ramp[-1], rtol=1e-4)
-    depth.session.undo()
-    assert depth.session.deformation == document
+    depth.session.editing.undo()
+    assert depth.session.editing.deformation == document
     np.testing.assert_allclose(depth.moves, ramp)
 
 
 def test_a_drag_that_is_given_up_shows_again_what_was_there(made: Any) -> None:
     depth = made("modulate")
-    before, document = depth.moves, depth.session.deformation
+    before, document = depth.moves, depth.session.editing.deformation
     depth.curve(TENT, "move")
     assert not np.allclose(depth.moves, before)
     depth.curve(RAMP, "end")  # what Escape sends: nodes that say what the formula said
@@ -130,36 +130,36 @@ def test_a_drag_that_is_given_up_shows_again_what_was_there(made: Any) -> None:
     shown = len(depth.view.fields)
     depth.link.preview(None)
     assert len(depth.view.fields) == shown  # nothing to give up
-    depth.session.undo()
-    assert modulate(depth.session.step.curve)[1].tolist() == modulate(document.steps[0].curve)[1].tolist()
+    depth.session.editing.undo()
+    assert modulate(depth.session.editing.step.curve)[1].tolist() == modulate(document.steps[0].curve)[1].tolist()
 
 
 def test_the_view_follows_a_key_that_is_dragged(made: Any) -> None:
     depth = made("interpolate")
     session = depth.session
-    points = session.points
-    session.edit_step(0, 1)
-    session.edit_points(points.reset())  # nothing moves at the middle key
+    points = session.editing.points
+    session.editing.edit_step(0, 1)
+    session.editing.edit_points(points.reset())  # nothing moves at the middle key
     before = depth.moves
-    document, knots = session.deformation, session.step.knots
+    document, knots = session.editing.deformation, session.editing.step.knots
     depth.key([knots[0], 0.8, knots[2]], "move")
-    assert session.deformation is document
+    assert session.editing.deformation is document
     count = len(before)
     assert depth.moves[count // 2] > before[count // 2] + 0.1
     assert depth.moves[round(0.8 * (count - 1))] < before[round(0.8 * (count - 1))]
     depth.key(list(knots), "end")
-    assert session.deformation is document
+    assert session.editing.deformation is document
     np.testing.assert_allclose(depth.moves, before)
     depth.key([knots[0], 0.8, knots[2]], "move")
     moved = depth.moves
     depth.key([knots[0], 0.8, knots[2]], "end")
     np.testing.assert_allclose(depth.moves, moved)
-    assert session.history["undo"] == "move a key"
+    assert session.editing.history["undo"] == "move a key"
 
 
 def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
     depth = made("modulate")
-    step, started = depth.session.step, []
+    step, started = depth.session.editing.step, []
     depth.worker.latest("busy", lambda: started.append(depth.worker) or _until(lambda: len(started) > 1))
     deliver(
         depth.panel.curve,
@@ -170,7 +170,7 @@ def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
     started.append(None)  # the thread goes on, with a preview from before
     depth.say(depth.panel.keys, {"kind": "select", "index": 0, "knots": [0, 1], "selected": 0}, "move")
     assert len(depth.view.fields) == shown
-    assert depth.session.step is step
+    assert depth.session.editing.step is step
 
 
 def test_a_rule_that_was_registered_later_is_offered_and_said(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -184,7 +184,7 @@ def test_a_rule_that_was_registered_later_is_offered_and_said(made: Any, monkeyp
 def test_the_studio_shows_a_curve_on_its_way_and_makes_one_edit_of_it() -> None:
     studio = Studio(a_volume())
     drag(studio, a_drag(studio))
-    studio.session.change(extrusion="modulate")
+    studio.session.editing.change(extrusion="modulate")
     studio.wait()
     document, curve = studio.deformation, panel(studio, "Depth").curve
     for seq, (height, phase) in enumerate(((0.5, "move"), (1.0, "move"), (1.0, "end")), 1):
@@ -201,7 +201,7 @@ def test_the_studio_shows_a_curve_on_its_way_and_makes_one_edit_of_it() -> None:
                 "value": {"nodes": [[0, height], [1, 1]], "smooth": False},
             },
         )
-    assert studio.session.step.curve == (1.0, 1.0)
+    assert studio.session.editing.step.curve == (1.0, 1.0)
     studio.undo()
     assert studio.deformation == document
     studio.close()

@@ -46,7 +46,7 @@ def settle(studio: Studio) -> None:
 
 
 def least(studio: Studio) -> float:
-    step, grid = studio.session.step, studio.volume.grid
+    step, grid = studio.session.editing.step, studio.volume.grid
     return step_folds(step, grid).least
 
 
@@ -86,7 +86,7 @@ def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
         assert ("% in air" in facts_html(found)) is is_free
         fold_actions = FoldActions(session)
         fold_actions.unfold()
-        assert (session.notice == "Nothing folds here.") is is_free
+        assert (session.editing.notice == "Nothing folds here.") is is_free
 
 
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
@@ -111,17 +111,17 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     panel(studio, "Diagnostics").unfold.click()
     settle(studio)
     assert least(studio) > 0
-    assert studio.session.step.stages > 1
-    assert studio.editor.stages == controls(studio)["Stages"].value == studio.session.step.stages
+    assert studio.session.editing.step.stages > 1
+    assert studio.editor.stages == controls(studio)["Stages"].value == studio.session.editing.step.stages
     assert studio.editor.points == points
-    assert f"Done in {studio.session.step.stages} stages" in notice_of(studio)
+    assert f"Done in {studio.session.editing.step.stages} stages" in notice_of(studio)
     assert "no folds" in status_of(studio)
     studio.undo()
-    assert studio.session.step.stages == 1
+    assert studio.session.editing.step.stages == 1
     controls(studio)["Stages"].value = 16
     panel(studio, "Diagnostics").unfold.click()  # fewer will do
     settle(studio)
-    assert 1 < studio.session.step.stages < 16
+    assert 1 < studio.session.editing.step.stages < 16
 
 
 def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
@@ -135,8 +135,8 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     panel(studio, "Diagnostics").back.click()
     settle(studio)
     made = studio.editor.points
-    assert is_fold_free(studio.session.step, studio.volume.grid)
-    assert studio.session.step.strength == 1.0
+    assert is_fold_free(studio.session.editing.step, studio.volume.grid)
+    assert studio.session.editing.step.strength == 1.0
     assert_array_equal(made.target[:4], far.target[:4])
     way = (made.target[4] - first.target[4]) / (far.target[4] - first.target[4])
     assert 0 < way[0] < 1
@@ -155,7 +155,7 @@ def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
     assert least(studio) < 0.05
     panel(studio, "Diagnostics").back.click()
     settle(studio)
-    assert 1.0 < studio.session.step.strength < 3.0
+    assert 1.0 < studio.session.editing.step.strength < 3.0
     assert least(studio) == pytest.approx(0.05, abs=0.02)
 
 
@@ -166,14 +166,14 @@ def test_kept_free_of_folds_an_edit_and_its_stages_are_one_step_of_undo(studio: 
     drag(studio, a_drag(studio, FAR))
     settle(studio)
     assert least(studio) > 0
-    assert studio.session.step.stages > 1
+    assert studio.session.editing.step.stages > 1
     studio.undo()
     settle(studio)
-    assert studio.session.step.stages == 1
+    assert studio.session.editing.step.stages == 1
     assert studio.editor.points == before
     studio.redo()
     settle(studio)
-    assert studio.session.step.stages > 1
+    assert studio.session.editing.step.stages > 1
     assert least(studio) > 0
 
 
@@ -194,7 +194,7 @@ def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
     panel(studio, "Diagnostics").unfold.click()
     settle(studio)
     assert "through one another" in notice_of(studio)
-    assert studio.session.step.stages == 1
+    assert studio.session.editing.step.stages == 1
 
 
 def test_points_that_disagree_are_marked_and_found_by_a_click(studio: Studio) -> None:
@@ -230,12 +230,12 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
     diagnostics.overlay.value = "uncertainty"
     settle(studio)
     assert studio.editor.overlay == "uncertainty"
-    facts, raster = studio.editor.uncertainty_facts, studio.session.picture().raster
+    facts, raster = studio.editor.uncertainty_facts, studio.session.pictures.picture().raster
     shown = np.frombuffer(studio.editor.uncertainty, np.uint8).reshape(facts["height"], facts["width"])
     a0, a1, b0, b1 = raster.box
     a = a0 + (np.array([10, 60]) + 0.5) * (a1 - a0) / 96
     b = b0 + (np.array([40, 5]) + 0.5) * (b1 - b0) / facts["height"]
-    known = step_uncertainty(studio.session.step, studio.volume.grid)
+    known = step_uncertainty(studio.session.editing.step, studio.volume.grid)
     expected = known.at(np.stack([a, b], axis=-1))
     at = shown[[40, 5], [10, 60]] / 255
     assert at[0] / at[1] == pytest.approx(expected[0] / expected[1], rel=0.02)
@@ -248,7 +248,7 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
     drag(studio, a_drag(studio, 5.0))
     settle(studio)
     assert studio.editor.uncertainty != before
-    studio.session.edit_points(studio.editor.points.reset())
+    studio.session.editing.edit_points(studio.editor.points.reset())
     settle(studio)
     assert studio.editor.uncertainty == b""
     assert "nothing bends" in diagnostics.message.value
@@ -256,7 +256,7 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
 
 def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
     points = ControlPoints.from_arrays([[2, 2, 2], [20, 2, 2], [2, 16, 2], [2, 2, 13], [12, 9, 8]])
-    studio.session.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
+    studio.session.editing.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
     settle(studio)
     assert panel(studio, "Diagnostics").overlay.disabled
     assert "round trip" in status_of(studio)
@@ -267,7 +267,7 @@ def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
 
 
 def test_what_cannot_be_computed_gives_the_reason() -> None:
-    step = Session(a_volume()).step
+    step = Session(a_volume()).editing.step
     found = diagnose(step.with_points(ControlPoints.empty(2)), 0, a_volume().grid)
     assert "no active control point" in found.reason
     assert found.folds is not None
@@ -279,7 +279,7 @@ def test_words_of_the_diagnostics() -> None:
     grid = Grid((16, 20, 24), (0.7, 0.7, 1.0), unit="mm")
     assert (unit_of(grid), unit_of(Grid((4, 4, 4)))) == ("mm", "voxels")
     assert (unit_of(replace(grid, unit="")), unit_of(Grid((4, 4, 4), unit="mm"))) == ("", "mm")
-    found = diagnose(Session(a_volume()).step, 0, grid)
+    found = diagnose(Session(a_volume()).editing.step, 0, grid)
     assert found.trip_text == "round trip 0 mm"
     assert replace(found, trip=RoundTrip(0.00123, 0.001, 1.0)).trip_text == "round trip 0.0012 mm"
     assert "4 % lost" in facts_html(replace(found, trip=RoundTrip(0.1, 0.1, 0.96)))
@@ -293,7 +293,7 @@ def test_an_uncertainty_overlay_fits_a_long_picture() -> None:
     grid = Grid((4, 10, 50))
     session = Session(a_volume())
     points = ControlPoints.from_arrays([[1, 1], [48, 1], [1, 8], [48, 8], [20, 5]])
-    step = replace(session.step, maps=(points.move(4, [22, 5]),))
+    step = replace(session.editing.step, maps=(points.move(4, [22, 5]),))
     overlay = uncertainty_overlay(step, 0, grid, Raster((10, 50), (1.0, 1.0), (0.0, 0.0)))
     assert (overlay.facts["width"], overlay.facts["height"]) == (96, 19)
     assert len(overlay.data) == 96 * 19
@@ -301,27 +301,27 @@ def test_an_uncertainty_overlay_fits_a_long_picture() -> None:
 
 def test_only_the_newest_document_is_amended() -> None:
     session = Session(a_volume())
-    session.change(trend="rigid")
-    made = session.deformation
-    better = made.with_step(0, replace(session.step, stages=2))
-    session.change(trend="none")
-    assert not session.amend(made, better)  # another edit came in between
-    session.undo()
-    assert not session.amend(made, better)  # an older state that is looked at
-    session.redo()
-    now = session.deformation
-    assert session.amend(now, now.with_step(0, replace(session.step, stages=2)), "said")
-    assert (session.step.stages, session.step.trend, session.notice) == (2, "none", "said")
-    assert session.index == 0
-    session.undo()
-    assert (session.step.stages, session.step.trend) == (1, "rigid")
-    session.redo()
-    assert (session.step.stages, session.step.trend) == (2, "none")
+    session.editing.change(trend="rigid")
+    made = session.editing.deformation
+    better = made.with_step(0, replace(session.editing.step, stages=2))
+    session.editing.change(trend="none")
+    assert not session.editing.amend(made, better)  # another edit came in between
+    session.editing.undo()
+    assert not session.editing.amend(made, better)  # an older state that is looked at
+    session.editing.redo()
+    now = session.editing.deformation
+    assert session.editing.amend(now, now.with_step(0, replace(session.editing.step, stages=2)), "said")
+    assert (session.editing.step.stages, session.editing.step.trend, session.editing.notice) == (2, "none", "said")
+    assert session.editing.index == 0
+    session.editing.undo()
+    assert (session.editing.step.stages, session.editing.step.trend) == (1, "rigid")
+    session.editing.redo()
+    assert (session.editing.step.stages, session.editing.step.trend) == (2, "none")
 
 
 def bent_grid(studio: Studio) -> ControlPoints:
     """Nodes over the picture that are bent as a parabola is."""
-    a0, a1, b0, b1 = studio.session.picture().raster.box
+    a0, a1, b0, b1 = studio.session.pictures.picture().raster.box
     a, b = np.meshgrid(np.linspace(a0, a1, 5), np.linspace(b0, b1, 4))
     source = np.column_stack([a.ravel(), b.ravel()])
     return ControlPoints.from_arrays(
@@ -335,26 +335,26 @@ def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: 
     diagnostics = panel(studio, "Diagnostics")
     diagnostics.predict.click()
     settle(studio)
-    step = studio.session.step
+    step = studio.session.editing.step
     assert (step.trend, studio.editor.history["undo"]) == ("quadratic", "best prediction")
     assert step.support is not None
     assert "Best prediction: " in notice_of(studio)
-    studio.session.undo()
-    assert studio.session.step.trend == "affine"
+    studio.session.editing.undo()
+    assert studio.session.editing.step.trend == "affine"
     diagnostics.chosen.value = True
     settle(studio)
-    assert studio.session.step.trend == "quadratic"
-    studio.session.change(trend="affine")
+    assert studio.session.editing.step.trend == "quadratic"
+    studio.session.editing.change(trend="affine")
     settle(studio)
-    assert studio.session.step.trend == "affine"  # the points are the same: a setting of one's own stays
+    assert studio.session.editing.step.trend == "affine"  # the points are the same: a setting of one's own stays
     drag(studio, studio.editor.points.move(7, studio.editor.points.target[7] + 0.01))
     settle(studio)
-    assert studio.session.step.trend == "quadratic"
+    assert studio.session.editing.step.trend == "quadratic"
 
 
 def test_too_few_points_are_said_to_be_so(studio: Studio) -> None:
-    before = studio.session.step
+    before = studio.session.editing.step
     panel(studio, "Diagnostics").predict.click()
     settle(studio)
-    assert studio.session.step is before
+    assert studio.session.editing.step is before
     assert "no active control point" in notice_of(studio) or "too few" in notice_of(studio)

@@ -54,7 +54,7 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(
     monkeypatch.setattr(module, "export", stubborn)
     files = panel(studio, "Export")
     (tmp_path / "ball.png").write_bytes(b"older")
-    studio.session.files.remember(tmp_path / "ball.png")  # as if it was written here before
+    studio.session.files.known.remember(tmp_path / "ball.png")  # as if it was written here before
     files.name.value = "ball.png"
     files.write.click()
     assert begun.wait(60)
@@ -103,7 +103,7 @@ def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.
     files, sent = panel(studio, "Export"), []
     monkeypatch.setattr(files.file_transfer, "send", lambda content, buffers=None: sent.append(content))
     files.copy.click()
-    studio.session.source = 'dn.read_volume("ball.nrrd")'
+    studio.session.files.source = 'dn.read_volume("ball.nrrd")'
     files.copy.click()
     unknown, known = sent
     assert "line 3" in unknown["note"]

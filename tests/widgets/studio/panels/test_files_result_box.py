@@ -27,8 +27,8 @@ def a_brick() -> Volume:
 
 
 def drag_out(session: Session, by: float = 24.0) -> None:
-    middle = session.points.source.mean(axis=0)
-    session.edit_points(session.points.add(middle, middle + np.array([by, 0.0])))
+    middle = session.editing.points.source.mean(axis=0)
+    session.editing.edit_points(session.editing.points.add(middle, middle + np.array([by, 0.0])))
 
 
 def at_once(action: Callable[[], None]) -> bool:
@@ -55,15 +55,15 @@ def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     assert box.words.value == "16 x 16 x 16 voxels (x, y, z), 4.0 KiB"
     box.choice.value = "margin"
     box.refresh()
-    assert box.session.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
+    assert box.session.results.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
     assert box.margin.layout.display == ""
     box.margin.value = 8.0
     box.refresh()
-    assert box.session.box.shape == (24, 24, 24)
+    assert box.session.results.box.shape == (24, 24, 24)
     assert box.words.value == "24 x 24 x 24 voxels (x, y, z), 13.5 KiB"
     box.choice.value = "volume"
     box.refresh()
-    assert box.session.output is None
+    assert box.session.editing.output is None
     assert box.margin.layout.display == "none"
 
 
@@ -71,14 +71,14 @@ def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
 def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None:
     volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
     session = Session(volume)
-    session.grow(margin)
+    session.results.grow(margin)
     box = ResultBox(session, at_once, Worker())
     box.refresh()
-    before = session.output
+    before = session.editing.output
     assert (box.choice.value, box.margin.layout.display) == ("margin", "")
     assert padded(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
     assert 0 <= abs(box.margin.value - margin) < 4.0
-    session.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
+    session.editing.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
     box.refresh()
     assert (box.choice.value, box.margin.layout.display) == ("own", "none")
     box._worker.close()
@@ -87,19 +87,19 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
 def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
     box.choice.value = "needed"
     looked(box)
-    assert box.session.output == box.session.volume.grid
+    assert box.session.editing.output == box.session.volume.grid
     assert box.choice.value == "needed"
     drag_out(box.session)
     looked(box)
-    assert box.session.box.shape[2] > 16
-    assert box.session.exceeded_sides() == ()
-    assert box.session.history["undo"] == "move points"  # the box belongs to the edit
-    box.session.undo()
+    assert box.session.results.box.shape[2] > 16
+    assert box.session.results.exceeded_sides() == ()
+    assert box.session.editing.history["undo"] == "move points"  # the box belongs to the edit
+    box.session.editing.undo()
     box.refresh()
-    assert box.session.output == box.session.volume.grid
-    box.session.undo()
+    assert box.session.editing.output == box.session.volume.grid
+    box.session.editing.undo()
     looked(box)
-    assert box.session.output is None
+    assert box.session.editing.output is None
     assert (box.choice.value, box.follows) == ("volume", False)
 
 
@@ -115,12 +115,12 @@ def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     assert box.words.value.endswith("cut off at the left side (L)")
     button.click()
     looked(box)
-    assert (box.choice.value, session.exceeded_sides()) == ("needed", ())
+    assert (box.choice.value, session.results.exceeded_sides()) == ("needed", ())
     assert seen.display == "none"
     assert "cut off" not in box.words.value
     drag_out(session, 40.0)
     looked(box)
-    assert (seen.display, session.exceeded_sides()) == ("none", ())  # the box goes on with the edits
+    assert (seen.display, session.results.exceeded_sides()) == ("none", ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
     assert (seen.display, button.layout.display) == ("", "")
@@ -146,13 +146,13 @@ def test_the_warning_lies_over_the_volume() -> None:
         panel.warning.children[1].click()
         studio.wait()
         assert panel.warning.layout.display == "none"
-        assert studio.session.exceeded_sides() == ()
+        assert studio.session.results.exceeded_sides() == ()
     finally:
         studio.close()
 
 
 def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
-    box.session.output = box.session.volume.grid.resampled(spacing=1.0)
+    box.session.editing.output = box.session.volume.grid.resampled(spacing=1.0)
     looked(box)
     assert box.choice.value == "own"
     assert ("a box of its own", "own") in box.choice.options
@@ -166,13 +166,13 @@ def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
     studio = Studio(a_brick(), view=kind)
     try:
         drag_out(studio.session)
-        studio.session.grow(12.0)
-        grid = studio.session.output
+        studio.session.results.grow(12.0)
+        grid = studio.session.editing.output
         assert grid is not None
         assert studio.view.shown_output == grid
         assert studio.result().grid == grid
         corner = grid.crop((0, 0, 22), (28, 28, 6))  # what was cut off
-        wide = studio.session.result()
+        wide = studio.session.results.volume()
         inside = wide.values[:, :, 22:28]
         assert corner.is_like(wide.grid.crop((0, 0, 22), (28, 28, 6)))
         assert (inside > 100).any()
@@ -186,7 +186,7 @@ def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
 def test_previews_and_points_in_space_keep_the_box() -> None:
     studio = Studio(a_brick(), output=a_brick().grid.crop((-2, -2, -2), (20, 20, 30)))
     try:
-        wanted = studio.session.output
+        wanted = studio.session.editing.output
         shown: list[Any] = []
         drag_out(studio.session)
         put = studio.view.show_deformation
@@ -196,12 +196,12 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
             put(field, output=output)
 
         studio.view.show_deformation = show  # type: ignore[method-assign]
-        studio._link.preview(studio.session.step)
+        studio._link.preview(studio.session.editing.step)
         studio.wait()
         assert shown == [wanted]
-        studio.session.add_step(in_space=True)
+        studio.session.steps.add(in_space=True)
         studio.wait()
-        points = studio.session.points
+        points = studio.session.editing.points
         moved = points.move(points.ids[0], points.target[0] + 3.0)
         studio.editor.points = moved
         studio.wait()
@@ -216,14 +216,14 @@ def test_key_frames_are_played_in_the_box() -> None:
     try:
         panel = panel_of(studio, AnimationPanel)
         drag_out(studio.session)
-        studio.session.grow(12.0)
-        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 0.0), "a key frame")
-        studio.session.edit_document(key_frames.add_key(studio.session.deformation, 1.0), "another one")
+        studio.session.results.grow(12.0)
+        studio.session.editing.edit_document(key_frames.add_key(studio.session.editing.deformation, 0.0), "a key frame")
+        studio.session.editing.edit_document(key_frames.add_key(studio.session.editing.deformation, 1.0), "another one")
         panel.player.time = 0.5
         panel.playback.wait()
         maps = studio.view.moments
         assert maps is not None
-        assert studio.view.shown_output == studio.session.output
+        assert studio.view.shown_output == studio.session.editing.output
         a, b = maps.raster.box[:2]
         assert b - a > 50  # the maps reach as far as the box, 56 mm, not only as far as the volume, 32 mm
     finally:

@@ -35,8 +35,8 @@ class Bench:
 def test_what_is_saved_is_opened_again(kind: str, tmp_path: Path) -> None:
     row, bench = LANDMARK_FORMATS[kind], Bench()
     suffix = row.suffix
-    points = bench.session.points.add([40.0, 30.0], [50.0, 30.0], name="nose")
-    bench.session.edit_points(points)
+    points = bench.session.editing.points.add([40.0, 30.0], [50.0, 30.0], name="nose")
+    bench.session.editing.edit_points(points)
     bench.row.kind.value = suffix
     bench.row.save.click()
     [(name, content)] = bench.downloads
@@ -45,11 +45,11 @@ def test_what_is_saved_is_opened_again(kind: str, tmp_path: Path) -> None:
     assert read_landmarks(tmp_path / name).names == (points.names if row.has_names else ("",) * 5)
     other = Bench()
     other.open(name, content)
-    added = other.session.points.take(range(4, 9))
+    added = other.session.editing.points.take(range(4, 9))
     np.testing.assert_allclose(added.source, points.source, atol=1e-6)
     wanted = points.target if row.has_fixed else points.source
     np.testing.assert_allclose(added.target, wanted, atol=1e-6)
-    assert "5 landmarks of" in other.session.notice
+    assert "5 landmarks of" in other.session.editing.notice
 
 
 @pytest.mark.parametrize(
@@ -63,15 +63,15 @@ def test_what_is_saved_is_opened_again(kind: str, tmp_path: Path) -> None:
 )
 def test_what_is_no_landmark_file_is_said_and_changes_nothing(name: str, content: bytes, words: str) -> None:
     bench = Bench()
-    before = bench.session.deformation
+    before = bench.session.editing.deformation
     bench.open(name, content)
     assert words in bench.guard.errors[-1]
-    assert bench.session.deformation is before
+    assert bench.session.editing.deformation is before
 
 
 def test_nothing_is_saved_where_there_are_no_points() -> None:
     bench = Bench()
-    bench.session.edit_points(bench.session.points.remove(*bench.session.points.ids))
+    bench.session.editing.edit_points(bench.session.editing.points.remove(*bench.session.editing.points.ids))
     bench.row.save.click()
     assert "no points to save" in bench.guard.errors[-1]
     assert bench.downloads == []
@@ -83,4 +83,6 @@ def test_landmarks_of_a_scan_in_slicer_lie_where_its_voxels_do(tmp_path: Path) -
     place: Any = grid.index_to_point(np.array([3.0, 5.0, 7.0]))
     write_landmarks(Landmarks([place], ("mark",)), tmp_path / "mark.mrk.json")
     bench.open("mark.mrk.json", (tmp_path / "mark.mrk.json").read_bytes())
-    np.testing.assert_allclose(bench.session.points.source[-1], bench.session.plane.to_plane(place)[:2], atol=1e-6)
+    np.testing.assert_allclose(
+        bench.session.editing.points.source[-1], bench.session.editing.plane.to_plane(place)[:2], atol=1e-6
+    )

@@ -47,11 +47,11 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     place = volume.grid.index_to_point(np.array([3.0, 5.0, 7.0]))
     write_landmarks(Landmarks([place], ("mark",)), tmp_path / "mark.fcsv")
     assert "1 landmarks of mark.fcsv" in drop(tmp_path / "mark.fcsv")
-    assert studio.session.points.names[-1] == "mark"
+    assert studio.session.editing.points.names[-1] == "mark"
     write_landmarks(Landmarks([place], ("second",)), tmp_path / "second.mrk.json")
     (tmp_path / "second.mrk.json").rename(tmp_path / "second.json")  # known by what is in it
     assert "1 landmarks of second.json" in drop(tmp_path / "second.json")
-    assert studio.session.points.names[-1] == "second"
+    assert studio.session.editing.points.names[-1] == "second"
 
     numbers = np.zeros(volume.shape, np.uint8)
     numbers[2:6], numbers[6:10] = 1, 2
@@ -79,7 +79,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
 
     studio.save(tmp_path / "kept.json")
     before = studio.deformation
-    studio.session.reset()
+    studio.session.editing.reset()
     assert "Opened kept.json" in drop(tmp_path / "kept.json")
     assert studio.deformation.steps[0].points == before.steps[0].points
 
@@ -102,7 +102,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     drop(tmp_path / "else.json")
     assert opening.question.box.layout.display == ""
     opening.question.agree.click()
-    assert "else.json" in studio.session.history["undo"]
+    assert "else.json" in studio.session.editing.history["undo"]
     studio.close()
 
 
@@ -125,18 +125,18 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     assert "History leads back to bar" in studio._words.notice.value
     assert shown() is not studio.view
     assert opening.question.box.comm is None  # the parts before are closed
-    first.change(trend="none")  # and whoever still holds their session changes nothing here
+    first.editing.change(trend="none")  # and whoever still holds their session changes nothing here
     assert studio.editor.settings.trend != "none"
     studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
-    assert studio.session.history["undo"] == "add point 4"
+    assert studio.session.editing.history["undo"] == "add point 4"
 
     back = panel_of(studio, HistoryPanel).box.children[0]
     assert back.description == "Back to bar (phantom)"
     back.click()
     assert studio.session is first
-    assert studio.session.history["undo"] == "change trend"
+    assert studio.session.editing.history["undo"] == "change trend"
     assert len(studio.editor.points) == 5
-    assert seen[-1] is first.deformation
+    assert seen[-1] is first.editing.deformation
     studio.undo()
     assert studio.editor.settings.trend != "none"
     studio.close()
@@ -155,7 +155,7 @@ def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch:
     assert kept == {name: getattr(studio, name) for name in kept}
     assert set(ipw.widgets.widget._instances) <= widgets
     studio.editor.points = studio.editor.points.add([4.0, 4.0], [4.0, 5.0])
-    assert studio.session.history["undo"] == "add point 4"
+    assert studio.session.editing.history["undo"] == "add point 4"
     studio.close()
 
 
@@ -185,7 +185,7 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     assert studio.volume.is_labels
     assert studio.deformation == edited
     assert 'atlas.nrrd", is_labels=True)' in studio.session.code()
-    assert set(np.unique(studio.session.result().values)) <= set(np.unique(blocks()))
+    assert set(np.unique(studio.session.results.volume().values)) <= set(np.unique(blocks()))
     assert panel_of(studio, OpenPanel).question.box.layout.display == "none"
     studio.close()
 

@@ -28,21 +28,21 @@ class Bench:
         self.session = Session(Volume(np.zeros((16, 16, 16), np.uint8), Grid((16, 16, 16))))
         self.guard = Guarded()
         if in_space:
-            self.session.add_step(in_space=True)
-            self.editor: Any = SpaceEditor(self.session.volume, self.session.points)
+            self.session.steps.add(in_space=True)
+            self.editor: Any = SpaceEditor(self.session.volume, self.session.editing.points)
         else:
-            self.editor = Editor(self.session.picture(), self.session.points)
+            self.editor = Editor(self.session.pictures.picture(), self.session.editing.points)
         self.jobs: list[Any] = []
         worker: Any = SimpleNamespace(latest=lambda name, job: self.jobs.append(job))
         self.panel = PointsPanel(self.session, self.guard, SimpleNamespace(current=self.editor), worker)
         self.table = self.panel.table
         self.sent: list[dict[str, Any]] = []
         self.table.send = lambda content, buffers=None: self.sent.append(content)  # type: ignore[method-assign]
-        self.session.observe(self.follow, "deformation")
+        self.session.editing.observe(self.follow, "deformation")
         self.seq = 0
 
     def follow(self, _change: Any = None) -> None:
-        self.editor.points = self.session.points
+        self.editor.points = self.session.editing.points
         self.panel.refresh()
 
     def says(self, what: str, ids: Any = (), **more: Any) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Bench:
 
     @property
     def points(self) -> ControlPoints:
-        return self.session.points
+        return self.session.editing.points
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_points_go_to_a_table_that_is_seen_and_to_no_other() -> None:
     assert bench.table.names == ["corner"] * 4
     before = bench.table.numbers
     bench.says("seen", value=False)
-    bench.session.edit_points(bench.points.move(0, [1.0, 2.0]))
+    bench.session.editing.edit_points(bench.points.move(0, [1.0, 2.0]))
     assert bench.table.numbers == before
     bench.says("seen", value=True)
     assert_array_equal(bench.rows()[0, 2:4], [1.0, 2.0])
@@ -130,7 +130,7 @@ def test_a_refresh_without_other_points_sends_nothing(bench: Bench) -> None:
     told: list[str] = []
     bench.table.observe(lambda change: told.append(change["name"]))
     for k in range(5):
-        bench.session.change(strength=1 + k / 10)
+        bench.session.editing.change(strength=1 + k / 10)
         bench.panel.refresh()
     assert told == []
 
@@ -139,7 +139,7 @@ def test_errors_and_suspects_come_from_the_worker(bench: Bench) -> None:
     place = np.stack(np.meshgrid(np.linspace(1, 14, 5), np.linspace(1, 14, 5)), axis=-1).reshape(-1, 2)
     target = place + np.array([0.2, 0.0])
     target[12] += [0.0, 2.2]
-    bench.session.edit_points(ControlPoints.from_arrays(place, target))
+    bench.session.editing.edit_points(ControlPoints.from_arrays(place, target))
     assert np.isnan(bench.rows()[:, -1]).all()
     bench.think()
     errors = bench.rows()[:, -1]
@@ -151,24 +151,24 @@ def test_errors_and_suspects_come_from_the_worker(bench: Bench) -> None:
 
 @pytest.mark.nightly
 def test_errors_stay_until_the_next_ones_are_there_and_go_with_the_step(bench: Bench) -> None:
-    bench.session.edit_points(bench.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
+    bench.session.editing.edit_points(bench.points.add([8.0, 8.0], [9.0, 8.0]).add([3.0, 3.0]))
     bench.think()
     before = bench.rows()[:, -1]
-    bench.session.edit_points(bench.points.move(4, [11.0, 8.0]).add([5.0, 3.0]))
+    bench.session.editing.edit_points(bench.points.move(4, [11.0, 8.0]).add([5.0, 3.0]))
     assert_array_equal(bench.rows()[:, -1], [*before, np.nan])
     bench.think()
     assert np.isfinite(bench.rows()[:, -1]).all()
     assert bench.rows()[4, -1] > before[4] + 1
-    bench.session.change(kernel="gaussian")  # the points are the same, the errors are not
+    bench.session.editing.change(kernel="gaussian")  # the points are the same, the errors are not
     kept = bench.rows()[:, -1]
     bench.think()
     assert (bench.rows()[:, -1] != kept).any()
-    bench.session.add_step()
+    bench.session.steps.add()
     assert np.isnan(bench.rows()[:, -1]).all()
 
 
 def test_points_that_cannot_be_judged_are_shown_without_errors(bench: Bench) -> None:
-    bench.session.edit_points(bench.points.remove(0, 1, 2, 3))
+    bench.session.editing.edit_points(bench.points.remove(0, 1, 2, 3))
     bench.think()
     assert bench.table.ids == []
 
@@ -191,7 +191,7 @@ def test_each_cell_writes_its_part_of_the_point(bench: Bench) -> None:
     assert points.source[1, 0] == 14
     assert (points.weight[1], points.radius[1]) == (2.5, 30)
     assert (bool(points.active[3]), bool(points.locked[3])) == (False, True)
-    assert bench.session.history["undo"] == 'lock "corner"'
+    assert bench.session.editing.history["undo"] == 'lock "corner"'
     assert bench.cell(1, "radius", "")
     assert np.isnan(bench.points.radius[1])
     assert bench.guard.errors == []
@@ -221,7 +221,7 @@ def test_what_is_refused_is_said_and_the_old_value_stays(bench: Bench, field: st
 
 
 def test_a_locked_point_is_not_moved_and_not_deleted(bench: Bench) -> None:
-    bench.session.edit_points(bench.points.move(0, [1.0, 1.0]).edit(0, locked=True))
+    bench.session.editing.edit_points(bench.points.move(0, [1.0, 1.0]).edit(0, locked=True))
     before = bench.points
     assert not bench.cell(0, "target", "3")
     assert not bench.cell(0, "source", "3")
@@ -245,7 +245,7 @@ def test_a_point_that_is_gone_is_said(bench: Bench) -> None:
 
 
 def test_commands_act_on_all_that_is_chosen(bench: Bench) -> None:
-    bench.session.edit_points(bench.points.move(1, [9.0, 1.0]).move(2, [9.0, 9.0]))
+    bench.session.editing.edit_points(bench.points.move(1, [9.0, 1.0]).move(2, [9.0, 9.0]))
     bench.says("reset", [1, 3])
     assert_array_equal(bench.points.displacement.any(axis=1), [False, False, True, False])
     bench.says("lock", [1, 2])
@@ -266,7 +266,7 @@ def test_commands_act_on_all_that_is_chosen(bench: Bench) -> None:
 
 
 def test_a_point_that_is_added_takes_hold_of_what_is_seen_there(bench: Bench) -> None:
-    bench.session.edit_points(bench.points.add([8.0, 8.0], [10.0, 8.0]))
+    bench.session.editing.edit_points(bench.points.add([8.0, 8.0], [10.0, 8.0]))
     fit = bench.editor.fit()
     answer = bench.says("add", value="9, 7.5")
     assert answer == {**answer, "ok": True, "text": "Point 5 added."}
@@ -286,7 +286,7 @@ def test_rows_are_pasted(bench: Bench) -> None:
     assert answer["text"] == "1 points added, 1 changed."
     assert bench.points.target[0].tolist() == [1, 1]
     assert bench.points.names[-1] == "fin"
-    bench.session.undo()
+    bench.session.editing.undo()
     assert len(bench.points) == 4
     assert not bench.says("paste", value="nonsense")["ok"]
 

@@ -36,8 +36,8 @@ VOLUME = Volume(VALUES, GRID, "subject")
 def _document() -> Deformation:
     """Corners held, five points dragged by up to 3 on the picture from the front."""
     session = Session(VOLUME, view="+y")
-    session.change(support="box_diagonal")
-    points = session.points
+    session.editing.change(support="box_diagonal")
+    points = session.editing.points
     for source, drag in (
         ((16, 16), (2, 1)),
         ((31, 15), (-1, 2)),
@@ -46,8 +46,8 @@ def _document() -> Deformation:
         ((24, 24), (0, 1)),
     ):
         points = points.add(source, np.add(source, drag))
-    session.edit_points(points)
-    return session.deformation
+    session.editing.edit_points(points)
+    return session.editing.deformation
 
 
 TRUE = _document()
@@ -65,16 +65,16 @@ class Bench:
 
     def __init__(self, folder: Path, target: Volume | None = None, volume: Volume = VOLUME) -> None:
         self.session = Session(volume, view="+y")
-        self.session.change(support="box_diagonal")
+        self.session.editing.change(support="box_diagonal")
         points = TRUE.steps[0].points.reset()
         for k in range(4):
             points = points.edit(k, locked=True)
-        self.session.edit_points(points)
+        self.session.editing.edit_points(points)
         self.guard = Guarded()
-        self.editor = Editor(self.session.picture(), self.session.points)
+        self.editor = Editor(self.session.pictures.picture(), self.session.editing.points)
         self.editor.lone_support = lone_support(GRID)
         self.panel = FitPanel(self.session, self.guard, SimpleNamespace(current=self.editor), folder, target)
-        self.session.observe(self.follow, "deformation")
+        self.session.editing.observe(self.follow, "deformation")
 
     def follow(self, _change: Any = None) -> None:
         show_step(self.editor, self.session)
@@ -93,7 +93,7 @@ class Bench:
         finish(self.panel)
 
     def misses(self) -> Any:
-        return np.linalg.norm(self.session.points.target - TRUE.steps[0].points.target, axis=1)
+        return np.linalg.norm(self.session.editing.points.target - TRUE.steps[0].points.target, axis=1)
 
     @property
     def said(self) -> str:
@@ -116,15 +116,15 @@ def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
 
 
 def test_fit_all_points_finds_them_again_as_one_edit(bench: Bench) -> None:
-    before = bench.session.points
+    before = bench.session.editing.points
     assert bench.misses().max() > 3
     bench.press("Fit all points")
     assert bench.misses().max() < 0.5
-    assert bench.session.history["undo"] == "fit all points"
+    assert bench.session.editing.history["undo"] == "fit all points"
     assert "Similarity" in bench.said
     assert "5 points moved" in bench.said
-    bench.session.undo()
-    assert bench.session.points == before
+    bench.session.editing.undo()
+    assert bench.session.editing.points == before
     assert not bench.guard.errors
 
 
@@ -136,7 +136,7 @@ def test_selected_points_snap_and_what_was_left_is_named(bench: Bench) -> None:
     assert "1 of 2 points snapped" in bench.said
     assert "Left because it is locked: 0 (corner)." in bench.said
     assert bench.misses()[6] < 1 < 2 < bench.misses()[7]
-    assert bench.session.history["undo"] == "snap selected points"
+    assert bench.session.editing.history["undo"] == "snap selected points"
 
 
 def _round(width: float, height: float) -> Volume:
@@ -148,13 +148,13 @@ def test_points_are_put_on_the_outline_and_slide_there(tmp_path: Path) -> None:
     bench = Bench(tmp_path, _round(20, 12), _round(15, 15))
     bench.panel.count.value = 8
     bench.press("Points along the outline")
-    points = bench.session.points
+    points = bench.session.editing.points
     assert [name for name in points.names if name.startswith("outline")] == [f"outline {k}" for k in range(1, 9)]
     assert "8 points put on the outline" in bench.said
     bench.press("Slide along the outline")
     assert "8 points slid" in bench.said
-    assert (bench.session.points.target[:9] == points.target[:9]).all()
-    found = bench.session.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
+    assert (bench.session.editing.points.target[:9] == points.target[:9]).all()
+    found = bench.session.editing.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
     assert np.abs(np.hypot(found[:, 0] / 19.0, found[:, 1] / 11.4) - 1).max() < 0.1
     bench.panel.close()
 
@@ -176,29 +176,29 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
     bench.panel._progress = slow  # type: ignore[method-assign]
     bench.panel.buttons["Fit all points"].click()
     assert begun.wait(60)
-    moved = bench.session.points.move(8, [20.0, 20.0])
-    bench.session.edit_points(moved)
+    moved = bench.session.editing.points.move(8, [20.0, 20.0])
+    bench.session.editing.edit_points(moved)
     edited.set()
     bench.wait()
-    assert bench.session.points == moved
+    assert bench.session.editing.points == moved
     assert "overtaken" in bench.said
 
 
 def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:
-    before = bench.session.deformation
+    before = bench.session.editing.deformation
     progress = bench.panel._progress
     bench.panel._progress = lambda share: (bench.panel.stop.click(), progress(share))[1]  # type: ignore[method-assign]
     bench.press("Fit all points")
     assert bench.said.endswith("Stopped; nothing was changed.</div>")
-    assert bench.session.deformation is before
+    assert bench.session.editing.deformation is before
     assert not bench.panel.buttons["Fit all points"].disabled
 
 
 def test_what_the_fit_does_not_know_is_refused(bench: Bench) -> None:
-    bench.session.change(strength=0.5)
+    bench.session.editing.change(strength=0.5)
     bench.press("Fit all points")
     assert "set Strength to 1" in bench.guard.errors.pop()
-    bench.session.change(strength=1.0, cuts=(dn.Cut(dn.Line([(10.0, 10.0), (30.0, 12.0)])),))
+    bench.session.editing.change(strength=1.0, cuts=(dn.Cut(dn.Line([(10.0, 10.0), (30.0, 12.0)])),))
     bench.press("Fit all points")
     assert "cuts and rigid parts" in bench.guard.errors.pop()
 
@@ -284,7 +284,7 @@ def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
     assert fit.buttons["Points along the outline"].disabled
     fit.buttons["Fit all points"].click()
     finish(fit)
-    found = studio.session.points.target
+    found = studio.session.editing.points.target
     studio.close()
     assert np.linalg.norm(found - true.target, axis=1).max() < 0.3
 

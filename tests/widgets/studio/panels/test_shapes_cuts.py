@@ -24,18 +24,18 @@ def done(action: Any) -> bool:
 def test_a_cut_ends_here_or_goes_on_to_the_border() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     panel = ShapesPanel(session, done, Editor(None))
-    session.edit_cuts([Cut(Line([(3, 2), (4, 8)]), "incision")])
+    session.editing.change(cuts=[Cut(Line([(3, 2), (4, 8)]), "incision")])
     panel.refresh()
     (ends,) = (c.widget for c in panel.controls if c.widget.description == "Cut's ends")
     assert (ends.value, ends.layout.display) == ("go on to the border", "")
     ends.value = "last end here"
-    assert session.step.cuts == (Cut(Line([(3, 2), (4, 8)], stops=(False, True)), "incision"),)
+    assert session.editing.step.cuts == (Cut(Line([(3, 2), (4, 8)], stops=(False, True)), "incision"),)
     panel.refresh()
     assert panel.items.rows[0]["facts"][-1] == "last end here"
-    session.undo()
+    session.editing.undo()
     panel.refresh()
     assert ends.value == "go on to the border"
-    session.edit_cuts([Cut(Polygon([(1, 1), (5, 1), (1, 5)]))])
+    session.editing.change(cuts=[Cut(Polygon([(1, 1), (5, 1), (1, 5)]))])
     panel.refresh()
     assert ends.layout.display == "none"
     panel.close()

@@ -54,10 +54,10 @@ def test_a_motion_is_read_back_as_it_was_set(degrees: float, axis: int | None) -
 
 def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
-    session.add_step(in_space=True)
+    session.steps.add(in_space=True)
     values = np.zeros(GRID.shape, bool)
     values[4:6, 5:7, 6:8] = True
-    session.edit_parts([RigidPart(Mask(values, GRID), name="stone")])
+    session.editing.edit_parts([RigidPart(Mask(values, GRID), name="stone")])
     panel = PartControls(session, done, lambda: 0)
     found = {c.widget.description: c.widget for c in panel.controls}
     found["Part"].value = "moved"
@@ -67,42 +67,44 @@ def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
     found["About"].value = "0"
     found["Turn"].value = 90.0
     found["Shift z"].value = 2.0
-    middle = np.array(middle_of(session.step.parts[0].region))
-    moved = session.step.parts[0].motion([middle + np.array([0, 1, 0])])  # y turns to z, by the right hand about x
+    middle = np.array(middle_of(session.editing.step.parts[0].region))
+    moved = session.editing.step.parts[0].motion(
+        [middle + np.array([0, 1, 0])]
+    )  # y turns to z, by the right hand about x
     assert_allclose(moved, [middle + np.array([0, 0, 1 + 2.0])], atol=1e-9)
-    assert session.history["undo"] == "shift stone"
+    assert session.editing.history["undo"] == "shift stone"
     found["About"].value = "2"
-    moved = session.step.parts[0].motion([middle + np.array([1, 0, 0])])
+    moved = session.editing.step.parts[0].motion([middle + np.array([1, 0, 0])])
     assert_allclose(moved, [middle + np.array([0, 1, 2.0])], atol=1e-9)
     found["Part"].value = "fixed"
-    assert session.step.parts[0].motion is None
+    assert session.editing.step.parts[0].motion is None
 
 
 def test_a_slow_hand_on_each_slider_makes_one_edit(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 100.0
     monkeypatch.setattr("deformnb.session.history.time", SimpleNamespace(monotonic=lambda: now, time=time.time))
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
-    session.add_step(in_space=True)
+    session.steps.add(in_space=True)
     values = np.zeros(GRID.shape, bool)
     values[4:6, 5:7, 6:8] = True
     still = RigidMotion.turn(0.0, (9, 8, 20), axis=(0, 0, 1))
-    session.edit_parts([RigidPart(Mask(values, GRID), name="stone", motion=still)])
+    session.editing.edit_parts([RigidPart(Mask(values, GRID), name="stone", motion=still)])
     found = {c.widget.description: c.widget for c in PartControls(session, done, lambda: 0).controls}
     states = []
     for name in ("Turn", "Shift x", "Shift y", "Reach"):
-        states.append(session.deformation)
+        states.append(session.editing.deformation)
         for value in (0.5, 1.0, 1.5):
             found[name].value = value
             now += 2.0
     for state in reversed(states):
-        session.undo()
-        assert session.deformation == state
+        session.editing.undo()
+        assert session.editing.deformation == state
 
 
 def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     bone = Polygon([(2, 2), (5, 2), (5, 6), (2, 6)])
-    session.edit_parts([RigidPart(bone, name="shin")], "draw shin")
+    session.editing.edit_parts([RigidPart(bone, name="shin")], "draw shin")
     panel = PartControls(session, done, lambda: 0)
     found = {c.widget.description: c.widget for c in panel.controls}
     found["Part"].value = "moved"
@@ -114,36 +116,36 @@ def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
     found["Pivot down"].value = 1.9
     panel.refresh()
     found["Turn"].value = 30.0
-    assert_allclose(session.step.parts[0].motion([(2.3, 1.9)]), [(2.3, 1.9)], atol=1e-9)
+    assert_allclose(session.editing.step.parts[0].motion([(2.3, 1.9)]), [(2.3, 1.9)], atol=1e-9)
     found["Shift right"].value = -2.8
     panel.refresh()
     assert found["Shift right"].value == pytest.approx(-2.8)
     found["Pivot down"].value = 6.0  # turned as much and shifted as far as before, about another place
-    assert_allclose(session.step.parts[0].motion([(2.3, 6.0)]), [(2.3 - 2.8, 6.0)], atol=1e-9)
-    assert np.degrees(np.arctan2(*session.step.parts[0].motion.matrix[1])) == pytest.approx(30.0)
+    assert_allclose(session.editing.step.parts[0].motion([(2.3, 6.0)]), [(2.3 - 2.8, 6.0)], atol=1e-9)
+    assert np.degrees(np.arctan2(*session.editing.step.parts[0].motion.matrix[1])) == pytest.approx(30.0)
 
 
 def test_the_controls_show_a_pivot_and_a_motion_that_were_set_on_the_picture() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     bone = Polygon([(2, 2), (5, 2), (5, 6), (2, 6)])
-    session.edit_parts([RigidPart(bone)])
+    session.editing.edit_parts([RigidPart(bone)])
     panel = PartControls(session, done, lambda: 0)
     found = {c.widget.description: c.widget for c in panel.controls}
     motion = RigidMotion.turn(25, (5, 2), (1.5, -0.5))
-    session.edit_parts([RigidPart(bone, motion, pivot=(5, 2))])
+    session.editing.edit_parts([RigidPart(bone, motion, pivot=(5, 2))])
     panel.refresh()
     assert found["Part"].value == "moved"
     shown = [found[name].value for name in ("Turn", "Shift right", "Shift down", "Pivot right", "Pivot down")]
     assert shown == pytest.approx([25, 1.5, -0.5, 5, 2])
     found["Turn"].value = 10.0
-    assert session.step.parts[0] == RigidPart(bone, RigidMotion.turn(10, (5, 2), (1.5, -0.5)), pivot=(5, 2))
+    assert session.editing.step.parts[0] == RigidPart(bone, RigidMotion.turn(10, (5, 2), (1.5, -0.5)), pivot=(5, 2))
 
 
 def test_a_part_set_over_points_is_proposed_to_the_picture_which_asks() -> None:
     session = Session(Volume(np.zeros(GRID.shape, np.uint8), GRID))
     bone = RigidPart(Polygon([(2, 2), (5, 2), (5, 6), (2, 6)]), RigidMotion.turn(0, (0, 0)), name="shin")
-    session.edit_parts([bone])
-    session.edit_points(session.points.add((7, 4), (7, 4)))
+    session.editing.edit_parts([bone])
+    session.editing.edit_points(session.editing.points.add((7, 4), (7, 4)))
     editor, refused = Editor(None), []
 
     def guard(action: Any) -> bool:
@@ -157,7 +159,7 @@ def test_a_part_set_over_points_is_proposed_to_the_picture_which_asks() -> None:
     editor.send = lambda content, buffers=None: sent.append(content)
     found = {c.widget.description: c.widget for c in PartControls(session, guard, lambda: 0, editor).controls}
     found["Shift right"].value = 3.0
-    assert session.step.parts == (bone,)
+    assert session.editing.step.parts == (bone,)
     assert "the picture asks what becomes of them" in refused[0]
     assert [(m["type"], m["kind"], m["parts"][0]["motion"]["shift"]) for m in sent] == [
         ("parts", "shift shin", [3.0, 0.0])
@@ -174,4 +176,4 @@ def test_controls_without_a_part_edit_nothing() -> None:
     found = {c.widget.description: c.widget for c in panel.controls}
     found["Part"].value = "moved"
     found["Felt by"].value = "distance"
-    assert session.history == {"undo": "", "redo": ""}
+    assert session.editing.history == {"undo": "", "redo": ""}

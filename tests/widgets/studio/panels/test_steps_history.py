@@ -45,12 +45,12 @@ def titles(panel: HistoryPanel) -> list[tuple[str, int, bool]]:
 def test_branches_stand_between_a_state_and_what_follows_it(session: Session) -> None:
     guard = Guarded()
     panel = HistoryPanel(session, guard)
-    session.change(trend="none")
-    session.change(kernel="gaussian")
-    session.undo()
-    session.change(strength=2.0)
-    session.undo()
-    session.undo()
+    session.editing.change(trend="none")
+    session.editing.change(kernel="gaussian")
+    session.editing.undo()
+    session.editing.change(strength=2.0)
+    session.editing.undo()
+    session.editing.undo()
     panel.refresh()
     assert titles(panel) == [
         ("the beginning", 0, True),
@@ -62,7 +62,7 @@ def test_branches_stand_between_a_state_and_what_follows_it(session: Session) ->
     assert [row["mark"] for row in panel.items.rows] == ["\u25cf", "\u25cb", "\u25cb", "\u25cb"]
     assert all(abs(row["time"] - time.time()) < 60 for row in panel.items.rows)
     act(panel.items, "choose", 2)
-    assert session.step.kernel == "gaussian"
+    assert session.editing.step.kernel == "gaussian"
     assert titles(panel) == [
         ("the beginning", 0, True),
         ("change trend", 0, True),
@@ -70,34 +70,34 @@ def test_branches_stand_between_a_state_and_what_follows_it(session: Session) ->
         ("change kernel", 0, True),
     ]
     assert panel.items.chosen == 3
-    assert session.notice == "As it was after: change kernel"
+    assert session.editing.notice == "As it was after: change kernel"
     act(panel.items, "choose", 0)
-    assert session.notice == "As it was in the beginning."
+    assert session.editing.notice == "As it was in the beginning."
     panel.close()
 
 
 def test_an_undo_elsewhere_is_shown_without_a_refresh(session: Session) -> None:
     panel = HistoryPanel(session, Guarded())
-    session.change(trend="none")
-    session.change(trend="affine")
-    session.go_to(0)  # the same document as at the end
+    session.editing.change(trend="none")
+    session.editing.change(trend="affine")
+    session.editing.go_to(0)  # the same document as at the end
     assert panel.items.chosen == 0
-    session.redo()
+    session.editing.redo()
     assert panel.items.chosen == 1
     panel.close()
-    session.redo()
+    session.editing.redo()
     assert panel.items.chosen == 1
 
 
 def test_a_click_on_a_row_that_has_gone_does_nothing(session: Session) -> None:
     guard = Guarded()
     panel = HistoryPanel(session, guard)
-    session.change(trend="none")
+    session.editing.change(trend="none")
     before = panel.items.version
-    session.change(strength=2.0)
+    session.editing.change(strength=2.0)
     message = {"type": "act", "what": "choose", "index": 0, "value": None, "version": before}
     deliver(panel.items, message)
-    assert session.step.strength == 2.0
+    assert session.editing.step.strength == 2.0
     assert guard.errors == []
 
 
@@ -129,7 +129,7 @@ def test_the_oldest_state_tells_that_there_was_more() -> None:
 def test_a_tab_that_is_not_seen_sends_no_rows_and_catches_up(session: Session) -> None:
     panel = HistoryPanel(session, Guarded())
     panel.opened(False)
-    session.change(trend="none")
+    session.editing.change(trend="none")
     assert [title for title, _, _ in titles(panel)] == ["the beginning"]
     panel.opened(True)
     assert [title for title, _, _ in titles(panel)] == ["the beginning", "change trend"]

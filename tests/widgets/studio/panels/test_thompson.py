@@ -52,43 +52,43 @@ SEQ = iter(range(1, 10**6))
 
 
 def test_alone_a_drag_of_a_node_is_one_edit_of_the_session_and_can_be_undone(panel: ThompsonPanel) -> None:
-    before = panel.session.points
+    before = panel.session.editing.points
     page_edits(panel, before.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
-    assert panel.session.points.names[-1] == "grid 3,2"
-    assert panel.session.history["undo"] == 'add "grid 3,2"'
+    assert panel.session.editing.points.names[-1] == "grid 3,2"
+    assert panel.session.editing.history["undo"] == 'add "grid 3,2"'
     assert panel.editor.history["undo"] == 'add "grid 3,2"'
-    assert panel.session.undo() == 'add "grid 3,2"'
-    assert panel.session.points == before
+    assert panel.session.editing.undo() == 'add "grid 3,2"'
+    assert panel.session.editing.points == before
     assert panel.editor.points == before
 
 
 def test_alone_it_shows_the_window_the_colour_map_and_the_projection_of_the_session(panel: ThompsonPanel) -> None:
-    panel.session.window, panel.session.colour_map = (20.0, 90.0), "viridis"
+    panel.session.pictures.window, panel.session.pictures.colour_map = (20.0, 90.0), "viridis"
     assert panel.editor.window == [20.0, 90.0]
     assert panel.editor.colour_map == "viridis"
-    panel.session.method = "slice"
-    np.testing.assert_array_equal(panel.editor.picture.values, panel.session.automatic_picture().values)
+    panel.session.pictures.method = "slice"
+    np.testing.assert_array_equal(panel.editor.picture.values, panel.session.pictures.automatic_picture().values)
     assert (panel.editor.picture.window, panel.editor.slices["count"]) == ((20.0, 90.0), 20)
     panel.editor.window = []  # as a double click on the bar of grey values does
-    assert panel.session.window is None
+    assert panel.session.pictures.window is None
 
 
 def test_what_others_do_to_the_session_is_shown(panel: ThompsonPanel) -> None:
-    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [14.0, 8.0]))
-    panel.session.edit_cuts([Cut(Line([(12, 20), (12, -5)]))])
-    panel.session.change(strength=2.0)
+    panel.session.editing.edit_points(panel.session.editing.points.add([12.0, 8.0], [14.0, 8.0]))
+    panel.session.editing.change(cuts=[Cut(Line([(12, 20), (12, -5)]))])
+    panel.session.editing.change(strength=2.0)
     assert len(panel.editor.points) == 5
     assert len(panel.editor.cuts) == 1
     assert panel.magnify.value == 2.0
     assert panel.editor.strength == 2.0
     panel.session.set_view("+x")
-    assert panel.editor.picture is panel.session.picture()
+    assert panel.editor.picture is panel.session.pictures.picture()
 
 
 def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPanel) -> None:
-    before = panel.session.points
+    before = panel.session.editing.points
     page_edits(panel, before.add([12.0, 8.0], [12.0, 8.0]).add([14.0, 8.0], [12.0, 8.0]))
-    assert panel.session.points == before
+    assert panel.session.editing.points == before
     assert panel.editor.points == before
     assert "control point" in panel.message.value
 
@@ -97,14 +97,14 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
     assert panel.before.children == panel.after.children == (panel.editor,)
     assert "dnb-th-before" in panel.before._dom_classes
     assert "dnb-th-after" in panel.after._dom_classes
-    panel.session.add_step(in_space=True)
+    panel.session.steps.add(in_space=True)
     assert panel.before.children == panel.after.children == ()
     assert panel._nowhere.layout.display == ""
     with pytest.raises(DeformError, match="in space"):
         panel.apply_grid()
     with pytest.raises(DeformError, match="in space"):
         panel.write(".svg")
-    panel.session.edit_step(0)
+    panel.session.editing.edit_step(0)
     assert panel.after.children == (panel.editor,)
 
 
@@ -124,12 +124,12 @@ def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
 
 
 def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPanel) -> None:
-    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [14.0, 8.0]))
+    panel.session.editing.edit_points(panel.session.editing.points.add([12.0, 8.0], [14.0, 8.0]))
     for value, said in ((0.0, "the original"), (2.0, "exaggerated"), (-1.0, "the opposite way"), (1.0, "as drawn")):
         panel.magnify.value = value
-        assert panel.session.step.strength == value
+        assert panel.session.editing.step.strength == value
         assert panel._words.value == said
-    assert panel.session.history["undo"] == "change strength"
+    assert panel.session.editing.history["undo"] == "change strength"
     assert in_words(-2.5) == "the opposite way, 2.50 times as far"
     assert in_words(0.4) == "on the way"
 
@@ -152,12 +152,12 @@ def test_lines_and_overlay_are_those_of_the_editor() -> None:
 def test_a_grid_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
     panel = ThompsonPanel(Session(PHANTOMS["fish"].make((32, 64, 32)), view="-x"))
     try:
-        before = panel.session.points
+        before = panel.session.editing.points
         panel.grid.value = ("Polyprion", "Antigonia capros")
         panel.apply_grid()
-        points = panel.session.points
+        points = panel.session.editing.points
         assert len(points) == 56
-        a0, a1, b0, b1 = panel.session.picture().raster.box
+        a0, a1, b0, b1 = panel.session.pictures.picture().raster.box
         source = points.source.reshape(7, 8, 2)
         assert np.ptp(source[0, :, 0]) > 0.7 * (a1 - a0)
         assert (np.diff(source[:, :, 0], axis=1) > 0).all()
@@ -168,16 +168,16 @@ def test_a_grid_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
         assert np.ptp(points.target[:, 0]) < np.ptp(points.source[:, 0])  # a deep, short fish
         panel.head.value = "right"
         panel.apply_grid()
-        assert np.ptp(panel.session.points.source[:, 0]) == pytest.approx(np.ptp(points.source[:, 0]))
-        panel.session.undo()
-        assert panel.session.undo() == "apply the grid of Antigonia capros"
-        assert panel.session.points == before
+        assert np.ptp(panel.session.editing.points.source[:, 0]) == pytest.approx(np.ptp(points.source[:, 0]))
+        panel.session.editing.undo()
+        assert panel.session.editing.undo() == "apply the grid of Antigonia capros"
+        assert panel.session.editing.points == before
     finally:
         panel.close()
 
 
 def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path: Path) -> None:
-    panel.session.edit_points(panel.session.points.add([12.0, 8.0], [15.0, 9.0]))
+    panel.session.editing.edit_points(panel.session.editing.points.add([12.0, 8.0], [15.0, 9.0]))
     handed: list[tuple[str, int]] = []
     panel.file_transfer.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
     panel.editor.overlay = "area"
@@ -209,7 +209,7 @@ def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: P
 
 
 def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
-    page_edits(panel, panel.session.points.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
+    page_edits(panel, panel.session.editing.points.add([12.0, 8.0], [15.0, 9.0], name="grid 3,2"))
     x = np.array([15.0, 9.0])
     oracle.assert_close(x + panel.editor.fit().displacement(x), [12.0, 8.0], atol=1e-9)
 
@@ -217,23 +217,23 @@ def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
 def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonPanel) -> None:
     with pytest.raises(DeformError, match="press Own drawings"):
         panel.apply_own()
-    before = panel.session.points
+    before = panel.session.editing.points
     panel.own.value = True
     assert panel.drawings is not None
     panel.drawings.line_counts[0].value = 3
-    panel.drawings.show_second(panel.session.picture())
+    panel.drawings.show_second(panel.session.pictures.picture())
     assert panel.drawings.second is not None
     wider = panel.drawings.second.nodes * (2.0, 1.0)
     panel.drawings.second.nodes = wider
     panel.apply_own()
-    assert len(panel.session.points) == 3 * 7
-    assert panel.session.history["undo"] == "apply grids of your own"
-    target = panel.session.points.target.reshape(3, 7, 2)
+    assert len(panel.session.editing.points) == 3 * 7
+    assert panel.session.editing.history["undo"] == "apply grids of your own"
+    target = panel.session.editing.points.target.reshape(3, 7, 2)
     assert np.ptp(target[..., 0]) / np.ptp(target[..., 1]) == pytest.approx(
         np.ptp(wider[..., 0]) / np.ptp(wider[..., 1]), rel=1e-6
     )
-    panel.session.undo()
-    assert panel.session.points == before
+    panel.session.editing.undo()
+    assert panel.session.editing.points == before
     panel.session.set_view("+x")
     with pytest.raises(DeformError, match="another side"):
         panel.apply_own()
