@@ -55,7 +55,7 @@ def volume_from(
 
 
 def subject_from(given: Any, **options: Any) -> Volume | Channels:
-    """What a session deforms: as :func:`volume_from`, but channels and colours stay what they are.
+    """Subject of a session: as :func:`volume_from`, but channels and colours stay what they are.
 
     Parameters
     ----------

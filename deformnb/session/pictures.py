@@ -56,14 +56,14 @@ class PictureSettings:
 
 
 class _Drawn(NamedTuple):
-    """What a picture depends on."""
+    """Values on which a picture depends."""
 
     earlier: Deformation
     settings: PictureSettings
 
 
 class _Styled(NamedTuple):
-    """What the colours of a grey picture depend on."""
+    """Values on which the colours of a grey picture depend."""
 
     picture: Picture
     window: tuple[float, float]
@@ -195,7 +195,7 @@ class Pictures(traitlets.HasTraits):
 
     @property
     def shows_channels(self) -> bool:
-        """Whether the picture shows channels in their colours."""
+        """True where the picture shows channels in their colours."""
         return self._channels is not None and self.method in OF_CHANNELS
 
     def show_channel(self, index: int, **changes: Any) -> None:

@@ -28,7 +28,7 @@ from deformnb.volume.volume import Grid, Volume
 
 
 class Results:
-    """What the document of a session makes of its volume.
+    """Results of a session's document on its volume.
 
     Parameters
     ----------
