@@ -107,5 +107,4 @@ def crash(saving: Autosave) -> None:
 
 def closed(saving: Autosave) -> None:
     """Close it and wait for its last file: users wait a second for it at most, and a busy machine takes longer."""
-    saving.close()
-    assert saving._job.left(PATIENCE)
+    assert saving.close(PATIENCE)

@@ -19,6 +19,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
@@ -231,7 +232,7 @@ def test_the_tests_mirror_the_package() -> None:
 
 # Uses of private names left in tests: the number only falls. A test that needs one asks for a small public way, or
 # for a helper in one place, such as tests/front_end.py.
-PRIVATE_USES = 282
+PRIVATE_USES = 274
 PRIVATE_MODULES = ("_jax", "_progress", "_typing", "_weak")
 
 
@@ -318,6 +319,59 @@ def _named_here(module: str, nodes: tuple[ast.AST, ...]) -> dict[str, str]:
         if isinstance(node, ast.ImportFrom) and node.module:
             named |= {alias.asname or alias.name: f"{node.module}.{alias.name}" for alias in node.names}
     return named
+
+
+MOST_METHODS, MOST_ATTRIBUTES = 30, 15
+# Classes above that, with their methods and attributes, which may only fall: a class of them holds parts instead.
+LARGE_CLASSES = {
+    "deformnb.document.motion_paths.HandlePath": (7, 19),
+    "deformnb.io.volumes.dicom._Slice": (2, 18),
+    "deformnb.io.volumes.headers.Header": (4, 17),
+    "deformnb.io.volumes.tiff_pages.Page": (10, 17),
+    "deformnb.rbf.interpolant.RBFInterpolant": (29, 17),
+    "deformnb.warping.node_table._Lattice": (14, 17),
+    "deformnb.widgets.editor.base.EditedPoints": (15, 23),
+    "deformnb.widgets.editor.editor.Editor": (25, 36),
+    "deformnb.widgets.editor.space_editor.SpaceEditor": (32, 26),
+    "deformnb.widgets.studio.layout.PanelParts": (0, 16),
+    "deformnb.widgets.studio.panels.animation.MovieControls": (10, 18),
+    "deformnb.widgets.studio.panels.diagnostics.DiagnosticsPanel": (13, 19),
+    "deformnb.widgets.studio.panels.files.FilesPanel": (13, 25),
+    "deformnb.widgets.studio.panels.registration.FitPanel": (22, 20),
+    "deformnb.widgets.studio.panels.thompson.ThompsonPanel": (22, 25),
+    "deformnb.widgets.studio.studio.Studio": (51, 17),
+    "deformnb.widgets.view.live_view.LiveView": (57, 52),
+    "deformnb.widgets.view.volume_view.VolumeView": (43, 33),
+    "deformnb.widgets.vtk.render_loop.SceneLoop": (16, 22),
+    "deformnb.widgets.vtk.scene.VtkScene": (23, 21),
+    "deformnb.widgets.web.server.PageServer": (15, 18),
+}
+
+
+def _size_of(found: ast.ClassDef) -> tuple[int, int]:
+    """How many methods a class has, properties among them, and how many attributes: of itself and of its instances."""
+    methods = {node.name for node in found.body if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)}
+    stored = [target for node in found.body if isinstance(node, ast.Assign) for target in node.targets]
+    stored += [node.target for node in found.body if isinstance(node, ast.AnnAssign)]
+    attributes = {target.id for target in stored if isinstance(target, ast.Name)} - {"_"}
+    for node in ast.walk(found):
+        is_own = isinstance(node, ast.Attribute) and getattr(node.value, "id", "") == "self"
+        if is_own and isinstance(node.ctx, ast.Store):  # type: ignore[attr-defined]
+            attributes.add(node.attr)  # type: ignore[attr-defined]
+    return len(methods), len(attributes - methods)
+
+
+def test_a_class_has_at_most_30_methods_and_15_attributes() -> None:
+    above = {}
+    for module, nodes in _modules().items():
+        for node in nodes:
+            if isinstance(node, ast.ClassDef):
+                methods, attributes = _size_of(node)
+                if methods > MOST_METHODS or attributes > MOST_ATTRIBUTES:
+                    above[f"{module}.{node.name}"] = methods, attributes
+    grown = {name: size for name, size in above.items() if np.greater(size, LARGE_CLASSES.get(name, (0, 0))).any()}
+    assert not grown, "let it hold parts, each of which knows the few things that it uses"
+    assert set(LARGE_CLASSES) <= set(above), "leave out of the table what is small by now"
 
 
 def test_a_class_with_heirs_has_two() -> None:

@@ -91,6 +91,7 @@ class Autosave:
     >>> [(entry.state, entry.points) for entry in saved_sessions(session.volume, every=True)]
     [('open', 4)]
     >>> autosave.close()
+    True
     """
 
     def __init__(
@@ -103,8 +104,10 @@ class Autosave:
         on_written: Callable[[SavedSession], None] | None = None,
         on_trouble: Callable[[str], object] | None = None,
     ) -> None:
-        self._job = job = _Job(session, Path(folder) if folder is not None else state_folder(), delay)
-        job.on_ready, job.on_written, job.on_trouble = on_ready, on_written, on_trouble
+        folder = Path(folder) if folder is not None else state_folder()
+        self._job = job = _Job(
+            session.editing.state, session.files.reference, folder, delay, _Reports(on_ready, on_written, on_trouble)
+        )
         self._session = weakref.ref(session)
         session.editing.observe(job.note_edit, _WATCHED)
         session.files.observe(job.note_saved, "saved")
@@ -115,16 +118,17 @@ class Autosave:
     @property
     def folder(self) -> Path:
         """Folder of the autosaved sessions."""
-        return self._job.folder
+        return self._job.file.folder
 
     @property
     def path(self) -> Path | None:
         """The session's file, once it was written."""
-        return self._job.entry.path if self._job.entry is not None else None
+        entry = self._job.file.entry
+        return None if entry is None else entry.path
 
     def replaces(self, entry: SavedSession) -> None:
         """The session goes on with this one, which is offered no more once the session itself is written."""
-        self._job.replaced.append(entry)
+        self._job.file.replaced.append(entry)
 
     def flush(self, timeout: float = 60.0) -> None:
         """Write now what waits, and wait for it.
@@ -137,43 +141,158 @@ class Autosave:
         if not self._job.flushed(timeout):
             raise TimeoutError(f"the session was not written within {timeout:g} seconds.")
 
-    def close(self) -> None:
-        """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history."""
+    def close(self, timeout: float = _WAIT_AT_CLOSE) -> bool:
+        """Write what waits and end: no crash, so nothing is offered; what was not saved stays in the history.
+
+        Parameters
+        ----------
+        timeout : seconds to wait for it.
+
+        Returns
+        -------
+        Whether it has ended by then.
+        """
         session = self._session()
         if session is not None and not self._job.is_ending:
             session.editing.unobserve(self._job.note_edit, _WATCHED)
             session.files.unobserve(self._job.note_saved, "saved")
         self._job.end()
-        if not self._job.is_here:
-            self._job.left(_WAIT_AT_CLOSE)
+        return self._job.is_here or self._job.left(timeout)
+
+
+class _Reports:
+    """Callbacks of an autosave, which cannot stop it; a failure is reported once until something is written again."""
+
+    def __init__(
+        self,
+        on_ready: Callable[[VolumeReference], None] | None,
+        on_written: Callable[[SavedSession], None] | None,
+        on_trouble: Callable[[str], object] | None,
+    ) -> None:
+        self._on_ready, self._on_written, self._on_trouble = on_ready, on_written, on_trouble
+        self._has_trouble = False
+
+    def ready(self, reference: VolumeReference) -> None:
+        """The volume is identified."""
+        _safely(lambda: self._on_ready and self._on_ready(reference))
+
+    def written(self, entry: SavedSession | None) -> None:
+        """A snapshot is safe; None where nothing had to be written."""
+        self._has_trouble = False
+        _safely(lambda: entry and self._on_written and self._on_written(entry))
+
+    def trouble(self, error: Exception) -> None:
+        """Something stands in the way."""
+        if self._has_trouble:
+            return
+        self._has_trouble = True
+        _LOG.warning("a session could not be written by itself: %s", error)
+        text = f"Nothing is kept by itself for now, save the session yourself: {_why(error)}"
+        _safely(lambda: self._on_trouble and self._on_trouble(text))
+
+
+class _SessionFile:
+    """The file that a running session is written to, and holds; used by the thread that writes.
+
+    Parameters
+    ----------
+    first : the document with which the session began.
+    """
+
+    def __init__(self, folder: Path, first: Deformation) -> None:
+        self.folder = folder
+        self.reference: VolumeReference | None = None
+        self.saved: Deformation | None = None
+        self.replaced: list[SavedSession] = []
+        self.entry: SavedSession | None = None
+        self.held: int | None = None
+        self._first = _bare(first)
+        self._is_pruned = False
+
+    def write(self, snapshot: _Snapshot) -> SavedSession | None:
+        """Write what was edited, if it differs from what the session began with."""
+        assert self.reference is not None
+        bare = _bare(snapshot.state.deformation)
+        state = "saved" if bare == self.saved else "unchanged" if bare == self._first else "open"
+        if self.entry is None and state == "unchanged":
+            return None
+        if self.entry is None or not self.entry.held.exists():  # the first time, or the folder was removed
+            self._begin()
+        assert self.entry is not None
+        self.entry = replace(
+            self.entry,
+            state=state,
+            edited=snapshot.edited,
+            index=snapshot.state.index,
+            key=snapshot.state.key,
+            points=sum(len(m) for step in bare.steps for m in step.maps),
+            steps=len(bare.steps),
+        )
+        write_session(self.entry, replace(bare, volume=self.reference))
+        while self.replaced:
+            mark(self.replaced.pop(), "restored")
+        return self.entry
+
+    def prune(self) -> None:
+        """Remove what is too old or too much in the folder, once."""
+        if not self._is_pruned and self.entry is not None:
+            self._is_pruned = True
+            prune(self.folder)
+
+    def _begin(self) -> None:
+        """Make the file that is held while the session runs."""
+        assert self.reference is not None
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._release()
+        number = next_number(self.folder)
+        while self.held is None:
+            path = self.folder / file_name(self.reference, secrets.token_hex(4))
+            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
+            try:
+                self.held = hold(self.entry.held)
+            except OSError:
+                self.entry = None
+                raise
+        _HELD.add(self.held)
+
+    def close(self) -> None:
+        """The session has ended by itself: nobody holds the file any more."""
+        if self.entry is not None and self.entry.state == "open":
+            mark(self.entry, "closed")
+        self._release()
+
+    def _release(self) -> None:
+        if self.held is not None and self.entry is not None:
+            _HELD.discard(self.held)
+            os.close(self.held)
+            sweep(self.entry.held)
+        self.held = None
 
 
 class _Job:
-    """State of the thread: shared with the session's observer, and without the session."""
+    """Snapshots that wait to be written, and the thread that writes them; it does not hold the session.
 
-    def __init__(self, session: Session, folder: Path, delay: float) -> None:
-        self.folder = folder
+    Parameters
+    ----------
+    state : with which the session began.
+    refer : identifies the volume, in the thread.
+    folder, delay : as of :class:`Autosave`.
+    """
+
+    def __init__(
+        self, state: Edited, refer: Callable[[], VolumeReference], folder: Path, delay: float, reports: _Reports
+    ) -> None:
+        self.file = _SessionFile(folder, state.deformation)
+        self.reports = reports
+        self.refer: Callable[[], VolumeReference] | None = refer
         self.delay = float(delay)
-        self.refer: Callable[[], VolumeReference] | None = session.files.reference
-        self.reference: VolumeReference | None = None
-        self.state = session.editing.state
-        self.first = _bare(self.state.deformation)
-        self.saved: Deformation | None = None
-        self.changed = threading.Condition()
+        self.changed = threading.Condition()  # guards what follows, and wakes the thread
+        self.latest = _Snapshot(state, datetime.now(UTC))
         self.waiting: _Snapshot | None = None
         self.unwritten: _Snapshot | None = None  # the last, if something stood in its way
-        self.edited = datetime.now(UTC)
         self.since = self.due = 0.0
-        self.is_urgent = self.is_busy = False
-        self.is_ending = self.is_done = self.is_pruned = False
+        self.is_urgent = self.is_busy = self.is_ending = self.is_done = False
         self.thread: threading.Thread | None = None
-        self.entry: SavedSession | None = None
-        self.held: int | None = None
-        self.replaced: list[SavedSession] = []
-        self.has_trouble = False
-        self.on_ready: Callable[[VolumeReference], None] | None = None
-        self.on_written: Callable[[SavedSession], None] | None = None
-        self.on_trouble: Callable[[str], object] | None = None
 
     # -- from the session's threads ------------------------------------------------------------------------------------
 
@@ -191,25 +310,24 @@ class _Job:
                     self.thread.start()
                 except RuntimeError as error:  # there are too many; the next edit tries again
                     self.thread = None
-                    _safely(lambda error=error: self.report(error))  # type: ignore[misc]
+                    self.reports.trouble(error)
 
     def note_edit(self, change: Any) -> None:
         """An edit was made, or another step chosen; this takes microseconds."""
         with self.changed:
-            if change["name"] == "deformation":
-                self.edited = datetime.now(UTC)
-            self.state = change["owner"].state
+            edited = datetime.now(UTC) if change["name"] == "deformation" else self.latest.edited
+            self.latest = _Snapshot(change["owner"].state, edited)
             self._wait()
 
     def note_saved(self, change: Any) -> None:
         """The session was saved, or a saved one opened."""
         with self.changed:
-            self.saved = None if change["new"] is None else _bare(change["new"])
+            self.file.saved = None if change["new"] is None else _bare(change["new"])
             self._wait()
 
     def _wait(self) -> None:
         now, is_first = time.monotonic(), self.waiting is None
-        self.waiting = _Snapshot(self.state, self.edited)
+        self.waiting = self.latest
         self.since = now if is_first else self.since
         self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
         self.start()  # a thread that waits already looks at the time again when it wakes
@@ -260,96 +378,39 @@ class _Job:
                 self.changed.wait(left)
 
     def write(self, snapshot: _Snapshot) -> None:
-        """Write what was edited, if it differs from what the session began with."""
-        assert self.reference is not None
-        bare = _bare(snapshot.state.deformation)
-        state = "saved" if bare == self.saved else "unchanged" if bare == self.first else "open"
-        if self.entry is None and state == "unchanged":
-            return
-        if self.entry is None or not self.entry.held.exists():  # the first time, or the folder was removed
-            self._begin()
-        assert self.entry is not None
-        self.entry = replace(
-            self.entry,
-            state=state,
-            edited=snapshot.edited,
-            index=snapshot.state.index,
-            key=snapshot.state.key,
-            points=sum(len(m) for step in bare.steps for m in step.maps),
-            steps=len(bare.steps),
-        )
-        write_session(self.entry, replace(bare, volume=self.reference))
-        while self.replaced:
-            mark(self.replaced.pop(), "restored")
-        if self.on_written is not None:
-            on_written, entry = self.on_written, self.entry
-            _safely(lambda: on_written(entry))
-
-    def _begin(self) -> None:
-        """Make the file that is held while the session runs."""
-        assert self.reference is not None
-        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        self._let_go()
-        number = next_number(self.folder)
-        while self.held is None:
-            path = self.folder / file_name(self.reference, secrets.token_hex(4))
-            self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
-            try:
-                self.held = hold(self.entry.held)
-            except OSError:
-                self.entry = None
-                raise
-        _HELD.add(self.held)
+        """Write a snapshot, or remember that it could not be written."""
+        try:
+            entry = self.file.write(snapshot)
+            self.unwritten = None
+            self.reports.written(entry)
+            self.file.prune()
+        except Exception as error:  # a full disk, a folder that is gone or read-only
+            self.unwritten = snapshot
+            self.reports.trouble(error)
 
     def leave(self) -> None:
-        """The last work: nobody holds the file any more."""
+        """The last work."""
         try:
-            if self.entry is not None and self.entry.state == "open":
-                mark(self.entry, "closed")
-            self._let_go()
+            self.file.close()
         finally:
             _OPEN.discard(self)
             with self.changed:
                 self.is_done, self.thread = True, None
                 self.changed.notify_all()
 
-    def _let_go(self) -> None:
-        if self.held is not None and self.entry is not None:
-            _HELD.discard(self.held)
-            os.close(self.held)
-            sweep(self.entry.held)
-        self.held = None
-
-    def report(self, error: Exception) -> None:
-        """Report a failure once."""
-        if self.has_trouble:
-            return
-        self.has_trouble = True
-        _LOG.warning("a session could not be written by itself: %s", error)
-        if self.on_trouble is not None:
-            self.on_trouble(f"Nothing is kept by itself for now, save the session yourself: {_why(error)}")
-
 
 def _run(job: _Job) -> None:
     try:
         if job.refer is not None:
-            job.reference = job.refer()
+            reference = job.file.reference = job.refer()
             job.refer = None  # and with it the volume
-            _safely(lambda: job.on_ready and job.on_ready(job.reference))  # type: ignore[arg-type]
+            job.reports.ready(reference)
         while (snapshot := job.take()) is not None:
-            try:
-                job.write(snapshot)
-                job.unwritten, job.has_trouble = None, False
-                if not job.is_pruned and job.entry is not None:
-                    job.is_pruned = True
-                    prune(job.folder)
-            except Exception as error:  # a full disk, a folder that is gone or read-only
-                job.unwritten = snapshot
-                _safely(lambda error=error: job.report(error))  # type: ignore[misc]
+            job.write(snapshot)
             del snapshot
     except Exception as error:  # the volume cannot be read for its checksum
         _LOG.exception("a session is not written by itself")
-        _safely(lambda error=error: job.report(error))  # type: ignore[misc]
+        job.reports.trouble(error)
     finally:
         if job.is_here:  # else the thread was given up, and another may be at work by now
             _safely(job.leave)
@@ -398,7 +459,7 @@ def _let_go() -> None:
         os.close(descriptor)
     for job in _OPEN:
         job.changed = threading.Condition()
-        job.is_done, job.thread, job.held = True, None, None
+        job.is_done, job.thread, job.file.held = True, None, None
     _HELD.clear()
     _OPEN.clear()
 

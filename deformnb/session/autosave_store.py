@@ -43,7 +43,8 @@ _OF_VOLUME = ("shape", "spacing", "sha256", "origin", "direction", "unit")
 _NUMBERS = ("points", "steps", "index", "key", "number")
 _SUFFIX, _HELD = ".json", ".live"
 _OURS = re.compile(r"[0-9a-f]{16}-\d+-[0-9a-f]+")  # as file_name makes them
-_skipped: set[Path] = set()  # where the folder has become read-only, for this process at least
+skipped_here: set[Path] = set()
+"""Sessions that are offered no more by this process, where their folder has become read-only."""
 
 
 def state_folder() -> Path:
@@ -96,7 +97,7 @@ class SavedSession:
     @property
     def is_lost(self) -> bool:
         """True if its process has died without closing it, as in a crash."""
-        return self.state == "open" and self.path not in _skipped and not self.is_live
+        return self.state == "open" and self.path not in skipped_here and not self.is_live
 
     def __str__(self) -> str:
         return f"{moment(self.edited)} ({counted(self.points, 'point')}, {counted(self.steps, 'step')})"
@@ -136,7 +137,7 @@ def file_name(reference: VolumeReference, token: str) -> str:
 
 def next_number(folder: Path) -> int:
     """The number of a session that begins now."""
-    return 1 + max((entry.number for entry in _read_all(folder)), default=0)
+    return 1 + max((entry.number for entry in read_entries(folder)), default=0)
 
 
 def write_session(entry: SavedSession, document: Deformation | str) -> None:
@@ -184,7 +185,8 @@ def read_session(path: Path) -> SavedSession | None:
         return None
 
 
-def _read_all(folder: Path, prefix: str = "") -> list[SavedSession]:
+def read_entries(folder: Path, prefix: str = "") -> list[SavedSession]:
+    """Sessions in a folder whose file names begin so, the newest first."""
     found = (read_session(path) for path in folder.glob(f"{prefix}*{_SUFFIX}"))
     return sorted(
         (entry for entry in found if entry is not None), key=lambda entry: (entry.number, entry.edited), reverse=True
@@ -212,7 +214,7 @@ def saved_sessions(
     []
     """
     reference = volume if isinstance(volume, VolumeReference) else VolumeReference.of(volume)
-    found = _read_all(folder or state_folder(), reference.sha256[:16])
+    found = read_entries(folder or state_folder(), reference.sha256[:16])
     return [entry for entry in found if _same(entry.volume, reference) and (every or entry.is_lost)]
 
 
@@ -243,13 +245,14 @@ def restore(entry: SavedSession) -> Deformation:
     >>> restore(entry).steps[0].strength
     0.5
     >>> autosave.close()
+    True
     """
     return from_json(_text(entry))
 
 
 def skip(entry: SavedSession) -> None:
     """Offer a session no more; its file is kept a while."""
-    _skipped.add(entry.path)
+    skipped_here.add(entry.path)
     mark(entry, "skipped")
 
 
@@ -296,7 +299,7 @@ def prune(folder: Path) -> None:
             if is_abandoned(held):
                 sweep(held)
         there = list(_ours(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
-        kept = {entry.path for entry in _worth_keeping(_read_all(folder))}
+        kept = {entry.path for entry in _worth_keeping(read_entries(folder))}
         for path in there:
             if path not in kept and not path.with_suffix(_HELD).exists():
                 path.unlink(missing_ok=True)

@@ -75,7 +75,7 @@ def test_a_running_session_is_not_lost(tmp_path: Path) -> None:
 def test_skipping_is_remembered_and_deleting_leaves_nothing(tmp_path: Path) -> None:
     entry, other = written(tmp_path), written(tmp_path, minutes=5)
     skip(entry)
-    autosave_store._skipped.clear()  # as in the next process
+    autosave_store.skipped_here.clear()  # as in the next process
     assert saved_sessions(a_volume(), tmp_path) == [other]
     assert restore(entry).steps  # it can still be had
     delete(other)
@@ -207,13 +207,13 @@ def test_what_is_written_while_the_folder_is_looked_through_stays(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     entry, late = written(tmp_path), list[SavedSession]()
-    read_all = autosave_store._read_all
+    read_all = autosave_store.read_entries
 
     def read_and_be_late(folder: Path) -> list[SavedSession]:
         found = read_all(folder)
         late.append(written(tmp_path, strength=0.5))
         return found
 
-    monkeypatch.setattr(autosave_store, "_read_all", read_and_be_late)
+    monkeypatch.setattr(autosave_store, "read_entries", read_and_be_late)
     prune(tmp_path)
     assert set(tmp_path.iterdir()) == {entry.path, late[0].path}
