@@ -1,8 +1,10 @@
 """Modules that are imported at their first use: JAX (of :mod:`deformnb._jax`) and scipy, a second of a start.
 
 A name such as ``jnp`` of this package stands for the module and imports it when an attribute is first looked up, in
-whichever thread that is. What has to be done as soon as JAX is there, such as the registration of pytrees, is done by
-the import itself, whoever imports JAX.
+whichever thread that is; no other module of the package imports JAX or scipy. Public names of packages are deferred by
+``lazy_loader``; its lazy modules would not do here, for they stand in :data:`sys.modules` before they are loaded, where
+scipy looks whether JAX is in use. What has to be done as soon as JAX is there, such as the registration of pytrees, is
+done by the import itself, whoever imports JAX.
 """
 
 from __future__ import annotations

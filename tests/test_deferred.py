@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import deformnb
 
 SHOWN = """
 import sys
@@ -26,6 +29,13 @@ for index in range(info["chunks"]):
     view._handle_custom_msg({"type": "chunk", "view": "page", "id": info["id"], "index": index}, [])
 print(sorted(data), [name for name in ("jax", "scipy", "matplotlib", "vtkmodules") if name in sys.modules])
 studio.close()
+"""
+
+NAMED = """
+import sys
+import deformnb as dn
+assert dn.Studio
+print([name for name in ("jax", "scipy") if name in sys.modules])
 """
 
 REGISTERED = """
@@ -87,6 +97,21 @@ def test_a_studio_is_shown_without_jax_and_scipy_and_warms_up_after_its_voxels(i
     assert "image/png" in shown
     assert "application/vnd.jupyter.widget-view+json" in shown
     assert shown.endswith("[]")
+
+
+def test_the_studio_is_imported_without_jax_and_scipy(isolated_folders: Path) -> None:
+    assert run(NAMED, isolated_folders) == ["[]"]
+
+
+def test_jax_and_scipy_are_imported_in_one_module() -> None:
+    """But for the report of ``deformnb doctor``, and for type checkers in the module of JAX."""
+    package = Path(deformnb.__file__).parent
+    found = {
+        path.relative_to(package).as_posix()
+        for path in package.rglob("*.py")
+        if re.search(r"^ *(from|import) (jax|scipy)\b", path.read_text(encoding="utf-8"), re.MULTILINE)
+    }
+    assert found == {"_deferred.py", "_jax.py", "cli/doctor.py"}
 
 
 @pytest.mark.parametrize("code", [REGISTERED, AFTERWARDS], ids=["before jax", "after jax"])

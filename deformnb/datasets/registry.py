@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from deformnb._deferred import scipy
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.volume.volume import Volume
@@ -246,11 +247,9 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
 
 def _convert(data: Dataset, source: Path, path: Path) -> None:
     """Write one array of a MATLAB file as a volume; the file appears whole or not at all."""
-    from scipy.io import loadmat
-
     from deformnb.io import write_volume
 
-    values = loadmat(source, variable_names=[data.variable])[data.variable]
+    values = scipy.io.loadmat(source, variable_names=[data.variable])[data.variable]
     write_volume(
         Volume.from_array(
             values.transpose(2, 1, 0), spacing=data.spacing or (1.0, 1.0, 1.0), unit="mm" if data.spacing else ""

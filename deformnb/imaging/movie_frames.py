@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from deformnb._deferred import scipy
 from deformnb._typing import Image
 from deformnb.checks import real_array, shown_value
 from deformnb.document.animation import Animation
@@ -75,13 +76,11 @@ def orbit(
     >>> [tuple(round(c) for c in d) for d in orbit(4, (0, 1, 0))]
     [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)]
     """
-    from scipy.spatial.transform import Rotation
-
     swing(count)  # refuses what is no number of frames
     _, _, up = Plane.through((0, 0, 0), axis).frame  # refuses what is no direction
-    turned = Rotation.from_rotvec(np.radians(degrees * np.arange(count) / count)[:, None] * up).apply(
-        np.asarray(direction, dtype=float)
-    )
+    turned = scipy.spatial.transform.Rotation.from_rotvec(
+        np.radians(degrees * np.arange(count) / count)[:, None] * up
+    ).apply(np.asarray(direction, dtype=float))
     return tuple((x, y, z) for x, y, z in turned.tolist())
 
 

@@ -19,6 +19,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._deferred import scipy
 from deformnb._typing import Image
 from deformnb.checks import finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
@@ -195,7 +196,6 @@ def _durations(count: int, fps: float, unit: float) -> list[int]:
 def _palette(histogram: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """Up to 256 colours for all frames, and which of them each cell of the cube of colours gets."""
     from PIL import Image as Pillow
-    from scipy.spatial import cKDTree
 
     counts, *sums = histogram[:, histogram[0] > 0]
     means = np.stack(sums, axis=-1) / counts[:, None]
@@ -209,7 +209,7 @@ def _palette(histogram: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray
     shared = crowd.quantize(256 - int(common.sum()), Pillow.Quantize.MEDIANCUT).getpalette() or []
     palette = np.concatenate([colors[common], np.asarray(shared, np.uint8).reshape(-1, 3)])
     nearest = np.zeros(histogram.shape[1], np.uint8)
-    nearest[histogram[0] > 0] = cKDTree(palette.astype(float)).query(means)[1]
+    nearest[histogram[0] > 0] = scipy.spatial.cKDTree(palette.astype(float)).query(means)[1]
     return palette, nearest
 
 

@@ -611,10 +611,8 @@ class _Window:
         return score, found + self._step * _peak(alike[around]), ""
 
     def _correlation(self, pattern: NDArray[np.float64], image: NDArray[np.float64]) -> NDArray[np.float64]:
-        from scipy import signal  # takes as long to import as the rest of the studio
-
         def sums(values: NDArray[np.float64], weights: NDArray[np.float64]) -> Any:
-            return signal.correlate(values, weights, mode="valid", method="fft")
+            return scipy.signal.correlate(values, weights, mode="valid", method="fft")
 
         count = self._mask.sum()
         spread = sums(image**2, self._mask) - sums(image, self._mask) ** 2 / count

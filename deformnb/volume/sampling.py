@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
+from deformnb._deferred import ndimage
 from deformnb._jax import check_process, compiled, each, float64, jax, jnp, lax, pytree
 
 WIDE = ("int32", "float64")
@@ -170,8 +171,6 @@ def aligned_empty(shape: tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
 
 def spline_coefficients(values: NDArray[Any], compute: str, axes: Sequence[int] = (0, 1, 2)) -> NDArray[Any]:
     """Coefficients of the cubic B-spline through the voxels along ``axes``, mirrored at the edges."""
-    from scipy import ndimage
-
     result = values
     for axis in axes:
         if values.shape[axis] > 1:

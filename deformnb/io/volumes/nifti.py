@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deformnb._deferred import scipy
 from deformnb._typing import Float3, Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.errors import fail
@@ -364,9 +365,7 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
 
 def _quaternion(turn: NDArray[np.float64]) -> tuple[float, float, float]:
     """b, c, d of the unit quaternion with a >= 0 of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    b, c, d, a = Rotation.from_matrix(turn).as_quat()
+    b, c, d, a = scipy.spatial.transform.Rotation.from_matrix(turn).as_quat()
     sign = -1.0 if a < 0 else 1.0
     return sign * b, sign * c, sign * d
 

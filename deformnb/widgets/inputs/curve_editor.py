@@ -17,6 +17,7 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
+from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import FRONT_ONLY, LONGEST_FORMULA, modulate
 from deformnb.widgets.bundle import bundle
@@ -43,9 +44,7 @@ def values_of(nodes: Nodes, z: ArrayLike, smooth: bool = False) -> NDArray[np.fl
     at, (x, y) = np.asarray(z, dtype=np.float64), np.asarray(nodes, dtype=np.float64).T
     if not smooth or len(x) < 3:
         return np.interp(at, x, y)
-    from scipy.interpolate import PchipInterpolator
-
-    return np.asarray(PchipInterpolator(x, y)(np.clip(at, x[0], x[-1])), dtype=np.float64)
+    return np.asarray(scipy.interpolate.PchipInterpolator(x, y)(np.clip(at, x[0], x[-1])), dtype=np.float64)
 
 
 def fewest_values(nodes: Nodes) -> int:
