@@ -12,7 +12,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
-from functools import partial
 from itertools import pairwise
 from typing import Any, overload
 
@@ -52,7 +51,7 @@ from deformnb.volume.volume import (
 from deformnb.warping.inverse import Inverse, invert
 from deformnb.warping.map_checks import map_notes, with_cautions
 from deformnb.warping.points import Landmarks, warp_points
-from deformnb.warping.warper import like_given, warp_all
+from deformnb.warping.warper import volumes_of, warp_all
 
 EASINGS: dict[str, Callable[[float], float]] = {"linear": lambda t: t, "smooth": lambda t: t * t * (3 - 2 * t)}
 """Easings of time from one key frame to the next, by name: at an even pace, or slowly at both ends."""
@@ -815,7 +814,8 @@ class Deformation:
         The result has the notes of the volume, and those of this document. One that was made on a known volume with the
         wrong spacing of its file gives the voxels that it gave then, on a grid with the true spacing.
         """
-        return like_given(volume, partial(self.apply_all, **options))
+        volumes, made_of = volumes_of(volume)
+        return made_of(self.apply_all(volumes, **options))
 
     def apply_all(self, volumes: Sequence[VolumeLike], **options: Any) -> list[Volume]:
         """Several volumes on one grid, such as channels, each as by :meth:`apply`; the map is computed once.
@@ -827,33 +827,28 @@ class Deformation:
         """
         volumes = as_volumes(volumes)
         own = volumes[0].finest_grid
-        here = self.in_unit(own.unit)
-        if here is not self:
-            notes = self._unit_notes(own.unit)
-            return [
-                replace(done, notes=tuple(dict.fromkeys((*done.notes, *notes))))
-                for done in here.apply_all(volumes, **options)
-            ]
-        known, grid = self.older_spacing(own), self.own_grid(own)
-        output = self.output or grid
+        here = self.in_unit(own.unit)  # the same map in numbers of the volume
+        known, grid = here.older_spacing(own), here.own_grid(own)
+        output = here.output or grid
         if known is not None and (options.get("output") is not None or output.direction != grid.direction):
             raise DeformError(
                 f"{known.older_note}, so that its result has no other grid than its own; open it in a "
                 f"studio on this volume and save it anew, or read the volume with "
                 f"spacing={known.header_spacing}."
             )
-        field = self.field(grid)
+        field = here.field(grid)
         notes = tuple(
-            note for note in self._fit_notes(grid) if note != FOLDS_WARNING
+            note for note in here._fit_notes(grid) if note != FOLDS_WARNING
         )  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
-        cautions = [*self.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
+        cautions = [*here.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
         if known is None:
-            box = None if self.output is None else volumes[0].at_own_resolution(self.output)
+            box = None if here.output is None else volumes[0].at_own_resolution(here.output)
             warped = warp_all(volumes, field, **{"output": box, **options})
         else:
             then = [replace(volume, grid=grid) for volume in volumes]
             corrected = known.corrected(output, own)
             warped = [replace(done, grid=corrected) for done in warp_all(then, field, **{**options, "output": output})]
             notes = (known.older_note, *notes)
-        return with_cautions(volumes, warped, notes, cautions)
+        converted = () if here is self else self._unit_notes(own.unit)
+        return with_cautions(volumes, warped, (*notes, *converted), cautions)

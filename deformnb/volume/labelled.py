@@ -7,7 +7,7 @@ z, y, x. A coordinate that falls is an axis that points the other way.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -251,13 +251,14 @@ def _coordinates(grid: Grid, names: tuple[Hashable, ...]) -> tuple[dict[Hashable
     return coords, np.flip(np.asarray(grid.direction))
 
 
-def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
-    """A DataArray of which every volume was deformed, with the same dimensions, coordinates and attributes.
+def unstack(array: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], Any]]:
+    """The volumes of a DataArray, all those along its other dimensions, and a function that stacks the results of them.
+
+    That makes a DataArray with the same dimensions, coordinates and attributes.
 
     Parameters
     ----------
     array : with z, y and x (or y and x) among its dimensions, in any order.
-    warp : deforms volumes of one grid, all those along the other dimensions.
 
     Raises
     ------
@@ -270,13 +271,17 @@ def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
     ordered = array.transpose(*axes.others, *axes.spatial)
     stack = np.asarray(ordered.values).reshape(-1, *axes.grid.shape)
     volumes = [replace(Volume.from_array(values, name=str(array.name or "")), grid=axes.grid) for values in stack]
-    results = warp(volumes)
+    return volumes, lambda results: _stacked(results, axes, ordered).transpose(*array.dims)
+
+
+def _stacked(results: Sequence[Volume], axes: LabelledAxes, ordered: Any) -> Any:
+    """Volumes in the place of those of an array whose other dimensions come first."""
     grid = results[0].grid
     values = np.stack([result.values for result in results])
     outer = tuple(ordered.shape[: len(axes.others)])
     inner = grid.shape[3 - len(axes.spatial) :]
     if grid == axes.grid:
-        return ordered.copy(data=values.reshape(*outer, *inner)).transpose(*array.dims)
+        return ordered.copy(data=values.reshape(*outer, *inner))
     if len(axes.spatial) == 2 and grid.shape[0] != 1:
         raise DeformError(
             f"the array has the dimensions {', '.join(map(str, axes.spatial))} and the result has "
@@ -285,10 +290,10 @@ def mapped(array: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
     coords, direction = _coordinates(grid, axes.spatial)
     kept = {name: coord for name, coord in ordered.coords.items() if not set(coord.dims) & set(axes.spatial)}
     size = len(axes.spatial)
-    return type(array)(
+    return type(ordered)(
         values.reshape(*outer, *inner),
         {**kept, **coords},
         ordered.dims,
-        array.name,
-        {**array.attrs, _DIRECTION: direction[3 - size :, 3 - size :]},
-    ).transpose(*array.dims)
+        ordered.name,
+        {**ordered.attrs, _DIRECTION: direction[3 - size :, 3 - size :]},
+    )

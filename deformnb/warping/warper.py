@@ -12,7 +12,7 @@ The paper's transparency map A is applied to voxels too: those that a cut hides 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, TypeVar, overload
 
 import numpy as np
@@ -27,7 +27,7 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
 from deformnb.volume.channels import Channels
 from deformnb.volume.converters import converted
-from deformnb.volume.labelled import is_labelled, mapped
+from deformnb.volume.labelled import is_labelled, unstack
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
@@ -168,22 +168,27 @@ def warp(
     options: dict[str, Any] = {"fill": fill, "method": method, "step": step}
     if output is not None:  # else a deformation has its own
         options["output"] = as_grid(output)
-    return like_given(volume, partial(deformed, field=field, **options, progress=progress))
+    volumes, made_of = volumes_of(volume)
+    return made_of(deformed(volumes, field, **options, progress=progress))
 
 
-def like_given(given: Any, warp: Callable[[list[Volume]], list[Volume]]) -> Any:
-    """Deform an object to one of its kind: channels, an array of xarray; all else that is a volume to a Volume.
+def volumes_of(given: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], Any]]:
+    """The volumes of one grid that an object consists of, and a function that makes one of its kind of their results.
 
-    Parameters
-    ----------
-    warp : deforms volumes of one grid.
+    Channels make channels, an array of xarray makes one, and all else that is a volume makes a Volume.
+
+    Examples
+    --------
+    >>> volumes, made_of = volumes_of(np.zeros((2, 3, 4)))
+    >>> len(volumes), made_of(volumes) is volumes[0]
+    (1, True)
     """
     if is_labelled(given):
-        return mapped(given, warp)
+        return unstack(given)
     subject = converted(given)
     if isinstance(subject, Channels):
-        return subject.with_volumes(warp(list(subject)))
-    return warp([subject])[0]
+        return list(subject), subject.with_volumes
+    return [subject], lambda results: results[0]
 
 
 def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:

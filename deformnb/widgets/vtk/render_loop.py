@@ -38,7 +38,7 @@ _WAY = 5  # of Linux's steps from 0 to 19: next to a browser that is busy too, a
 
 
 class LoopScene(Protocol):
-    """LoopScene of a loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
+    """Scene of a render loop: :class:`~deformnb.widgets.vtk.scene.VtkScene` and any other with these methods."""
 
     @property
     def size(self) -> tuple[int, int]:
