@@ -19,6 +19,11 @@ export type Vector4 = [number, number, number, number];
 /** A place or a displacement of a picture or in space. */
 export type Vector = [number, number, ...number[]];
 
+/** Typed arrays of so many numbers. */
+export type Numbers2 = Float64Array & Record<0 | 1, number>;
+export type Numbers3 = Numbers2 & Record<2, number>;
+export type Numbers6 = Numbers3 & Record<3 | 4 | 5, number>;
+
 /** Two rows of a matrix. */
 export type Matrix2 = [Vector2, Vector2];
 
@@ -166,7 +171,7 @@ export interface Region {
   /** The number of edges of an outline. */
   edges?: number;
   /** Of a line that stops: how far a cut is open at a place before the deformation, and its slopes: [w, wa, wb]. */
-  opening?: (a: number, b: number, out: Float64Array) => Float64Array;
+  opening?: (a: number, b: number, out: Numbers3) => Numbers3;
 }
 
 /** A fit of control points; coordinates in it are relative to `origin`, in units of `support`. */

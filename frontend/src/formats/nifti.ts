@@ -1,6 +1,7 @@
 // NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/volumes/nifti.py: the sform if its code is above 0, else the qform
 // if its code is above 0, else the voxel sizes alone. NIfTI is RAS: x and y change sign. Source: nifti1.h and nifti2.h.
 
+import type { Axis } from "../maths/axes.ts";
 import { perAxis } from "../maths/axes.ts";
 import type { Vector2, Vector3, Vector4 } from "../types.ts";
 import { IDENTITY } from "../volume/grid.ts";
@@ -34,16 +35,31 @@ const UNITS = ["", "m", "mm", "\u00b5m"]; // by their codes
 const FIRST_VOXEL = 352,
   MOST_EXTENSIONS = 2 ** 26;
 
-export type Fields = ReturnType<typeof fieldsOf>;
+export interface Fields {
+  dim: [axes: number, ...sizes: number[]];
+  pixdim: [...Vector4, ...number[]];
+  datatype: number;
+  offset: number;
+  scaling: Vector2;
+  codes: Vector2;
+  quatern: [...Vector3, ...Vector3];
+  srow: number[];
+  intent: number;
+  units: number;
+  isBig: boolean;
+}
 
-function fieldsOf(data: Uint8Array) {
+function fieldsOf(data: Uint8Array): Fields {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const text = (from: number) => String.fromCharCode(...data.subarray(from, from + 3));
   for (const little of [true, false]) {
     const size = data.length >= 4 ? view.getInt32(0, little) : 0;
-    const list = (count: number, read: (k: number) => number) => Array.from({ length: count }, (_, k) => read(k));
-    const floats = (from: number, count: number) => list(count, (k) => view.getFloat32(from + 4 * k, little));
-    const doubles = (from: number, count: number) => list(count, (k) => view.getFloat64(from + 8 * k, little));
+    const list = <L extends number[]>(count: number, read: (k: number) => number) =>
+      Array.from({ length: count }, (_, k) => read(k)) as L;
+    const floats = <L extends number[]>(from: number, count: number) =>
+      list<L>(count, (k) => view.getFloat32(from + 4 * k, little));
+    const doubles = <L extends number[]>(from: number, count: number) =>
+      list<L>(count, (k) => view.getFloat64(from + 8 * k, little));
     if (size === 348 && data.length >= 352) {
       if (text(344) === "ni1")
         throw new FileError("this is the header of a pair .hdr and .img; save both as one .nii.");
@@ -62,7 +78,7 @@ function fieldsOf(data: Uint8Array) {
         quatern: floats(256, 6),
         srow: floats(280, 12),
         intent: view.getInt16(68, little),
-        units: data[123],
+        units: view.getUint8(123),
         isBig: !little,
       };
     }
@@ -161,7 +177,7 @@ function placeOfVoxels(fields: Fields, notes: string[]): Place {
     const most = Math.max(...affine.flatMap((row) => row.slice(0, 3).map(Math.abs)));
     const isSame = affine.every((row, i) =>
       row.every((x, k) => {
-        const other = k < 3 ? direction[i][k] * pixdim[1 + k] : origin[i];
+        const other = k < 3 ? direction[i as Axis][k as Axis] * pixdim[1 + k]! : origin[i as Axis];
         return Math.abs(other - x) <= 1e-2 * most + 1e-3 * Math.abs(x);
       }),
     );

@@ -1,12 +1,21 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
 import { perAxis } from "../maths/axes.ts";
-import { cross } from "../maths/camera.ts";
-import type { Vector3, Vector4 } from "../types.ts";
+import { cross, mapVector } from "../maths/camera.ts";
+import type { Matrix3, Vector3, Vector4 } from "../types.ts";
 import { IDENTITY } from "../volume/grid.ts";
 import { commonUnit, statedUnit } from "../volume/units.ts";
 import type { VoxelType } from "./reading.ts";
-import { ByteReader, FileError, floatsOfText, HEADER_BYTES, integersOf, shownText, volumeShape } from "./reading.ts";
+import {
+  ByteReader,
+  FileError,
+  floatsOfText,
+  HEADER_BYTES,
+  integerOf,
+  integersOf,
+  shownText,
+  volumeShape,
+} from "./reading.ts";
 import type { Header } from "./volume_files.ts";
 
 const TYPES: Record<VoxelType, string[]> = {
@@ -38,6 +47,9 @@ const PLACES = ["domain", "space", "???", "none"]; // kinds of axes in space
 const MOST_SKIPPED = 2 ** 26;
 
 export type Texts = Record<string, string>;
+/** Fields of a header; the first four are in every one. */
+export type HeaderFields = Texts & Record<(typeof REQUIRED)[number], string>;
+const REQUIRED = ["dimension", "type", "sizes", "encoding"] as const;
 
 function fieldsOf(data: Uint8Array) {
   const text = new TextDecoder("latin1").decode(data); // a byte is a character, so that places are counted in bytes
@@ -61,17 +73,17 @@ function fieldsOf(data: Uint8Array) {
     }
     fields[name] = line.slice(colon + 1).trim();
   }
-  return { fields, keys, end: end.index + end[0].length };
+  for (const name of REQUIRED) {
+    if (!Object.hasOwn(fields, name)) throw new FileError(`its header lacks the field '${name}'.`);
+  }
+  return { fields: fields as HeaderFields, keys, end: end.index + end[0].length };
 }
 
 /** The header of a file. */
 export async function nrrdHeader(blob: Blob): Promise<Header> {
   const { fields, keys, end } = fieldsOf(new Uint8Array(await blob.slice(0, HEADER_BYTES).arrayBuffer()));
-  for (const name of ["dimension", "type", "sizes", "encoding"]) {
-    if (!Object.hasOwn(fields, name)) throw new FileError(`its header lacks the field '${name}'.`);
-  }
   const { type, isBig } = typeOf(fields),
-    [dimension] = integersOf("dimension", fields.dimension, 1);
+    dimension = integerOf("dimension", fields.dimension);
   if (!(dimension >= 1 && dimension <= 16)) {
     throw new FileError(`the field 'dimension' is ${dimension}; a volume has 3.`);
   }
@@ -79,7 +91,7 @@ export async function nrrdHeader(blob: Blob): Promise<Header> {
     axes = placesOf(fields, sizes);
   const notes: string[] = [],
     shape = volumeShape(
-      axes.map((axis) => sizes[axis]),
+      axes.map((axis) => sizes[axis]!),
       Number(type[1]),
       notes,
     );
@@ -104,7 +116,7 @@ export async function nrrdHeader(blob: Blob): Promise<Header> {
   };
 }
 
-function typeOf(fields: Texts) {
+function typeOf(fields: HeaderFields) {
   const name = fields.type.toLowerCase().split(/\s+/).join(" ");
   const type = Object.entries(TYPES).find(([, names]) => names.includes(name))?.[0] as VoxelType | undefined;
   if (!type) {
@@ -132,7 +144,7 @@ function placesOf(fields: Texts, sizes: number[]) {
     throw new FileError(`the field 'kinds' names ${kinds.length} axes but there are ${sizes.length}.`);
   }
   const every = sizes.map((_, axis) => axis),
-    places = every.filter((axis) => PLACES.includes(kinds[axis]));
+    places = every.filter((axis) => PLACES.includes(kinds[axis]!));
   const other = every.filter((axis) => !places.slice(0, 3).includes(axis));
   if (other.some((axis) => sizes[axis] !== 1)) {
     throw new FileError(
@@ -157,7 +169,7 @@ function vectorsOf(field: string, text: string): (number[] | null)[] {
  * @param end of the header
  * @param expected bytes
  */
-async function beginningOf(blob: Blob, fields: Texts, end: number, expected: number) {
+async function beginningOf(blob: Blob, fields: HeaderFields, end: number, expected: number) {
   const encoding = fields.encoding.toLowerCase(),
     isPacked = ["gzip", "gz"].includes(encoding);
   if (!isPacked && encoding !== "raw") {
@@ -166,8 +178,8 @@ async function beginningOf(blob: Blob, fields: Texts, end: number, expected: num
   if (fields.datafile !== undefined) {
     throw new FileError("its voxels are in another file, which a page cannot open by itself; save both as one .nrrd.");
   }
-  const [lines] = integersOf("line skip", fields.lineskip ?? "0", 1);
-  const [skip] = integersOf("byte skip", fields.byteskip ?? "0", 1);
+  const lines = integerOf("line skip", fields.lineskip ?? "0"),
+    skip = integerOf("byte skip", fields.byteskip ?? "0");
   if (!(lines >= 0 && lines <= HEADER_BYTES && skip >= -1 && skip <= MOST_SKIPPED) || (skip === -1 && isPacked)) {
     throw new FileError(`the fields 'line skip' (${lines}) and 'byte skip' (${skip}) are not usable.`);
   }
@@ -195,7 +207,9 @@ function unitOfAxes(fields: Texts, axes: number[], notes: string[]): { unit: str
     return { unit: isPatient ? "mm" : "", factors: [1, 1, 1] };
   }
   const bytes = Uint8Array.from(given, (c) => c.charCodeAt(0)); // the header is read as Latin-1
-  const words = [...new TextDecoder().decode(bytes).matchAll(/"([^"]*)"|(\S+)/g)].map((found) => found[1] ?? found[2]);
+  const words = [...new TextDecoder().decode(bytes).matchAll(/"([^"]*)"|(\S+)/g)].map(
+    (found) => (found[1] ?? found[2])!,
+  );
   const wanted = fields.spaceunits === undefined ? axes.slice(0, 3) : words.slice(0, 3).map((_, k) => k);
   if (!wanted.length || Math.max(...wanted) >= words.length) {
     throw new FileError(
@@ -204,8 +218,8 @@ function unitOfAxes(fields: Texts, axes: number[], notes: string[]): { unit: str
       } units for ${axes.length} axes.`,
     );
   }
-  const units = wanted.map((axis) => statedUnit(words[axis], notes));
-  while (units.length < 3) units.push(units[0]);
+  const units = wanted.map((axis) => statedUnit(words[axis]!, notes));
+  while (units.length < 3) units.push(units[0]!);
   return commonUnit(units, notes);
 }
 
@@ -220,45 +234,48 @@ function placeOfVoxels(
   if (space && !Object.hasOwn(SPACES, space)) {
     throw new FileError(`the space '${shownText(space)}' is not supported; save it in left-posterior-superior.`);
   }
-  const signs = (SPACES[space] ?? [1, 1, 1]).map((sign, k) => sign * factors[k]);
+  const sides: Vector3 = SPACES[space] ?? [1, 1, 1],
+    signs = perAxis((k) => sides[k] * factors[k]);
   const [first] = fields.spaceorigin !== undefined ? vectorsOf("space origin", fields.spaceorigin) : [];
-  const corner = three("space origin", first === undefined ? [0, 0, 0] : first).map((x, k) => x * signs[k]) as Vector3;
+  const placed = (vector: Vector3) => perAxis((k) => vector[k] * signs[k]);
+  const corner = placed(three("space origin", first === undefined ? [0, 0, 0] : first));
   if (fields.spacedirections === undefined) {
     const { spacing, origin } = spacingsOf(fields, axes, dimension, factors);
     return { affine: null, spacing, origin: first === undefined ? origin : corner, direction: IDENTITY };
   }
   const vectors = vectorsOf("space directions", fields.spacedirections);
-  const columns = axes.map((axis) => three("space directions", vectors[axis]).map((x, k) => x * signs[k]));
+  const columns = axes.map((axis) => placed(three("space directions", vectors[axis])));
   while (columns.length < 3) {
     // a single picture: its normal, of length 1
-    const normal = columns.length === 2 ? cross(columns[0] as Vector3, columns[1] as Vector3) : [0, 0, 0];
+    const normal: Vector3 = columns.length === 2 ? cross(columns[0]!, columns[1]!) : [0, 0, 0];
     const length = Math.hypot(...normal) || 1;
-    columns.push(normal.map((x) => x / length));
+    columns.push(mapVector(normal, (x) => x / length));
   }
-  const [x, y, z] = columns as [Vector3, Vector3, Vector3];
+  const [x, y, z] = columns as Matrix3;
   const affine = perAxis((i): Vector4 => [x[i], y[i], z[i], corner[i]]);
   return { affine, spacing: [1, 1, 1], origin: corner, direction: IDENTITY };
 }
 
-function three(field: string, vector: number[] | null | undefined) {
+function three(field: string, vector: number[] | null | undefined): Vector3 {
   if (!vector || ![2, 3, 4].includes(vector.length)) {
     throw new FileError(`the field '${field}' should have vectors of three numbers.`);
   }
-  return [...vector, 0].slice(0, 3);
+  return [...vector, 0].slice(0, 3) as Vector3;
 }
 
-function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: number[]) {
-  const perAxis = (name: string, shown: string, missing: number) => {
-    if (fields[name] === undefined) return [missing, missing, missing];
-    const values = floatsOfText(shown, fields[name], dimension);
-    return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3);
+function spacingsOf(fields: Texts, axes: number[], dimension: number, factors: Vector3) {
+  const numbersOf = (name: string, shown: string, missing: number): Vector3 => {
+    const text = fields[name];
+    if (text === undefined) return [missing, missing, missing];
+    const values = floatsOfText(shown, text, dimension);
+    return [...axes.map((axis) => values[axis]), missing, missing].slice(0, 3) as Vector3;
   };
-  const spacing = perAxis("spacings", "spacings", 1) as Vector3,
-    least = perAxis("axismins", "axis mins", 0);
+  const spacing = numbersOf("spacings", "spacings", 1),
+    least = numbersOf("axismins", "axis mins", 0);
   const centres = (fields.centers ?? fields.centerings ?? "").toLowerCase().split(/\s+/).filter(Boolean);
   // "axis min" is the border of a cell, or the place of a node.
-  const first = least.map((low, k) => low + (centres[axes[k]] === "cell" ? spacing[k] / 2 : 0));
-  const from = first.every(Number.isFinite) ? first : [0, 0, 0];
-  const scaled = (v: number[]) => v.map((x, k) => x * factors[k]) as Vector3;
+  const first = perAxis((k) => least[k] + (centres[axes[k] ?? -1] === "cell" ? spacing[k] / 2 : 0));
+  const from: Vector3 = first.every(Number.isFinite) ? first : [0, 0, 0];
+  const scaled = (v: Vector3) => perAxis((k) => v[k] * factors[k]);
   return { spacing: scaled(spacing), origin: scaled(from) };
 }

@@ -26,7 +26,8 @@ export function pictureSize(data: Uint8Array) {
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   if (data.length >= 33 && view.getUint32(0) === 0x89504e47 && view.getUint32(4) === 0x0d0a1a0a) {
     const text = new TextDecoder("latin1").decode(data.subarray(0, 2 ** 16)),
-      [depth, colour] = data.subarray(24, 26);
+      depth = view.getUint8(24),
+      colour = view.getUint8(25);
     const isExact = depth <= 8 && [0, 2, 3].includes(colour) && !/tRNS|gAMA|iCCP|eXIf|cICP/.test(text);
     return { width: view.getUint32(16), height: view.getUint32(20), isExact };
   }
@@ -76,7 +77,7 @@ async function decoded(blob: Blob, name: string) {
   const rgba = context.getImageData(0, 0, width, height).data,
     values = new Uint8Array(width * height);
   for (let k = 0; k < values.length; k++) {
-    values[k] = (rgba[4 * k] * 19595 + rgba[4 * k + 1] * 38470 + rgba[4 * k + 2] * 7471 + 0x8000) >> 16;
+    values[k] = (rgba[4 * k]! * 19595 + rgba[4 * k + 1]! * 38470 + rgba[4 * k + 2]! * 7471 + 0x8000) >> 16;
   }
   const grid = checkedGrid([1, height, width], [1, 1, 1], [0, 0, 0], IDENTITY);
   const volume = {
@@ -102,7 +103,7 @@ function averaged(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: n
         let sum = 0;
         for (let j = 0; j < factor; j++) {
           const row = 4 * ((y * factor + j) * width + x * factor) + part;
-          for (let i = 0; i < factor; i++) sum += rgba[row + 4 * i];
+          for (let i = 0; i < factor; i++) sum += rgba[row + 4 * i]!;
         }
         out[4 * (y * w + x) + part] = sum / factor / factor;
       }

@@ -1,5 +1,7 @@
 // Bytes of a file that a user has chosen, read in pieces: headers first, voxels only after all sizes are checked.
 
+import type { Vector3 } from "../types.ts";
+
 /** A file that cannot be read, in a sentence for the user. */
 export class FileError extends Error {}
 
@@ -18,7 +20,20 @@ export interface Work {
 
 export type VoxelType = "u1" | "i1" | "u2" | "i2" | "u4" | "i4" | "u8" | "i8" | "f4" | "f8";
 
-const ARRAYS: Record<VoxelType, any> = {
+/** Voxels as a file holds them. */
+export type Stored =
+  | Uint8Array
+  | Int8Array
+  | Uint16Array
+  | Int16Array
+  | Uint32Array
+  | Int32Array
+  | BigUint64Array
+  | BigInt64Array
+  | Float32Array
+  | Float64Array;
+
+const ARRAYS: Record<VoxelType, new (buffer: ArrayBuffer) => Stored> = {
   u1: Uint8Array,
   i1: Int8Array,
   u2: Uint16Array,
@@ -47,6 +62,11 @@ export function integersOf(field: string, text: string, count: number) {
   return words.map(Number);
 }
 
+/** The whole number of a header's field. */
+export function integerOf(field: string, text: string) {
+  return integersOf(field, text, 1)[0]!;
+}
+
 /** Numbers of a header's field; NaN and infinity are for the caller to refuse. */
 export function floatsOfText(field: string, text: string, count: number | null = null) {
   const words = text.split(/\s+/).filter(Boolean);
@@ -71,7 +91,7 @@ export function shownBytes(count: number) {
 }
 
 /** Sizes [nz, ny, nx] of the sizes along x, y, z and beyond. */
-export function volumeShape(sizes: number[], itemsize: number, notes: string[]): [number, number, number] {
+export function volumeShape(sizes: number[], itemsize: number, notes: string[]): Vector3 {
   if (!sizes.length || Math.min(...sizes) < 1) {
     throw new FileError(`every size must be at least 1 voxel, but the sizes along x, y, z are ${sizes.join(", ")}.`);
   }
@@ -84,7 +104,7 @@ export function volumeShape(sizes: number[], itemsize: number, notes: string[]):
     );
   }
   if (sizes.length < 3) notes.push("a 2-D image was taken as a volume of one slice");
-  const [nx, ny, nz] = [...real, 1, 1],
+  const [nx, ny, nz] = [...real, 1, 1] as Vector3,
     bytes = nx * ny * nz * itemsize;
   if (bytes > MOST_BYTES) {
     throw new FileError(
@@ -202,8 +222,8 @@ function swapBytes(bytes: Uint8Array, size: number) {
   if (size === 1) return;
   for (let at = 0; at < bytes.length; at += size) {
     for (let low = at, high = at + size - 1; low < high; low++, high--) {
-      const byte = bytes[low];
-      bytes[low] = bytes[high];
+      const byte = bytes[low]!;
+      bytes[low] = bytes[high]!;
       bytes[high] = byte;
     }
   }

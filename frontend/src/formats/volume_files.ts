@@ -1,11 +1,12 @@
 // Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
 
+import { AXES } from "../maths/axes.ts";
 import type { Matrix3, Vector3 } from "../types.ts";
 import type { Affine, Grid } from "../volume/grid.ts";
 import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.ts";
 import { niftiHeader } from "./nifti.ts";
 import { nrrdHeader } from "./nrrd.ts";
-import type { VoxelType, Work } from "./reading.ts";
+import type { Stored, VoxelType, Work } from "./reading.ts";
 import { FileError, shownText } from "./reading.ts";
 
 /** All that is known of a file before any voxel is read. */
@@ -28,7 +29,7 @@ export interface Header {
   isLabels: boolean;
   notes: string[];
   /** the voxels as they are stored */
-  read: (work: Work) => Promise<any>;
+  read: (work: Work) => Promise<Stored>;
 }
 
 export type Values = Int8Array | Uint8Array | Int16Array | Uint16Array | Int32Array | Float32Array | Float64Array;
@@ -47,21 +48,17 @@ export interface Volume {
 /** A row of deformnb/volume/known_spacings.json: a public volume whose files state a wrong spacing. */
 export type KnownSpacing = {
   title: string;
-  shape: number[];
+  shape: Vector3;
   dtype: string;
   sha256: string;
-  header_spacing: number[];
+  header_spacing: Vector3;
   spacing: Vector3;
   reason: string;
 };
 
-const FORMATS: Record<string, (blob: Blob) => Promise<Header>> = {
-  ".nii": niftiHeader,
-  ".nii.gz": niftiHeader,
-  ".nrrd": nrrdHeader,
-};
+const FORMATS = { ".nii": niftiHeader, ".nii.gz": niftiHeader, ".nrrd": nrrdHeader };
 /** Suffixes of volumes. */
-export const VOLUME_SUFFIXES = Object.keys(FORMATS);
+export const VOLUME_SUFFIXES = Object.keys(FORMATS) as (keyof typeof FORMATS)[];
 
 const NAMES: Record<VoxelType, string> = {
   u1: "uint8",
@@ -110,7 +107,7 @@ function gridOf({ shape, affine, spacing, origin, direction, unit, notes }: Head
 }
 
 /** The values that stored voxels mean, in the type in which Python holds them. */
-function loaded(stored: any, { type, slope, intercept, notes }: Header) {
+function loaded(stored: Stored, { type, slope, intercept, notes }: Header) {
   if (slope !== 1 || intercept !== 0) {
     const isWide = ["i4", "u4", "i8", "u8", "f8"].includes(type);
     const values = isWide ? new Float64Array(stored.length) : new Float32Array(stored.length);
@@ -118,8 +115,8 @@ function loaded(stored: any, { type, slope, intercept, notes }: Header) {
     return { values, dtype: isWide ? "float64" : "float32" };
   }
   if (!["u4", "i8", "u8"].includes(type)) return { values: stored as Values, dtype: NAMES[type] };
-  let low = stored[0],
-    high = stored[0];
+  let low = stored[0]!,
+    high = stored[0]!;
   for (const value of stored) {
     if (value < low) low = value;
     if (value > high) high = value;
@@ -128,7 +125,7 @@ function loaded(stored: any, { type, slope, intercept, notes }: Header) {
   const values = fits ? new Int32Array(stored.length) : new Float64Array(stored.length);
   for (let k = 0; k < values.length; k++) {
     values[k] = Number(stored[k]);
-    if (typeof stored[k] === "bigint" && BigInt(values[k]) !== stored[k]) {
+    if (typeof stored[k] === "bigint" && BigInt(values[k]!) !== stored[k]) {
       throw new FileError(
         `voxels of type ${NAMES[type]} from ${low} to ${high}: neither int32 nor float64 holds all of ` +
           "them exactly. Subtract an offset or number the labels anew first.",
@@ -165,8 +162,8 @@ async function withTrueSpacing(volume: Volume, known: KnownSpacing[]) {
   const likely = known.filter(
     (row) =>
       row.dtype === dtype &&
-      row.shape.every((n, k) => n === grid.shape[k]) &&
-      row.header_spacing.every((s, k) => Math.abs(s - grid.spacing[k]) <= 1e-5 * grid.spacing[k]),
+      AXES.every((k) => row.shape[k] === grid.shape[k]) &&
+      AXES.every((k) => Math.abs(row.header_spacing[k] - grid.spacing[k]) <= 1e-5 * grid.spacing[k]),
   );
   const sha256 = likely.length ? await voxelChecksum(volume) : null;
   const row = likely.find((one) => one.sha256 === sha256);

@@ -15,7 +15,7 @@ export const added: (a: Vector3, b: Vector3) => Vector3 = (a, b) => [a[0] + b[0]
 export const mapVector = <V extends Vector>(vector: V, value: (x: number, k: number) => number) =>
   vector.map(value) as { [K in keyof V]: number };
 /** a - b */
-export const difference = <V extends Vector>(a: V, b: V) => mapVector(a, (x, k) => x - (b[k] as number));
+export const difference = <V extends Vector>(a: V, b: V) => mapVector(a, (x, k) => x - b[k]!);
 export const unitVector: (a: Vector3) => Vector3 | null = (a) => {
   const n = Math.hypot(...a);
   return n > 1e-9 ? scaled(a, 1 / n) : null;

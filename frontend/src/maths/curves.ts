@@ -14,11 +14,11 @@ export type NodeRules = { x: Vector2; y: Vector2; step: number; isPinned: boolea
 /** The value at x of straight lines between the nodes. */
 export function lineAt(nodes: Node[], x: number) {
   const last = nodes.length - 1;
-  if (x < nodes[0][0]) return nodes[0][1];
-  if (x >= nodes[last][0]) return nodes[last][1];
+  if (x < nodes[0]![0]) return nodes[0]![1];
+  if (x >= nodes[last]![0]) return nodes[last]![1];
   let k = last;
-  while (nodes[k][0] > x) k -= 1;
-  const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]];
+  while (nodes[k]![0] > x) k -= 1;
+  const [[x0, y0], [x1, y1]] = [nodes[k]!, nodes[k + 1]!];
   return y0 + ((y1 - y0) * (x - x0)) / (x1 - x0);
 }
 
@@ -30,14 +30,14 @@ function slopesOf(nodes: Node[]) {
   const step: number[] = [];
   const rise: number[] = [];
   for (let k = 0; k + 1 < n; k++) {
-    step.push(nodes[k + 1][0] - nodes[k][0]);
-    rise.push((nodes[k + 1][1] - nodes[k][1]) / step[k]);
+    step.push(nodes[k + 1]![0] - nodes[k]![0]);
+    rise.push((nodes[k + 1]![1] - nodes[k]![1]) / step[k]!);
   }
   const inner: (k: number) => number = (k) => {
-    if (rise[k - 1] * rise[k] <= 0) return 0;
-    const w1 = 2 * step[k] + step[k - 1],
-      w2 = step[k] + 2 * step[k - 1];
-    return (w1 + w2) / (w1 / rise[k - 1] + w2 / rise[k]);
+    if (rise[k - 1]! * rise[k]! <= 0) return 0;
+    const w1 = 2 * step[k]! + step[k - 1]!,
+      w2 = step[k]! + 2 * step[k - 1]!;
+    return (w1 + w2) / (w1 / rise[k - 1]! + w2 / rise[k]!);
   };
   const outer: (h0: number, h1: number, d0: number, d1: number) => number = (h0, h1, d0, d1) => {
     const d = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
@@ -45,8 +45,8 @@ function slopesOf(nodes: Node[]) {
     return Math.sign(d0) !== Math.sign(d1) && Math.abs(d) > 3 * Math.abs(d0) ? 3 * d0 : d;
   };
   return nodes.map((_, k) => {
-    if (k === 0) return outer(step[0], step[1], rise[0], rise[1]);
-    if (k === n - 1) return outer(step[n - 2], step[n - 3], rise[n - 2], rise[n - 3]);
+    if (k === 0) return outer(step[0]!, step[1]!, rise[0]!, rise[1]!);
+    if (k === n - 1) return outer(step[n - 2]!, step[n - 3]!, rise[n - 2]!, rise[n - 3]!);
     return inner(k);
   });
 }
@@ -57,15 +57,15 @@ export function curveThrough(nodes: Node[], isSmooth: boolean = false): (x: numb
   const slopes = slopesOf(nodes),
     last = nodes.length - 1;
   return (x) => {
-    if (x <= nodes[0][0]) return nodes[0][1];
-    if (x >= nodes[last][0]) return nodes[last][1];
+    if (x <= nodes[0]![0]) return nodes[0]![1];
+    if (x >= nodes[last]![0]) return nodes[last]![1];
     let k = last;
-    while (nodes[k][0] > x) k -= 1;
-    const [[x0, y0], [x1, y1]] = [nodes[k], nodes[k + 1]],
+    while (nodes[k]![0] > x) k -= 1;
+    const [[x0, y0], [x1, y1]] = [nodes[k]!, nodes[k + 1]!],
       h = x1 - x0,
       t = (x - x0) / h,
       s = 1 - t;
-    return s * s * (1 + 2 * t) * y0 + t * t * (1 + 2 * s) * y1 + h * t * s * (s * slopes[k] - t * slopes[k + 1]);
+    return s * s * (1 + 2 * t) * y0 + t * t * (1 + 2 * s) * y1 + h * t * s * (s * slopes[k]! - t * slopes[k + 1]!);
   };
 }
 
@@ -75,19 +75,19 @@ export function curveOfSamples(samples: ArrayLike<number>): (x: number) => numbe
   return (x) => {
     const at = Math.max(0, Math.min(1, x)) * last,
       k = Math.min(last - 1, Math.floor(at));
-    return samples[k] + (samples[k + 1] - samples[k]) * (at - k);
+    return samples[k]! + (samples[k + 1]! - samples[k]!) * (at - k);
   };
 }
 
 /** The nodes with node k as near to a place as the rules allow. */
 export function movedNode(nodes: Node[], k: number, [x, y]: Node, rules: NodeRules) {
-  const before = k > 0 ? nodes[k - 1][0] + rules.gap : rules.x[0];
-  const after = k < nodes.length - 1 ? nodes[k + 1][0] - rules.gap : rules.x[1];
+  const before = k > 0 ? nodes[k - 1]![0] + rules.gap : rules.x[0];
+  const after = k < nodes.length - 1 ? nodes[k + 1]![0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const isOuter = k === 0 || k === nodes.length - 1,
     stays = (rules.isPinned && isOuter) || before > after;
   const to: Node = [
-    stays ? nodes[k][0] : Math.max(before, Math.min(after, rounded)),
+    stays ? nodes[k]![0] : Math.max(before, Math.min(after, rounded)),
     Math.max(rules.y[0], Math.min(rules.y[1], y)),
   ];
   return nodes.map((node, j) => (j === k ? to : node));

@@ -31,7 +31,7 @@ export function layeredFit(points: Point[], settings: FitSettings & { previous?:
     fits,
     regions,
     rule: settings.cut_rule ?? "source",
-    fit: regions.length ? null : fits[0].fit,
+    fit: regions.length ? null : fits[0]!.fit,
     byKey: new Map(fits.map(({ key }, k) => [key, k])),
     notes: [...new Set(fits.flatMap(({ fit }) => fit.notes))],
     count: fits.reduce((sum, { fit }) => sum + fit.count, 0),
@@ -86,14 +86,14 @@ function fitsBesideSlits(
   );
   const groups = masks.map((mask) => groupsOf(points, regions, mask));
   const known: Map<number, Fit>[] = masks.map(() => new Map());
-  const openings = stop.flatMap((k) => regions[k].opening ?? []);
+  const openings = stop.flatMap((k) => regions[k]!.opening ?? []);
   const made: { key: number; fit: Fit }[] = [];
   for (let key = 0; key <= all; key++) {
     const last = before.get(key)?.blend?.fits;
     const fits = masks.map((mask, bits) => {
-      const own = groups[bits].get(key & mask);
-      const fit = known[bits].get(key & mask) ?? (own ? fitOf(own, last?.[bits] ?? null) : null);
-      if (fit) known[bits].set(key & mask, fit);
+      const own = groups[bits]!.get(key & mask);
+      const fit = known[bits]!.get(key & mask) ?? (own ? fitOf(own, last?.[bits] ?? null) : null);
+      if (fit) known[bits]!.set(key & mask, fit);
       return fit;
     });
     const some = fits.filter((fit) => fit !== null),
@@ -119,7 +119,7 @@ function fitsBesideSlits(
 /** The sides of a place as one number: bit k is set inside region k. */
 export function sidesKey(regions: Pick<Region, "distance">[], a: number, b: number) {
   let key = 0;
-  for (let k = 0; k < regions.length; k++) if (regions[k].distance(a, b) < 0) key |= 1 << k;
+  for (let k = 0; k < regions.length; k++) if (regions[k]!.distance(a, b) < 0) key |= 1 << k;
   return key;
 }
 
@@ -132,7 +132,7 @@ export function regionKey(layered: LayeredFit, a: number, b: number) {
 export function marginOf(regions: Pick<Region, "distance">[], key: number, a: number, b: number) {
   let least = Infinity;
   for (let k = 0; k < regions.length; k++) {
-    const d = regions[k].distance(a, b),
+    const d = regions[k]!.distance(a, b),
       into = key & (1 << k) ? -d : d;
     if (into < least) least = into;
   }
@@ -153,13 +153,13 @@ export function layersOnRaster(layered: LayeredFit, raster: Raster, outs: (Float
 export function placeOf(layered: LayeredFit, a: number, b: number, softness: number, out: Vector4 = [0, 0, 1, 0]) {
   const { fits, regions } = layered;
   if (!regions.length) {
-    [out[0], out[1]] = fieldAt(fits[0].fit, a, b);
+    [out[0], out[1]] = fieldAt(fits[0]!.fit, a, b);
     out[2] = 1;
     out[3] = 0;
     return out;
   }
   const moves = fits.map(({ fit }) => fieldAt(fit, a, b));
-  return chosenPlace(layered, regions, a, b, (k) => moves[k], softness, out);
+  return chosenPlace(layered, regions, a, b, (k) => moves[k]!, softness, out);
 }
 
 /**
@@ -180,7 +180,7 @@ export function chosenPlace(
     at = layered.byKey.get(own) ?? -1;
   const there: (k: number) => number = (k) => {
     const [da, db] = move(k);
-    return coverage(marginOf(regions, fits[k].key, a + da, b + db), softness);
+    return coverage(marginOf(regions, fits[k]!.key, a + da, b + db), softness);
   };
   let k = at,
     opacity = 1;

@@ -2,7 +2,7 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
-import type { Fit, LayeredFit, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
+import type { Fit, LayeredFit, Numbers6, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
 import { NEARLY_FOLDED } from "./constants.ts";
 import { placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
@@ -20,19 +20,19 @@ const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a
 const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
 
 /** det J of a fit at a place. */
-function detOf(fit: Fit, a: number, b: number, work: Float64Array) {
+function detOf(fit: Fit, a: number, b: number, work: Numbers6) {
   fieldWithSlope(fit, a, b, work);
   return work[2] * work[5] - work[3] * work[4];
 }
 
-const DET_WORK = new Float64Array(6),
+const DET_WORK = new Float64Array(6) as Numbers6,
   DET_SEEN: Vector4 = [0, 0, 1, 0];
 
 /** det J of what is seen at a place. */
 function detAt(layered: LayeredFit, a: number, b: number) {
-  if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0].fit, a, b, DET_WORK) : 1;
+  if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0]!.fit, a, b, DET_WORK) : 1;
   const [, , opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
-  return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k].fit, a, b, DET_WORK) : NaN;
+  return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k]!.fit, a, b, DET_WORK) : NaN;
 }
 
 /** det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap. */
@@ -65,7 +65,7 @@ function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], orig
     count,
     quadratic,
   } = fit;
-  const { slope, compact } = RBF_KERNELS[fit.kernel],
+  const { slope, compact } = RBF_KERNELS[fit.kernel]!,
     step = du / r,
     p0 = (origin[0] - fit.origin[0]) / r;
   const row = new Float64Array(4 * nu);
@@ -79,29 +79,29 @@ function rbfDetsOnRaster(fit: RbfFit, { shape: [nv, nu], spacing: [du, dv], orig
     }
     if (quadratic) for (let k = 0; k < nu; k++) row.set(rbfLinearAt(fit, p0 + k * step, q).flat(), 4 * k);
     for (let c = 0, j = 0; c < count; c++, j += 2) {
-      const au = alpha[j],
-        av = alpha[j + 1],
-        w = scales ? scales[c] * scales[c] : 1,
-        dq = q - x[j + 1],
+      const au = alpha[j]!,
+        av = alpha[j + 1]!,
+        w = scales ? scales[c]! * scales[c]! : 1,
+        dq = q - x[j + 1]!,
         dq2 = dq * dq;
       if ((au === 0 && av === 0) || (compact && dq2 * w >= 1)) continue;
       const reach = compact ? Math.sqrt(1 / w - dq2) : Infinity;
-      const first = Math.max(0, Math.ceil((x[j] - reach - p0) / step));
-      const last = Math.min(nu - 1, Math.floor((x[j] + reach - p0) / step));
+      const first = Math.max(0, Math.ceil((x[j]! - reach - p0) / step));
+      const last = Math.min(nu - 1, Math.floor((x[j]! + reach - p0) / step));
       for (let k = first; k <= last; k++) {
-        const dp = p0 + k * step - x[j],
+        const dp = p0 + k * step - x[j]!,
           g = 2 * w * slope((dp * dp + dq2) * w),
           gu = au * g,
           gv = av * g,
           at = 4 * k;
-        row[at] += gu * dp;
-        row[at + 1] += gu * dq;
-        row[at + 2] += gv * dp;
-        row[at + 3] += gv * dq;
+        row[at]! += gu * dp;
+        row[at + 1]! += gu * dq;
+        row[at + 2]! += gv * dp;
+        row[at + 3]! += gv * dq;
       }
     }
     for (let k = 0, n = nu * i; k < 4 * nu; k += 4, n++) {
-      dets[n] = (1 + row[k] / r) * (1 + row[k + 3] / r) - (row[k + 1] * row[k + 2]) / (r * r);
+      dets[n] = (1 + row[k]! / r) * (1 + row[k + 3]! / r) - (row[k + 1]! * row[k + 2]!) / (r * r);
     }
   }
   return dets;
@@ -115,7 +115,7 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
   const found: Probe[] = [];
   for (const { fit } of layered.fits) {
     const one = fit.blend?.fits.findLast(Boolean) ?? fit,
-      last = one.stages ? one.stages[one.stages.length - 1] : one;
+      last = one.stages ? one.stages.at(-1)! : one;
     const { count: n, support: r, origin } = last,
       x = last.forward ? forwardTargets(last.forward) : last.centers;
     const look: (p: number, q: number) => void = (p, q) => {
@@ -123,19 +123,19 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
         b = origin[1] + q * r;
       found.push([a, b, detOf(fit, a, b, DET_WORK)]);
     };
-    for (let k = 0; k < n; k++) look(x[2 * k], x[2 * k + 1]);
+    for (let k = 0; k < n; k++) look(x[2 * k]!, x[2 * k + 1]!);
     const directions = Math.min(8, Math.floor(most / (n * fit.count * FOLD_RINGS.length + 1)));
     if (n < 2 || directions < 3) continue;
     for (let k = 0; k < n; k++) {
       let near = Infinity;
       for (let j = 0; j < n; j++) {
-        if (j !== k) near = Math.min(near, (x[2 * k] - x[2 * j]) ** 2 + (x[2 * k + 1] - x[2 * j + 1]) ** 2);
+        if (j !== k) near = Math.min(near, (x[2 * k]! - x[2 * j]!) ** 2 + (x[2 * k + 1]! - x[2 * j + 1]!) ** 2);
       }
       FOLD_RINGS.forEach((share, ring) => {
         for (let d = 0; d < directions; d++) {
           const angle = (2 * Math.PI * (d + ring / 3)) / directions,
             way = share * Math.sqrt(near);
-          look(x[2 * k] + way * Math.cos(angle), x[2 * k + 1] + way * Math.sin(angle));
+          look(x[2 * k]! + way * Math.cos(angle), x[2 * k + 1]! + way * Math.sin(angle));
         }
       });
     }
@@ -169,12 +169,12 @@ export function foldsOf(
     inAir = 0;
   for (let n = 0; n < dets.length; n++) {
     const at: Vector2 = [a0 + (n % nodes) * da, b0 + Math.floor(n / nodes) * db],
-      isFold = dets[n] <= 0;
-    const counts = !(dets[n] <= NEARLY_FOLDED) || isTissue(at[0], at[1]);
+      isFold = dets[n]! <= 0;
+    const counts = !(dets[n]! <= NEARLY_FOLDED) || isTissue(at[0], at[1]);
     if (isFold && counts) folded += 1;
     else if (isFold) inAir += 1;
-    if (counts && dets[n] < least) {
-      least = dets[n];
+    if (counts && dets[n]! < least) {
+      least = dets[n]!;
       place = at;
     }
   }
@@ -250,7 +250,7 @@ function clippedCell(
   fill: Polygon[] | null,
   edge: Segment[],
 ) {
-  const corners = [
+  const corners: Probe[] = [
     [x, y, nw],
     [x + s, y, ne],
     [x + s, y + t, se],
@@ -259,8 +259,8 @@ function clippedCell(
   const polygon: Polygon = [];
   const ends: number[] = [];
   for (let k = 0; k < 4; k++) {
-    const [px, py, p] = corners[k],
-      [qx, qy, q] = corners[(k + 1) % 4],
+    const [px, py, p] = corners[k]!,
+      [qx, qy, q] = corners[(k + 1) % 4]!,
       isIn = p <= level;
     if (isIn) polygon.push(px, py);
     if (isIn === q <= level) continue;
@@ -308,7 +308,7 @@ export function foldPieces(
     for (let j = 0; j < columns; j++) {
       const n = i * columns + j,
         isCell = j + 1 < columns;
-      const corners = isCell ? [dets[n], dets[n + 1], dets[n + columns + 1], dets[n + columns]].map(notFolded) : [1];
+      const corners = isCell ? [n, n + 1, n + columns + 1, n + columns].map((corner) => notFolded(dets[corner]!)) : [1];
       const low = Math.min(...corners),
         high = Math.max(...corners),
         air = 0.5 * (high - low);
@@ -398,13 +398,13 @@ function finePieces(
   for (let v = 0; v < parts; v++) {
     for (let u = 0; u < parts; u++) {
       const n = v * side + u;
-      if (Math.max(values[n], values[n + 1], values[n + side], values[n + side + 1]) <= 0) {
+      if (Math.max(values[n]!, values[n + 1]!, values[n + side]!, values[n + side + 1]!) <= 0) {
         runs.add(i * parts + v, j * parts + u);
         continue;
       }
       const x = a0 + (j + u / parts) * da,
         y = b0 + (i + v / parts) * db;
-      clippedCell(x, y, s, t, values[n], values[n + 1], values[n + side + 1], values[n + side], 0, fill, edge);
+      clippedCell(x, y, s, t, values[n]!, values[n + 1]!, values[n + side + 1]!, values[n + side]!, 0, fill, edge);
     }
   }
 }
@@ -423,10 +423,10 @@ export function contourOf(values: ArrayLike<number>, [rows, columns]: Vector2, l
         i,
         1,
         1,
-        values[n],
-        values[n + 1],
-        values[n + columns + 1],
-        values[n + columns],
+        values[n]!,
+        values[n + 1]!,
+        values[n + columns + 1]!,
+        values[n + columns]!,
         level,
         null,
         edge,

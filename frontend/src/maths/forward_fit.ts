@@ -2,7 +2,20 @@
 // x + F(x) = y, and for a place y of the result the place x of the input by Newton's method. A place is certain where
 // the residual vanishes to rounding and F does not fold at x.
 
-import type { Fit, FitSettings, Lattice, Point, Raster, RbfFit } from "../types.ts";
+import type {
+  Fit,
+  FitSettings,
+  Lattice,
+  Numbers2,
+  Numbers3,
+  Numbers6,
+  Point,
+  Raster,
+  RbfFit,
+  Vector,
+  Vector2,
+} from "../types.ts";
+import { mapVector } from "./camera.ts";
 import { placeBetween } from "./points.ts";
 import { RBF_KERNELS, rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport } from "./rbf.ts";
 
@@ -10,7 +23,7 @@ const AIM = 1e-12,
   FOUND = 1e-9,
   MOST_STEPS = 50,
   SHORTEST_STEP = 1e-4; // as deformnb.rbf.forward has them
-const SEEDS = [0, 0, 64, 16],
+const SEEDS = { 2: 64, 3: 16 } as const,
   AROUND = 0.5,
   TRIED = 4;
 const NEAR_STEP = 0.02; // of a pixel: a residual that one step of Newton's method squares
@@ -47,53 +60,53 @@ function isStill({ count, coefficients, linear, constant, quadratic }: RbfFit) {
 }
 
 /** x + F(x) and its derivative row by row, of a plain fit: `out` gets dim + dim * dim numbers. */
-function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Float64Array) {
+function mapAndSlope(fit: RbfFit, x: ArrayLike<number>, out: Numbers6) {
   const { support: r, origin, centers, coefficients: alpha, count, scales, linear, constant, quadratic } = fit;
   const dim = constant.length,
-    p = origin.map((o, k) => (x[k] - o) / r),
-    { profile, slope } = RBF_KERNELS[fit.kernel];
+    p = mapVector(origin, (o, k) => (x[k]! - o) / r),
+    { profile, slope } = RBF_KERNELS[fit.kernel]!;
   const m = rbfLinearAt3(fit, p);
   for (let i = 0; i < dim; i++) {
-    out[i] = constant[i] + (quadratic ? rbfQuadraticAt(quadratic[i], p) : 0);
+    out[i] = constant[i]! + (quadratic ? rbfQuadraticAt(quadratic[i]!, p) : 0);
     for (let k = 0; k < dim; k++) {
-      out[i] += linear[i][k] * p[k];
-      out[dim + dim * i + k] = m[i][k];
+      out[i]! += linear[i]![k]! * p[k]!;
+      out[dim + dim * i + k] = m[i]![k]!;
     }
   }
   for (let c = 0, j = 0; c < count; c++, j += dim) {
-    const dp = p[0] - centers[j],
-      dq = p[1] - centers[j + 1],
-      dr = dim > 2 ? p[2] - centers[j + 2] : 0;
-    const w = scales ? scales[c] * scales[c] : 1,
+    const dp = p[0] - centers[j]!,
+      dq = p[1] - centers[j + 1]!,
+      dr = dim > 2 ? p[2]! - centers[j + 2]! : 0;
+    const w = scales ? scales[c]! * scales[c]! : 1,
       s = (dp * dp + dq * dq + dr * dr) * w;
     const phi = profile(s),
       g = 2 * w * slope(s);
     for (let i = 0; i < dim; i++) {
-      const a = alpha[j + i],
+      const a = alpha[j + i]!,
         at = dim + dim * i;
-      out[i] += a * phi;
-      out[at] += a * g * dp;
-      out[at + 1] += a * g * dq;
-      if (dim > 2) out[at + 2] += a * g * dr;
+      out[i]! += a * phi;
+      out[at]! += a * g * dp;
+      out[at + 1]! += a * g * dq;
+      if (dim > 2) out[at + 2]! += a * g * dr;
     }
   }
   for (let i = 0; i < dim; i++) {
-    out[i] += x[i];
-    for (let k = 0; k < dim; k++) out[dim + dim * i + k] = out[dim + dim * i + k] / r + Number(i === k);
+    out[i]! += x[i]!;
+    for (let k = 0; k < dim; k++) out[dim + dim * i + k] = out[dim + dim * i + k]! / r + Number(i === k);
   }
 }
 
 /** The derivative of the trend, in the plane or in space. */
-function rbfLinearAt3(fit: RbfFit, p: number[]) {
+function rbfLinearAt3(fit: RbfFit, p: Vector) {
   const { quadratic, linear } = fit;
   if (!quadratic || p.length === 2) return rbfLinearAt(fit, p[0], p[1]);
   return linear.map((row, i) =>
-    row.map((value, k) => value + 2 * quadratic[i][k].reduce((sum, h, l) => sum + h * p[l], 0)),
+    row.map((value, k) => value + 2 * quadratic[i]![k]!.reduce((sum, h, l) => sum + h * p[l]!, 0)),
   );
 }
 
 /** The determinant of the derivative that mapAndSlope has left, and its adjugate in `out`. */
-function adjugateOf(t: Float64Array, dim: number, out: Float64Array) {
+function adjugateOf(t: Numbers6, dim: number, out: Numbers6) {
   if (dim === 2) {
     out[0] = t[5];
     out[1] = -t[3];
@@ -101,13 +114,13 @@ function adjugateOf(t: Float64Array, dim: number, out: Float64Array) {
     out[3] = t[2];
     return t[2] * t[5] - t[3] * t[4];
   }
-  const a = (i: number, k: number) => t[3 + 3 * (i % 3) + (k % 3)];
+  const a = (i: number, k: number) => t[3 + 3 * (i % 3) + (k % 3)]!;
   for (let i = 0; i < 3; i++) {
     for (let k = 0; k < 3; k++) {
       out[3 * i + k] = a(k + 1, i + 1) * a(k + 2, i + 2) - a(k + 1, i + 2) * a(k + 2, i + 1);
     }
   }
-  return a(0, 0) * out[0] + a(0, 1) * out[3] + a(0, 2) * out[6];
+  return a(0, 0) * out[0] + a(0, 1) * out[3] + a(0, 2) * out[6]!;
 }
 
 /** what is found once for a fit */
@@ -129,15 +142,15 @@ export interface Inverse {
 
 const inverses: WeakMap<RbfFit, Inverse> = new WeakMap();
 
-const T = new Float64Array(12),
-  ADJUGATE = new Float64Array(9);
+const T = new Float64Array(12) as Numbers6,
+  ADJUGATE = new Float64Array(9) as Numbers6;
 
 function inverseOf(fit: RbfFit): Inverse {
   const known = inverses.get(fit);
   if (known) return known;
   const dim = fit.constant.length,
     { origin, support, centers, count } = fit;
-  const sources = Array.from({ length: count }, (_, c) => origin.map((o, k) => o + support * centers[dim * c + k]));
+  const sources = Array.from({ length: count }, (_, c) => origin.map((o, k) => o + support * centers[dim * c + k]!));
   const signs: number[] = [];
   const targets = [] as number[][],
     slopes = [] as number[][];
@@ -145,12 +158,12 @@ function inverseOf(fit: RbfFit): Inverse {
     mapAndSlope(fit, x, T);
     const det = adjugateOf(T, dim, ADJUGATE);
     let columns = 1; // the product of the lengths of the columns
-    for (let k = 0; k < dim; k++) columns *= Math.hypot(...origin.map((_, i) => T[dim + dim * i + k]));
+    for (let k = 0; k < dim; k++) columns *= Math.hypot(...origin.map((_, i) => T[dim + dim * i + k]!));
     const isFlat = !(Math.abs(det) >= 1e-6 * columns);
     targets.push(Array.from(T.subarray(0, dim)));
     signs.push(Math.sign(det));
     slopes.push(
-      Array.from({ length: dim * dim }, (_, n) => (isFlat ? Number(n % (dim + 1) === 0) : ADJUGATE[n] / det)),
+      Array.from({ length: dim * dim }, (_, n) => (isFlat ? Number(n % (dim + 1) === 0) : ADJUGATE[n]! / det)),
     );
   }
   const all = [...sources, ...targets],
@@ -164,7 +177,7 @@ function inverseOf(fit: RbfFit): Inverse {
     lattice: null,
     size: Math.hypot(...sides) || support,
     sign: Math.sign(signs.reduce((sum, s) => sum + s, 0)) || 1,
-    middle: origin.map((_, k) => targets.reduce((sum, y) => sum + y[k], 0) / Math.max(1, count)),
+    middle: origin.map((_, k) => targets.reduce((sum, y) => sum + y[k]!, 0) / Math.max(1, count)),
   };
   inverses.set(fit, made);
   return made;
@@ -174,8 +187,8 @@ function sideOf(places: number[][], k: number) {
   let low = Infinity,
     high = -Infinity;
   for (const place of places) {
-    low = Math.min(low, place[k]);
-    high = Math.max(high, place[k]);
+    low = Math.min(low, place[k]!);
+    high = Math.max(high, place[k]!);
   }
   return places.length ? high - low : 0;
 }
@@ -184,17 +197,17 @@ function sideOf(places: number[][], k: number) {
 function latticeOf(fit: RbfFit, inverse: Inverse) {
   if (inverse.lattice) return inverse.lattice;
   const { dim, sources, size } = inverse,
-    n = SEEDS[dim],
-    sides = sources[0].map((_, k) => sideOf(sources, k));
+    n = SEEDS[dim as 2 | 3],
+    sides = sources[0]!.map((_, k) => sideOf(sources, k));
   const reach = AROUND * Math.max(Math.hypot(...sides), 1e-3 * size),
     total = n ** dim;
-  const low = sides.map((_, k) => sources.reduce((least, x) => Math.min(least, x[k]), Infinity) - reach);
+  const low = sides.map((_, k) => sources.reduce((least, x) => Math.min(least, x[k]!), Infinity) - reach);
   const nodes = new Float64Array(dim * total),
     ends = new Float64Array(dim * total),
     x = new Float64Array(dim);
   for (let i = 0; i < total; i++) {
     for (let k = 0; k < dim; k++) {
-      x[k] = low[k] + ((sides[k] + 2 * reach) * (Math.floor(i / n ** (dim - 1 - k)) % n)) / (n - 1);
+      x[k] = low[k]! + ((sides[k]! + 2 * reach) * (Math.floor(i / n ** (dim - 1 - k)) % n)) / (n - 1);
     }
     nodes.set(x, dim * i);
     mapAndSlope(fit, x, T);
@@ -208,7 +221,7 @@ const TRIAL = new Float64Array(3),
   STEP = new Float64Array(3);
 
 /** Damped Newton steps from x, in place; the residual that is left. `t` gets what mapAndSlope leaves at x. */
-function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: number, t: Float64Array) {
+function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: number, t: Numbers6) {
   const dim = y.length;
   let error = residual(fit, y, x, t);
   for (let turn = 0; turn < MOST_STEPS && error > tolerance; turn++) {
@@ -216,12 +229,12 @@ function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: n
     if (!(Math.abs(det) > 0)) break;
     for (let i = 0; i < dim; i++) {
       STEP[i] = 0;
-      for (let k = 0; k < dim; k++) STEP[i] += (ADJUGATE[dim * i + k] * (y[k] - t[k])) / det;
+      for (let k = 0; k < dim; k++) STEP[i]! += (ADJUGATE[dim * i + k]! * (y[k]! - t[k]!)) / det;
     }
     let share = 1,
       better = Infinity;
     for (; share > SHORTEST_STEP; share /= 2) {
-      for (let i = 0; i < dim; i++) TRIAL[i] = x[i] + share * STEP[i];
+      for (let i = 0; i < dim; i++) TRIAL[i] = x[i]! + share * STEP[i]!;
       better = residual(fit, y, TRIAL, t);
       if (better < error) break;
     }
@@ -229,39 +242,41 @@ function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: n
       residual(fit, y, x, t);
       break;
     }
-    for (let i = 0; i < dim; i++) x[i] = TRIAL[i];
+    for (let i = 0; i < dim; i++) x[i] = TRIAL[i]!;
     error = better;
   }
   return error;
 }
 
-function residual(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Float64Array) {
+function residual(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Numbers6) {
   mapAndSlope(fit, x, t);
   const error = distance(y, t);
   return Number.isFinite(error) ? error : Infinity;
 }
 
 function distance(p: ArrayLike<number>, q: ArrayLike<number>) {
-  return p.length === 2 ? Math.hypot(p[0] - q[0], p[1] - q[1]) : Math.hypot(p[0] - q[0], p[1] - q[1], p[2] - q[2]);
+  return p.length === 2
+    ? Math.hypot(p[0]! - q[0]!, p[1]! - q[1]!)
+    : Math.hypot(p[0]! - q[0]!, p[1]! - q[1]!, p[2]! - q[2]!);
 }
 
-function isCertain({ dim, size, middle, sign }: Inverse, y: ArrayLike<number>, error: number, t: Float64Array) {
+function isCertain({ dim, size, middle, sign }: Inverse, y: ArrayLike<number>, error: number, t: Numbers6) {
   return error <= FOUND * Math.max(size, distance(y, middle)) && adjugateOf(t, dim, ADJUGATE) * sign > 0;
 }
 
 const BEST = new Float64Array(3),
-  BEST_T = new Float64Array(12),
+  BEST_T = new Float64Array(12) as Numbers6,
   AT = new Float64Array(3);
 
 /**
  * The place x of the input that comes to y, in `x`, and what mapAndSlope leaves there, in `t`; whether it is certain.
  * Where it is not, x is the best place known.
  */
-export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Float64Array) {
+export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Numbers6) {
   const inverse = inverseOf(fit),
     { dim } = inverse;
   if (inverse.isStill) {
-    for (let k = 0; k < dim; k++) x[k] = y[k];
+    for (let k = 0; k < dim; k++) x[k] = y[k]!;
     mapAndSlope(fit, x, t);
     return true;
   }
@@ -280,7 +295,7 @@ export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, 
       BEST_T.set(t);
     }
   }
-  for (let k = 0; k < dim; k++) x[k] = Number.isFinite(least) ? BEST[k] : y[k];
+  for (let k = 0; k < dim; k++) x[k] = Number.isFinite(least) ? BEST[k]! : y[k]!;
   t.set(BEST_T.subarray(0, t.length));
   return false;
 }
@@ -292,14 +307,14 @@ function* starts(fit: RbfFit, inverse: Inverse, y: ArrayLike<number>) {
   const { dim, sources, targets, slopes } = inverse;
   let near = 0;
   targets.forEach((target, c) => {
-    if (distance(target, y) < distance(targets[near], y)) near = c;
+    if (distance(target, y) < distance(targets[near]!, y)) near = c;
   });
-  yield sources[near].map(
+  yield sources[near]!.map(
     (value, i) =>
-      value + sources[near].reduce((sum, _, k) => sum + slopes[near][dim * i + k] * (y[k] - targets[near][k]), 0),
+      value + sources[near]!.reduce((sum, _, k) => sum + slopes[near]![dim * i + k]! * (y[k]! - targets[near]![k]!), 0),
   );
   mapAndSlope(fit, y, T);
-  yield sources[near].map((_, k) => 2 * y[k] - T[k]);
+  yield sources[near]!.map((_, k) => 2 * y[k]! - T[k]!);
   yield Array.from(y);
   const { nodes, ends } = latticeOf(fit, inverse),
     far = new Float64Array(TRIED).fill(Infinity);
@@ -307,7 +322,7 @@ function* starts(fit: RbfFit, inverse: Inverse, y: ArrayLike<number>) {
   for (let i = 0; i < ends.length; i += dim) {
     const d = distance(y, ends.subarray(i, i + dim));
     for (let k = 0; k < TRIED; k++) {
-      if (!(d < far[k])) continue;
+      if (!(d < far[k]!)) continue;
       far.copyWithin(k + 1, k, TRIED - 1);
       best.copyWithin(k + 1, k, TRIED - 1);
       far[k] = d;
@@ -321,15 +336,15 @@ function* starts(fit: RbfFit, inverse: Inverse, y: ArrayLike<number>) {
 /** The targets of the points behind a fit, in its relative coordinates. */
 export function forwardTargets(fit: RbfFit) {
   const { origin, support } = fit;
-  return Float64Array.from(inverseOf(fit).targets.flatMap((y) => y.map((value, k) => (value - origin[k]) / support)));
+  return Float64Array.from(inverseOf(fit).targets.flatMap((y) => y.map((value, k) => (value - origin[k]!) / support)));
 }
 
-const X = new Float64Array(3),
-  SLOPE = new Float64Array(12),
-  PLACE = new Float64Array(2);
+const X = new Float64Array(3) as Numbers3,
+  SLOPE = new Float64Array(12) as Numbers6,
+  PLACE = new Float64Array(2) as Numbers2;
 
 /** The backward displacement at a place of the picture. */
-export function forwardAt(fit: RbfFit, a: number, b: number): [number, number] {
+export function forwardAt(fit: RbfFit, a: number, b: number): Vector2 {
   PLACE[0] = a;
   PLACE[1] = b;
   placeBefore(fit, PLACE, X, SLOPE);
@@ -337,21 +352,22 @@ export function forwardAt(fit: RbfFit, a: number, b: number): [number, number] {
 }
 
 /** y + D(y) and its Jacobian, as of fieldWithSlope; where nothing is certain the determinant is 0. */
-export function forwardWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
+export function forwardWithSlope(fit: RbfFit, a: number, b: number, out: Numbers6) {
   PLACE[0] = a;
   PLACE[1] = b;
   const isFound = placeBefore(fit, PLACE, X, SLOPE),
     det = adjugateOf(SLOPE, 2, ADJUGATE);
   out[0] = X[0];
   out[1] = X[1];
-  for (let k = 0; k < 4; k++) out[2 + k] = isFound ? ADJUGATE[k] / det : 0;
+  for (let k = 0; k < 4; k++) out[2 + k] = isFound ? ADJUGATE[k]! / det : 0;
   return out;
 }
 
 /** Where the place (a, b) of the input comes to, in `at`, exactly; whether the result shows it there. */
-export function forwardEnd(fit: RbfFit, a: number, b: number, at: Float64Array) {
+export function forwardEnd(fit: RbfFit, a: number, b: number, at: Numbers2) {
   mapAndSlope(fit, [a, b], T);
-  [at[0], at[1]] = T;
+  at[0] = T[0];
+  at[1] = T[1];
   const isFound = placeBefore(fit, at, X, SLOPE);
   return isFound && Math.hypot(X[0] - a, X[1] - b) <= FOUND ** 0.5 * inverseOf(fit).size;
 }
@@ -366,7 +382,7 @@ function alongRows(
   fit: RbfFit,
   count: number,
   step: number,
-  first: (row: number) => number[],
+  first: (row: number) => Vector,
   rows: number,
   out: Float32Array,
 ) {
@@ -377,7 +393,7 @@ function alongRows(
     return;
   }
   const x = new Float64Array(dim),
-    t = new Float64Array(dim + dim * dim),
+    t = new Float64Array(dim + dim * dim) as Numbers6,
     near = NEAR_STEP * step;
   for (let row = 0, n = 0; row < rows; row++) {
     const y = first(row),
@@ -387,7 +403,7 @@ function alongRows(
       y[0] = start + j * step;
       if (isGood) isGood = stepped(fit, inverse, y, x, t, near, step);
       if (!isGood) isGood = placeBefore(fit, y, x, t);
-      for (let k = 0; k < dim; k++) out[n + k] = x[k] - y[k];
+      for (let k = 0; k < dim; k++) out[n + k] = x[k]! - y[k]!;
     }
   }
 }
@@ -402,17 +418,17 @@ function stepped(
   { dim, sign }: Inverse,
   y: ArrayLike<number>,
   x: Float64Array,
-  t: Float64Array,
+  t: Numbers6,
   near: number,
   step: number,
 ) {
   let det = adjugateOf(t, dim, ADJUGATE);
-  for (let i = 0; i < dim; i++) x[i] += (ADJUGATE[dim * i] * step) / det;
+  for (let i = 0; i < dim; i++) x[i]! += (ADJUGATE[dim * i]! * step) / det;
   if (!(residual(fit, y, x, t) <= near)) return false;
   det = adjugateOf(t, dim, ADJUGATE);
   if (!(det * sign > 0)) return false;
   for (let i = 0; i < dim; i++) {
-    for (let k = 0; k < dim; k++) x[i] += (ADJUGATE[dim * i + k] * (y[k] - t[k])) / det;
+    for (let k = 0; k < dim; k++) x[i]! += (ADJUGATE[dim * i + k]! * (y[k]! - t[k]!)) / det;
   }
   return true;
 }

@@ -111,20 +111,20 @@ class KernelMatrix {
         profile,
         centres: { places, radius, nugget, radii },
       } = this,
-      own = radii ? radii[i] : radius;
+      own = radii ? radii[i]! : radius;
     for (let j = 0; j < count; j++) {
-      const r = radii ? radii[j] : radius;
+      const r = radii ? radii[j]! : radius;
       let s = 0,
         t = 0;
       for (let c = 0; c < dim; c++) {
-        const step = places[dim * i + c] - places[dim * j + c];
+        const step = places[dim * i + c]! - places[dim * j + c]!;
         s += (step / r) ** 2;
         t += (step / own) ** 2;
       }
       phi[i * n + j] = profile(s);
-      phi[j * n + i] = r === own ? phi[i * n + j] : profile(t);
+      phi[j * n + i] = r === own ? phi[i * n + j]! : profile(t);
     }
-    phi[i * n + i] += nugget[i];
+    phi[i * n + i]! += nugget[i]!;
   }
 
   /** The solution of a positive definite system with m right-hand sides (n x m); NaN where it is not definite. */
@@ -134,11 +134,11 @@ class KernelMatrix {
       out = new Float64Array(n * m),
       x = new Float64Array(n);
     for (let c = 0; c < m; c++) {
-      for (let i = 0; i < n; i++) x[i] = (rhs[order[i] * m + c] - dot(l, i * n, x, 0, i)) / l[i * n + i];
+      for (let i = 0; i < n; i++) x[i] = (rhs[order[i]! * m + c]! - dot(l, i * n, x, 0, i)) / l[i * n + i]!;
       for (let i = n - 1; i >= 0; i--) {
-        const value = x[i] / l[i * n + i];
-        out[order[i] * m + c] = value;
-        for (let k = 0, at = i * n; k < i; k++, at++) x[k] -= l[at] * value;
+        const value = x[i]! / l[i * n + i]!;
+        out[order[i]! * m + c] = value;
+        for (let k = 0, at = i * n; k < i; k++, at++) x[k]! -= l[at]! * value;
       }
     }
     return out;
@@ -151,9 +151,9 @@ class KernelMatrix {
     const l = this.factor;
     for (let i = this.factored; i < n; i++) {
       const row = i * n,
-        from = order[i] * n;
-      for (let j = 0; j < i; j++) l[row + j] = (phi[from + order[j]] - dot(l, row, l, j * n, j)) / l[j * n + j];
-      l[row + i] = Math.sqrt(phi[from + order[i]] - dot(l, row, l, row, i));
+        from = order[i]! * n;
+      for (let j = 0; j < i; j++) l[row + j] = (phi[from + order[j]!]! - dot(l, row, l, j * n, j)) / l[j * n + j]!;
+      l[row + i] = Math.sqrt(phi[from + order[i]!]! - dot(l, row, l, row, i));
     }
     this.factored = n;
   }
@@ -167,11 +167,11 @@ function dot(a: Float64Array, p: number, b: Float64Array, q: number, count: numb
     v = 0,
     k = 0; // four sums: one would wait for itself at each term
   for (; k + 3 < count; k += 4) {
-    s += a[p + k] * b[q + k];
-    t += a[p + k + 1] * b[q + k + 1];
-    u += a[p + k + 2] * b[q + k + 2];
-    v += a[p + k + 3] * b[q + k + 3];
+    s += a[p + k]! * b[q + k]!;
+    t += a[p + k + 1]! * b[q + k + 1]!;
+    u += a[p + k + 2]! * b[q + k + 2]!;
+    v += a[p + k + 3]! * b[q + k + 3]!;
   }
-  for (; k < count; k++) s += a[p + k] * b[q + k];
+  for (; k < count; k++) s += a[p + k]! * b[q + k]!;
   return s + t + (u + v);
 }

@@ -4,36 +4,39 @@ import type { KernelTable } from "../types.ts";
 import type { Kernel } from "./rbf.ts";
 
 const TERMS = 16; // coefficients of a polynomial
-const AT_ENDS = 5; // phi at 0, phi and slope at the first edge, phi and slope at the last one
+
+/** phi at 0, phi and slope at the first edge, phi and slope at the last one */
+type Ends = [at0: number, phi0: number, slope0: number, phi1: number, slope1: number];
+const AT_ENDS = 5;
 
 /** A kernel by its table. */
 export function kernelOfTable({ title, order, compact, share, gaps, pieces, numbers }: KernelTable): Kernel {
   const all = new Float64Array(Uint8Array.from(atob(numbers), (c) => c.charCodeAt(0)).buffer);
-  const [at0, phi0, slope0, phi1, slope1] = all,
+  const [at0, phi0, slope0, phi1, slope1] = [...all.subarray(0, AT_ENDS)] as Ends,
     edges = all.subarray(AT_ENDS, AT_ENDS + pieces + 1);
   const powers = all.subarray(AT_ENDS + pieces + 1),
-    least = edges[0],
-    most = edges[pieces];
+    least = edges[0]!,
+    most = edges[pieces]!;
   const power = phi1 === 0 ? 0 : (slope1 * most) / phi1; // phi goes on as a power of s
   const float = new Float64Array(1),
     words = new Int32Array(float.buffer);
   /** The octave of a number, the exponent of 2. */
   const octaveOf = (s: number) => {
     float[0] = s;
-    return words[1] >> 20;
+    return words[1]! >> 20;
   };
   const low = octaveOf(least),
     firsts = new Int32Array(octaveOf(most) - low);
-  for (let k = pieces - 1; k >= 0; k--) firsts[octaveOf(edges[k]) - low] = k;
+  for (let k = pieces - 1; k >= 0; k--) firsts[octaveOf(edges[k]!) - low] = k;
   const inPiece: (s: number, which: number) => number = (s, which) => {
-    let k = firsts[octaveOf(s) - low];
-    while (s >= edges[k + 1]) k += 1;
-    const a = edges[k],
-      b = edges[k + 1],
+    let k = firsts[octaveOf(s) - low]!;
+    while (s >= edges[k + 1]!) k += 1;
+    const a = edges[k]!,
+      b = edges[k + 1]!,
       t = (s - a - (b - s)) / (b - a),
       at = (2 * k + which) * TERMS;
-    let value = powers[at + TERMS - 1];
-    for (let i = at + TERMS - 2; i >= at; i--) value = value * t + powers[i];
+    let value = powers[at + TERMS - 1]!;
+    for (let i = at + TERMS - 2; i >= at; i--) value = value * t + powers[i]!;
     return value;
   };
   return {

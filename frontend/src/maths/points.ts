@@ -8,10 +8,10 @@ export function samePoints(p: unknown, q: unknown) {
 }
 
 /** Any list of point-like objects as full points; other objects are left out. */
-export function cleanPoints(list: any): Point[] {
-  const good: (place: any) => boolean = (place) =>
+export function cleanPoints(list: unknown): Point[] {
+  const good = (place: unknown) =>
     Array.isArray(place) && [2, 3].includes(place.length) && place.every(Number.isFinite);
-  const seen = new Set();
+  const seen = new Set<number>();
   return (Array.isArray(list) ? list : [])
     .filter((p) => {
       if (!p || !Number.isInteger(p.id) || !good(p.source) || !good(p.target) || seen.has(p.id)) return false;
@@ -32,7 +32,7 @@ export function cleanPoints(list: any): Point[] {
 
 /** The place at a share of the way from p to q. */
 export function placeBetween<V extends Vector>(p: V, q: V, share: number) {
-  return mapVector(p, (value, k) => value + share * ((q[k] as number) - value));
+  return mapVector(p, (value, k) => value + share * (q[k]! - value));
 }
 
 /** The points with these ids changed. */
@@ -103,9 +103,9 @@ export function nextId(points: Point[], least: number) {
  * Any lists as full shapes, in one order of their fields. Regions that are in `old` already are kept as the same
  * objects: their distances are known (maths/regions.js).
  */
-export function cleanShapes<K extends ShapeKind>(list: any, what: K, old: Shapes[ShapeKind] = []): Shapes[K] {
+export function cleanShapes<K extends ShapeKind>(list: unknown, what: K, old: Shapes[ShapeKind] = []): Shapes[K] {
   const known = new Map(old.map(({ region }) => [JSON.stringify(region), region]));
-  const clean: any[] = (Array.isArray(list) ? list : [])
+  const clean = (Array.isArray(list) ? list : [])
     .filter((shape) => shape?.region?.kind)
     .map((shape) => {
       const plain = plainRegion(shape.region),
@@ -122,7 +122,7 @@ export function cleanShapes<K extends ShapeKind>(list: any, what: K, old: Shapes
         region,
       };
     });
-  return clean;
+  return clean as Shapes[ShapeKind] as Shapes[K];
 }
 
 /** A region without fields that do not belong to its kind. */
@@ -252,12 +252,12 @@ function mirrorNormal({ normal, axis }: Mirror): Vector {
 
 /** The distance of a place on the positive side. */
 function awayFrom(mirror: Mirror, place: Vector) {
-  return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * (place[k] as number), 0) - mirror.at;
+  return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * place[k]!, 0) - mirror.at;
 }
 
 /** A place, moved along the normal. */
 function acrossBy(mirror: Mirror, place: Vector, way: number) {
-  return mapVector(mirrorNormal(mirror), (n, k) => (place[k] as number) + way * n);
+  return mapVector(mirrorNormal(mirror), (n, k) => place[k]! + way * n);
 }
 
 function mirrorPlace(mirror: Mirror, place: Vector) {
@@ -334,7 +334,7 @@ export function mirroredEdit(
     const partner = partnerOf(mirror, before, p, near.partner);
     if (partner && !partner.locked) result.delete(partner.id);
   }
-  const handled = new Set(),
+  const handled = new Set<number>(),
     isLed = moved.some((p) => !was.has(p.id) && sideNow(p) === leads);
   for (const p of [...moved].sort((p, q) => Number(sideNow(q) === leads) - Number(sideNow(p) === leads))) {
     const side = sideNow(p),

@@ -14,6 +14,7 @@ import type {
   Vector2,
   Vector3,
 } from "../types.ts";
+import { difference, mapVector } from "./camera.ts";
 import {
   COLLAPSED,
   FAR_BEHIND,
@@ -41,6 +42,7 @@ import {
 } from "./constants.ts";
 import { kernelMatrix } from "./kernel_matrix.ts";
 import { kernelOfTable } from "./kernel_table.ts";
+import { placeBetween } from "./points.ts";
 
 /**
  * share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
@@ -56,9 +58,9 @@ export type Kernel = {
   slope: (s: number) => number;
 };
 /** A control point with its weight, its target x and its displacement d. */
-export type Span = { basis: number[][]; ridge: number[][] | null; quadrics?: number[][]; bend?: number[][] };
+export type Span = { basis: number[][]; ridge: Matrix | null; quadrics?: number[][]; bend?: Matrix };
 /** Points made ready for a solve. */
-export type Place = { point: Point; w: number; x: number[]; d: number[] };
+export type Place = { point: Point; w: number; x: Vector; d: Vector };
 export type Ready = Span & {
   n: number;
   merged: Place[];
@@ -82,19 +84,28 @@ function rbfEye(dim: number) {
 }
 
 function rbfDot(p: number[], q: number[]) {
-  return p.reduce((sum, value, k) => sum + value * q[k], 0);
+  return p.reduce((sum, value, k) => sum + value * q[k]!, 0);
 }
 
 function rbfTimes(a: number[][], b: number[][]) {
-  return rbfMatrix(a.length, (i, j) => a[i].reduce((sum, value, k) => sum + value * b[k][j], 0));
+  return rbfMatrix(a.length, (i, j) => a[i]!.reduce((sum, value, k) => sum + value * b[k]![j]!, 0));
+}
+
+/** The matrix of the values of a function of each entry. */
+function mapMatrix(m: number[][], entry: (value: number, i: number, j: number) => number) {
+  return m.map((row, i) => row.map((value, j) => entry(value, i, j))) as Matrix;
 }
 
 function rbfTimesNumber(m: number[][], factor: number) {
-  return m.map((row) => row.map((value) => value * factor)) as Matrix;
+  return mapMatrix(m, (value) => value * factor);
+}
+
+function rbfPlus(m: number[][], n: number[][]) {
+  return mapMatrix(m, (value, i, j) => value + n[i]![j]!);
 }
 
 function rbfTrace(m: number[][]) {
-  return m.reduce((sum, row, k) => sum + row[k], 0);
+  return m.reduce((sum, row, k) => sum + row[k]!, 0);
 }
 
 function rbfCross(p: number[], q: number[]): Vector3 {
@@ -104,8 +115,8 @@ function rbfCross(p: number[], q: number[]): Vector3 {
 }
 
 /** The sum of the outer products of images and directions. */
-function rbfOuter(images: number[][], basis: number[][], dim = basis[0].length) {
-  return rbfMatrix(dim, (i, j) => images.reduce((sum, image, k) => sum + image[i] * basis[k][j], 0));
+function rbfOuter(images: number[][], basis: number[][], dim = basis[0]!.length) {
+  return rbfMatrix(dim, (i, j) => images.reduce((sum, image, k) => sum + image[i]! * basis[k]![j]!, 0));
 }
 
 /**
@@ -118,13 +129,13 @@ function rbfSolve(
   x: Float64Array,
   d: Float64Array,
   span: Span,
-  turn: number[][],
+  turn: Matrix,
   kernel: string,
   trend: string,
   isSkew: boolean,
 ) {
   const { n, dim, phi } = matrix;
-  const { order } = RBF_KERNELS[kernel],
+  const { order } = RBF_KERNELS[kernel]!,
     whole = d,
     isBent = trend === "quadratic";
   const q = isBent ? rbfProducts(x, dim) : new Float64Array(0),
@@ -142,16 +153,16 @@ function rbfSolve(
     bent = solved.bent ?? null;
   } else if (order === 2) solved = rbfBorderedTrend(phi, x, d, span.basis, dim);
   else if (trend === "none") {
-    solved = { alpha: matrix.solve(d, dim), linear: rbfMatrix(dim, () => 0), constant: new Array(dim).fill(0) };
+    solved = { alpha: matrix.solve(d, dim), linear: rbfMatrix(dim, () => 0), constant: new Array<number>(dim).fill(0) };
   } else solved = rbfLeastEnergy(matrix, x, d, span, turn, kernel, trend);
   const { alpha, linear, constant } = solved,
     miss = new Float64Array(dim * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) {
-      let sum = constant[k] - whole[dim * i + k];
-      for (let j = 0; j < dim; j++) sum += x[dim * i + j] * linear[k][j];
-      if (bent) for (let j = 0; j < width; j++) sum += q[width * i + j] * bent[j][k];
-      for (let j = 0; j < n; j++) sum += phi[i * n + j] * alpha[dim * j + k];
+      let sum = constant[k]! - whole[dim * i + k]!;
+      for (let j = 0; j < dim; j++) sum += x[dim * i + j]! * linear[k]![j]!;
+      if (bent) for (let j = 0; j < width; j++) sum += q[width * i + j]! * bent[j]![k]!;
+      for (let j = 0; j < n; j++) sum += phi[i * n + j]! * alpha[dim * j + k]!;
       miss[dim * i + k] = sum;
     }
   }
@@ -172,7 +183,7 @@ function rbfProducts(x: Float64Array, dim: number) {
     n = x.length / dim,
     out = new Float64Array(n * pairs.length);
   for (let i = 0, k = 0; i < x.length; i += dim) {
-    for (const [a, b] of pairs) out[k++] = (a === b ? 1 : Math.SQRT2) * x[i + a] * x[i + b];
+    for (const [a, b] of pairs) out[k++] = (a === b ? 1 : Math.SQRT2) * x[i + a]! * x[i + b]!;
   }
   return out;
 }
@@ -186,7 +197,7 @@ function rbfQuadraticForms(c: number[][], dim: number) {
   return Array.from({ length: dim }, (_, m) => {
     const form = rbfMatrix(dim, () => 0);
     pairs.forEach(([a, b], k) => {
-      form[a][b] = form[b][a] = (a === b ? 1 : Math.SQRT1_2) * c[k][m];
+      form[a]![b] = form[b]![a] = (a === b ? 1 : Math.SQRT1_2) * c[k]![m]!;
     });
     return form;
   });
@@ -194,12 +205,12 @@ function rbfQuadraticForms(c: number[][], dim: number) {
 
 /** Displacements without their quadratic part. */
 function rbfWithout(d: Float64Array, q: Float64Array, c: number[][]) {
-  const dim = c[0].length,
+  const dim = c[0]!.length,
     width = c.length;
   return Float64Array.from(d, (value, i) => {
     const m = i % dim,
       at = (width * (i - m)) / dim;
-    return c.reduce((left, row, k) => left - q[at + k] * row[m], value);
+    return c.reduce((left, row, k) => left - q[at + k]! * row[m]!, value);
   });
 }
 
@@ -221,7 +232,7 @@ function rbfQuadraticPart(
     count = q.length / n,
     all = count + dim;
   // Where the points determine none of it, all that follows would be rounding.
-  if (span.quadrics?.length === 0) return Array.from({ length: count }, () => new Array(dim).fill(0));
+  if (span.quadrics?.length === 0) return Array.from({ length: count }, () => new Array<number>(dim).fill(0));
   const width = span.basis.length + 1,
     p = rbfAffineColumns(x, span.basis, dim),
     both = new Float64Array(all * (n + width));
@@ -236,15 +247,15 @@ function rbfQuadraticPart(
     h = new Float64Array(count * dim);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < count; k++) {
-      for (let j = 0; j < count; j++) s[count * k + j] += q[count * i + k] * w[all * i + j];
-      for (let m = 0; m < dim; m++) h[dim * k + m] += q[count * i + k] * w[all * i + count + m];
+      for (let j = 0; j < count; j++) s[count * k + j]! += q[count * i + k]! * w[all * i + j]!;
+      for (let m = 0; m < dim; m++) h[dim * k + m]! += q[count * i + k]! * w[all * i + count + m]!;
     }
   }
   let trace = 0;
-  for (let k = 0; k < count; k++) trace += s[(count + 1) * k];
+  for (let k = 0; k < count; k++) trace += s[(count + 1) * k]!;
   const size = trace > 0 ? trace : 1;
   span.bend?.flat().forEach((value, k) => {
-    s[k] += size * value;
+    s[k]! += size * value;
   });
   const c = rbfFactored(s, count)(h, dim);
   return Array.from({ length: count }, (_, k) => Array.from(c.subarray(dim * k, dim * (k + 1))));
@@ -258,7 +269,7 @@ function rbfAffineColumns(x: Float64Array, basis: number[][], dim: number) {
   for (let i = 0; i < n; i++) {
     p[i * width] = 1;
     basis.forEach((e, k) => {
-      p[i * width + 1 + k] = e.reduce((sum, value, c) => sum + x[dim * i + c] * value, 0);
+      p[i * width + 1 + k] = e.reduce((sum, value, c) => sum + x[dim * i + c]! * value, 0);
     });
   }
   return p;
@@ -277,14 +288,14 @@ function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m:
     j,
   ) => {
     let dot = 0;
-    for (let i = 0; i < n; i++) dot += a[i * wa + k] * f[i * wf + j];
-    for (let i = 0; i < n; i++) a[i * wa + k] -= dot * f[i * wf + j];
+    for (let i = 0; i < n; i++) dot += a[i * wa + k]! * f[i * wf + j]!;
+    for (let i = 0; i < n; i++) a[i * wa + k]! -= dot * f[i * wf + j]!;
   };
   for (let k = 0; k < r; k++) {
     for (let twice = 0; twice < 2; twice++) for (let j = 0; j < k; j++) remove(e, r, k, e, r, j);
     let size = 0;
-    for (let i = 0; i < n; i++) size += e[i * r + k] ** 2;
-    for (let i = 0; i < n; i++) e[i * r + k] /= Math.sqrt(size) || 1;
+    for (let i = 0; i < n; i++) size += e[i * r + k]! ** 2;
+    for (let i = 0; i < n; i++) e[i * r + k]! /= Math.sqrt(size) || 1;
   }
   for (let k = 0; k < m; k++) {
     for (let twice = 0; twice < 2; twice++) for (let j = 0; j < r; j++) remove(out, m, k, e, r, j);
@@ -293,7 +304,7 @@ function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m:
 }
 
 /** The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span. */
-function rbfQuadricSpan(rows: number[][], basis: number[][], dim: number) {
+function rbfQuadricSpan(rows: Vector[], basis: number[][], dim: number) {
   const n = rows.length,
     size = rbfSpread(rows) || 1;
   const x = Float64Array.from(rows.flat(), (value) => value / size),
@@ -301,20 +312,20 @@ function rbfQuadricSpan(rows: number[][], basis: number[][], dim: number) {
     count = q.length / n;
   const rest = rbfProjected(rbfAffineColumns(x, basis, dim), q, n, basis.length + 1, count);
   const { sigma, directions } = rbfSingular(
-    Array.from({ length: count }, (_, k) => rows.map((__, i) => rest[count * i + k])),
+    Array.from({ length: count }, (_, k) => rows.map((__, i) => rest[count * i + k]!)),
   );
   if (!(sigma[0] > FLAT * Math.hypot(...q))) {
     return { quadrics: [], bend: rbfEye(count) };
   }
   const spreads = sigma.map((value) => value / sigma[0]),
     weights = spreads.map((value) => rbfPenalty(value, THIN_BEND));
-  return { quadrics: directions.filter((_, k) => spreads[k] > FLAT), bend: rbfWeighted(directions, weights) };
+  return { quadrics: directions.filter((_, k) => spreads[k]! > FLAT), bend: rbfWeighted(directions, weights) };
 }
 
 /** The symmetric matrix with these orthonormal directions and eigenvalues. */
 function rbfWeighted(directions: number[][], weights: number[]) {
   return rbfOuter(
-    directions.map((e, k) => e.map((value) => weights[k] * value)),
+    directions.map((e, k) => e.map((value) => weights[k]! * value)),
     directions,
   );
 }
@@ -331,29 +342,29 @@ function rbfFactored(matrix: Float64Array, n: number): (rhs: Float64Array, m: nu
     order = Array.from({ length: n }, (_, k) => k);
   for (let c = 0; c < n; c++) {
     let pivot = c;
-    for (let i = c + 1; i < n; i++) if (Math.abs(a[i * n + c]) > Math.abs(a[pivot * n + c])) pivot = i;
+    for (let i = c + 1; i < n; i++) if (Math.abs(a[i * n + c]!) > Math.abs(a[pivot * n + c]!)) pivot = i;
     if (pivot !== c) {
-      for (let k = 0; k < n; k++) [a[c * n + k], a[pivot * n + k]] = [a[pivot * n + k], a[c * n + k]];
-      [order[c], order[pivot]] = [order[pivot], order[c]];
+      for (let k = 0; k < n; k++) [a[c * n + k], a[pivot * n + k]] = [a[pivot * n + k]!, a[c * n + k]!];
+      [order[c], order[pivot]] = [order[pivot]!, order[c]!];
     }
     for (let i = c + 1; i < n; i++) {
-      const f = a[i * n + c] / a[c * n + c];
+      const f = a[i * n + c]! / a[c * n + c]!;
       a[i * n + c] = f;
-      if (f !== 0) for (let k = c + 1; k < n; k++) a[i * n + k] -= f * a[c * n + k];
+      if (f !== 0) for (let k = c + 1; k < n; k++) a[i * n + k]! -= f * a[c * n + k]!;
     }
   }
   return (rhs, m) => {
     const out = new Float64Array(n * m);
     for (let c = 0; c < m; c++) {
       for (let i = 0; i < n; i++) {
-        let sum = rhs[order[i] * m + c];
-        for (let k = 0; k < i; k++) sum -= a[i * n + k] * out[k * m + c];
+        let sum = rhs[order[i]! * m + c]!;
+        for (let k = 0; k < i; k++) sum -= a[i * n + k]! * out[k * m + c]!;
         out[i * m + c] = sum;
       }
       for (let i = n - 1; i >= 0; i--) {
-        let sum = out[i * m + c];
-        for (let k = i + 1; k < n; k++) sum -= a[i * n + k] * out[k * m + c];
-        out[i * m + c] = sum / a[i * n + i];
+        let sum = out[i * m + c]!;
+        for (let k = i + 1; k < n; k++) sum -= a[i * n + k]! * out[k * m + c]!;
+        out[i * m + c] = sum / a[i * n + i]!;
       }
     }
     return out;
@@ -365,8 +376,8 @@ function rbfBordered(phi: Float64Array, p: Float64Array, n: number, r: number) {
   const size = n + r,
     out = new Float64Array(size * size);
   for (let i = 0; i < n; i++) {
-    for (let j = 0; j < n; j++) out[i * size + j] = phi[i * n + j];
-    for (let k = 0; k < r; k++) out[i * size + n + k] = out[(n + k) * size + i] = p[i * r + k];
+    for (let j = 0; j < n; j++) out[i * size + j] = phi[i * n + j]!;
+    for (let k = 0; k < r; k++) out[i * size + n + k] = out[(n + k) * size + i] = p[i * r + k]!;
   }
   return out;
 }
@@ -377,30 +388,30 @@ function rbfLeastEnergy(
   x: Float64Array,
   d: Float64Array,
   span: Span,
-  turn: number[][],
+  turn: Matrix,
   kernel: string,
   trend: string,
 ) {
   const { n, dim, phi } = matrix,
     all = 2 * dim,
     w = new Float64Array(n * all),
-    mean = new Array(all).fill(0);
+    mean = new Array<number>(all).fill(0);
   const fill: (out: Float64Array, width: number, first: number) => void = (out, width, first) => {
     for (let i = 0; i < n; i++) {
       out.set(x.subarray(dim * i, dim * (i + 1)), width * i + first);
       out.set(d.subarray(dim * i, dim * (i + 1)), width * i + first + dim);
     }
   };
-  if (RBF_KERNELS[kernel].order === 0) {
+  if (RBF_KERNELS[kernel]!.order === 0) {
     const width = all + 1,
       rhs = new Float64Array(n * width).fill(1);
     fill(rhs, width, 1);
     const v = matrix.solve(rhs, width),
       sums = new Float64Array(width);
-    for (let i = 0; i < n; i++) for (let k = 0; k < width; k++) sums[k] += v[width * i + k];
+    for (let i = 0; i < n; i++) for (let k = 0; k < width; k++) sums[k]! += v[width * i + k]!;
     for (let k = 0; k < all; k++) {
-      mean[k] = sums[k + 1] / sums[0];
-      for (let i = 0; i < n; i++) w[all * i + k] = v[width * i + k + 1] - v[width * i] * mean[k];
+      mean[k] = sums[k + 1]! / sums[0]!;
+      for (let i = 0; i < n; i++) w[all * i + k] = v[width * i + k + 1]! - v[width * i]! * mean[k]!;
     }
   } else {
     // Phi is not definite: only the bordered system is well posed
@@ -408,15 +419,15 @@ function rbfLeastEnergy(
     fill(rhs, all, 0);
     const v = rbfFactored(rbfBordered(phi, new Float64Array(n).fill(1), n, 1), n + 1)(rhs, all);
     w.set(v.subarray(0, all * n));
-    for (let k = 0; k < all; k++) mean[k] = v[all * n + k];
+    for (let k = 0; k < all; k++) mean[k] = v[all * n + k]!;
   }
   const s = rbfMatrix(dim, () => 0),
     h = rbfMatrix(dim, () => 0);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) {
       for (let j = 0; j < dim; j++) {
-        s[k][j] += x[dim * i + k] * w[all * i + j];
-        h[k][j] += (x[dim * i + k] + d[dim * i + k]) * w[all * i + j];
+        s[k]![j]! += x[dim * i + k]! * w[all * i + j]!;
+        h[k]![j]! += (x[dim * i + k]! + d[dim * i + k]!) * w[all * i + j]!;
       }
     }
   }
@@ -425,8 +436,8 @@ function rbfLeastEnergy(
     alpha = new Float64Array(dim * n);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) {
-      let value = w[all * i + dim + k];
-      for (let j = 0; j < dim; j++) value -= linear[k][j] * w[all * i + j];
+      let value = w[all * i + dim + k]!;
+      for (let j = 0; j < dim; j++) value -= linear[k]![j]! * w[all * i + j]!;
       alpha[dim * i + k] = value;
     }
   }
@@ -435,33 +446,33 @@ function rbfLeastEnergy(
 
 /** A linear map less the identity. */
 function rbfLessOne(m: number[][]) {
-  return rbfMatrix(m.length, (i, j) => m[i][j] - Number(i === j));
+  return rbfMatrix(m.length, (i, j) => m[i]![j]! - Number(i === j));
 }
 
 /** What a linear map leaves of the mean of displacements, behind the mean of places. */
 function rbfConstant(mean: number[], linear: number[][]) {
-  return linear.map((row, k) => mean[row.length + k] - rbfDot(row, mean));
+  return linear.map((row, k) => mean[row.length + k]! - rbfDot(row, mean));
 }
 
 /** Means and second moments in which all points count alike. */
 function rbfPlainMoments(x: Float64Array, d: Float64Array, dim: number) {
   const n = x.length / dim,
-    mean = new Array(2 * dim).fill(0),
+    mean = new Array<number>(2 * dim).fill(0),
     s = rbfMatrix(dim, () => 0),
     h = rbfMatrix(dim, () => 0);
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) {
-      mean[k] += x[dim * i + k] / n;
-      mean[dim + k] += d[dim * i + k] / n;
+      mean[k]! += x[dim * i + k]! / n;
+      mean[dim + k]! += d[dim * i + k]! / n;
     }
   }
   for (let i = 0; i < n; i++) {
     for (let k = 0; k < dim; k++) {
       for (let j = 0; j < dim; j++) {
-        const c = x[dim * i + j] - mean[j],
-          p = x[dim * i + k] - mean[k];
-        s[k][j] += p * c;
-        h[k][j] += (p + d[dim * i + k] - mean[dim + k]) * c;
+        const c = x[dim * i + j]! - mean[j]!,
+          p = x[dim * i + k]! - mean[k]!;
+        s[k]![j]! += p * c;
+        h[k]![j]! += (p + d[dim * i + k]! - mean[dim + k]!) * c;
       }
     }
   }
@@ -475,31 +486,24 @@ function rbfSteady(s: number[][], h: number[][], plain: { s: number[][]; h: numb
     other = share / rbfTrace(plain.s);
   for (let i = 0; i < s.length; i++) {
     for (let j = 0; j < s.length; j++) {
-      s[i][j] = weight * s[i][j] + other * plain.s[i][j];
-      h[i][j] = weight * h[i][j] + other * plain.h[i][j];
+      s[i]![j] = weight * s[i]![j]! + other * plain.s[i]![j]!;
+      h[i]![j] = weight * h[i]![j]! + other * plain.h[i]![j]!;
     }
   }
 }
 
 /** For a matrix that is not symmetric: the trend of least squares, and Phi alpha = the rest. */
-function rbfLeastSquares(
-  phi: Float64Array,
-  x: Float64Array,
-  d: Float64Array,
-  span: Span,
-  turn: number[][],
-  trend: string,
-) {
+function rbfLeastSquares(phi: Float64Array, x: Float64Array, d: Float64Array, span: Span, turn: Matrix, trend: string) {
   const dim = turn.length;
   let linear = rbfMatrix(dim, () => 0),
-    constant = new Array(dim).fill(0);
+    constant = new Array<number>(dim).fill(0);
   if (trend !== "none") {
     const { mean, s, h } = rbfPlainMoments(x, d, dim);
     linear = rbfLessOne(rbfTrendMap(s, h, span, turn, trend));
     constant = rbfConstant(mean, linear);
   }
   const left = rbfWithoutLinear(x, d, linear),
-    moved = left.map((value, i) => value - constant[i % dim]);
+    moved = left.map((value, i) => value - constant[i % dim]!);
   return { alpha: rbfFactored(phi, x.length / dim)(moved, dim), linear, constant };
 }
 
@@ -507,12 +511,12 @@ function rbfLeastSquares(
 function rbfWithoutLinear(x: Float64Array, d: Float64Array, linear: number[][]) {
   const dim = linear.length;
   return Float64Array.from(d, (value, i) =>
-    linear[i % dim].reduce((left, m, k) => left - m * x[i - (i % dim) + k], value),
+    linear[i % dim]!.reduce((left, m, k) => left - m * x[i - (i % dim) + k]!, value),
   );
 }
 
 /** The linear map of a trend from second moments. */
-function rbfTrendMap(s: number[][], h: number[][], { basis, ridge }: Span, turn: number[][], trend: string) {
+function rbfTrendMap(s: Matrix, h: Matrix, { basis, ridge }: Span, turn: Matrix, trend: string) {
   if (trend === "translation") return rbfEye(s.length);
   const size = rbfTrace(s);
   if (trend === "affine_exact" || (trend === "affine" && !ridge)) {
@@ -521,32 +525,32 @@ function rbfTrendMap(s: number[][], h: number[][], { basis, ridge }: Span, turn:
   const isHeld = trend === "affine" && ridge !== null;
   const rotation = rbfNearestRotation(isHeld ? rbfHeldAboutRow(h, size, ridge) : h, size, turn);
   if (trend === "rigid") return rotation;
-  const scale = Math.max(rotation.reduce((sum, row, i) => sum + rbfDot(row, h[i]), 0) / size, 0);
-  const similar = rotation.map((row) => row.map((value) => scale * value));
+  const scale = Math.max(rotation.reduce((sum, row, i) => sum + rbfDot(row, h[i]!), 0) / size, 0);
+  const similar = rbfTimesNumber(rotation, scale);
   if (!isHeld) return similar;
   // G + (H - G S) (S + tr(S) ridge)^-1: the similarity, corrected where the points determine more
   const taken = rbfTimes(similar, s),
-    rest = h.map((row, i) => row.map((value, j) => value - taken[i][j]));
-  const held = s.map((row, i) => row.map((value, j) => value + size * ridge[i][j]));
+    rest = rbfPlus(h, rbfTimesNumber(taken, -1));
+  const held = rbfPlus(s, rbfTimesNumber(ridge, size));
   const images = rbfAffineImages(held, rest, rbfEye(s.length));
-  return similar.map((row, i) => row.map((value, j) => value + images[j][i]));
+  return mapMatrix(similar, (value, i, j) => value + images[j]![i]!);
 }
 
 /**
  * H with the smallest turn of a row of points in space added, as much as the row is thin: see
  * deformnb.rbf.trends._held_about_a_row.
  */
-function rbfHeldAboutRow(h: number[][], size: number, ridge: number[][]) {
+function rbfHeldAboutRow(h: Matrix, size: number, ridge: Matrix) {
   if (h.length === 2) return h;
   const { sigma, directions } = rbfSingular(ridge),
-    along = directions[2]; // the penalty of the row is zero
+    along = directions[2]!; // the penalty of the row is zero
   const image = h.map((row) => rbfDot(row, along)),
     length = Math.hypot(...image);
   const aside = sigma[0] > (1 + 1e-6) * sigma[1] ? directions[0] : null; // the row is thinnest there
   const turn = rbfSmallestTurn(along, length > 0 ? image.map((value) => value / length) : along, aside);
-  const across = rbfMatrix(3, (i, j) => Number(i === j) - along[i] * along[j]),
+  const across = rbfMatrix(3, (i, j) => Number(i === j) - along[i]! * along[j]!),
     more = rbfTimes(turn, across);
-  return h.map((row, i) => row.map((value, j) => value + sigma[1] * size * more[i][j]));
+  return rbfPlus(h, rbfTimesNumber(more, sigma[1] * size));
 }
 
 /** The images of the directions of the basis under the affine trend of least energy. */
@@ -558,10 +562,10 @@ function rbfAffineImages(s: number[][], h: number[][], basis: number[][]) {
   for (let i = 0; i < rank; i++) {
     for (let j = 0; j < rank; j++)
       small[i * rank + j] = rbfDot(
-        basis[i],
-        s.map((row) => rbfDot(row, basis[j])),
+        basis[i]!,
+        s.map((row) => rbfDot(row, basis[j]!)),
       );
-    for (let k = 0; k < dim; k++) rhs[dim * i + k] = rbfDot(basis[i], h[k]);
+    for (let k = 0; k < dim; k++) rhs[dim * i + k] = rbfDot(basis[i]!, h[k]!);
   }
   const images = rbfFactored(small, rank)(rhs, dim);
   return basis.map((_, i) => Array.from(images.subarray(dim * i, dim * (i + 1))));
@@ -575,12 +579,14 @@ function rbfComplete(images: number[][], basis: number[][], dim: number) {
   const rank = basis.length;
   if (rank === 0) return rbfEye(dim);
   if (rank === dim) return rbfOuter(images, basis);
-  const quarter: (p: number[]) => number[] = (p) => [-p[1], p[0]];
-  if (dim === 2) return rbfOuter([images[0], quarter(images[0])], [basis[0], quarter(basis[0])]);
-  if (rank === 1) return rbfSmallestTurn(basis[0], images[0]);
-  const image = rbfCross(images[0], images[1]),
+  const [first, second] = basis as Matrix,
+    [firstImage, secondImage] = images as Matrix;
+  const quarter: (p: Vector) => Vector = ([a, b]) => [-b, a];
+  if (dim === 2) return rbfOuter([firstImage, quarter(firstImage)], [first, quarter(first)]);
+  if (rank === 1) return rbfSmallestTurn(first, firstImage);
+  const image = rbfCross(firstImage, secondImage),
     scale = Math.sqrt(Math.hypot(...image)) || 1;
-  return rbfOuter([...images, image.map((value) => value / scale)], [...basis, rbfCross(basis[0], basis[1])]);
+  return rbfOuter([...images, image.map((value) => value / scale)], [...basis, rbfCross(first, second)]);
 }
 
 /**
@@ -599,34 +605,32 @@ function rbfSmallestTurn(q: number[], image: number[], axis: number[] | null = n
       [-b, a, 0],
     ],
     square = rbfTimes(k, k);
-  const rest = 2 / start.reduce((sum, value, i) => sum + (value + t[i]) ** 2, 0);
-  const turn = rbfMatrix(3, (i, j) => Number(i === j) + k[i][j] + rest * square[i][j]);
-  if (!isOpposite) return turn.map((row) => row.map((value) => length * value));
+  const rest = 2 / start.reduce((sum, value, i) => sum + (value + t[i]!) ** 2, 0);
+  const turn = rbfMatrix(3, (i, j) => Number(i === j) + k[i]![j]! + rest * square[i]![j]!);
+  if (!isOpposite) return rbfTimesNumber(turn, length);
   const sizes = q.map(Math.abs),
     least = sizes.indexOf(Math.min(...sizes));
-  const open = axis ?? rbfEye(3)[least],
+  const open = axis ?? rbfEye(3)[least]!,
     slant = rbfDot(open, q);
-  const aside = q.map((value, i) => open[i] - slant * value),
+  const aside = q.map((value, i) => open[i]! - slant * value),
     size = Math.hypot(...aside);
-  const half = rbfMatrix(3, (i, j) => (2 * aside[i] * aside[j]) / size ** 2 - Number(i === j));
-  return rbfTimes(turn, half).map((row) => row.map((value) => length * value));
+  const half = rbfMatrix(3, (i, j) => (2 * aside[i]! * aside[j]!) / size ** 2 - Number(i === j));
+  return rbfTimesNumber(rbfTimes(turn, half), length);
 }
 
 /** @param previous where there is none */
-function rbfNearestRotation(h: number[][], size: number, previous: number[][]) {
+function rbfNearestRotation(h: Matrix, size: number, previous: Matrix) {
   const least = NO_ANGLE * Math.max(size, Math.hypot(...h.flat())),
     { rotation, certainty } = rbfRotation(h);
   if (certainty > least) return rotation;
-  return h.length === 2
-    ? previous
-    : rbfRotation(h.map((row, i) => row.map((value, j) => value + least * previous[i][j]))).rotation;
+  return h.length === 2 ? previous : rbfRotation(rbfPlus(h, rbfTimesNumber(previous, least))).rotation;
 }
 
 /**
  * The rotation R with the largest tr(R^T H), and the sum of the two smallest stretches of H, which is zero where the
  * rotation is open.
  */
-function rbfRotation(h: number[][]) {
+function rbfRotation(h: Matrix): { rotation: Matrix; certainty: number } {
   if (h.length === 2) {
     const c = h[0][0] + h[1][1],
       s = h[1][0] - h[0][1],
@@ -643,15 +647,20 @@ function rbfRotation(h: number[][]) {
   const {
     sigma,
     directions: [p, q],
-  } = rbfSingular([0, 1, 2].map((k) => h.map((row) => row[k])));
-  const [first, other] = [p, q].map((e) => h.map((row) => rbfDot(row, e)));
+  } = rbfSingular(rbfMatrix(3, (k, i) => h[i]![k]!));
+  const image = (e: Vector) => h.map((row) => rbfDot(row, e)),
+    first = image(p),
+    other = image(q);
   const u = first.map((value) => value / (sigma[0] || 1)),
     slant = rbfDot(u, other);
-  const aside = other.map((value, k) => value - slant * u[k]),
+  const aside = other.map((value, k) => value - slant * u[k]!),
     size = Math.hypot(...aside) || 1;
   const v = aside.map((value) => value / size);
-  const sign = rbfDot(h[0], rbfCross(h[1], h[2])) < 0 ? -1 : 1;
-  return { rotation: rbfOuter([u, v, rbfCross(u, v)], [p, q, rbfCross(p, q)]), certainty: sigma[1] + sign * sigma[2] };
+  const sign = rbfDeterminant(h) < 0 ? -1 : 1;
+  return {
+    rotation: rbfOuter([u, v, rbfCross(u, v)], [p, q, rbfCross(p, q)]),
+    certainty: sigma[1] + sign * (sigma as Vector3)[2],
+  };
 }
 
 /**
@@ -678,7 +687,7 @@ function rbfBorderedTrend(
     p.set(first.subarray(i * affine, (i + 1) * affine), i * width);
     if (q) {
       quadrics.forEach((e, k) => {
-        p[i * width + affine + k] = e.reduce((sum, value, j) => sum + value * q[count * i + j], 0);
+        p[i * width + affine + k] = e.reduce((sum, value, j) => sum + value * q[count * i + j]!, 0);
       });
     }
   }
@@ -690,7 +699,7 @@ function rbfBorderedTrend(
       row = (k: number) => Array.from(v.subarray(dim * k, dim * (k + 1)));
     const bent = Array.from({ length: count }, (_, j) =>
       Array.from({ length: dim }, (__, m) =>
-        quadrics.reduce((sum, e, k) => sum + e[j] * v[dim * (n + affine + k) + m], 0),
+        quadrics.reduce((sum, e, k) => sum + e[j]! * v[dim * (n + affine + k) + m]!, 0),
       ),
     );
     return {
@@ -704,7 +713,7 @@ function rbfBorderedTrend(
   if (rank === dim) return { ...whole, linear: rbfOuter(whole.images, basis, dim) };
   const linear = rbfLessOne(
     rbfComplete(
-      whole.images.map((image, k) => image.map((value, j) => basis[k][j] + value)),
+      whole.images.map((image, k) => image.map((value, j) => basis[k]![j]! + value)),
       basis,
       dim,
     ),
@@ -715,18 +724,18 @@ function rbfBorderedTrend(
   return {
     alpha: rest.alpha,
     constant: rest.constant,
-    bent: whole.bent?.map((row, j) => row.map((value, m) => value + (rest.bent?.[j][m] ?? 0))),
-    linear: linear.map((row, i) => row.map((value, j) => value + more[i][j])),
+    bent: whole.bent?.map((row, j) => row.map((value, m) => value + (rest.bent?.[j]?.[m] ?? 0))),
+    linear: rbfPlus(linear, more),
   };
 }
 
 /** Orthonormal directions that span centred points. */
-function rbfSpan(rows: number[][]) {
+function rbfSpan(rows: Vector[]): Vector[] {
   if (rows.length < 2) return [];
-  const dim = rows[0].length;
-  const { sigma, directions } = rbfSingular(Array.from({ length: dim }, (_, k) => rows.map((row) => row[k])));
+  const dim = rows[0]!.length;
+  const { sigma, directions } = rbfSingular(Array.from({ length: dim }, (_, k) => rows.map((row) => row[k]!)));
   if (sigma[0] === 0) return [];
-  return sigma[dim - 1] > FLAT * sigma[0] ? rbfEye(dim) : directions.filter((_, k) => sigma[k] > FLAT * sigma[0]);
+  return sigma[dim - 1]! > FLAT * sigma[0] ? rbfEye(dim) : directions.filter((_, k) => sigma[k]! > FLAT * sigma[0]);
 }
 
 /**
@@ -736,79 +745,81 @@ function rbfSingular(columns: number[][]) {
   const count = columns.length,
     a = [...columns],
     v = a.map((_, k) => a.map((__, j) => Number(j === k)));
-  const dot: (p: number[], q: number[]) => number = (p, q) => p.reduce((sum, value, k) => sum + value * q[k], 0);
+  const dot: (p: number[], q: number[]) => number = (p, q) => p.reduce((sum, value, k) => sum + value * q[k]!, 0);
   for (let sweep = 0, isDone = false; sweep < 8 * (count - 1) && !isDone; sweep++) {
     isDone = true;
     for (let i = 0; i < count; i++) {
       for (let j = i + 1; j < count; j++) {
-        const gamma = dot(a[i], a[j]);
+        const gamma = dot(a[i]!, a[j]!);
         if (gamma === 0) continue;
         isDone = false;
-        const zeta = (dot(a[j], a[j]) - dot(a[i], a[i])) / (2 * gamma);
+        const zeta = (dot(a[j]!, a[j]!) - dot(a[i]!, a[i]!)) / (2 * gamma);
         const t = (zeta < 0 ? -1 : 1) / (Math.abs(zeta) + Math.hypot(1, zeta));
         const c = 1 / Math.hypot(1, t),
           s = c * t;
         for (const m of [a, v]) {
-          const p = m[i],
-            q = m[j];
-          m[i] = p.map((value, k) => c * value - s * q[k]);
-          m[j] = p.map((value, k) => s * value + c * q[k]);
+          const p = m[i]!,
+            q = m[j]!;
+          m[i] = p.map((value, k) => c * value - s * q[k]!);
+          m[j] = p.map((value, k) => s * value + c * q[k]!);
         }
       }
     }
   }
   const sizes = a.map((p) => Math.hypot(...p)),
-    order = sizes.map((_, k) => k).sort((i, j) => sizes[j] - sizes[i] || i - j);
-  return { sigma: order.map((k) => sizes[k]), directions: order.map((k) => v[k]) };
+    order = sizes.map((_, k) => k).sort((i, j) => sizes[j]! - sizes[i]! || i - j);
+  return { sigma: order.map((k) => sizes[k]) as Vector, directions: order.map((k) => v[k]) as Matrix };
 }
 
 /**
  * The principal directions of places, and their spread along each relative to the longest, in the thinner of two sets:
  * deformnb.rbf.trends.thin_directions.
  */
-function rbfSpreads(targets: number[][], sources: number[][]) {
-  const [x, y] = [targets, sources].map(rbfScaled),
-    dim = x[0].length,
+function rbfSpreads(targets: Vector[], sources: Vector[]) {
+  const x = rbfScaled(targets),
+    y = rbfScaled(sources),
+    dim = x[0]!.length,
     tiny = 1e-12; // both may be flat in one direction
-  const moments: (p: number[][], q: number[][]) => number[][] = (p, q) =>
-    rbfMatrix(dim, (i, j) => p.reduce((sum, row, k) => sum + row[i] * q[k][j], 0));
+  const more = (m: Matrix, t: number) => mapMatrix(m, (value, i, j) => value + (i === j ? t : 0));
+  const moments: (p: number[][], q: number[][]) => Matrix = (p, q) =>
+    rbfMatrix(dim, (i, j) => p.reduce((sum, row, k) => sum + row[i]! * q[k]![j]!, 0));
   const xx = moments(x, x),
     yy = moments(y, y),
     yx = moments(y, x);
   const least = 1e-9 * Math.sqrt(rbfTrace(xx) * rbfTrace(yy)); // the smallest turn where one is open
-  const { rotation } = rbfRotation(yx.map((row, i) => row.map((value, j) => value + (i === j ? least : 0))));
-  const back = y.map((row) => rotation.map((_, k) => row.reduce((sum, value, i) => sum + value * rotation[i][k], 0)));
+  const { rotation } = rbfRotation(more(yx, least));
+  const back = y.map((row) => rotation.map((_, k) => row.reduce((sum, value, i) => sum + value * rotation[i]![k]!, 0)));
   const a = rbfRelative(xx),
     b = rbfTrace(yy) > 0 ? rbfRelative(moments(back, back)) : a;
-  const more: (m: number[][], t: number) => number[][] = (m, t) =>
-    m.map((row, i) => row.map((value, j) => value + (i === j ? t : 0)));
   // 2 A (A + B)^-1 B
-  const sum = more(
-    a.map((row, i) => row.map((value, j) => value + b[i][j])),
-    2 * tiny,
-  ).flat();
+  const sum = more(rbfPlus(a, b), 2 * tiny).flat();
   const solved = rbfFactored(Float64Array.from(sum), dim)(Float64Array.from(more(b, tiny).flat()), dim);
   const both = rbfTimes(
     more(a, tiny),
-    rbfMatrix(dim, (i, j) => solved[dim * i + j]),
+    rbfMatrix(dim, (i, j) => solved[dim * i + j]!),
   );
-  const { sigma, directions } = rbfSingular(rbfMatrix(dim, (i, j) => both[i][j] + both[j][i]));
+  const { sigma, directions } = rbfSingular(rbfMatrix(dim, (i, j) => both[i]![j]! + both[j]![i]!));
   return { spreads: sigma.map((value) => Math.sqrt(value / sigma[0])), directions };
 }
 
 /** Places centred, and about 1 in size: squares of tiny lengths would be zero. */
-function rbfScaled(places: number[][]) {
-  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k] / places.length, 0));
-  const centred = places.map((p) => p.map((value, k) => value - mean[k]));
+function rbfScaled(places: Vector[]): Vector[] {
+  const mean = mapVector(places[0]!, (_, k) => places.reduce((sum, p) => sum + p[k]! / places.length, 0));
+  const centred = places.map((p) => difference(p, mean));
   const size = rbfSpread(centred) || 1;
-  return centred.map((p) => p.map((value) => value / size));
+  return centred.map((p) => mapVector(p, (value) => value / size));
+}
+
+/** The centroid of places. */
+function rbfMean(places: Vector[]) {
+  return mapVector(places[0]!, (_, k) => places.reduce((sum, p) => sum + p[k]!, 0) / places.length);
 }
 
 /** The root mean square distance of places from their centroid; 0 for none. */
-function rbfSpread(places: number[][]) {
+function rbfSpread(places: Vector[]) {
   if (places.length === 0) return 0;
-  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / places.length);
-  const away = places.map((p) => Math.hypot(...p.map((value, k) => value - mean[k])));
+  const mean = rbfMean(places);
+  const away = places.map((p) => rbfDistance(p, mean));
   const largest = away.reduce((m, value) => Math.max(m, value), 0);
   return largest && largest * Math.sqrt(away.reduce((sum, value) => sum + (value / largest) ** 2, 0) / places.length);
 }
@@ -816,14 +827,13 @@ function rbfSpread(places: number[][]) {
 /** Second moments relative to their largest eigenvalue. */
 function rbfRelative(m: number[][]) {
   const largest = rbfSingular(m).sigma[0] || 1;
-  return m.map((row) => row.map((value) => value / largest));
+  return mapMatrix(m, (value) => value / largest);
 }
 
 /** The rotation of the trend of a fit. */
 function rbfRotationOf({ linear, support }: RbfFit) {
-  const m = linear.map((row, i) => row.map((value, j) => Number(i === j) + value / support));
-  const determinant = m.length === 2 ? m[0][0] * m[1][1] - m[0][1] * m[1][0] : rbfDot(m[0], rbfCross(m[1], m[2]));
-  return determinant > 0 ? rbfRotation(m).rotation : rbfEye(m.length);
+  const m = mapMatrix(linear, (value, i, j) => Number(i === j) + value / support);
+  return rbfDeterminant(m) > 0 ? rbfRotation(m).rotation : rbfEye(m.length);
 }
 
 // ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
@@ -838,13 +848,13 @@ function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
   const dim = origin.length,
     x = new Float64Array(dim * n);
   merged.forEach((q, k) => {
-    for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c] - origin[c]) / radius;
+    for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c]! - origin[c]!) / radius;
   });
   const insert: (i: number, j: number, gap: number) => void = (i, j, gap) => {
     let at = (i + 1) * count - 1;
-    for (; at > i * count && gaps[at - 1] > gap; at--) {
-      gaps[at] = gaps[at - 1];
-      found[at] = found[at - 1];
+    for (; at > i * count && gaps[at - 1]! > gap; at--) {
+      gaps[at] = gaps[at - 1]!;
+      found[at] = found[at - 1]!;
     }
     gaps[at] = gap;
     found[at] = j;
@@ -853,11 +863,11 @@ function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
     for (let j = i + 1; j < n; j++) {
       let gap = 0;
       for (let c = 0; c < dim; c++) {
-        const step = x[dim * i + c] - x[dim * j + c];
+        const step = x[dim * i + c]! - x[dim * j + c]!;
         gap += step * step;
       }
-      if (gap < gaps[(i + 1) * count - 1]) insert(i, j, gap);
-      if (gap < gaps[(j + 1) * count - 1]) insert(j, i, gap);
+      if (gap < gaps[(i + 1) * count - 1]!) insert(i, j, gap);
+      if (gap < gaps[(j + 1) * count - 1]!) insert(j, i, gap);
     }
   }
   return { found, count };
@@ -867,23 +877,24 @@ function rbfClosest(ready: Ready) {
   if (ready.n < 2) return "a single point";
   const { merged } = ready,
     { found } = rbfNeighbours(ready, 1);
-  const gap = (k: number) => rbfDistance(merged[k].x, merged[found[k]].x);
+  const gap = (k: number) => rbfDistance(merged[k]!.x, merged[found[k]!]!.x);
   const least = merged.reduce((best, _, k) => (gap(k) < gap(best) ? k : best), 0);
-  return `${rbfLabel(merged[least].point)} and ${rbfLabel(merged[found[least]].point)}`;
+  return `${rbfLabel(merged[least]!.point)} and ${rbfLabel(merged[found[least]!]!.point)}`;
 }
 
 function rbfWarnings(ready: Ready, kernel: string, map: number[][]) {
   const notes = [],
     { sigma } = rbfSingular(map); // of the transpose: the singular values are the same
   const isPlain =
-    ready.trend === "affine_exact" || (["affine", "quadratic"].includes(ready.trend) && RBF_KERNELS[kernel].order >= 2);
+    ready.trend === "affine_exact" ||
+    (["affine", "quadratic"].includes(ready.trend) && RBF_KERNELS[kernel]!.order >= 2);
   if (isPlain && sigma[0] > STEEP) {
     notes.push(
       `the affine trend stretches more than ${STEEP} times: the control points nearly lie on one line ` +
         "or in one plane; the trend similarity would not",
     );
   }
-  const spread = (place: (q: Place) => number[]) => rbfSpread(ready.merged.map(place));
+  const spread = (place: (q: Place) => Vector) => rbfSpread(ready.merged.map(place));
   const collapses: Record<string, string> = {
     affine: "the trend collapses everything to one place",
     affine_exact: "the trend collapses everything to one place",
@@ -894,7 +905,7 @@ function rbfWarnings(ready: Ready, kernel: string, map: number[][]) {
   const sources = spread(rbfSource);
   if (Object.hasOwn(collapses, ready.trend) && sources < NO_ANGLE * spread((q) => q.x)) {
     notes.push(`the sources nearly coincide: ${collapses[ready.trend]}`);
-  } else if (isPlain && !(sigma[sigma.length - 1] >= NO_ANGLE * sigma[0])) {
+  } else if (isPlain && !(sigma[sigma.length - 1]! >= NO_ANGLE * sigma[0])) {
     notes.push(
       "the sources lie on one line or in one plane and the targets do not: the affine trend presses " +
         "everything flat",
@@ -911,8 +922,8 @@ function rbfTornPairs({ merged, n, ids }: Ready, most: number = 3) {
   const found: Vector2[] = [];
   for (let i = 0; i < n && size > 0 && found.length < most; i++) {
     for (let j = i + 1; j < n && found.length < most; j++) {
-      if (Math.abs(sources[i][0] - sources[j][0]) <= near && rbfDistance(sources[i], sources[j]) <= near) {
-        found.push([ids[i], ids[j]]);
+      if (Math.abs(sources[i]![0] - sources[j]![0]) <= near && rbfDistance(sources[i]!, sources[j]!) <= near) {
+        found.push([ids[i]!, ids[j]!]);
       }
     }
   }
@@ -920,42 +931,42 @@ function rbfTornPairs({ merged, n, ids }: Ready, most: number = 3) {
 }
 
 function rbfSource({ x, d }: Place) {
-  return x.map((value, k) => value + d[k]);
+  return mapVector(x, (value, k) => value + d[k]!);
 }
 
-function rbfDistance(p: number[], q: number[]) {
-  return Math.hypot(...p.map((value, k) => value - q[k]));
+function rbfDistance(p: Vector, q: Vector) {
+  return Math.hypot(...difference(p, q));
 }
 
 /** Ids of points that are pulled past each other. */
 function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
   const { merged, n } = ready;
   if (n < 2) return [];
-  const moved = merged.map(({ d, x }) => map.map((row, k) => d[k] + x[k] - rbfDot(row, x)));
-  const pairs = new Map(),
+  const moved = merged.map(({ d, x }) => mapVector(d, (value, k) => value + x[k]! - rbfDot(map[k]!, x)));
+  const pairs = new Map<number, [i: number, j: number, degree: number]>(),
     { found, count } = rbfNeighbours(ready, NEAREST_AND_EQUAL);
   for (let i = 0; i < n; i++) {
-    const fourth = rbfDistance(merged[i].x, merged[found[i * count + Math.min(NEAREST, count) - 1]].x);
+    const fourth = rbfDistance(merged[i]!.x, merged[found[i * count + Math.min(NEAREST, count) - 1]!]!.x);
     for (const j of found.subarray(i * count, (i + 1) * count)) {
-      const gap = merged[i].x.map((value, k) => value - merged[j].x[k]);
+      const gap = difference(merged[i]!.x, merged[j]!.x);
       if (Math.hypot(...gap) > fourth * (1 + SAME_DISTANCE)) break;
       const along = Math.max(
         COLLAPSED * Math.hypot(...gap), // beyond that the ratio would be rounding
         Math.hypot(...map.map((row) => rbfDot(row, gap))),
       );
-      const beside = rbfDistance(moved[i], moved[j]);
+      const beside = rbfDistance(moved[i]!, moved[j]!);
       // In quarters of an octave, as in deformnb.rbf.conditioning: neither rounding nor a small move changes the names.
       const degree = Math.round(4 * Math.log2(beside / along));
       if (beside > along) pairs.set(Math.min(i, j) * n + Math.max(i, j), [Math.min(i, j), Math.max(i, j), degree]);
     }
   }
   const worst = [...pairs]
-    .sort(([, [i, j, d]], [, [k, l, e]]) => e - d || ready.ids[i] - ready.ids[k] || ready.ids[j] - ready.ids[l])
+    .sort(([, [i, j, d]], [, [k, l, e]]) => e - d || ready.ids[i]! - ready.ids[k]! || ready.ids[j]! - ready.ids[l]!)
     .slice(0, most);
   return worst
-    .filter(([, [, , degree]]) => degree >= worst[0][1][2] - FAR_BEHIND)
+    .filter(([, [, , degree]]) => degree >= worst[0]![1][2] - FAR_BEHIND)
     .sort(([p], [q]) => p - q)
-    .map(([, [i, j]]) => [ready.ids[i], ready.ids[j]]);
+    .map(([, [i, j]]): Vector2 => [ready.ids[i]!, ready.ids[j]!]);
 }
 
 // ---- kernels and trends, with the names and in the order of the package ---------------------------------------------
@@ -1130,7 +1141,7 @@ export function rbfFit(points: Point[], settings: FitSettings & { previous?: Rbf
   rbfCheckSettings(kernel, trend, smoothing, strength, settings.support ?? null);
   rbfCheckPoints(points, dim);
   const active = points.filter((p) => p.active !== false);
-  if (RBF_KERNELS[kernel].order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
+  if (RBF_KERNELS[kernel]!.order > 0 && active.some((p) => (p.radius ?? null) !== null)) {
     throw new RbfError(
       `control points have support radii of their own, and the ${kernel} kernel, which has no end, ` +
         "knows none; choose a Wendland kernel or the Gaussian, or clear their radii.",
@@ -1170,9 +1181,9 @@ export function rbfCheckSettings(
     throw new RbfError(`smoothing must be 0 or a positive number, got ${smoothing}.`);
   }
   if (!Number.isFinite(strength)) throw new RbfError(`strength must be a finite number, got ${strength}.`);
-  if (RBF_TRENDS[trend].order < RBF_KERNELS[kernel].order) {
+  if (RBF_TRENDS[trend]!.order < RBF_KERNELS[kernel]!.order) {
     const able = Object.keys(RBF_TRENDS)
-      .filter((t) => RBF_TRENDS[t].order >= RBF_KERNELS[kernel].order)
+      .filter((t) => RBF_TRENDS[t]!.order >= RBF_KERNELS[kernel]!.order)
       .join(", ");
     throw new RbfError(
       `the ${kernel} kernel is not positive definite on its own and needs a trend of ${able}; ` +
@@ -1213,7 +1224,7 @@ export function rbfCheckPoints(points: Point[], dim = 2) {
   }
 }
 
-export type Ends = { source: number[]; target: number[]; active?: boolean };
+export type Ends = { source: Vector; target: Vector; active?: boolean };
 
 /** The places that do not move during a drag: the active sources, or the targets if the sources coincide. */
 function rbfAtRest(points: Ends[]) {
@@ -1224,25 +1235,25 @@ function rbfAtRest(points: Ends[]) {
 }
 
 /** The sides of the box of places; nothing for none. */
-function rbfSizes(places: number[][]) {
+function rbfSizes(places: Vector[]) {
   return (places[0] ?? []).map(
     (_, k) =>
-      places.reduce((m, p) => Math.max(m, p[k]), -Infinity) - places.reduce((m, p) => Math.min(m, p[k]), Infinity),
+      places.reduce((m, p) => Math.max(m, p[k]!), -Infinity) - places.reduce((m, p) => Math.min(m, p[k]!), Infinity),
   );
 }
 
 /** The largest distance between two places; 0 for none. */
-function rbfDiameter(places: number[][]) {
+function rbfDiameter(places: Vector[]) {
   const size = rbfSpread(places);
   if (size === 0) return 0;
   const scaled = rbfScaled(places),
-    middle = scaled[0].map(() => 0);
+    middle = mapVector(scaled[0]!, () => 0);
   const square: (p: number[], q: number[]) => number = (p, q) => {
     let sum = 0;
-    for (let k = 0; k < p.length; k++) sum += (p[k] - q[k]) ** 2;
+    for (let k = 0; k < p.length; k++) sum += (p[k]! - q[k]!) ** 2;
     return sum;
   };
-  const farthest: (from: number[]) => number[] = (from) =>
+  const farthest: (from: Vector) => Vector = (from) =>
     scaled.reduce((far, p) => (square(p, from) > square(far, from) ? p : far), from);
   const one = farthest(middle),
     other = farthest(one);
@@ -1252,7 +1263,7 @@ function rbfDiameter(places: number[][]) {
   const ends = scaled.filter((p) => Math.sqrt(square(p, middle)) >= (1 - 1e-9) * (least - reach));
   let most = 0;
   ends.forEach((p, k) => {
-    for (let i = 0; i < k; i++) most = Math.max(most, square(p, ends[i]));
+    for (let i = 0; i < k; i++) most = Math.max(most, square(p, ends[i]!));
   });
   return size * Math.sqrt(most);
 }
@@ -1269,7 +1280,7 @@ export function rbfBoxDiagonal(points: Ends[]) {
 function rbfUsualSupport(points: Point[], kernel: string) {
   const places = rbfAtRest(points),
     size = rbfDiameter(places),
-    { share, gaps } = RBF_KERNELS[kernel];
+    { share, gaps } = RBF_KERNELS[kernel]!;
   if (size === 0) return null;
   const { spreads } = rbfSpreads(places, places),
     wide = spreads.filter((spread) => spread >= THIN).length;
@@ -1279,40 +1290,40 @@ function rbfUsualSupport(points: Point[], kernel: string) {
 }
 
 /** The longest edge of the shortest tree of places: the distance at which they hang together. */
-function rbfGap(places: number[][]) {
+function rbfGap(places: Vector[]) {
   if (places.length < 2) return 0;
-  const near = places.map((p) => rbfDistance(p, places[0])),
+  const near = places.map((p) => rbfDistance(p, places[0]!)),
     waiting = places.map((_, k) => k > 0);
   let longest = 0;
   for (let count = 1; count < places.length; count++) {
     let next = -1;
     waiting.forEach((is, k) => {
-      if (is && (next < 0 || near[k] < near[next])) next = k;
+      if (is && (next < 0 || near[k]! < near[next]!)) next = k;
     });
-    longest = Math.max(longest, near[next]);
+    longest = Math.max(longest, near[next]!);
     waiting[next] = false;
     places.forEach((p, k) => {
-      near[k] = Math.min(near[k], rbfDistance(p, places[next]));
+      near[k] = Math.min(near[k]!, rbfDistance(p, places[next]!));
     });
   }
   return longest;
 }
 
 /** About so many of the places, by their distance from the centroid: deformnb.rbf.cross_validation.sample_of. */
-function rbfSample(places: number[][]) {
+function rbfSample(places: Vector[]) {
   const n = places.length;
   if (n <= MOST_LEFT_OUT) return places;
-  const mean = places[0].map((_, k) => places.reduce((sum, p) => sum + p[k], 0) / n);
+  const mean = rbfMean(places);
   const ranked = places.map((p, k) => ({ k, away: rbfDistance(p, mean) })).sort((p, q) => p.away - q.away || p.k - q.k);
   const found = [],
-    last = ranked[n - 1].away;
+    last = ranked[n - 1]!.away;
   for (let first = 0, next = 0; first < n; first = next) {
-    for (next = first + 1; next < n && ranked[next].away - ranked[next - 1].away <= SAME_DISTANCE * last; ) next++;
+    for (next = first + 1; next < n && ranked[next]!.away - ranked[next - 1]!.away <= SAME_DISTANCE * last; ) next++;
     if (Math.floor(next * (MOST_LEFT_OUT / n)) > Math.floor(first * (MOST_LEFT_OUT / n))) {
       found.push(...ranked.slice(first, next));
     }
   }
-  return found.length <= 2 * MOST_LEFT_OUT ? found.sort((p, q) => p.k - q.k).map(({ k }) => places[k]) : [];
+  return found.length <= 2 * MOST_LEFT_OUT ? found.sort((p, q) => p.k - q.k).map(({ k }) => places[k]!) : [];
 }
 
 /**
@@ -1331,7 +1342,7 @@ function rbfRadius(active: Point[], radius: number | null, trend: string) {
   if (radius !== null) return radius;
   if (active.length && trend === "none") {
     throw new RbfError(
-      `${rbfLabel(active[0])} is alone and there is no trend, so nothing determines its range; ` +
+      `${rbfLabel(active[0]!)} is alone and there is no trend, so nothing determines its range; ` +
         "give a support radius.",
     );
   }
@@ -1348,15 +1359,15 @@ function rbfPrepare(
   strength: number,
   dim: number,
 ): Ready {
-  const places = active.map((p) => {
-    const x = strength === 1 ? [...p.target] : p.source.map((value, k) => value + strength * (p.target[k] - value));
-    return { point: p, w: p.weight ?? 1, x, d: p.source.map((value, k) => value - x[k]) };
+  const places = active.map((p): Place => {
+    const x = strength === 1 ? p.target : placeBetween(p.source, p.target, strength);
+    return { point: p, w: p.weight ?? 1, x, d: difference(p.source, x) };
   });
   const ends = places.map((q) => ({ source: q.point.source, target: q.x })),
     limited = [];
   const size = rbfDiameter(rbfAtRest(ends)) || Infinity;
   let radius = given;
-  if (RBF_KERNELS[kernel].compact && given > LONGEST_SHARE * size) {
+  if (RBF_KERNELS[kernel]!.compact && given > LONGEST_SHARE * size) {
     radius = LONGEST_SHARE * size;
     limited.push(
       `the support radius is limited to ${LONGEST_SHARE} times the largest distance between control points; ` +
@@ -1365,8 +1376,8 @@ function rbfPrepare(
   }
   const { merged, notes } = rbfMerge(places, radius, Math.min(radius, size), smoothing);
   const n = merged.length;
-  const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k], 0) / n) as Vector;
-  const centred = merged.map((q) => q.x.map((value, k) => value - origin[k])),
+  const origin = Array.from({ length: dim }, (_, k) => n && merged.reduce((sum, q) => sum + q.x[k]!, 0) / n) as Vector;
+  const centred = merged.map((q) => difference(q.x, origin)),
     basis = rbfSpan(centred);
   const { ridge, where } = rbfThinness(merged, basis);
   const [name, remark] = rbfDeterminedTrend(trend, kernel, n, basis.length, where, dim);
@@ -1410,22 +1421,22 @@ function rbfThinness(merged: Place[], basis: number[][]) {
 /** Unite points at one place, found through a sort along a so that 2000 points take no longer than a few. */
 function rbfMerge(places: Place[], radius: number, reach: number, smoothing: number) {
   const near = SAME_PLACE * reach,
-    order = places.map((_, k) => k).sort((i, j) => places[i].x[0] - places[j].x[0]);
+    order = places.map((_, k) => k).sort((i, j) => places[i]!.x[0] - places[j]!.x[0]);
   const parent = places.map((_, k) => k);
   const root: (k: number) => number = (k) => {
     let top = k;
     while (parent[top] !== top) {
-      parent[top] = parent[parent[top]];
-      top = parent[top];
+      parent[top] = parent[parent[top]!]!;
+      top = parent[top]!;
     }
     return top;
   };
   const pairs: Vector2[] = [];
   order.forEach((i, at) => {
     for (let next = at + 1; next < order.length; next++) {
-      const j = order[next],
-        p = places[i].x,
-        q = places[j].x;
+      const j = order[next]!,
+        p = places[i]!.x,
+        q = places[j]!.x;
       if (q[0] - p[0] > near) break;
       if (rbfDistance(p, q) <= near) pairs.push([Math.min(i, j), Math.max(i, j)]);
     }
@@ -1445,9 +1456,9 @@ function rbfMerge(places: Place[], radius: number, reach: number, smoothing: num
   for (const members of groups.values()) {
     // in the order of their first members
     const w = members.reduce((sum, q) => sum + q.w, 0);
-    const mean: (key: "x" | "d") => number[] = (key) =>
-      members[0][key].map((_, k) => members.reduce((sum, q) => sum + q.w * q[key][k], 0) / w);
-    merged.push({ point: members[0].point, w, x: mean("x"), d: mean("d") });
+    const mean: (key: "x" | "d") => Vector = (key) =>
+      mapVector(members[0]![key], (_, k) => members.reduce((sum, q) => sum + q.w * q[key][k]!, 0) / w);
+    merged.push({ point: members[0]!.point, w, x: mean("x"), d: mean("d") });
     if (members.length > 1) {
       notes.push(`${members.map((q) => rbfLabel(q.point)).join(", ")} are at one place and count as one`);
     }
@@ -1457,8 +1468,8 @@ function rbfMerge(places: Place[], radius: number, reach: number, smoothing: num
 
 function rbfRefuseConflicts(places: Place[], pairs: Vector2[], radius: number) {
   for (const [i, j] of pairs) {
-    const p = places[i],
-      q = places[j];
+    const p = places[i]!,
+      q = places[j]!;
     if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius + rbfDistance(p.x, q.x)) continue;
     const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
     throw new RbfError(
@@ -1482,10 +1493,10 @@ function rbfDeterminedTrend(
   dim: number,
 ): [trend: string, remarks: string[]] {
   if (n === 0 || trend === "none" || trend === "translation") return [trend, []];
-  const { order } = RBF_KERNELS[kernel];
+  const { order } = RBF_KERNELS[kernel]!;
   if (rank === 0) return [order >= 2 ? trend : "translation", ["one control point: the trend is a translation"]];
   if (!where) return [trend, []];
-  if (RBF_TRENDS[trend].order < 2) {
+  if (RBF_TRENDS[trend]!.order < 2) {
     return [
       trend,
       rank === 1 && dim === 3 ? ["the control points lie on one line: the turn about it is the smallest possible"] : [],
@@ -1513,7 +1524,7 @@ function rbfOpenBend(n: number, kernel: string, dim: number) {
       : `the control points lie nearly on ${curve}`;
   return [
     `${why}: ${
-      RBF_KERNELS[kernel].order > 2 && n >= least
+      RBF_KERNELS[kernel]!.order > 2 && n >= least
         ? "nothing holds the quadratic trend beside it; the thin-plate kernel would stay calm"
         : "what they leave open of it is left out"
     }`,
@@ -1523,7 +1534,7 @@ function rbfOpenBend(n: number, kernel: string, dim: number) {
 function rbfIdentity(ready: Ready, kernel: string, trend: string, support: number): RbfFit {
   const dim = ready.origin.length;
   const centers = Float64Array.from(
-    ready.merged.flatMap((q) => q.x.map((value, k) => (value - ready.origin[k]) / support)),
+    ready.merged.flatMap((q) => q.x.map((value, k) => (value - ready.origin[k]!) / support)),
   );
   const radii = ready.merged.map((q) => q.point.radius ?? ready.radius),
     isOwn = radii.some((r) => r !== ready.radius);
@@ -1534,7 +1545,7 @@ function rbfIdentity(ready: Ready, kernel: string, trend: string, support: numbe
     centers,
     coefficients: new Float64Array(dim * ready.n),
     linear: rbfMatrix(dim, () => 0),
-    constant: new Array(dim).fill(0) as Vector,
+    constant: new Array<number>(dim).fill(0) as Vector,
     quadratic: null,
     origin: ready.origin,
     support,
@@ -1558,7 +1569,7 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   const turn = previous === null ? rbfEye(dim) : rbfRotationOf(previous);
   const places = Float64Array.from(ready.merged.flatMap((q) => q.x));
   const radii = fit.scales && ready.merged.map((q) => q.point.radius ?? r);
-  const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel].profile);
+  const matrix = kernelMatrix({ kernel, radius: r, places, nugget, radii }, RBF_KERNELS[kernel]!.profile);
   const { alpha, linear, constant, quadratic, miss } = rbfSolve(
     matrix,
     fit.centers,
@@ -1587,7 +1598,7 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   }
   const map = linear.map((row, i) => row.map((value, j) => Number(i === j) + value));
   const torn = rbfTornPairs(ready);
-  const isTorn: (pair: number[]) => boolean = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const isTorn: (pair: Vector2) => boolean = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
     ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`,
   );
@@ -1623,42 +1634,34 @@ const BETWEEN = Array.from({ length: 16 }, (_, k) => (k + 0.5) / 16);
  * Whether det(1 + dD/dx) <= 0 somewhere on the straight way between two points.
  * @param pair ids
  */
-function rbfFoldsBetween(fit: RbfFit, pair: number[]) {
+function rbfFoldsBetween(fit: RbfFit, pair: Vector2) {
   const dim = fit.constant.length;
-  const [p, q] = pair.map((id) => {
+  const placeOf = (id: number) => {
     const k = fit.ids.indexOf(id);
-    return [...fit.centers.subarray(dim * k, dim * (k + 1))];
-  });
-  return BETWEEN.some(
-    (t) =>
-      !(
-        rbfDeterminant(
-          rbfMapDerivative(
-            fit,
-            p.map((value, k) => value + t * (q[k] - value)),
-          ),
-        ) > 0
-      ),
-  );
+    return [...fit.centers.subarray(dim * k, dim * (k + 1))] as Vector;
+  };
+  const p = placeOf(pair[0]),
+    q = placeOf(pair[1]);
+  return BETWEEN.some((t) => !(rbfDeterminant(rbfMapDerivative(fit, placeBetween(p, q, t))) > 0));
 }
 
 /** 1 + dD/dx at a place in relative coordinates, in a plane or in space. */
 function rbfMapDerivative(fit: RbfFit, place: number[]) {
   const { centers: x, coefficients: alpha, count, scales, linear, quadratic, support } = fit,
     dim = place.length;
-  const slope = RBF_KERNELS[fit.kernel].slope;
-  const out = rbfMatrix(dim, (m, k) => linear[m][k] + (quadratic ? 2 * rbfDot(quadratic[m][k], place) : 0));
+  const slope = RBF_KERNELS[fit.kernel]!.slope;
+  const out = rbfMatrix(dim, (m, k) => linear[m]![k]! + (quadratic ? 2 * rbfDot(quadratic[m]![k]!, place) : 0));
   for (let c = 0, j = 0; c < count; c++, j += dim) {
-    const away = place.map((value, k) => value - x[j + k]),
-      w = scales ? scales[c] * scales[c] : 1;
+    const away = place.map((value, k) => value - x[j + k]!),
+      w = scales ? scales[c]! * scales[c]! : 1;
     const g = 2 * w * slope(rbfDot(away, away) * w);
-    for (let m = 0; m < dim; m++) for (let k = 0; k < dim; k++) out[m][k] += alpha[j + m] * g * away[k];
+    for (let m = 0; m < dim; m++) for (let k = 0; k < dim; k++) out[m]![k]! += alpha[j + m]! * g * away[k]!;
   }
-  return rbfMatrix(dim, (m, k) => Number(m === k) + out[m][k] / support);
+  return rbfMatrix(dim, (m, k) => Number(m === k) + out[m]![k]! / support);
 }
 
 /** The determinant of a matrix of 2 or 3 rows. */
-function rbfDeterminant([a, b, c]: number[][]) {
+function rbfDeterminant([a, b, c]: Matrix) {
   return c ? rbfDot(a, rbfCross(b, c)) : a[0] * b[1] - a[1] * b[0];
 }
 
@@ -1684,7 +1687,7 @@ export function rbfAt(fit: RbfFit, a: number, b: number): Vector2 {
     p = (a - fit.origin[0]) / r,
     q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
-  const profile = RBF_KERNELS[fit.kernel].profile;
+  const profile = RBF_KERNELS[fit.kernel]!.profile;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0],
     v = linear[1][0] * p + linear[1][1] * q + constant[1];
   if (fit.quadratic) {
@@ -1692,12 +1695,12 @@ export function rbfAt(fit: RbfFit, a: number, b: number): Vector2 {
     v += rbfQuadraticAt(fit.quadratic[1], [p, q]);
   }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j],
-      dq = q - x[j + 1],
+    const dp = p - x[j]!,
+      dq = q - x[j + 1]!,
       s = dp * dp + dq * dq;
-    const phi = profile(scales ? s * scales[k] * scales[k] : s);
-    u += alpha[j] * phi;
-    v += alpha[j + 1] * phi;
+    const phi = profile(scales ? s * scales[k]! * scales[k]! : s);
+    u += alpha[j]! * phi;
+    v += alpha[j + 1]! * phi;
   }
   return [u, v];
 }
@@ -1707,7 +1710,7 @@ export function rbfAt(fit: RbfFit, a: number, b: number): Vector2 {
  * @param h symmetric
  */
 export function rbfQuadraticAt(h: Matrix, place: number[]) {
-  return place.reduce((sum, p, i) => sum + p * rbfDot(h[i], place), 0);
+  return place.reduce((sum, p, i) => sum + p * rbfDot(h[i]!, place), 0);
 }
 
 /** The derivative of the trend at a place in relative coordinates. */
@@ -1725,17 +1728,17 @@ export function rbfJacobianAt(fit: RbfFit, a: number, b: number): Matrix2 {
     p = (a - fit.origin[0]) / r,
     q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, count, scales } = fit,
-    slope = RBF_KERNELS[fit.kernel].slope;
+    slope = RBF_KERNELS[fit.kernel]!.slope;
   let [[m00, m01], [m10, m11]] = rbfLinearAt(fit, p, q);
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j],
-      dq = q - x[j + 1],
-      w = scales ? scales[k] * scales[k] : 1;
+    const dp = p - x[j]!,
+      dq = q - x[j + 1]!,
+      w = scales ? scales[k]! * scales[k]! : 1;
     const g = 2 * w * slope((dp * dp + dq * dq) * w);
-    m00 += alpha[j] * g * dp;
-    m01 += alpha[j] * g * dq;
-    m10 += alpha[j + 1] * g * dp;
-    m11 += alpha[j + 1] * g * dq;
+    m00 += alpha[j]! * g * dp;
+    m01 += alpha[j]! * g * dq;
+    m10 += alpha[j + 1]! * g * dp;
+    m11 += alpha[j + 1]! * g * dq;
   }
   return [
     [m00 / r, m01 / r],
@@ -1793,34 +1796,34 @@ class RbfRow {
   evaluate(across: number[], out: Float32Array, at: number) {
     const { fit, step, first: p0, moving, sums } = this,
       { support, origin, centers: x, coefficients: alpha, scales } = fit;
-    const place = [0, ...across.map((value, k) => (value - origin[k + 1]) / support)],
-      [, q, r] = place;
+    const place = [0, ...across.map((value, k) => (value - origin[k + 1]!) / support)],
+      [, q, r] = place as Vector3;
     const dim = place.length,
-      [us, vs, ws] = sums,
+      [us, vs, ws] = sums as [Float64Array<ArrayBuffer>, Float64Array<ArrayBuffer>, Float64Array<ArrayBuffer>],
       { length } = us,
-      { profile, compact } = RBF_KERNELS[fit.kernel];
+      { profile, compact } = RBF_KERNELS[fit.kernel]!;
     this.#trend(place);
     for (const c of moving) {
       const j = dim * c,
-        w = scales ? scales[c] * scales[c] : 1;
-      const d2 = (q - x[j + 1]) ** 2 + (dim > 2 ? (r - x[j + 2]) ** 2 : 0);
+        w = scales ? scales[c]! * scales[c]! : 1;
+      const d2 = (q - x[j + 1]!) ** 2 + (dim > 2 ? (r - x[j + 2]!) ** 2 : 0);
       if (compact && d2 * w >= 1) continue;
       const reach = compact ? Math.sqrt(1 / w - d2) : Infinity,
-        middle = x[j] - p0;
+        middle = x[j]! - p0;
       const first = Math.max(0, Math.ceil((middle - reach) / step));
       const last = Math.min(length - 1, Math.floor((middle + reach) / step));
-      const au = alpha[j],
-        av = alpha[j + 1],
-        aw = dim > 2 ? alpha[j + 2] : 0;
+      const au = alpha[j]!,
+        av = alpha[j + 1]!,
+        aw = dim > 2 ? alpha[j + 2]! : 0;
       for (let k = first; k <= last; k++) {
         const dp = k * step - middle,
           phi = profile((dp * dp + d2) * w);
-        us[k] += au * phi;
-        vs[k] += av * phi;
-        ws[k] += aw * phi;
+        us[k]! += au * phi;
+        vs[k]! += av * phi;
+        ws[k]! += aw * phi;
       }
     }
-    for (let m = 0; m < dim; m++) for (let k = 0, n = at + m; k < length; k++, n += dim) out[n] = sums[m][k];
+    for (let m = 0; m < dim; m++) for (let k = 0, n = at + m; k < length; k++, n += dim) out[n] = sums[m]![k]!;
   }
 
   /**
@@ -1835,13 +1838,13 @@ class RbfRow {
       sums,
     } = this;
     for (const [m, [along, ...across]] of linear.entries()) {
-      const sum = sums[m],
-        rest = across.reduce((value, a, k) => value + a * place[k + 1], constant[m]);
+      const sum = sums[m]!,
+        rest = across.reduce((value, a, k) => value + a * place[k + 1]!, constant[m]!);
       for (let k = 0; k < sum.length; k++) sum[k] = along * (first + k * step) + rest;
       if (!quadratic) continue;
       for (let k = 0; k < sum.length; k++) {
         place[0] = first + k * step;
-        sum[k] += rbfQuadraticAt(quadratic[m], place);
+        sum[k]! += rbfQuadraticAt(quadratic[m]!, place);
       }
     }
   }

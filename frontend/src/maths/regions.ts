@@ -28,7 +28,7 @@ function maskRegion(data: MaskData): Region {
       du,
       dv,
     );
-  const signed = outside.map((value, k) => (isSet[k] ? -inside[k] : value));
+  const signed = outside.map((value, k) => (isSet[k] ? -inside[k]! : value));
   const distance: (a: number, b: number) => number = (a, b) => {
     const u = (a - a0) / du,
       v = (b - b0) / dv;
@@ -41,9 +41,9 @@ function maskRegion(data: MaskData): Region {
       at = i * nu + j,
       east = nu > 1 ? 1 : 0,
       south = nv > 1 ? nu : 0;
-    const top = signed[at] + s * (signed[at + east] - signed[at]),
+    const top = signed[at]! + s * (signed[at + east]! - signed[at]!),
       low = at + south;
-    const value = top + t * (signed[low] + s * (signed[low + east] - signed[low]) - top);
+    const value = top + t * (signed[low]! + s * (signed[low + east]! - signed[low]!) - top);
     return u === p && v === q ? value : value + Math.hypot((u - p) * du, (v - q) * dv);
   };
   return { kind: "mask", distance, near: () => distance, isSet };
@@ -53,7 +53,7 @@ function maskRegion(data: MaskData): Region {
 export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
   const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))),
     out = new Uint8Array(nv * nu);
-  for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3] >> (7 - (k & 7))) & 1;
+  for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3]! >> (7 - (k & 7))) & 1;
   return out;
 }
 
@@ -74,23 +74,23 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
     last = -1;
     for (let i = nv - 1; i >= 0; i--) {
       if (isSet[i * nu + j]) last = i;
-      const up = above[i * nu + j];
+      const up = above[i * nu + j]!;
       if (last >= 0 && (up < 0 || last - i < i - up)) above[i * nu + j] = last;
     }
   }
   const feet = new Int32Array(nu),
     from = new Float64Array(nu + 1);
   for (let i = 0; i < nv; i++) {
-    const height: (j: number) => number = (j) => ((above[i * nu + j] - i) * dv) ** 2;
+    const height: (j: number) => number = (j) => ((above[i * nu + j]! - i) * dv) ** 2;
     const row = i * nu;
     let top = -1; // the lower envelope of the columns' parabolas
     for (let j = 0; j < nu; j++) {
-      if (above[row + j] < 0) continue;
+      if (above[row + j]! < 0) continue;
       let meet = -Infinity;
       while (top >= 0) {
-        const k = feet[top];
+        const k = feet[top]!;
         meet = (height(j) - height(k) + du * du * (j * j - k * k)) / (2 * du * du * (j - k));
-        if (meet > from[top]) break;
+        if (meet > from[top]!) break;
         top -= 1;
       }
       if (top < 0) meet = -Infinity;
@@ -99,9 +99,9 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
       from[top] = meet;
     }
     for (let j = 0, k = 0; j < nu; j++) {
-      while (k < top && from[k + 1] < j) k += 1;
-      const across = Math.max(0, Math.abs(feet[k] - j) - 0.5) * du;
-      found[row + j] = Math.hypot(across, Math.max(0, Math.abs(above[row + feet[k]] - i) - 0.5) * dv);
+      while (k < top && from[k + 1]! < j) k += 1;
+      const across = Math.max(0, Math.abs(feet[k]! - j) - 0.5) * du;
+      found[row + j] = Math.hypot(across, Math.max(0, Math.abs(above[row + feet[k]!]! - i) - 0.5) * dv);
     }
   }
   return found;
@@ -116,6 +116,11 @@ const INFLATE_DISTANCES = [
   1, 2, 3, 4, 5, 7, 9, 13, 17, 25, 33, 49, 65, 97, 129, 193, 257, 385, 513, 769, 1025, 1537, 2049, 3073, 4097, 6145,
   8193, 12289, 16385, 24577,
 ];
+const INFLATE_REPEATS: Vector2[] = [
+  [2, 3],
+  [3, 3],
+  [7, 11],
+];
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
 /** The data in a stream of zlib (RFC 1950, 1951). */
@@ -127,7 +132,7 @@ export function inflated(bytes: Uint8Array) {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
       if (at >> 3 >= bytes.length) throw new Error("a mask ends too early");
-      value |= ((bytes[at >> 3] >> (at & 7)) & 1) << k;
+      value |= ((bytes[at >> 3]! >> (at & 7)) & 1) << k;
     }
     return value;
   };
@@ -157,10 +162,10 @@ export function inflated(bytes: Uint8Array) {
         continue;
       }
       const s = symbol - 257,
-        length = INFLATE_LENGTHS[s] + (s < 8 || s === 28 ? 0 : take((s >> 2) - 1));
+        length = INFLATE_LENGTHS[s]! + (s < 8 || s === 28 ? 0 : take((s >> 2) - 1));
       const d = distances(take),
-        back = INFLATE_DISTANCES[d] + (d < 4 ? 0 : take((d >> 1) - 1));
-      for (let k = 0; k < length; k++) put(out[size - back]);
+        back = INFLATE_DISTANCES[d]! + (d < 4 ? 0 : take((d >> 1) - 1));
+      for (let k = 0; k < length; k++) put(out[size - back]!);
     }
   }
   return out.subarray(0, size);
@@ -173,16 +178,16 @@ type Codes = [symbols: (take: Take) => number, distances: (take: Take) => number
 
 /** A reader of the Huffman code whose symbols have these numbers of bits. */
 function codeReader(lengths: number[]): (take: Take) => number {
-  const counts = new Array(16).fill(0),
-    table = new Map();
-  for (const n of lengths) if (n) counts[n] += 1;
+  const counts = new Array<number>(16).fill(0),
+    table = new Map<number, number>();
+  for (const n of lengths) if (n) counts[n]! += 1;
   const next = [0];
   for (let n = 1, code = 0; n < 16; n++) {
     code = (code + (counts[n - 1] ?? 0)) << 1;
     next[n] = code;
   }
   lengths.forEach((n, symbol) => {
-    if (n) table.set((n << 16) | next[n]++, symbol);
+    if (n) table.set((n << 16) | next[n]!++, symbol);
   });
   return (take) => {
     for (let n = 1, code = 0; n < 16; n++) {
@@ -196,27 +201,23 @@ function codeReader(lengths: number[]): (take: Take) => number {
 
 function fixedCodes(): Codes {
   const lengths = Array.from({ length: 288 }, (_, k) => (k < 144 ? 8 : k < 256 ? 9 : k < 280 ? 7 : 8));
-  return [codeReader(lengths), codeReader(new Array(30).fill(5))];
+  return [codeReader(lengths), codeReader(new Array<number>(30).fill(5))];
 }
 
 function sentCodes(take: Take): Codes {
   const literals = take(5) + 257,
     distances = take(5) + 1,
     count = take(4) + 4,
-    first = new Array(19).fill(0);
-  for (let k = 0; k < count; k++) first[INFLATE_ORDER[k]] = take(3);
+    first = new Array<number>(19).fill(0);
+  for (let k = 0; k < count; k++) first[INFLATE_ORDER[k]!] = take(3);
   const lengths: number[] = [];
   const read = codeReader(first);
   while (lengths.length < literals + distances) {
     const symbol = read(take);
     if (symbol < 16) lengths.push(symbol);
     else {
-      const [bits, least] = [
-        [2, 3],
-        [3, 3],
-        [7, 11],
-      ][symbol - 16];
-      const value = symbol === 16 ? lengths[lengths.length - 1] : 0;
+      const [bits, least] = INFLATE_REPEATS[symbol - 16]!;
+      const value = symbol === 16 ? lengths[lengths.length - 1]! : 0;
       for (let n = take(bits) + least; n > 0; n--) lengths.push(value);
     }
   }
@@ -271,14 +272,14 @@ function outlineEdges({ kind, vertices }: OutlineData) {
     turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
   const data = new Float64Array(12 * count);
   const normal: (j: number) => Vector2 = (j) => {
-    const p = corners[j],
-      q = corners[(j + 1) % n],
+    const p = corners[j]!,
+      q = corners[(j + 1) % n]!,
       length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
     return [(-turn * (q[1] - p[1])) / length, (turn * (q[0] - p[0])) / length];
   };
   for (let j = 0; j < count; j++) {
-    const p = corners[j],
-      q = corners[(j + 1) % n],
+    const p = corners[j]!,
+      q = corners[(j + 1) % n]!,
       own = normal(j),
       dx = q[0] - p[0],
       dy = q[1] - p[1];
@@ -310,7 +311,7 @@ function outlineEdges({ kind, vertices }: OutlineData) {
 /** The vertices without those that repeat the one before. */
 function withoutTwins(vertices: Vector2[], isClosed: boolean) {
   return vertices.filter(([a, b], k) => {
-    const before = k ? vertices[k - 1] : isClosed ? vertices[vertices.length - 1] : null;
+    const before = k ? vertices[k - 1] : isClosed ? vertices.at(-1) : null;
     return !before || vertices.length < 2 || before[0] !== a || before[1] !== b;
   });
 }
@@ -318,7 +319,7 @@ function withoutTwins(vertices: Vector2[], isClosed: boolean) {
 /** Twice the area, positive where the corners go from the a-axis to the b-axis: clockwise on the screen. */
 function signedArea(corners: Vector2[]) {
   return corners.reduce((sum, p, k) => {
-    const q = corners[(k + 1) % corners.length];
+    const q = corners[(k + 1) % corners.length]!;
     return sum + p[0] * q[1] - p[1] * q[0];
   }, 0);
 }
@@ -350,23 +351,23 @@ function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<
     n = corners.length;
   const way: (p: Vector2, q: Vector2) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
-  for (let k = 1; k < n; k++) whole += way(corners[k - 1], corners[k]);
+  for (let k = 1; k < n; k++) whole += way(corners[k - 1]!, corners[k]!);
   const ends = [
-    [corners[1], corners[0]],
-    [corners[n - 2], corners[n - 1]],
+    { from: corners[1]!, tip: corners[0]! },
+    { from: corners[n - 2]!, tip: corners[n - 1]! },
   ]
     .filter((_, k) => stops[k])
-    .map(([from, tip]) => {
-      const [ea, eb] = tip.map((v, c) => (2 * (v - from[c])) / way(from, tip) / whole);
+    .map(({ from, tip }) => {
+      const ea = (2 * (tip[0] - from[0])) / way(from, tip) / whole,
+        eb = (2 * (tip[1] - from[1])) / way(from, tip) / whole;
       return { ea, eb, at: tip[0] * ea + tip[1] * eb };
     });
   return (a, b, out) => {
     let w = 1,
       wa = 0,
       wb = 0;
-    for (let k = 0; k < ends.length; k++) {
-      const { ea, eb, at } = ends[k],
-        t = Math.max(0, Math.min(1, at - a * ea - b * eb));
+    for (const { ea, eb, at } of ends) {
+      const t = Math.max(0, Math.min(1, at - a * ea - b * eb));
       const s = t * t * (3 - 2 * t),
         slope = 6 * t * (1 - t);
       wa = wa * s - w * slope * ea;
@@ -382,11 +383,11 @@ function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<
 
 function edgeDistance(e: Float64Array, j: number, a: number, b: number) {
   const k = 12 * j,
-    dx = e[k + 2],
-    dy = e[k + 3],
-    pa = a - e[k],
-    pb = b - e[k + 1];
-  const t = Math.max(e[k + 4], Math.min(e[k + 5], (pa * dx + pb * dy) / (dx * dx + dy * dy)));
+    dx = e[k + 2]!,
+    dy = e[k + 3]!,
+    pa = a - e[k]!,
+    pb = b - e[k + 1]!;
+  const t = Math.max(e[k + 4]!, Math.min(e[k + 5]!, (pa * dx + pb * dy) / (dx * dx + dy * dy)));
   return Math.hypot(pa - t * dx, pb - t * dy);
 }
 
@@ -395,14 +396,14 @@ function outlineDistance(e: Float64Array, some: Int32Array, a: number, b: number
     at = 0,
     where = 0;
   for (let i = 0; i < some.length; i++) {
-    const k = 12 * some[i],
-      dx = e[k + 2],
-      dy = e[k + 3],
-      pa = a - e[k],
-      pb = b - e[k + 1];
+    const k = 12 * some[i]!,
+      dx = e[k + 2]!,
+      dy = e[k + 3]!,
+      pa = a - e[k]!,
+      pb = b - e[k + 1]!;
     let t = (pa * dx + pb * dy) / (dx * dx + dy * dy);
-    if (t < e[k + 4]) t = e[k + 4];
-    else if (t > e[k + 5]) t = e[k + 5];
+    if (t < e[k + 4]!) t = e[k + 4]!;
+    else if (t > e[k + 5]!) t = e[k + 5]!;
     const ra = pa - t * dx,
       rb = pb - t * dy,
       d = ra * ra + rb * rb;
@@ -413,18 +414,18 @@ function outlineDistance(e: Float64Array, some: Int32Array, a: number, b: number
     }
   }
   // The nearest place is an edge, or one of its corners: then the sum of the normals that meet there decides.
-  let na = e[at + 6],
-    nb = e[at + 7],
+  let na = e[at + 6]!,
+    nb = e[at + 7]!,
     from = 0;
   if (where <= 0 && e[at + 4] === 0) {
-    na = e[at + 8];
-    nb = e[at + 9];
+    na = e[at + 8]!;
+    nb = e[at + 9]!;
   } else if (where >= 1 && e[at + 5] === 1) {
-    na = e[at + 10];
-    nb = e[at + 11];
+    na = e[at + 10]!;
+    nb = e[at + 11]!;
     from = 1;
   }
-  const side = (a - e[at] - from * e[at + 2]) * na + (b - e[at + 1] - from * e[at + 3]) * nb;
+  const side = (a - e[at]! - from * e[at + 2]!) * na + (b - e[at + 1]! - from * e[at + 3]!) * nb;
   return side < 0 ? -Math.sqrt(best) : Math.sqrt(best);
 }
 
@@ -470,10 +471,13 @@ function reachOf(j: number, isClosed: boolean, count: number): Vector2 {
 
 function edgesMeet(corners: Vector2[], i: number, j: number, isClosed: boolean, count: number) {
   const n = corners.length,
-    [p, q, r, s] = [corners[i], corners[(i + 1) % n], corners[j], corners[(j + 1) % n]];
-  const d = [q[0] - p[0], q[1] - p[1]],
-    e = [s[0] - r[0], s[1] - r[1]],
-    g = [r[0] - p[0], r[1] - p[1]];
+    p = corners[i]!,
+    q = corners[(i + 1) % n]!,
+    r = corners[j]!,
+    s = corners[(j + 1) % n]!;
+  const d: Vector2 = [q[0] - p[0], q[1] - p[1]],
+    e: Vector2 = [s[0] - r[0], s[1] - r[1]],
+    g: Vector2 = [r[0] - p[0], r[1] - p[1]];
   const [low, high] = reachOf(i, isClosed, count),
     [from, to] = reachOf(j, isClosed, count);
   const det = d[0] * e[1] - d[1] * e[0];
@@ -496,9 +500,11 @@ function edgesMeet(corners: Vector2[], i: number, j: number, isClosed: boolean, 
 /** Whether neighbours meet in more than their corner: the second goes straight back over the first. */
 function turnsBack(corners: Vector2[], i: number, j: number, count: number) {
   const n = corners.length,
-    [f, g] = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
-  const [p, q, r] = [corners[f], corners[(f + 1) % n], corners[(g + 1) % n]];
-  const d = [q[0] - p[0], q[1] - p[1]],
-    e = [r[0] - q[0], r[1] - q[1]];
+    [f, g]: Vector2 = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];
+  const p = corners[f]!,
+    q = corners[(f + 1) % n]!,
+    r = corners[(g + 1) % n]!;
+  const d: Vector2 = [q[0] - p[0], q[1] - p[1]],
+    e: Vector2 = [r[0] - q[0], r[1] - q[1]];
   return d[0] * e[1] - d[1] * e[0] === 0 && d[0] * e[0] + d[1] * e[1] < 0;
 }

@@ -5,6 +5,8 @@ import type {
   Fit,
   FitSettings,
   Motion,
+  Numbers2,
+  Numbers3,
   PartData,
   Point,
   Raster,
@@ -12,6 +14,7 @@ import type {
   TipBlend,
   Vector,
   Vector2,
+  Vector3,
 } from "../types.ts";
 import { MOST_STAGES, SAME_MOTION } from "./constants.ts";
 import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
@@ -48,7 +51,7 @@ export function partLabel(part: PartData) {
 /** A motion done t times along one screw, backward: from where tissue is to where it was. */
 function backwardMotion(motion: Motion, t: number): ReadyPart["back"] {
   if (!motion) return { m: [1, 0, 0, 1], s: [0, 0], isStill: true };
-  const path: (angle: number) => number[] = (angle) =>
+  const path: (angle: number) => Vector2 = (angle) =>
     Math.abs(angle) < 1e-4
       ? [1 - (angle * angle) / 6, angle / 2]
       : [Math.sin(angle) / angle, (1 - Math.cos(angle)) / angle];
@@ -60,7 +63,7 @@ function backwardMotion(motion: Motion, t: number): ReadyPart["back"] {
     const [p, q] = path(turn),
       size = p * p + q * q,
       [x, y] = shift;
-    const rate = [(t * (p * x + q * y)) / size, (t * (p * y - q * x)) / size],
+    const rate: Vector2 = [(t * (p * x + q * y)) / size, (t * (p * y - q * x)) / size],
       [u, v] = path(t * turn);
     angle = t * turn;
     shift = [u * rate[0] - v * rate[1], v * rate[0] + u * rate[1]];
@@ -73,7 +76,7 @@ function backwardMotion(motion: Motion, t: number): ReadyPart["back"] {
 /**
  * The motion L - id of a set of parts at a place, and the weight w of the smooth displacement. `out` gets [da, db, w].
  */
-export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Array | number[]) {
+export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Numbers3 | Vector3): Numbers3 | Vector3 {
   const { length } = rigid;
   let w = 1,
     least = Infinity;
@@ -87,8 +90,8 @@ export function partsAt(rigid: ReadyPart[], a: number, b: number, out: Float64Ar
   }
   out[2] = w;
   if (length === 1) {
-    out[0] = rigid[0].pa - a;
-    out[1] = rigid[0].pb - b;
+    out[0] = rigid[0]!.pa - a;
+    out[1] = rigid[0]!.pb - b;
     return out;
   }
   let total = 0,
@@ -113,7 +116,7 @@ function readyParts(parts: PartData[] | undefined, strength: number): ReadyPart[
       scale: 1,
       back: backwardMotion(part.motion ?? null, strength),
       distance: regionDistance(part.region),
-      step: RIGID_WEIGHTS[part.weight ?? "saturated"],
+      step: RIGID_WEIGHTS[part.weight ?? "saturated"]!,
       pa: 0,
       pb: 0,
       d: 0,
@@ -131,7 +134,7 @@ function draggedPoints(points: Point[], strength: number, parts: PartData[] = []
     const k = p.active === false ? -1 : whole.findLastIndex((part) => isCarried(part, p, near));
     return {
       ...p,
-      target: k >= 0 ? forward(scaled[k] as ReadyPart, p.source) : placeBetween(p.source, p.target, strength),
+      target: k >= 0 ? forward(scaled[k]!, p.source) : placeBetween(p.source, p.target, strength),
     };
   });
 }
@@ -177,8 +180,8 @@ function sizeOf(points: Point[]) {
           let low = Infinity,
             high = -Infinity;
           for (const p of all) {
-            low = Math.min(low, p[k]);
-            high = Math.max(high, p[k]);
+            low = Math.min(low, p[k]!);
+            high = Math.max(high, p[k]!);
           }
           return high - low;
         }),
@@ -213,7 +216,7 @@ function sortedPoints(points: Point[], ready: ReadyPart[]) {
         );
       }
     } else if (p.source.some((v, k) => v !== p.target[k])) {
-      notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0].r.part)}, which holds it already`);
+      notes.push(`${rbfLabel(p)} lies in ${partLabel(holders[0]!.r.part)}, which holds it already`);
     }
   }
   return { free, notes, refused };
@@ -237,9 +240,10 @@ export function rigidFit(
   );
   rbfCheckPoints(points);
   const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready),
-    out = [0, 0, 1];
-  if (refused.length) {
-    const [{ point, part }] = refused;
+    out: Vector3 = [0, 0, 1];
+  const [first] = refused;
+  if (first) {
+    const { point, part } = first;
     const held = part.motion ? "has a motion of its own" : "is fixed";
     throw new RbfError(
       `${rbfLabel(point)} lies in ${partLabel(part)}, which ${held}; move or remove the point, or ` +
@@ -249,7 +253,7 @@ export function rigidFit(
   for (const r of ready) r.scale = partScale(r, free);
   const required = free.map((p): Point => {
     const [x, y] = p.target,
-      [da, db, w] = partsAt(ready, x, y, out);
+      { 0: da, 1: db, 2: w } = partsAt(ready, x, y, out);
     return {
       ...p,
       source: [x + (p.source[0] - x - da) / w, y + (p.source[1] - y - db) / w],
@@ -279,7 +283,7 @@ function partScale({ part, back: { m, s }, distance }: ReadyPart, free: Point[])
 
 // ---- evaluation of any fit ------------------------------------------------------------------------------------------
 
-const PARTS_WORK = new Float64Array(3);
+const PARTS_WORK: Vector3 = [0, 0, 0];
 
 /** Whether a fit displaces nothing at all. */
 export function isStill(fit: Fit): boolean {
@@ -304,7 +308,7 @@ export function fieldAt(fit: Fit, a: number, b: number): Vector2 {
   if (fit.forward) return forwardAt(fit.forward, a, b);
   const { base, rigid } = fit;
   if (!base || !rigid) return rbfAt(fit, a, b);
-  const [da, db, w] = partsAt(rigid, a, b, PARTS_WORK);
+  const { 0: da, 1: db, 2: w } = partsAt(rigid, a, b, PARTS_WORK);
   if (w === 0) return [da, db];
   const [u, v] = rbfAt(base, a, b);
   return [da + w * u, db + w * v];
@@ -329,8 +333,8 @@ export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
       partsAt(fit.rigid, a0 + j * du, b0 + i * dv, parts);
-      map[n] = parts[0] + parts[2] * map[n];
-      map[n + 1] = parts[1] + parts[2] * map[n + 1];
+      map[n] = parts[0] + parts[2] * map[n]!;
+      map[n + 1] = parts[1] + parts[2] * map[n + 1]!;
     }
   }
   return map;
@@ -371,7 +375,7 @@ export function stagedFit(
     ),
   );
   return {
-    ...stages[count - 1],
+    ...stages.at(-1)!,
     stages,
     count: stages.reduce((sum, fit) => sum + fit.count, 0),
     notes: [...new Set(stages.flatMap((fit) => fit.notes))],
@@ -441,7 +445,7 @@ function stagedAt(stages: Fit[], a: number, b: number): Vector2 {
   let x = a,
     y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
-    const [da, db] = fieldAt(stages[k], x, y);
+    const [da, db] = fieldAt(stages[k]!, x, y);
     x += da;
     y += db;
   }
@@ -453,12 +457,12 @@ function stagedOnRaster(stages: Fit[], raster: Raster, map: Float32Array) {
     [du, dv] = raster.spacing,
     [a0, b0] = raster.origin,
     before = stages.slice(0, -1);
-  fieldOnRaster(stages[stages.length - 1], raster, map); // row by row, as far as its kernel reaches
+  fieldOnRaster(stages[stages.length - 1]!, raster, map); // row by row, as far as its kernel reaches
   for (let i = 0, n = 0; i < nv; i++) {
     for (let j = 0; j < nu; j++, n += 2) {
-      const [da, db] = stagedAt(before, a0 + j * du + map[n], b0 + i * dv + map[n + 1]);
-      map[n] += da;
-      map[n + 1] += db;
+      const [da, db] = stagedAt(before, a0 + j * du + map[n]!, b0 + i * dv + map[n + 1]!);
+      map[n]! += da;
+      map[n + 1]! += db;
     }
   }
   return map;
@@ -466,17 +470,17 @@ function stagedOnRaster(stages: Fit[], raster: Raster, map: Float32Array) {
 
 // ---- fits blended at the tips of cuts that stop ---------------------------------------------------------------------
 
-const TIP_MOVES = new Float64Array(16),
-  TIP_OPENING = new Float64Array(3);
+const TIP_MOVES = new Float64Array(16) as Numbers2,
+  TIP_OPENING = new Float64Array(3) as Numbers3;
 
 /** The moves of the fits of a blend, two numbers each, become one: the first two numbers. */
-function blendMoves({ openings }: TipBlend, moves: Float64Array, a: number, b: number) {
+function blendMoves({ openings }: TipBlend, moves: Numbers2, a: number, b: number) {
   const x = a + moves[0],
     y = b + moves[1]; // where the tissue comes from without these cuts
   for (let k = openings.length - 1; k >= 0; k--) {
-    const w = openings[k](x, y, TIP_OPENING)[0],
+    const w = openings[k]!(x, y, TIP_OPENING)[0],
       half = 2 << k;
-    for (let j = 0; j < half; j++) moves[j] += w * (moves[j + half] - moves[j]);
+    for (let j = 0; j < half; j++) moves[j]! += w * (moves[j + half]! - moves[j]!);
   }
 }
 
@@ -488,7 +492,7 @@ function blendAt(blend: TipBlend, a: number, b: number): Vector2 {
   return [TIP_MOVES[0], TIP_MOVES[1]];
 }
 
-const NO_WAY = [0, 0];
+const NO_WAY: Vector2 = [0, 0];
 
 /** Maps of the fits that several regions blend, while the same raster is sampled. */
 const sharedMaps: WeakMap<Fit, { raster: Raster; map: Float32Array }> = new WeakMap();
@@ -518,8 +522,8 @@ function blendOnRaster(blend: TipBlend, raster: Raster, map: Float32Array) {
           v[2 * k + 1] = 0;
           continue;
         }
-        v[2 * k] = one[n];
-        v[2 * k + 1] = one[n + 1];
+        v[2 * k] = one[n]!;
+        v[2 * k + 1] = one[n + 1]!;
       }
       blendMoves(blend, v, a0 + j * du, b0 + i * dv);
       map[n] = v[0];

@@ -3,7 +3,7 @@
 // Keys, "Cubic Convolution Interpolation for Digital Image Processing", 1981: the error falls with the third power of
 // the distance of the nodes. What is shown at rest is of the fit itself.
 
-import type { LayeredFit, Raster, Sampled, Vector2 } from "../types.ts";
+import type { LayeredFit, Numbers6, Raster, Sampled, Vector2 } from "../types.ts";
 
 const PLACE_COST = 20; // evaluations of a kernel that take as long as a place between the nodes
 const FEWEST_NODES = 4; // of a side
@@ -16,22 +16,24 @@ export function sampledFits(layered: LayeredFit, raster: Raster, values: ArrayLi
   if (Math.min(...raster.shape) < FEWEST_NODES) return layered;
   const sampled: (one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number] = (one, k) => ({
     ...one,
-    fit: { ...one.fit, sampled: { raster, values: values[k], fit: one.fit } },
+    fit: { ...one.fit, sampled: { raster, values: values[k]!, fit: one.fit } },
   });
   const fits = layered.fits.map(sampled);
   const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
-  return { ...layered, fits, fit: layered.fit && fits[0].fit, count: Math.min(layered.count, cost) };
+  return { ...layered, fits, fit: layered.fit && fits[0]!.fit, count: Math.min(layered.count, cost) };
 }
 
-/** Weights of four nodes, then those of the slope, along each side. */
-const ACROSS = new Float64Array(8),
-  DOWN = new Float64Array(8);
+/** Weights of four nodes, then those of the slope. */
+type Weights = Float64Array & Record<0 | 1 | 2 | 3 | 4 | 5 | 6 | 7, number>;
+
+const ACROSS = new Float64Array(8) as Weights,
+  DOWN = new Float64Array(8) as Weights;
 
 /**
  * The first of four nodes around a place, in units of the nodes, and their weights; -1 beyond the outermost nodes.
  * @param count of the nodes
  */
-function nodesAround(place: number, count: number, w: Float64Array) {
+function nodesAround(place: number, count: number, w: Weights) {
   if (!(place >= 0 && place <= count - 1)) return -1;
   const cell = Math.min(count - 2, Math.floor(place)),
     t = place - cell;
@@ -45,7 +47,10 @@ function nodesAround(place: number, count: number, w: Float64Array) {
   w[7] = t * (-1 + 1.5 * t);
   for (const at of [0, 4]) {
     // a node beyond the rim is 3 p - 3 q + r of those within
-    const [p, q, r, s] = [w[at], w[at + 1], w[at + 2], w[at + 3]];
+    const p = w[at]!,
+      q = w[at + 1]!,
+      r = w[at + 2]!,
+      s = w[at + 3]!;
     if (cell === 0) {
       w[at] = q + 3 * p;
       w[at + 1] = r - 3 * p;
@@ -74,7 +79,7 @@ export function sampledWithSlope(
   }: Sampled,
   a: number,
   b: number,
-  out: Float64Array,
+  out: Numbers6,
 ) {
   const j = nodesAround((a - origin[0]) / du, nu, ACROSS),
     i = nodesAround((b - origin[1]) / dv, nv, DOWN);
@@ -91,15 +96,15 @@ export function sampledWithSlope(
       pa = 0,
       qa = 0;
     for (let column = 0, n = 2 * ((i + row) * nu + j); column < 4; column++, n += 2) {
-      const w = ACROSS[column],
-        slope = ACROSS[4 + column];
-      p += w * values[n];
-      q += w * values[n + 1];
-      pa += slope * values[n];
-      qa += slope * values[n + 1];
+      const w = ACROSS[column]!,
+        slope = ACROSS[4 + column]!;
+      p += w * values[n]!;
+      q += w * values[n + 1]!;
+      pa += slope * values[n]!;
+      qa += slope * values[n + 1]!;
     }
-    const w = DOWN[row],
-      slope = DOWN[4 + row];
+    const w = DOWN[row]!,
+      slope = DOWN[4 + row]!;
     u += w * p;
     v += w * q;
     ua += w * pa;
@@ -116,7 +121,7 @@ export function sampledWithSlope(
   return true;
 }
 
-const PLACE = new Float64Array(6);
+const PLACE = new Float64Array(6) as Numbers6;
 
 /** The displacement at (a, b), null beyond the raster. */
 export function sampledAt(sampled: Sampled, a: number, b: number): Vector2 | null {
@@ -146,21 +151,21 @@ export function sampledOnRaster(
       top = nodesAround((b - nodes.origin[1]) / nodes.spacing[1], nv, DOWN);
     for (let m = 0, at = 2 * nu * top; top >= 0 && m < 2 * nu; m++, at++) {
       line[m] =
-        DOWN[0] * values[at] +
-        DOWN[1] * values[at + 2 * nu] +
-        DOWN[2] * values[at + 4 * nu] +
-        DOWN[3] * values[at + 6 * nu];
+        DOWN[0] * values[at]! +
+        DOWN[1] * values[at + 2 * nu]! +
+        DOWN[2] * values[at + 4 * nu]! +
+        DOWN[3] * values[at + 6 * nu]!;
     }
     for (let j = 0; j < columns; j++, n += 2) {
-      if (top < 0 || first[j] < 0) {
+      if (top < 0 || first[j]! < 0) {
         [out[n], out[n + 1]] = exactly(origin[0] + j * du, b);
         continue;
       }
       let u = 0,
         v = 0;
-      for (let k = 0, m = 2 * first[j]; k < 4; k++, m += 2) {
-        u += across[4 * j + k] * line[m];
-        v += across[4 * j + k] * line[m + 1];
+      for (let k = 0, m = 2 * first[j]!; k < 4; k++, m += 2) {
+        u += across[4 * j + k]! * line[m]!;
+        v += across[4 * j + k]! * line[m + 1]!;
       }
       out[n] = u;
       out[n + 1] = v;

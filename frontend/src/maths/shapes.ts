@@ -13,6 +13,7 @@ import type {
   Vector2,
   Vector4,
 } from "../types.ts";
+import { difference } from "./camera.ts";
 import { shownLength } from "./numbers.ts";
 import { maskPixels } from "./regions.ts";
 
@@ -125,7 +126,7 @@ export function withStop(region: RegionData, k: number, isStop: boolean): Region
 
 /** Places evenly spread along a line, of an open one with both ends. */
 export function placesAlong(vertices: Vector2[], count: number, isClosed: boolean) {
-  const line = isClosed ? [...vertices, vertices[0]] : vertices;
+  const line = isClosed ? [...vertices, ...vertices.slice(0, 1)] : vertices;
   return Array.from({ length: count }, (_, k) => alongLine(line, k / (isClosed ? count : count - 1)).place);
 }
 
@@ -136,8 +137,8 @@ export function placesAlong(vertices: Vector2[], count: number, isClosed: boolea
  * @param box [a0, a1, b0, b1]
  */
 export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
-  const first = vertices[0] as Vector2,
-    last = vertices.at(-1) as Vector2,
+  const first = vertices[0]!,
+    last = vertices.at(-1)!,
     chord = Math.hypot(last[0] - first[0], last[1] - first[1]);
   const { place: middle, way } = alongLine(vertices, 0.5);
   const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way,
@@ -171,12 +172,12 @@ function roomAlong(way: number, from: number, low: number, high: number) {
  * @param share 0 to 1
  */
 function alongLine(vertices: Vector2[], share: number): { place: Vector2; way: Vector2 } {
-  const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k][0], b - vertices[k][1]));
+  const lengths = vertices.slice(1).map(([a, b], k) => Math.hypot(a - vertices[k]![0], b - vertices[k]![1]));
   let left = share * lengths.reduce((sum, length) => sum + length, 0),
     k = 0;
-  while (k < lengths.length - 1 && left > lengths[k]) left -= lengths[k++];
-  const p = vertices[k] as Vector2,
-    q = vertices[k + 1] as Vector2,
+  while (k < lengths.length - 1 && left > lengths[k]!) left -= lengths[k++]!;
+  const p = vertices[k]!,
+    q = vertices[k + 1]!,
     length = lengths[k] || 1,
     way: Vector2 = [(q[0] - p[0]) / length, (q[1] - p[1]) / length];
   return { place: [p[0] + left * way[0], p[1] + left * way[1]], way };
@@ -252,7 +253,7 @@ export function middleOfRegion(region: RegionData): Vector2 {
     b = 0,
     sum = 0;
   region.vertices.forEach(([p, q], k, all) => {
-    const [r, s] = all[(k + 1) % all.length],
+    const [r, s] = all[(k + 1) % all.length]!,
       cross = p * s - r * q;
     a += (p + r) * cross;
     b += (q + s) * cross;
@@ -321,8 +322,9 @@ export function fixedSideThrough(p: Vector2, q: Vector2, place: Vector2): HalfSp
 /** The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
 export function simplified(path: Vector2[], tolerance: number): Vector2[] {
   if (path.length < 3) return path;
-  const [p, q] = [path[0], path[path.length - 1]],
-    d = [q[0] - p[0], q[1] - p[1]],
+  const p = path[0]!,
+    q = path.at(-1)!,
+    d = difference(q, p),
     size = d[0] * d[0] + d[1] * d[1];
   let far = -1,
     at = 0;
@@ -365,7 +367,7 @@ export function shapeLabel(shape: ShapeData, what: ShapeKind, index: number) {
   const stops = region.kind === "line" && region.stops ? stopWords(region.stops) : "";
   const motion = "motion" in shape ? motionWords(shape) : "";
   return [
-    `${sort[0].toUpperCase()}${sort.slice(1)} ${index + 1}${name}`,
+    `${sort.charAt(0).toUpperCase()}${sort.slice(1)} ${index + 1}${name}`,
     `${REGION_WORDS[region.kind]}${corners}`,
     stops,
     motion,

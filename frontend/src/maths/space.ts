@@ -37,7 +37,7 @@ export function turnedInSpace(points: Point[], ids: number[], pane: PaneInfo, an
   const chosen = points.filter((p) => ids.includes(p.id)),
     c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
-  const mean = (k: number) => chosen.reduce((sum, p) => sum + (p.target[k] as number), 0) / chosen.length,
+  const mean = (k: number) => chosen.reduce((sum, p) => sum + p.target[k]!, 0) / chosen.length,
     about = inPane(pane, perAxis(mean));
   return changed(points, ids, (p) => {
     const [a, b, d] = difference(inPane(pane, p.target), about);

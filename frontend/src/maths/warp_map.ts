@@ -1,6 +1,17 @@
 // A fit as an editor shows it: its slope, its inverse, and the deformed grid with the strains at its nodes.
 
-import type { Fit, LayeredFit, RbfFit, TipBlend, Vector, Vector2, Vector4 } from "../types.ts";
+import type {
+  Fit,
+  LayeredFit,
+  Numbers2,
+  Numbers3,
+  Numbers6,
+  RbfFit,
+  TipBlend,
+  Vector,
+  Vector2,
+  Vector4,
+} from "../types.ts";
 import { marginOf, regionKey } from "./cuts.ts";
 import { forwardEnd, forwardWithSlope } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt, rbfQuadraticAt } from "./rbf.ts";
@@ -18,11 +29,11 @@ export const NO_CUTS: LayeredFit = {
   hasRest: false,
 };
 
-const PART_WORK = () => new Float64Array(3),
-  PARTS_AROUND = [PART_WORK(), PART_WORK(), PART_WORK(), PART_WORK(), PART_WORK()] as const; // at a place and beside it
+const newWork = () => new Float64Array(6) as Numbers6;
+const PARTS_AROUND = [newWork(), newWork(), newWork(), newWork(), newWork()] as const; // at a place and beside it
 
 /** y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences. */
-export function fieldWithSlope(fit: Fit, a: number, b: number, out: Float64Array): Float64Array {
+export function fieldWithSlope(fit: Fit, a: number, b: number, out: Numbers6): Numbers6 {
   if (fit.sampled) return sampledWithSlope(fit.sampled, a, b, out) ? out : fieldWithSlope(fit.sampled.fit, a, b, out);
   if (fit.blend) return blendWithSlope(fit.blend, a, b, out);
   if (fit.stages) return stagedWithSlope(fit.stages, a, b, out);
@@ -52,10 +63,10 @@ export function fieldWithSlope(fit: Fit, a: number, b: number, out: Float64Array
   return out;
 }
 
-const STAGE_WORK = new Float64Array(6);
+const STAGE_WORK = newWork();
 
 /** The same of stages, by the chain rule: the last comes first. */
-function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array) {
+function stagedWithSlope(stages: Fit[], a: number, b: number, out: Numbers6) {
   const t = STAGE_WORK;
   let m00 = 1,
     m01 = 0,
@@ -64,8 +75,9 @@ function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array)
     x = a,
     y = b;
   for (let k = stages.length - 1; k >= 0; k--) {
-    fieldWithSlope(stages[k], x, y, t);
-    [x, y] = t;
+    fieldWithSlope(stages[k]!, x, y, t);
+    x = t[0];
+    y = t[1];
     [m00, m10] = [t[2] * m00 + t[3] * m10, t[4] * m00 + t[5] * m10];
     [m01, m11] = [t[2] * m01 + t[3] * m11, t[4] * m01 + t[5] * m11];
   }
@@ -73,27 +85,27 @@ function stagedWithSlope(stages: Fit[], a: number, b: number, out: Float64Array)
   return out;
 }
 
-const TIP_WORK = Array.from({ length: 8 }, () => new Float64Array(6)),
-  TIP_OPENING = new Float64Array(3);
+const TIP_WORK = Array.from({ length: 8 }, newWork) as [Numbers6, ...Numbers6[]],
+  TIP_OPENING = new Float64Array(3) as Numbers3;
 
 /** The same of fits blended at the tips of cuts, by the product rule. */
-function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out: Float64Array) {
+function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out: Numbers6) {
   fits.forEach((fit, k) => {
-    if (fit) fieldWithSlope(fit, a, b, TIP_WORK[k]);
-    else TIP_WORK[k].set([a, b, 1, 0, 0, 1]);
+    if (fit) fieldWithSlope(fit, a, b, TIP_WORK[k]!);
+    else TIP_WORK[k]!.set([a, b, 1, 0, 0, 1]);
   });
-  const [x, y, j00, j01, j10, j11] = TIP_WORK[0];
+  const { 0: x, 1: y, 2: j00, 3: j01, 4: j10, 5: j11 } = TIP_WORK[0];
   for (let k = openings.length - 1; k >= 0; k--) {
-    const [w, wx, wy] = openings[k](x, y, TIP_OPENING),
+    const { 0: w, 1: wx, 2: wy } = openings[k]!(x, y, TIP_OPENING),
       half = 1 << k;
     const wa = wx * j00 + wy * j10,
       wb = wx * j01 + wy * j11;
     for (let j = 0; j < half; j++) {
-      const p = TIP_WORK[j],
-        q = TIP_WORK[j + half],
+      const p = TIP_WORK[j]!,
+        q = TIP_WORK[j + half]!,
         u = q[0] - p[0],
         v = q[1] - p[1];
-      for (let i = 0; i < 6; i++) p[i] += w * (q[i] - p[i]);
+      for (let i = 0; i < 6; i++) p[i]! += w * (q[i]! - p[i]!);
       p[2] += u * wa;
       p[3] += u * wb;
       p[4] += v * wa;
@@ -105,12 +117,12 @@ function blendWithSlope({ fits, openings }: TipBlend, a: number, b: number, out:
 }
 
 /** The same of a plain fit, in one pass over the centres. */
-function mapWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
+function mapWithSlope(fit: RbfFit, a: number, b: number, out: Numbers6) {
   const r = fit.support,
     p = (a - fit.origin[0]) / r,
     q = (b - fit.origin[1]) / r;
   const { centers: x, coefficients: alpha, linear, constant, count, scales } = fit;
-  const { profile, slope } = RBF_KERNELS[fit.kernel];
+  const { profile, slope } = RBF_KERNELS[fit.kernel]!;
   let u = linear[0][0] * p + linear[0][1] * q + constant[0],
     v = linear[1][0] * p + linear[1][1] * q + constant[1];
   let [[j00, j01], [j10, j11]] = rbfLinearAt(fit, p, q);
@@ -119,18 +131,18 @@ function mapWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
     v += rbfQuadraticAt(fit.quadratic[1], [p, q]);
   }
   for (let k = 0, j = 0; k < count; k++, j += 2) {
-    const dp = p - x[j],
-      dq = q - x[j + 1],
-      w = scales ? scales[k] * scales[k] : 1;
+    const dp = p - x[j]!,
+      dq = q - x[j + 1]!,
+      w = scales ? scales[k]! * scales[k]! : 1;
     const s = (dp * dp + dq * dq) * w,
       phi = profile(s),
       g = 2 * w * slope(s);
-    u += alpha[j] * phi;
-    v += alpha[j + 1] * phi;
-    j00 += alpha[j] * g * dp;
-    j01 += alpha[j] * g * dq;
-    j10 += alpha[j + 1] * g * dp;
-    j11 += alpha[j + 1] * g * dq;
+    u += alpha[j]! * phi;
+    v += alpha[j + 1]! * phi;
+    j00 += alpha[j]! * g * dp;
+    j01 += alpha[j]! * g * dq;
+    j10 += alpha[j + 1]! * g * dp;
+    j11 += alpha[j + 1]! * g * dq;
   }
   out[0] = a + u;
   out[1] = b + v;
@@ -148,7 +160,7 @@ function mapWithSlope(fit: RbfFit, a: number, b: number, out: Float64Array) {
  * @param at the start, then y
  * @param work gets the last result of fieldWithSlope
  */
-export function mapInverse(fit: Fit, a: number, b: number, at: Float64Array, tolerance: number, work?: Float64Array) {
+export function mapInverse(fit: Fit, a: number, b: number, at: Numbers2, tolerance: number, work?: Numbers6) {
   if (fit.forward && !fit.sampled && !fit.blend && !fit.stages) {
     const isFound = forwardEnd(fit.forward, a, b, at);
     if (isFound && work) forwardWithSlope(fit.forward, at[0], at[1], work);
@@ -162,8 +174,8 @@ export function mapInverse(fit: Fit, a: number, b: number, at: Float64Array, tol
   return newtonInverse(fit, a, b, at, tolerance, work);
 }
 
-function newtonInverse(fit: Fit, a: number, b: number, at: Float64Array, tolerance: number, work?: Float64Array) {
-  const t = work ?? new Float64Array(6);
+function newtonInverse(fit: Fit, a: number, b: number, at: Numbers2, tolerance: number, work?: Numbers6) {
+  const t = work ?? newWork();
   fieldWithSlope(fit, at[0], at[1], t);
   let error = Math.hypot(t[0] - a, t[1] - b);
   for (let turn = 0; turn < 12 && error > tolerance; turn++) {
@@ -213,7 +225,7 @@ function gridLines(box: Vector4, cells: number) {
 }
 
 /** Move a place along with its image, by the last result of fieldWithSlope. */
-export function follow(at: Float64Array, da: number, db: number, [, , j00, j01, j10, j11]: Float64Array) {
+export function follow(at: Numbers2, da: number, db: number, { 2: j00, 3: j01, 4: j10, 5: j11 }: Numbers6) {
   const det = j00 * j11 - j01 * j10,
     isFlat = !(Math.abs(det) > 1e-3);
   at[0] += isFlat ? da : (j11 * da - j01 * db) / det;
@@ -225,7 +237,7 @@ export function follow(at: Float64Array, da: number, db: number, [, , j00, j01, 
  * @param parts pieces of a line per cell
  */
 export function deformedGrid(layered: LayeredFit, box: Vector4, cells: number, parts: number, tolerance: number) {
-  const work = new Float64Array(6);
+  const work = newWork();
   return gridLines(box, cells).map(({ from, to, pieces, isEdge }) => {
     const n = pieces * parts;
     const runs: number[][] = [];
@@ -290,11 +302,11 @@ function traceLine(
   place: (j: number) => Vector2,
   count: number,
   tolerance: number,
-  work: Float64Array,
+  work: Numbers6,
   runs: number[][],
 ) {
-  const fit = k < 0 ? null : layered.fits[k].fit,
-    at = new Float64Array(2),
+  const fit = k < 0 ? null : layered.fits[k]!.fit,
+    at = new Float64Array(2) as Numbers2,
     hasCuts = layered.regions.length > 0;
   let run: number[] | null = null;
   let before = place(0);
@@ -324,7 +336,7 @@ function traceLine(
         high = j;
       let edge: number[] = []; // the last place that is seen
       const kept = run,
-        [a, b] = at;
+        { 0: a, 1: b } = at;
       run = null;
       for (let turn = 0; turn < 6; turn++) {
         const middle = (low + high) / 2,
@@ -355,7 +367,7 @@ function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
     at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
   if (at < 0) return true; // what does not move is covered by what comes
-  const [da, db] = fieldAt(layered.fits[at].fit, a, b);
+  const [da, db] = fieldAt(layered.fits[at]!.fit, a, b);
   return marginOf(layered.regions, own, a + da, b + db) < 0;
 }
 
@@ -381,8 +393,8 @@ export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: numb
     source = new Float64Array(2 * count),
     target = new Float64Array(2 * count);
   const isSeen = new Uint8Array(count),
-    work = new Float64Array(6),
-    at = new Float64Array(2);
+    work = newWork(),
+    at = new Float64Array(2) as Numbers2;
   const { regions } = layered ?? NO_CUTS;
   /** the fit of the node before, whose slope is in `work` */
   let last: Fit | null = null;
@@ -397,7 +409,7 @@ export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: numb
       at[0] = x;
       at[1] = y;
     } else {
-      if (last === fit && n % columns > 0) follow(at, x - source[2 * n - 2], y - source[2 * n - 1], work);
+      if (last === fit && n % columns > 0) follow(at, x - source[2 * n - 2]!, y - source[2 * n - 1]!, work);
       else startFrom(fit, x, y, at);
       isFound = mapInverse(fit, x, y, at, tolerance, work);
       if (!isFound) {
@@ -425,9 +437,9 @@ function fitFrom(layered: LayeredFit | null, x: number, y: number) {
 /** The place where the tissue of a place is seen, null where it is not. */
 export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance: number): Vector2 | null {
   const k = fitFrom(layered, x, y),
-    at = new Float64Array(2);
+    at = new Float64Array(2) as Numbers2;
   if (!layered || k < 0) return [x, y];
-  const { fit } = layered.fits[k];
+  const { fit } = layered.fits[k]!;
   startFrom(fit, x, y, at);
   let isFound = mapInverse(fit, x, y, at, tolerance);
   if (!isFound) {
@@ -439,7 +451,7 @@ export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance:
 }
 
 /** A first guess of the inverse. */
-function startFrom(fit: Fit, x: number, y: number, at: Float64Array) {
+function startFrom(fit: Fit, x: number, y: number, at: Numbers2) {
   const [da, db] = fieldAt(fit, x, y);
   at[0] = x - da;
   at[1] = y - db;
@@ -456,16 +468,16 @@ export function strainsAt(
   const count = isSeen.length,
     stretch = new Float64Array(2 * count).fill(NaN),
     angle = new Float64Array(count);
-  const work = new Float64Array(6);
+  const work = newWork();
   for (let n = 0; n < count; n++) {
     if (!isSeen[n]) continue;
-    const k = fitFrom(layered, source[2 * n], source[2 * n + 1]);
+    const k = fitFrom(layered, source[2 * n]!, source[2 * n + 1]!);
     if (!layered || k < 0) {
       stretch.fill(1, 2 * n, 2 * n + 2);
       continue;
     }
-    fieldWithSlope(layered.fits[k].fit, target[2 * n], target[2 * n + 1], work);
-    const [, , j00, j01, j10, j11] = work;
+    fieldWithSlope(layered.fits[k]!.fit, target[2 * n]!, target[2 * n + 1]!, work);
+    const { 2: j00, 3: j01, 4: j10, 5: j11 } = work;
     if (!(j00 * j11 - j01 * j10 > 0)) continue;
     // The map is backward: tissue is stretched by 1 / s where s^2 are the eigenvalues of J^T J.
     const p = j00 * j00 + j10 * j10,
@@ -486,7 +498,7 @@ export function strainGain({ stretch }: { stretch: Float64Array }) {
     .filter(Number.isFinite)
     .map((s) => Math.abs(s - 1))
     .sort((p, q) => p - q);
-  const most = known.length ? known[Math.floor(0.95 * (known.length - 1))] : 0;
+  const most = known.length ? known[Math.floor(0.95 * (known.length - 1))]! : 0;
   return most > 1e-9 ? plainNumber(Math.min(1e4, LONGEST_ARM / most)) : 1;
 }
 

@@ -3,6 +3,7 @@
 // to Python.
 
 import type { Values, Volume } from "../formats/volume_files.ts";
+import type { Vector2, Vector3, Vector4 } from "../types.ts";
 import { lengthsOf } from "./grid.ts";
 
 const BINS = 256,
@@ -17,9 +18,10 @@ const AIR_HU = -700,
 const FINEST = 8; // entries between neighbouring bytes
 
 /** air, the edges of tissue and of dense tissue, the densest value */
-export type Levels = [number, number, number, number];
-export type Measured = { range: [number, number]; whole: [number, number]; levels: Levels; hounsfield: boolean };
-export type Transfer = { colors: number[][]; opacities: number[][]; unit: number };
+export type Levels = Vector4;
+export type Measured = { range: Vector2; whole: Vector2; levels: Levels; hounsfield: boolean };
+/** nodes: a value with red, green and blue, and a value with its opacity */
+export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
 
 /** Replace what is not finite by the smallest finite value; returns how many there were. */
 export function repairedValues(values: Values) {
@@ -66,9 +68,9 @@ function histogram(
     size = ny * nx;
   for (let z = 0; z < nz; z += every) {
     for (let k = z * size; k < (z + 1) * size; k++) {
-      const value = values[k];
+      const value = values[k]!;
       if (value >= low && value <= high) {
-        counts[Math.min(BINS - 1, Math.trunc(((value - low) / (high - low)) * BINS))] += 1;
+        counts[Math.min(BINS - 1, Math.trunc(((value - low) / (high - low)) * BINS))]! += 1;
       }
     }
   }
@@ -106,7 +108,7 @@ function otsu(counts: Float64Array) {
 export function measured(volume: Volume): Measured {
   const { values, isLabels, dtype } = volume,
     whole = rangeOf(values);
-  const all: [number, number] = [whole.low, whole.high];
+  const all: Vector2 = [whole.low, whole.high];
   const low = isLabels ? whole.low : abovePadding(values, whole.low, whole.high),
     { high } = whole;
   if (high <= low) return { range: [low, low], whole: all, levels: [low, low, low, low], hounsfield: false };
@@ -146,12 +148,12 @@ function typical(volume: Volume, whole: Histogram, background: number) {
 /** Edges of the few bins that hold all that is counted but `most` voxels; null if they are not few. */
 function crowded({ counts, low, high }: Histogram, most: number): [number, number] | null {
   const below = [0];
-  for (const count of counts) below.push((below.at(-1) as number) + count);
-  const needed = below[BINS] - most;
+  for (const count of counts) below.push(below.at(-1)! + count);
+  const needed = below[BINS]! - most;
   let first = 0,
     width = Infinity;
   for (let k = 0, end = 0; k <= BINS; k++) {
-    while (end <= BINS && below[end] < below[k] + needed) end += 1;
+    while (end <= BINS && below[end]! < below[k]! + needed) end += 1;
     if (end > BINS) break;
     if (end - k < width) {
       width = end - k;
@@ -170,7 +172,7 @@ function levelsOf({ counts, low, high }: Histogram): Levels {
     above = upper.reduce((sum, count) => sum + count, 0);
   const second = above ? first + 1 + otsu(upper) : first;
   let top = BINS - 1;
-  for (let sum = counts[top]; sum <= 1e-4 * above && top > 0; sum += counts[top]) top -= 1;
+  for (let sum = counts[top]!; sum <= 1e-4 * above && top > 0; sum += counts[top]!) top -= 1;
   return [low, middle(first), middle(second), middle(top)];
 }
 
@@ -178,50 +180,48 @@ function levelsOf({ counts, low, high }: Histogram): Levels {
 export function specimen({ grid }: Volume, { levels: [low, air, dense, high], hounsfield }: Measured): Transfer {
   const body = air + 0.35 * (dense - air),
     unit = Math.min(...lengthsOf(grid)) / 100;
-  const [values, colors, alphas] = hounsfield
+  const nodes: { value: number; colour: Vector3; opacity: number }[] = hounsfield
     ? [
-        [low, -200, -80, 60, 160, 300, 700, Math.max(high, 1000)],
-        [
-          [0.55, 0.28, 0.18],
-          [0.78, 0.5, 0.34],
-          [0.86, 0.6, 0.42],
-          [0.78, 0.36, 0.25],
-          [0.9, 0.52, 0.36],
-          [0.98, 0.86, 0.66],
-          [1, 0.96, 0.86],
-          [1, 1, 0.97],
-        ],
-        [0, 0, 0.008, 0.01, 0.03, 0.22, 0.6, 0.9],
+        { value: low, colour: [0.55, 0.28, 0.18], opacity: 0 },
+        { value: -200, colour: [0.78, 0.5, 0.34], opacity: 0 },
+        { value: -80, colour: [0.86, 0.6, 0.42], opacity: 0.008 },
+        { value: 60, colour: [0.78, 0.36, 0.25], opacity: 0.01 },
+        { value: 160, colour: [0.9, 0.52, 0.36], opacity: 0.03 },
+        { value: 300, colour: [0.98, 0.86, 0.66], opacity: 0.22 },
+        { value: 700, colour: [1, 0.96, 0.86], opacity: 0.6 },
+        { value: Math.max(high, 1000), colour: [1, 1, 0.97], opacity: 0.9 },
       ]
     : [
-        [low, air, body, dense, dense + 0.35 * (high - dense), high],
-        [
-          [0.55, 0.28, 0.18],
-          [0.62, 0.33, 0.2],
-          [0.86, 0.55, 0.38],
-          [0.98, 0.86, 0.66],
-          [1, 0.96, 0.86],
-          [1, 1, 0.97],
-        ],
-        [0, 0, 0.016, 0.045, 0.45, 0.9],
+        { value: low, colour: [0.55, 0.28, 0.18], opacity: 0 },
+        { value: air, colour: [0.62, 0.33, 0.2], opacity: 0 },
+        { value: body, colour: [0.86, 0.55, 0.38], opacity: 0.016 },
+        { value: dense, colour: [0.98, 0.86, 0.66], opacity: 0.045 },
+        { value: dense + 0.35 * (high - dense), colour: [1, 0.96, 0.86], opacity: 0.45 },
+        { value: high, colour: [1, 1, 0.97], opacity: 0.9 },
       ];
-  let most = -Infinity;
-  const rising = values.map((value) => {
-    most = Math.max(most, value);
-    return most;
+  let most = -Infinity; // values never fall
+  const rising = nodes.map((node) => {
+    most = Math.max(most, node.value);
+    return { ...node, value: most };
   });
-  return { colors: rising.map((v, k) => [v, ...colors[k]]), opacities: rising.map((v, k) => [v, alphas[k]]), unit };
+  return {
+    colors: rising.map(({ value, colour }) => [value, ...colour]),
+    opacities: rising.map(({ value, opacity }) => [value, opacity]),
+    unit,
+  };
 }
 
 /** The column of nodes at a value, linear between them and constant beyond, as np.interp has it. */
-function between(nodes: number[][], part: number, value: number) {
-  const last = nodes.length - 1;
-  if (value >= nodes[last][0]) return nodes[last][part];
-  if (value < nodes[0][0]) return nodes[0][part];
+function between(nodes: [value: number, ...parts: number[]][], part: number, value: number) {
+  const first = nodes[0]!,
+    last = nodes.at(-1)!;
+  if (value >= last[0]) return last[part]!;
+  if (value < first[0]) return first[part]!;
   let k = 0;
-  while (nodes[k + 1][0] <= value) k += 1;
-  const [a, b] = [nodes[k], nodes[k + 1]];
-  return a[part] + ((b[part] - a[part]) / (b[0] - a[0])) * (value - a[0]);
+  while (nodes[k + 1]![0] <= value) k += 1;
+  const a = nodes[k]!,
+    b = nodes[k + 1]!;
+  return a[part]! + ((b[part]! - a[part]!) / (b[0] - a[0])) * (value - a[0]);
 }
 
 const colourAt = ({ colors, opacities }: Transfer, value: number) => [
@@ -237,7 +237,9 @@ function changesOf(transfer: Transfer) {
   const rgba = values.map((value) => colourAt(transfer, value));
   return values
     .slice(1)
-    .flatMap((high, k) => (rgba[k].some((part, j) => part !== rgba[k + 1][j]) ? [[values[k], high]] : []));
+    .flatMap((high, k) =>
+      rgba[k]!.some((part, j) => part !== rgba[k + 1]![j]) ? [[values[k]!, high] as Vector2] : [],
+    );
 }
 
 /** Red, green, blue and alpha of evenly spaced values from low to high. */
@@ -259,7 +261,7 @@ export function windowOf(
   { dtype, isLabels }: Volume,
   { whole, levels }: Measured,
   transfer: Transfer,
-): { window: [number, number]; share: number } {
+): { window: Vector2; share: number } {
   const isPlain = isLabels || dtype === "uint8",
     [low, most] = isPlain ? whole : [levels[0], levels[3]];
   const high = most > low ? most : low + Math.max(1, Math.abs(low)) * 1e-6,
@@ -268,12 +270,12 @@ export function windowOf(
     changes = changesOf(transfer);
   if (!isLabels && all > 255 * step && changes.length) {
     const clipped = (value: number) => Math.min(high, Math.max(low, value));
-    const first = clipped(changes[0][0]),
-      last = clipped(changes[changes.length - 1][1]);
+    const first = clipped(changes[0]![0]),
+      last = clipped(changes.at(-1)![1]);
     if (last > first && last - first < 0.25 * all) {
       const width = Math.max(1.1 * (last - first), all / 64, 255 * step),
         middle = (first + last) / 2;
-      const window: [number, number] = [Math.max(low, middle - width / 2), Math.min(high, middle + width / 2)];
+      const window: Vector2 = [Math.max(low, middle - width / 2), Math.min(high, middle + width / 2)];
       return { window, share: (window[1] - window[0]) / all };
     }
   }

@@ -3,12 +3,16 @@
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
 import type { Values, Volume } from "../formats/volume_files.ts";
-import type { Vector3 } from "../types.ts";
+import type { Axis } from "../maths/axes.ts";
+import { AXES, perAxis } from "../maths/axes.ts";
+import { added, dot } from "../maths/camera.ts";
+import type { Vector2, Vector3 } from "../types.ts";
 import type { Grid, Plane } from "./grid.ts";
 import {
   boundsOf,
   coarserGrid,
   cornersOf,
+  countAlong,
   frameOf,
   inFrame,
   lengthsOf,
@@ -32,23 +36,23 @@ const LEAVES = 0.01; // of the edge, and a voxel, beyond which foreground leaves
 const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
 
 /** Numbers of voxels to average along x, y, z: always where they lie closest. */
-export function factorsOf({ shape, spacing }: Grid) {
+export function factorsOf(grid: Grid) {
   const factors: Vector3 = [1, 1, 1];
   for (;;) {
-    const left = factors.map((f, k) => Math.ceil(shape[2 - k] / f)),
-      isLong = left.map((n) => n > LONGEST);
+    const left = perAxis((k) => Math.ceil(countAlong(grid, k) / factors[k])),
+      isLong = perAxis((k) => left[k] > LONGEST);
     if (!isLong.includes(true) && left[0] * left[1] * left[2] <= MOST_VOXELS) return factors;
-    const can = isLong.includes(true) ? isLong : left.map((n) => n > 1);
-    const sizes = factors.map((f, k) => (can[k] ? f * spacing[k] : Infinity));
-    factors[sizes.indexOf(Math.min(...sizes))] += 1;
+    const can = isLong.includes(true) ? isLong : perAxis((k) => left[k] > 1);
+    const sizes = perAxis((k) => (can[k] ? factors[k] * grid.spacing[k] : Infinity));
+    factors[sizes.indexOf(Math.min(...sizes)) as Axis] += 1;
   }
 }
 
 /** The voxels as bytes of a window of values, averaged over blocks; of labels the first of each. */
 export async function bytesOfVolume(
   { values, grid, isLabels }: Volume,
-  [fx, fy, fz]: number[],
-  [low, high]: [number, number],
+  [fx, fy, fz]: Vector3,
+  [low, high]: Vector2,
   progress: (share: number) => void,
   signal?: AbortSignal,
 ) {
@@ -63,7 +67,7 @@ export async function bytesOfVolume(
     for (let j = 0; j < my; j++) {
       for (let i = 0; i < mx; i++, at++) {
         const first = (k * fz * ny + j * fy) * nx + i * fx;
-        let value = values[first];
+        let value = values[first]!;
         if (!isWhole) {
           const ez = Math.min(fz, nz - k * fz),
             ey = Math.min(fy, ny - j * fy),
@@ -72,7 +76,7 @@ export async function bytesOfVolume(
           for (let c = 0; c < ez; c++) {
             for (let b = 0; b < ey; b++) {
               const row = first + (c * ny + b) * nx;
-              for (let a = 0; a < ex; a++) value += values[row + a];
+              for (let a = 0; a < ex; a++) value += values[row + a]!;
             }
           }
           value /= ex * ey * ez;
@@ -104,21 +108,23 @@ export async function piecesOf(bytes: Uint8Array<ArrayBuffer>, [, ny, nx]: Vecto
 /** The maximum of each column of voxels along a plane's normal, [v, u]. */
 export function maximumProjection({ values, grid }: Volume, plane: Plane) {
   const [, ny, nx] = grid.shape,
-    strides = [1, nx, nx * ny];
-  const [n, v, u] = voxelOrder(grid, plane).map(({ axis, sign }) => {
-    const count = grid.shape[2 - axis];
+    strides: Vector3 = [1, nx, nx * ny];
+  const order = voxelOrder(grid, plane);
+  const walkOf = ({ axis, sign }: (typeof order)[number]) => {
+    const count = countAlong(grid, axis);
     return { count, step: sign * strides[axis], first: sign > 0 ? 0 : (count - 1) * strides[axis] };
-  });
+  };
+  const [n, v, u] = [walkOf(order[0]), walkOf(order[1]), walkOf(order[2])] as const;
   const Kind = values.constructor as { new (size: number): Values },
     out = new Kind(v.count * u.count);
   let at = 0;
   for (let b = 0; b < v.count; b++) {
     for (let a = 0; a < u.count; a++, at++) {
       let place = n.first + v.first + b * v.step + u.first + a * u.step,
-        most = values[place];
+        most = values[place]!;
       for (let c = 1; c < n.count; c++) {
         place += n.step;
-        if (values[place] > most) most = values[place];
+        if (values[place]! > most) most = values[place]!;
       }
       out[at] = most;
     }
@@ -130,7 +136,7 @@ function quantile(sorted: Float64Array, share: number) {
   const at = share * (sorted.length - 1),
     low = Math.floor(at),
     high = Math.min(low + 1, sorted.length - 1);
-  return sorted[low] + (at - low) * (sorted[high] - sorted[low]);
+  return sorted[low]! + (at - low) * (sorted[high]! - sorted[low]!);
 }
 
 /** Values of a grey picture shown as black and white. */
@@ -138,7 +144,7 @@ export function pictureWindow(
   pixels: Values,
   { isLabels }: Volume,
   { range: [lowest, highest], whole, hounsfield }: Measured,
-): [number, number] {
+): Vector2 {
   const most = hounsfield ? Math.min(highest, METAL) : highest;
   const shown = Float64Array.from(pixels)
     .filter((value) => value >= lowest && value <= most)
@@ -152,7 +158,7 @@ export function pictureWindow(
 }
 
 /** The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean. */
-export function packedPicture(pixels: Values, window: [number, number]) {
+export function packedPicture(pixels: Values, window: Vector2) {
   const [black, white] = window,
     margin = AROUND * (white - black);
   let least = Infinity,
@@ -173,14 +179,15 @@ export function packedPicture(pixels: Values, window: [number, number]) {
     const number = Math.floor(Math.min(1, Math.max(0, (value - low) / (high - low))) * top + 0.5);
     rgba.set(isByte ? [number, number, number, 255] : [number >> 8, number & 255, 0, 255], 4 * k);
   });
-  return { rgba, facts: { channels: isByte ? 1 : 2, range: [low, high], window, unit: "" } };
+  const range: Vector2 = [low, high];
+  return { rgba, facts: { channels: isByte ? 1 : 2, range, window, unit: "" } };
 }
 
 /** Facts of a packed volume for a live view. */
 export function volumeInfo(
   { grid: own, isLabels }: Volume,
   { whole, levels }: Measured,
-  packed: { id: string; grid: Grid; chunks: number; window: [number, number]; share: number; views: string[] },
+  packed: { id: string; grid: Grid; chunks: number; window: Vector2; share: number; views: string[] },
 ) {
   const {
     id,
@@ -221,12 +228,12 @@ export function volumeInfo(
 function boxOf(own: Grid, grid: Grid) {
   const middle = inFrame(grid, own.origin),
     lengths = lengthsOf(own),
-    low = middle.map((x, k) => x - own.spacing[k] / 2);
-  return { low, high: low.map((x, k) => x + lengths[k]) };
+    low = perAxis((k) => middle[k] - own.spacing[k] / 2);
+  return { low, high: added(low, lengths) };
 }
 
 /** Values above which bytes are foreground, and how far beyond the box it has left it, in shares. */
-export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measured, [low, high]: [number, number]) {
+export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measured, [low, high]: Vector2) {
   const level = ((isLabels ? whole[0] : levels[1]) - low) / (high - low);
   return {
     tissue: Math.min(254 / 255, Math.max(0, level)),
@@ -240,18 +247,20 @@ export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measu
  */
 export function stillField(own: Grid, grid: Grid, plane: Plane) {
   const { low, high } = boundsOf(toPlane(plane, cornersOf(own))),
-    size = [high[0] - low[0], high[1] - low[1]];
+    size: Vector2 = [high[0] - low[0], high[1] - low[1]];
   const longest = Math.max(...size),
-    [columns, rows] = size.map((s) => Math.max(8, Math.ceil((MAP_SIZE * s) / longest)));
+    samples = (s: number) => Math.max(8, Math.ceil((MAP_SIZE * s) / longest)),
+    columns = samples(size[0]),
+    rows = samples(size[1]);
   const depths = boundsOf(toPlane(plane, cornersOf(own, true))),
     frame = frameOf(grid);
-  const turned = (w: number[]) => frame.map((row) => row.reduce((sum, x, k) => sum + x * w[k], 0));
-  const along = [plane.u, plane.v].map((w) =>
-    [0, 1, 2].reduce((sum, k) => {
-      const cosine = own.direction.reduce((total, row, i) => total + row[k] * w[i], 0);
+  const turned = (w: Vector3) => perAxis((i) => dot(frame[i], w));
+  /** The spacing of the voxels in a direction. */
+  const spacingAlong = (w: Vector3) =>
+    AXES.reduce<number>((sum, k) => {
+      const cosine = AXES.reduce<number>((total, i) => total + own.direction[i][k] * w[i], 0);
       return sum + cosine * cosine * own.spacing[k];
-    }, 0),
-  );
+    }, 0);
   const planar = {
     shape: [1, rows, columns],
     origin: [low[0], low[1]],
@@ -259,7 +268,7 @@ export function stillField(own: Grid, grid: Grid, plane: Plane) {
     depth: [depths.low[2], depths.high[2]],
     isReplicated: true,
     cut: null,
-    softness: (along[0] + along[1]) / 2,
+    softness: (spacingAlong(plane.u) + spacingAlong(plane.v)) / 2,
     plane: { origin: inFrame(grid, plane.origin), u: turned(plane.u), v: turned(plane.v), n: turned(plane.n) },
   };
   return {
@@ -283,12 +292,13 @@ export function cornerPoints(grid: Grid, plane: Plane) {
     low: [a0, b0],
     high: [a1, b1],
   } = boundsOf(toPlane(plane, cornersOf(grid, true)));
-  return [
+  const corners: Vector2[] = [
     [a0, b0],
     [a1, b0],
     [a1, b1],
     [a0, b1],
-  ].map((place, id) => ({
+  ];
+  return corners.map((place, id) => ({
     id,
     name: "corner",
     source: place,

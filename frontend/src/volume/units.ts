@@ -14,8 +14,8 @@ export function findUnit(text: string) {
   if (word.length > 1) word = word.replace(/^["']+|["']+$/g, "").trim();
   const lower = word.toLowerCase();
   if (NO_UNITS.includes(lower)) return "";
-  if (Object.hasOwn(WORDS, word)) return WORDS[word];
-  return Object.hasOwn(LOWER, lower) ? LOWER[lower] : null;
+  if (Object.hasOwn(WORDS, word)) return WORDS[word]!;
+  return Object.hasOwn(LOWER, lower) ? LOWER[lower]! : null;
 }
 
 /** The unit that a file states; what is none that is known is said in a note. */
@@ -29,7 +29,7 @@ export function statedUnit(text: string, notes: string[]) {
 
 /** How many of one unit one of another is; 1 where either is not known. */
 export function unitRatio(unit: string, to: string) {
-  return unit && to ? METRES[unit] / METRES[to] : 1;
+  return unit && to ? METRES[unit]! / METRES[to]! : 1;
 }
 
 /**
