@@ -72,14 +72,14 @@ class Copy:
 
     def _write(self, path: Path, data: bytes) -> None:
         path.write_bytes(data)
-        if path.suffix == ".js":
+        if path.suffix == ".ts":
             subprocess.run([sys.executable, "node_tasks.py", "bundle"], cwd=self.root, check=True)
         if path.suffix == ".py":  # by its time alone, in whole seconds, the compiled file would pass for today's
             Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
 
     def test(self, tests: list[str], minutes: float) -> tuple[str, str]:
         """What pytest said, in a word, and its last line. What takes too long may hang, or the machine is busy."""
-        environment = {**os.environ, "PYTHONPATH": str(self.root)}
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(self.root), str(self.root / "lessons")])}
         for own in ("PYTEST_ADDOPTS", "PYTHONDONTWRITEBYTECODE"):
             environment.pop(own, None)
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]

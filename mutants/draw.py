@@ -73,7 +73,9 @@ def drawn(count: int, seed: int, only: tuple[str, ...] = (), root: Path = ROOT) 
     ranked = []
     for path in sources(root):
         name = path.relative_to(root).as_posix()
-        if name.startswith(("deformnb/", "lessons/")) and (not only or any(part in name for part in only)):
+        if name.startswith(("deformnb/", "frontend/src/", "lessons/")) and (
+            not only or any(part in name for part in only)
+        ):
             text = path.read_text(encoding="utf-8")
             functions = python_functions(text) if path.suffix == ".py" else script_functions(text)
             ranked += [
@@ -106,7 +108,7 @@ def python_functions(text: str) -> Iterator[tuple[str, str, int, Iterator[Edit]]
 
 
 def script_functions(text: str) -> Iterator[tuple[str, str, int, Iterator[Edit]]]:
-    """As :func:`python_functions`, of a module of JavaScript; functions inside others belong to these."""
+    """As :func:`python_functions`, of a module of TypeScript; functions inside others belong to these."""
     code = _NO_CODE.sub(lambda match: re.sub(r"[^\n]", '"', match[0]), text)
     for match in _SCRIPT_NAMES.finditer(code):
         spans = script_spans(text, match[1])
