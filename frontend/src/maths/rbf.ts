@@ -1716,9 +1716,9 @@ export function rbfQuadraticAt(h: Matrix, place: number[]) {
 /** The derivative of the trend at a place in relative coordinates. */
 export function rbfLinearAt({ quadratic, linear }: RbfFit, p: number, q: number): Matrix {
   if (!quadratic) return linear;
-  return rbfMatrix(linear.length, (m, k) => {
-    const [a, b] = quadratic[m]![k]!;
-    return linear[m]![k]! + 2 * (a * p + b * q);
+  return mapMatrix(linear, (value, m, k) => {
+    const form = quadratic[m]![k]!;
+    return value + 2 * (form[0] * p + form[1] * q);
   });
 }
 
