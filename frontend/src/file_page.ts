@@ -3,6 +3,7 @@
 // The data is written by deformnb/widgets/standalone.py: the traits of the widgets with a tiny volume, in whose place
 // the file's is put.
 
+import type { EditorView } from "./editor/editor.ts";
 import { Painter } from "./editor/painter.ts";
 import type { Photograph } from "./formats/pictures.ts";
 import { PICTURE_SUFFIXES, readPicture } from "./formats/pictures.ts";
@@ -10,9 +11,10 @@ import { FileError, shownText } from "./formats/reading.ts";
 import type { KnownSpacing, Volume } from "./formats/volume_files.ts";
 import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./formats/volume_files.ts";
 import { fieldAt } from "./maths/rigid_stages.ts";
-import type { Open, PageData } from "./standalone_page.ts";
+import type { PageData } from "./standalone_page.ts";
 import {
   decodedData,
+  exportedWidgets,
   guarded,
   messageOf,
   pagePart,
@@ -20,9 +22,10 @@ import {
   showOnPage,
   textElement,
 } from "./standalone_page.ts";
-import type { Point } from "./types.ts";
-import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
+import type { Point, Values, Vector2, Vector4 } from "./types.ts";
+import { OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
 import { inLanguage, showInLanguage } from "./ui/words.ts";
+import type { LiveVolumeView } from "./view/live_view.ts";
 import type { Plane } from "./volume/grid.ts";
 import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
 import type { Measured } from "./volume/levels.ts";
@@ -49,7 +52,7 @@ export interface Opened {
   about: Measured;
   /** of the voxels, as Python makes it */
   sha256: string | null;
-  packed: (Pick<PageData, "chunks"> & { packed: Open }) | null;
+  packed: (Pick<PageData, "chunks"> & { packed: Values }) | null;
 }
 
 const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
@@ -195,7 +198,7 @@ async function greyPicture(volume: Volume, about: Measured, plane: Plane) {
   const { rgba, facts } = packedPicture(pixels, pictureWindow(pixels, volume, about));
   const image = await pngOf(rgba, wide, high),
     [black, white] = facts.window,
-    [low, most] = facts.range;
+    [low, most] = facts.range as Vector2;
   const numbers = facts.channels === 1 ? 255 : 65535,
     seen = new Uint8ClampedArray(rgba.length);
   for (let k = 0; k < rgba.length; k += 4) {
@@ -244,7 +247,7 @@ class FilePage extends StandalonePage {
   isSaved: boolean;
 
   /** @param name of the file without suffix */
-  constructor(data: PageData, widgets: Open, name: string) {
+  constructor(data: PageData, widgets: Values, name: string) {
     super(data, widgets);
     this.name = name;
     this.isSaved = true;
@@ -272,13 +275,16 @@ class FilePage extends StandalonePage {
   }
 
   /** The editor that is on the page. */
-  get #editorView(): any {
-    return (pagePart("picture").querySelector(".dnb-editor") as any)?.deformnb;
+  get #editorView() {
+    const editor = viewOf<EditorView>(pagePart("picture").querySelector(".dnb-editor"));
+    if (!editor) throw new Error("the page has no editor");
+    return editor;
   }
 
   /** Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken. */
   displacements(places: [number, number][]) {
-    return places.map(([a, b]) => fieldAt(this.#editorView.fit, a, b));
+    const { fit } = this.#editorView;
+    return fit && places.map(([a, b]) => fieldAt(fit, a, b));
   }
 
   async #savePicture() {
@@ -307,7 +313,7 @@ class FilePage extends StandalonePage {
   }
 
   async #saveRendering() {
-    const view = (pagePart("volume").querySelector(".dnb-view") as any)?.deformnb;
+    const view = viewOf<LiveVolumeView>(pagePart("volume").querySelector(".dnb-view"));
     if (!view?.loop) return;
     view.loop.drawNow(2);
     saveFile(await blobOf(view.canvas), `${this.fileName} volume.png`);
@@ -317,7 +323,7 @@ class FilePage extends StandalonePage {
 /** The page, with a file or without. */
 class FileOpener {
   template: Template;
-  widgets: Open;
+  widgets: Values;
   page: FilePage | null;
   opened: Opened | null;
   side: string;
@@ -330,7 +336,7 @@ class FileOpener {
   bar: HTMLProgressElement;
   cancel: HTMLButtonElement;
 
-  constructor(template: Template, widgets: Open) {
+  constructor(template: Template, widgets: Values) {
     this.template = template;
     this.widgets = widgets;
     this.page = null;
@@ -467,7 +473,7 @@ class FileOpener {
     }
   }
 
-  async #show(data: PageData, stored: Open | null) {
+  async #show(data: PageData, stored: Values | null) {
     const { opened } = this;
     if (!opened) return;
     this.page?.close();
@@ -526,7 +532,7 @@ function nameOf({ volume: { name, grid }, sha256 }: Opened) {
 }
 
 /** What was done to a file last time, if the browser has kept it. */
-function storedWork(opened: Opened): Open | null {
+function storedWork(opened: Opened): Values | null {
   try {
     const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");
     const isPoint = (p: Point) =>
@@ -538,10 +544,9 @@ function storedWork(opened: Opened): Open | null {
 }
 
 async function openPage() {
-  const template = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const template = await decodedData<Template>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, template.words, template.language);
-  const widgets = (globalThis as any)[Symbol.for("deformnb.standalone")];
-  Object.assign(document.body, { opener: new FileOpener(template, widgets) }); // for tests and for debugging
+  Object.assign(document.body, { opener: new FileOpener(template, exportedWidgets()) }); // for tests and for debugging
 }
 
 openPage().catch((error) => {

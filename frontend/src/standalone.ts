@@ -1,13 +1,14 @@
 // The page that Python exports: it opens the data in it. The scripts of the widgets run before this one and leave their
 // exports under a symbol.
 
-import { decodedData, messageOf, StandalonePage, showOnPage } from "./standalone_page.ts";
+import type { PageData } from "./standalone_page.ts";
+import { decodedData, exportedWidgets, messageOf, StandalonePage, showOnPage } from "./standalone_page.ts";
 import { showInLanguage } from "./ui/words.ts";
 
 async function openStandalone() {
-  const data = await decodedData(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const data = await decodedData<PageData>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, data.words, data.language);
-  const page = new StandalonePage(data, (globalThis as any)[Symbol.for("deformnb.standalone")]);
+  const page = new StandalonePage(data, exportedWidgets());
   Object.assign(document.body, { deformnb: page }); // for tests and for debugging
   await page.open();
 }

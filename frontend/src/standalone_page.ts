@@ -5,14 +5,12 @@
 import { ClipSliders } from "./inputs/clip_sliders.ts";
 import { clipOf, isClipped } from "./maths/clipping.ts";
 import { PlainModel } from "./sync/host_model.ts";
-import type { KernelTable, Point } from "./types.ts";
+import type { KernelTable, Point, Values } from "./types.ts";
 import type { Attributes } from "./ui/dom.ts";
 import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 
-/** values by their names */
-export type Open = Record<string, any>;
 /** the content of a message and its buffers */
-export type Packet = [Open, DataView<ArrayBuffer>[]];
+export type Packet = [Values, DataView<ArrayBuffer>[]];
 
 interface ParameterWords {
   label: string;
@@ -29,11 +27,11 @@ export interface MenuParameter extends ParameterWords {
 
 export interface PageData {
   /** traits */
-  editor: Open;
+  editor: Values;
   /** traits */
-  view: Open | null;
+  view: Values | null;
   chunks: { start: number; lag: number; packed: DataView<ArrayBuffer> }[];
-  field: { content: Open; buffers: DataView<ArrayBuffer>[] };
+  field: { content: Values; buffers: DataView<ArrayBuffer>[] };
   still_background: string;
   /** their orders by their names */
   kernels: Record<string, number>;
@@ -49,7 +47,7 @@ export interface PageData {
   cut_off: { sides: string[]; text: string } | null;
   /** of the controls, as deformnb/widgets/parameters.py has them */
   parameters: { view: MenuParameter; [name: string]: SliderParameter | MenuParameter };
-  document: Open | null;
+  document: Values | null;
   /** its code */
   language: string;
   /** of that language by the English ones; none for English */
@@ -60,12 +58,22 @@ export interface PageData {
 
 const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
 
+/** What the scripts of the widgets export, by the names of the widgets: they have run before. */
+export function exportedWidgets(): Values {
+  return Object(globalThis)[Symbol.for("deformnb.standalone")];
+}
+
 /** Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is. */
-export async function decodedData(value: any): Promise<any> {
-  if (Array.isArray(value)) return Promise.all(value.map(decodedData));
+export async function decodedData<Data>(value: unknown): Promise<Data> {
+  return (await withBytes(value)) as Data;
+}
+
+async function withBytes(value: unknown): Promise<unknown> {
+  if (Array.isArray(value)) return Promise.all(value.map(withBytes));
   if (!value || typeof value !== "object") return value;
-  if (typeof value.base64 === "string") return decodedBytes(value.base64, value.gzip);
-  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await decodedData(inner)]);
+  const { base64, gzip }: Values = value;
+  if (typeof base64 === "string") return decodedBytes(base64, gzip);
+  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await withBytes(inner)]);
   return Object.fromEntries(await Promise.all(pairs));
 }
 
@@ -91,7 +99,7 @@ function bytesOfText(text: string) {
  * Answers to an editor. They come later, as those of a kernel do: a front end sends while it is still being built. An
  * editor gets its points first, then which of its messages they include, then that the message is done.
  */
-function editorAnswers(model: () => PlainModel): (message: Open) => void {
+function editorAnswers(model: () => PlainModel): (message: Values) => void {
   return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) =>
     queueMicrotask(() => {
       const m = model();
@@ -114,11 +122,11 @@ function viewAnswers(
   }: Pick<PageData, "chunks" | "field"> & {
     still: DataView<ArrayBuffer>;
     falls: () => void;
-    isDrawn: (stats: Open) => void;
+    isDrawn: (stats: Values) => void;
   },
-): (message: Open) => void {
+): (message: Values) => void {
   const picture: () => Packet = () => [{ type: "still" }, [still]];
-  const answers: Record<string, (message: Open) => Packet> = {
+  const answers: Record<string, (message: Values) => Packet> = {
     hello: ({ largest, voxels }) => {
       if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller
       return voxels ? picture() : [field.content, field.buffers];
@@ -171,11 +179,11 @@ export class StandalonePage {
   ends: (() => void)[];
   editor: PlainModel;
   view: PlainModel | null;
-  widgets: Open;
+  widgets: Values;
   sliders: ClipSliders | undefined;
 
   /** @param widgets their exports */
-  constructor(data: PageData, widgets: Open) {
+  constructor(data: PageData, widgets: Values) {
     this.data = data;
     this.isStill = false;
     this.cut = null; // the sliders that cut the volume
@@ -322,7 +330,7 @@ export class StandalonePage {
     button.addEventListener("click", () => guarded(action));
   }
 
-  #slider(bar: Element, { name, now, set, listen }: Bound, shown: (value: number) => string) {
+  #slider(bar: Element, { name, now, set, listen }: Bound<number>, shown: (value: number) => string) {
     const { label, tooltip, low, high, step } = this.data.parameters[name] as SliderParameter;
     const box = this.#field(bar, label, tooltip);
     const input = pageElement("input", "dnb-page-range", box, {
@@ -335,7 +343,7 @@ export class StandalonePage {
     });
     const output = pageElement("output", "dnb-page-value", box, {});
     const show = () => {
-      input.value = now();
+      input.value = String(now());
       output.textContent = shown(now());
     };
     input.addEventListener("input", () => guarded(() => set(Number(input.value))));
@@ -343,7 +351,7 @@ export class StandalonePage {
     show();
   }
 
-  #menu(bar: Element, { name, now, set, listen }: Bound) {
+  #menu(bar: Element, { name, now, set, listen }: Bound<string>) {
     const { label, tooltip, options } = this.data.parameters[name] as MenuParameter;
     const box = this.#field(bar, label, tooltip);
     const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
@@ -359,7 +367,7 @@ export class StandalonePage {
 
   #kernels(bar: Element) {
     const { kernels, kernel_tables: tables, trends } = this.data,
-      bound = setting(this.editor, "kernel");
+      bound = setting<string>(this.editor, "kernel");
     const set = (kernel: string) => {
       const { kernel_table: _, ...settings } = this.editor.get("settings"),
         table = tables[kernel];
@@ -445,10 +453,15 @@ export class StandalonePage {
 }
 
 /** A value that a control shows and changes. */
-export type Bound = { name: string; now: () => any; set: (value: any) => void; listen: (show: () => void) => void };
+export type Bound<T> = {
+  name: string;
+  now: () => T;
+  set: (value: T) => void;
+  listen: (show: () => void) => void;
+};
 
 /** A trait of a model. */
-function trait(model: PlainModel, name: string): Bound {
+function trait<T>(model: PlainModel, name: string): Bound<T> {
   return {
     name,
     now: () => model.get(name),
@@ -458,7 +471,7 @@ function trait(model: PlainModel, name: string): Bound {
 }
 
 /** A setting of an editor's fit. */
-function setting(model: PlainModel, name: string): Bound {
+function setting<T>(model: PlainModel, name: string): Bound<T> {
   return {
     name,
     now: () => model.get("settings")[name],

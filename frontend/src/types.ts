@@ -7,6 +7,15 @@ import type { Sender } from "./sync/edits.ts";
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
 export type Model = AnyModel;
 
+/** Values by their names, as Python sends and takes them: traits of a model, or the content of a message. */
+export type Values = Record<string, any>;
+
+/** A function that a model calls at an event; what it is given depends on the event. */
+export type ModelHandler = Parameters<Model["on"]>[1];
+
+/** The handlers of a widget, by the events of its model. */
+export type Handlers = [name: string, handler: ModelHandler][];
+
 /** A place or a displacement: (a, b) in a picture. */
 export type Vector2 = [number, number];
 
@@ -311,6 +320,12 @@ export interface PointsDetail {
 export interface TimeDetail {
   time: number;
   isPlaying: boolean;
+}
+
+/** The details of the events of a bus. */
+export interface BusEvents {
+  "deformnb:points": PointsDetail;
+  "deformnb:time": TimeDetail;
 }
 
 /** The event target that all views of one editor or player share in a window. */

@@ -8,9 +8,10 @@ import { ManagerBase } from "@jupyter-widgets/base-manager";
 import * as controls from "@jupyter-widgets/controls";
 import { defined } from "./amd.ts"; // before the next: anywidget's package is an AMD module
 import "anywidget";
+
+import type { Values } from "../types.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { APP_PAGE, callPython } from "./session.ts";
-
 import type { Session } from "./types.ts";
 
 /** values of traits by their names */
@@ -37,14 +38,14 @@ const MODULES: Record<string, object> = {
 };
 
 /** Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives. */
-function withViews(value: any): any {
+function withViews(value: unknown): unknown {
   if (value instanceof Uint8Array) return new DataView(value.buffer, value.byteOffset, value.byteLength);
   if (Array.isArray(value)) return value.map(withViews);
   if (value === null || typeof value !== "object") return value;
   return Object.fromEntries(Object.entries(value).map(([key, part]) => [key, withViews(part)]));
 }
 
-function asBytes(buffer: any) {
+function asBytes(buffer: ArrayBuffer | ArrayBufferView) {
   return ArrayBuffer.isView(buffer)
     ? new Uint8Array(buffer.buffer, buffer.byteOffset, buffer.byteLength)
     : new Uint8Array(buffer);
@@ -56,7 +57,7 @@ let sent = 0; // messages of this page
 class SocketComm {
   session: Session;
   comm_id: string;
-  receive: (message: any) => void;
+  receive: (message: object) => void;
 
   target_name = "jupyter.widget";
 
@@ -66,7 +67,7 @@ class SocketComm {
     this.receive = () => {};
   }
 
-  on_msg(handler: (message: any) => void) {
+  on_msg(handler: (message: object) => void) {
     this.receive = handler;
   }
 
@@ -77,7 +78,7 @@ class SocketComm {
     return "";
   }
 
-  send(data: CommData, callbacks?: any, _metadata?: unknown, buffers: any[] = []) {
+  send(data: CommData, callbacks?: Values, _metadata?: unknown, buffers: (ArrayBuffer | ArrayBufferView)[] = []) {
     const id = `${APP_PAGE}-${++sent}`;
     const idle = () => callbacks?.iopub?.status?.({ content: { execution_state: "idle" } });
     callPython(this.session, "deformnb.comm", [this.comm_id, data, id, buffers.map(asBytes)]).then(idle);
@@ -149,7 +150,7 @@ export class WidgetManager extends ManagerBase {
   }
 
   async loadClass(className: string, moduleName: string) {
-    const found = (MODULES[moduleName] as any)?.[className];
+    const found = (MODULES[moduleName] as Values | undefined)?.[className];
     if (!found) throw new Error(`the page has no ${className} of ${moduleName}`);
     return found;
   }

@@ -2,7 +2,7 @@
 // To Python: edit (seq, view, phase, value). From Python: done (seq, view), error (view, message).
 
 import { EditLink } from "../sync/edits.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { Handlers, Model, ModelHandler, Values, Vector2 } from "../types.ts";
 import { pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 
@@ -32,7 +32,7 @@ export function numberUnder(event: MouseEvent, within: Element, name: string) {
 export class InputView {
   model: Model;
   link: EditLink;
-  handlers: [string, (...given: any[]) => void][];
+  handlers: Handlers;
   frame: number;
   isHeld: boolean;
   closed: AbortController;
@@ -74,8 +74,8 @@ export class InputView {
     });
   }
 
-  on(name: string, handler: (...given: any[]) => void) {
-    const guarded = (...given: any[]) => this.guard(() => handler(...given));
+  on(name: string, handler: ModelHandler) {
+    const guarded: ModelHandler = (...given) => this.guard(() => handler(...given));
     this.model.on(name, guarded);
     this.handlers.push([name, guarded]);
   }
@@ -126,9 +126,9 @@ export class InputView {
   }
 
   /** Take over the value of the trait `shown`. */
-  adopt(_shown: any) {}
+  adopt(_shown: Values) {}
 
-  message(message: any) {
+  message(message: Values | null) {
     if (message?.view && message.view !== this.link.id) return; // another view of the same model
     if (message?.type === "error") this.showMessage(String(message.message));
     if (message?.type === "done") this.link.done(message.seq);

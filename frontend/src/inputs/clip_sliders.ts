@@ -136,7 +136,7 @@ export class ClipSliders {
     for (const axis of AXES) {
       const { from, to, track, ends, value } = this.rows[axis];
       const along = axisOf(axes, axis),
-        sides: Ends<string> = [sideOf(scaled(along, -1))!, sideOf(along)!],
+        sides: Ends<string> = [sideOf(scaled(along, -1)), sideOf(along)],
         [low, high] = clip[axis];
       setText(from, sides[0]);
       setText(to, sides[1]);

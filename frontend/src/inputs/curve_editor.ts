@@ -2,7 +2,7 @@
 
 import type { Node, NodeRules } from "../maths/curves.ts";
 import { shownNumber } from "../maths/curves.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { Model, Values, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { CurvePlot } from "./curve_plot.ts";
 
@@ -92,7 +92,7 @@ class CurveEditorView extends CurvePlot {
     this.end({ formula });
   }
 
-  message(message: any) {
+  message(message: Values | null) {
     super.message(message);
     const isOurs = !message?.view || message.view === this.link.id;
     const isRefused = message?.type === "error" && isOurs && this.sent !== undefined;

@@ -1,7 +1,7 @@
 // A button that uploads files, and a drop on the studio around it: one file after the other, in pieces that Python
 // requests. Messages to Python: begin, piece, cancel. Messages from Python: next, reading, done.
 
-import type { Model } from "../types.ts";
+import type { Model, Values } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
@@ -21,7 +21,7 @@ class FileInputView {
   bar: HTMLProgressElement;
   stop: HTMLButtonElement;
   veil: HTMLDivElement;
-  receive: (content: any) => Promise<void>;
+  receive: (content: Values) => Promise<void>;
   draw: () => void;
 
   /** Files that wait for the one under way. */
@@ -68,7 +68,7 @@ class FileInputView {
       { signal },
     );
     if (model.get("drops")) this.#takeDrops(signal);
-    this.receive = (content: any) => this.#receive(content);
+    this.receive = (content: Values) => this.#receive(content);
     this.draw = () => this.#draw();
     model.on("msg:custom", this.receive);
     for (const name of ["label", "accept", "tip"]) model.on(`change:${name}`, this.draw);
@@ -164,21 +164,9 @@ class FileInputView {
     if (this.current) this.model.send({ type: "cancel", id: this.current.id });
   }
 
-  async #receive({
-    type,
-    id,
-    offset,
-    length,
-    share,
-  }: {
-    type: string;
-    id: string;
-    offset: number;
-    length: number;
-    share: number;
-  }) {
+  async #receive({ type, id, offset, length, share }: Values) {
     const { current } = this;
-    if (current?.id !== id) return; // of another page
+    if (!current || current.id !== id) return; // of another page
     const { file } = current;
     if (type === "next") {
       this.#show(`Uploading ${file.name} (${size(file.size)})`, offset / file.size);

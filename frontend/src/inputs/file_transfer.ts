@@ -1,6 +1,6 @@
 // A text for the clipboard or a file for the downloads, from Python; reports what it has done.
 
-import type { Model } from "../types.ts";
+import type { Model, Values } from "../types.ts";
 
 import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
 
@@ -38,7 +38,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
   root.append(line, area);
   el.append(root);
 
-  const receive = async (content: any, buffers: DataView<ArrayBuffer>[]) => {
+  const receive = async (content: Values, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
       const lines = content.text.trimEnd().split("\n").length;

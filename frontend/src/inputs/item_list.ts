@@ -3,7 +3,7 @@
 // Python owns the list. The front end requests a command for a row, with the state of the list ("version"), and waits
 // for the answer: a second click must not meet rows that have moved meanwhile.
 
-import type { Model } from "../types.ts";
+import type { Model, Values } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
@@ -50,7 +50,7 @@ class ItemListView {
   body: HTMLTableSectionElement;
   empty: HTMLDivElement;
   draw: () => void;
-  answered: (content: any) => void;
+  answered: (content: Values) => void;
   theme: ThemeObserver;
   sized: ResizeObserver;
 
@@ -68,7 +68,7 @@ class ItemListView {
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
     this.draw = () => this.#draw();
-    this.answered = (content: any) => {
+    this.answered = (content: Values) => {
       if (content.type !== "done") return;
       this.isChoosing = false;
       this.#wait(false);

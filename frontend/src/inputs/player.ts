@@ -130,7 +130,7 @@ const KEY_NEAR = 1e-6; // seconds
 
 class PlayerView extends InputView {
   bus: Bus;
-  uid: any;
+  uid: string;
   clock: PlayClock;
   back: HTMLButtonElement;
   play: HTMLButtonElement;

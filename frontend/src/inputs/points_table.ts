@@ -5,7 +5,7 @@
 // While the editor drags points, their rows follow it without Python (sync/bus.js).
 
 import { busOf } from "../sync/bus.ts";
-import type { Bus, Model, PointsDetail } from "../types.ts";
+import type { Bus, Handlers, Model, PointsDetail, Values } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 import type { Column, TableRow } from "./point_rows.ts";
@@ -61,7 +61,7 @@ class PointsTableView {
   status: HTMLDivElement;
   facts: HTMLSpanElement;
   liveRegion: HTMLSpanElement;
-  handlers: [string, (...given: any[]) => void][];
+  handlers: Handlers;
   sized: ResizeObserver;
   visibility: IntersectionObserver;
   theme: ThemeObserver;
@@ -769,7 +769,7 @@ class PointsTableView {
     this.model.send({ type: "act", view: this.view, seq: this.seq, what, ids, field, axis, value });
   }
 
-  #answered({ type, view, seq, ok, text }: any) {
+  #answered({ type, view, seq, ok, text }: Values) {
     const request = this.waiting.get(seq);
     if (type !== "done" || view !== this.view || !request) return;
     this.waiting.delete(seq);

@@ -4,7 +4,7 @@
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
 // started again. Other hosts signal nothing.
 
-import type { Model } from "../types.ts";
+import type { Model, Values } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
@@ -34,7 +34,7 @@ class RestoreBarView {
   text: HTMLSpanElement;
   buttons: HTMLButtonElement[];
   draw: () => void;
-  answered: (content: any) => void;
+  answered: (content: Values) => void;
   died: () => void;
   changed: StatusSlot;
   kernel: StatusSignal | undefined;
@@ -58,7 +58,7 @@ class RestoreBarView {
       return button;
     });
     this.draw = () => this.#draw();
-    this.answered = (content: any) => {
+    this.answered = (content: Values) => {
       if (content.type === "done") this.#wait(false);
     };
     this.died = () => this.#gone("restarting");

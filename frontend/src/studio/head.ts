@@ -4,7 +4,7 @@
 
 import type { EditorView } from "../editor/editor.ts";
 import type { Model } from "../types.ts";
-import { OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
+import { OWN_KEYS, pageElement, setText, svgElement, viewOf } from "../ui/dom.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
 import { SidePanel } from "./side_panel.ts";
@@ -112,7 +112,7 @@ class StudioHead {
   get #editor(): EditorView | undefined {
     const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor:not(.dnb-sp-viewer)") ?? [])];
     const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0) ?? all[0];
-    return (shown as any)?.deformnb;
+    return viewOf<EditorView>(shown);
   }
 
   /** Choose files; what becomes of them is decided in Python. */

@@ -9,7 +9,7 @@
 //
 // A listener need not fit again: the detail holds the result of layeredFit.
 
-import type { Bus, FitSettings, Model, Point, PointsDetail } from "../types.ts";
+import type { Bus, BusEvents, FitSettings, Model, Point, PointsDetail } from "../types.ts";
 
 const KEY = Symbol.for("deformnb.widgets");
 
@@ -96,9 +96,10 @@ export class FollowedModel {
   }
 
   /** Calls a function at each event of a bus until another widget is chosen. */
-  hear(bus: Bus, name: string, heard: (event: any) => void) {
-    bus.addEventListener(name, heard);
-    this.ends.push(() => bus.removeEventListener(name, heard));
+  hear<Name extends keyof BusEvents>(bus: Bus, name: Name, heard: (event: CustomEvent<BusEvents[Name]>) => void) {
+    const listener = heard as (event: Event) => void;
+    bus.addEventListener(name, listener);
+    this.ends.push(() => bus.removeEventListener(name, listener));
   }
 
   end() {

@@ -13,7 +13,7 @@
 
 import { LONGEST_EDIT } from "../maths/constants.ts";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
-import type { Bus, Model, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { Bus, Model, ModelHandler, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
 import { History } from "./undo_list.ts";
 
 export type State = { points: Point[]; shapes: Shapes };
@@ -46,7 +46,7 @@ export class Sender {
   points: Point[];
   shapes: Shapes;
   nextId: number;
-  models: { model: Model; handlers: Record<string, (...args: any[]) => void> }[];
+  models: { model: Model; handlers: Record<string, ModelHandler> }[];
   listeners: Set<(what: Change) => void>;
   history: History<State>;
   waiting: Record<"move" | "end", Set<number>>;
@@ -57,7 +57,7 @@ export class Sender {
   status: string;
   isAnswered: boolean;
   isCut: boolean;
-  drawn: any;
+  drawn: object | null;
   steps: { seq: number; what: string }[];
 
   #isFilled = false; // whether points have been received
@@ -93,7 +93,7 @@ export class Sender {
   attach(model: Model) {
     if (this.models.some((held) => held.model === model)) return;
     const news = () => this.receive(true, model);
-    const handlers: Record<string, (...args: any[]) => void> = {
+    const handlers: Record<string, ModelHandler> = {
       "change:points": news,
       "change:cuts": news,
       "change:parts": news,
@@ -204,7 +204,7 @@ export class Sender {
   }
 
   /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */
-  choose(chosen: { what: ShapeKind; index: number; shape: any } | null) {
+  choose(chosen: { what: ShapeKind; index: number; shape: object } | null) {
     this.flush();
     this.last = this.seq + 1;
     this.#send("end", { type: "choose", what: null, ...chosen });
@@ -326,7 +326,7 @@ export class Sender {
     }
   }
 
-  #send(group: "move" | "end", content: any) {
+  #send(group: "move" | "end", content: object) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
     this.clock.cancel(this.#timer);
@@ -356,8 +356,7 @@ export class Sender {
 
   /** The kernel of a Jupyter front end, null where it is gone; undefined of other hosts. */
   get #kernel(): { status: string } | null | undefined {
-    const manager: any = this.model?.widget_manager;
-    return manager?.kernel;
+    return (this.model?.widget_manager as { kernel?: { status: string } | null } | undefined)?.kernel;
   }
 
   // anywidget gives a model two seconds to load its module. On a busy machine, as when a notebook is loaded again, that
@@ -417,7 +416,7 @@ export class RestingTrait {
   #timer = 0;
 
   /** what waits */
-  #value: any = null;
+  #value: unknown = null;
 
   constructor(model: Model, name: string) {
     this.model = model;
@@ -428,7 +427,7 @@ export class RestingTrait {
     return this.#timer !== 0;
   }
 
-  sendSoon(value: any) {
+  sendSoon(value: unknown) {
     clearTimeout(this.#timer);
     this.#value = value;
     this.#timer = setTimeout(() => this.flush(), REST);
@@ -460,7 +459,7 @@ export function senderOf(bus: Bus, model: Model) {
 
 /** A value of one view on its way to Python, such as a curve. */
 export class EditLink {
-  post: (message: any) => void;
+  post: (message: object) => void;
   now: () => number;
   id: string;
   seq: number;
@@ -470,10 +469,10 @@ export class EditLink {
   #sentAt = 0;
   #endedAt = 0;
   /** a movement that waits, null for none */
-  #pending: any = null;
+  #pending: object | null = null;
 
   /** @param now milliseconds */
-  constructor(send: (message: any) => void, now: () => number = () => performance.now()) {
+  constructor(send: (message: object) => void, now: () => number = () => performance.now()) {
     this.post = send;
     this.now = now;
     this.id = newId();
@@ -483,7 +482,7 @@ export class EditLink {
   }
 
   /** Send a value during a drag. */
-  move(value: any) {
+  move(value: object) {
     if (this.waiting.size && this.now() - this.#sentAt > LOST_AFTER) this.waiting.clear();
     if (this.waiting.size >= MOST_IN_FLIGHT) {
       this.#pending = value;
@@ -493,7 +492,7 @@ export class EditLink {
   }
 
   /** Send a value at the end of an edit. */
-  end(value: any) {
+  end(value: object) {
     this.#pending = null;
     this.#send("end", value);
     this.last = this.seq;
@@ -514,7 +513,7 @@ export class EditLink {
     return (seen?.[this.id] ?? 0) < this.last && this.now() - this.#endedAt < PRECEDENCE_MS;
   }
 
-  #send(phase: "move" | "end", value: any) {
+  #send(phase: "move" | "end", value: object) {
     this.seq += 1;
     if (phase === "move") {
       this.waiting.add(this.seq);

@@ -9,32 +9,32 @@
 // `deliver` gets the messages of model.send; `save` gets the traits that the front end has changed. Until our last
 // save of a trait is answered, values of that trait from the other side are old.
 
-import type { Model } from "../types.ts";
+import type { AnyModel } from "@anywidget/types";
+import type { Model, ModelHandler, Values } from "../types.ts";
 
-/** values of traits by their names */
-export type State = Record<string, any>;
+type Buffers = ArrayBuffer[] | ArrayBufferView[];
 
 export class PlainModel implements Model {
-  state: State;
-  deliver: (content: any, buffers: any[]) => void;
-  save: (changed: State) => void;
+  state: Values;
+  deliver: (content: Values, buffers: Buffers) => void;
+  save: (changed: Values) => void;
   isAnswered: boolean;
-  handlers: Map<string, ((...args: any[]) => void)[]>;
-  changed: State;
+  handlers: Map<string, ModelHandler[]>;
+  changed: Values;
   unanswered: Map<string, number>;
-  widget_manager: { get_model: (id: string) => Promise<any> };
+  widget_manager: Model["widget_manager"];
 
   constructor(
-    state: State,
+    state: Values,
     {
       deliver = () => {},
       save = () => {},
       models = {},
       isAnswered = false,
     }: {
-      deliver?: (content: any, buffers: any[]) => void;
-      save?: (changed: State) => void;
-      models?: Record<string, any>;
+      deliver?: (content: Values, buffers: Buffers) => void;
+      save?: (changed: Values) => void;
+      models?: Record<string, Model>;
       isAnswered?: boolean;
     } = {},
   ) {
@@ -46,20 +46,21 @@ export class PlainModel implements Model {
     this.changed = {};
     this.unanswered = new Map();
     this.widget_manager = {
-      get_model: async (id: string) => {
-        if (!models[id]) throw new Error(`there is no model ${id}`);
-        return models[id];
+      get_model: async <Traits extends Values>(id: string) => {
+        const model = models[id];
+        if (!model) throw new Error(`there is no model ${id}`);
+        return model as AnyModel<Traits>;
       },
     };
   }
 
-  get(name: any) {
+  get(name: string) {
     return this.state[name];
   }
 
   /** @param name or values of several traits */
-  set(name: any, value?: any) {
-    const given: State = typeof name === "object" ? name : { [name]: value };
+  set(name: string | Values, value?: unknown) {
+    const given: Values = typeof name === "object" ? name : { [name]: value };
     this.#take(given);
     Object.assign(this.changed, given);
   }
@@ -73,15 +74,15 @@ export class PlainModel implements Model {
     this.save(changed);
   }
 
-  send(content: any, _callbacks?: any, buffers: any[] = []) {
+  send(content: Values, _callbacks?: unknown, buffers: Buffers = []) {
     this.deliver(content, buffers);
   }
 
-  on(names: string, handler: (...args: any[]) => void) {
+  on(names: string, handler: ModelHandler) {
     for (const name of names.split(" ")) this.handlers.set(name, [...(this.handlers.get(name) ?? []), handler]);
   }
 
-  off(names?: string | null, handler?: ((...args: any[]) => void) | null) {
+  off(names?: string | null, handler?: ModelHandler | null) {
     if (!names) {
       this.handlers.clear();
       return;
@@ -92,15 +93,15 @@ export class PlainModel implements Model {
     }
   }
 
-  receive(content: any, buffers: any[] = []) {
+  receive(content: Values, buffers: Buffers = []) {
     this.#emit("msg:custom", content, buffers);
   }
 
-  update(state: State) {
+  update(state: Values) {
     this.#take(Object.fromEntries(Object.entries(state).filter(([name]) => !this.unanswered.get(name))));
   }
 
-  answered(state: State) {
+  answered(state: Values) {
     for (const name of Object.keys(state)) {
       this.unanswered.set(name, Math.max(0, (this.unanswered.get(name) ?? 0) - 1));
     }
@@ -110,14 +111,14 @@ export class PlainModel implements Model {
     this.update(Object.fromEntries(others)); // refused values; the same value again is no change
   }
 
-  #take(given: State) {
+  #take(given: Values) {
     const news = Object.entries(given).filter(([name, value]) => this.state[name] !== value);
     for (const [name, value] of news) this.state[name] = value;
     for (const [name] of news) this.#emit(`change:${name}`);
     if (news.length) this.#emit("change");
   }
 
-  #emit(name: string, ...given: any[]) {
+  #emit(name: string, ...given: unknown[]) {
     for (const handler of this.handlers.get(name) ?? []) handler(...given);
   }
 }

@@ -2,6 +2,11 @@
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
+/** The view that an element is the root of. */
+export function viewOf<View>(root: Element | null | undefined) {
+  return (root as (Element & { deformnb?: View }) | null | undefined)?.deformnb;
+}
+
 export const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
 /** CSS pixels: a press that moves less is a click. */
 const SLACK = { mouse: 2, pen: 3, touch: 6 };

@@ -3,7 +3,7 @@
 
 import { AXES, perAxis } from "../maths/axes.ts";
 import { scaled, sideOf } from "../maths/camera.ts";
-import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
+import type { Handlers, Matrix3, Model, ModelHandler, Sides, Vector2, Vector3 } from "../types.ts";
 import { pageElement, setText } from "./dom.ts";
 
 const BAR = { least: 44, most: 120, share: 0.22 }; // CSS pixels, and of the picture's width at most
@@ -199,22 +199,20 @@ export function boxCorners({ low, high }: Sides, axes: Matrix3) {
   );
 }
 
-export type Handlers = [name: string, handler: (...args: any[]) => void][];
-
 /**
  * Handle an event of a model; errors go to `fail`, and `handlers` collects the handlers to be removed at the end.
  */
 export function listen(
   model: Model,
   name: string,
-  handler: (...args: any[]) => any,
+  handler: (...given: Parameters<ModelHandler>) => unknown,
   handlers: Handlers,
   fail: (error: unknown) => void,
 ) {
-  const guarded: (...args: any[]) => void = (...args) => {
+  const guarded: ModelHandler = (...given) => {
     try {
-      const result = handler(...args);
-      result?.catch?.(fail);
+      const result = handler(...given);
+      if (result instanceof Promise) result.catch(fail);
     } catch (error) {
       fail(error);
     }

@@ -8,6 +8,8 @@
 // that screen readers say. So widgets of ipywidgets are in the language too, and no module has to ask for it. What
 // users name is in an element with translate="no", the attribute of HTML by which translators leave it alone.
 
+import type { Model } from "../types.ts";
+
 export type Table = Record<string, string>;
 
 const ATTRIBUTES = [
@@ -192,7 +194,8 @@ export function showInLanguage(root: HTMLElement, table: Table, language: string
   return () => changes.disconnect();
 }
 
-export type AnyWidget = { render: (given: any) => any; initialize?: (given: any) => any };
+type Given = { model: Model; el: HTMLElement };
+export type AnyWidget = { render: (given: Given) => () => void; initialize?: (given: { model: Model }) => unknown };
 
 /** A widget whose words are in the language of its model: its traits `language` and `words`, the table. */
 export function worded(widget: AnyWidget): AnyWidget {

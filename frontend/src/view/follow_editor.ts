@@ -4,7 +4,18 @@
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
-import type { Bus, CutData, FitSettings, LayeredFit, Model, Point, PointsDetail, Raster, Region } from "../types.ts";
+import type {
+  Bus,
+  CutData,
+  FitSettings,
+  LayeredFit,
+  Model,
+  Point,
+  PointsDetail,
+  Raster,
+  Region,
+  Values,
+} from "../types.ts";
 import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.ts";
 import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
@@ -25,7 +36,7 @@ const CUT_TILE = 32; // nodes along a square for which only the near edges of an
 export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): Field | null {
   const isHalf = (name: string) => content.space?.cut && (name === "space" || name === "depths");
   const names: string[] = content.buffers;
-  const parts: Record<string, any> = Object.fromEntries(
+  const parts: Values = Object.fromEntries(
     names.map((name, k) => [
       name,
       isHalf(name) ? new Uint16Array(bytesOf(buffers[k]!).slice().buffer) : floatsOf(buffers[k]!),

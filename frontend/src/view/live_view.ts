@@ -3,7 +3,7 @@
 // Frames of movies: see movie_frames.js.
 
 import { clipOf, isClipped } from "../maths/clipping.ts";
-import type { Model, Vector2, Vector3 } from "../types.ts";
+import type { Model, ModelHandler, Vector2, Vector3 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
@@ -26,7 +26,7 @@ import { floatsOf, VolumeLoader } from "./volume_loader.ts";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
-class LiveVolumeView {
+export class LiveVolumeView {
   model: Model;
   closed: boolean;
   messages: ViewMessages;
@@ -346,7 +346,7 @@ class LiveVolumeView {
     this.messages.send(content, buffers);
   }
 
-  on(name: string, handler: (...given: any[]) => unknown) {
+  on(name: string, handler: (...given: Parameters<ModelHandler>) => unknown) {
     this.messages.on(name, handler);
   }
 

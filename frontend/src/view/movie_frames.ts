@@ -2,10 +2,10 @@
 // their own, so that whoever turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
-import { isClipped } from "../maths/clipping.ts";
-import type { Model } from "../types.ts";
-import { picturesOf } from "../ui/view_parts.ts";
-import { RayCaster } from "../webgl/raycaster.ts";
+import { type Clip, isClipped } from "../maths/clipping.ts";
+import type { Model, Values, Vector2 } from "../types.ts";
+import { picturesOf, type Shows } from "../ui/view_parts.ts";
+import { type Background, RayCaster } from "../webgl/raycaster.ts";
 import type { VolumeData } from "../webgl/types.ts";
 import { fieldOf } from "./follow_editor.ts";
 import { FrameLoop } from "./render_loop.ts";
@@ -25,26 +25,37 @@ export interface MovieSource {
   about: (info: VolumeInfo) => VolumeData;
 }
 
+/** Traits of the view as the movie began. */
+interface MovieLooks {
+  shows: Shows;
+  projection: string;
+  background: Background;
+  show_folds: boolean;
+  ambient_occlusion: boolean;
+  clip: Clip;
+}
+
 export class MovieFrames {
   view: MovieSource;
-  id: any;
-  looks: any;
-  canvas: HTMLCanvasElement & { width: any; height: any };
+  id: unknown;
+  looks: MovieLooks;
+  canvas: HTMLCanvasElement;
   caster: RayCaster;
   seen: {
     info: VolumeInfo | null;
-    shown: any;
-    pixels: any[];
+    shown: Shows;
+    pixels: Vector2;
     pointer: { isBusy: boolean };
     field: Field | null;
-    model: { get: (name: string) => any };
+    model: { get: (name: string) => unknown };
   };
   camera: ViewCamera;
   loop: FrameLoop;
   isReady: Promise<void>;
 
   /** @param first the first request for a frame: its size and looks are those of all */
-  constructor(view: MovieSource, { id, size: [width, height], looks }: Message) {
+  constructor(view: MovieSource, { id, size, looks }: Message) {
+    const [width, height]: Vector2 = size;
     this.view = view;
     this.id = id;
     this.looks = looks;
@@ -52,13 +63,13 @@ export class MovieFrames {
     this.caster = new RayCaster(this.canvas);
     const { model, info } = view;
     // What a camera needs of a view, as it is in the movie.
-    const like = {
+    const like: MovieFrames["seen"] = {
       info,
       shown: looks.shows,
       pixels: [width, height],
       pointer: { isBusy: false },
-      field: null as Field | null,
-      model: { get: (name: string) => looks[name] },
+      field: null,
+      model: { get: (name: string) => (looks as Values)[name] },
     };
     this.seen = like;
     this.camera = new ViewCamera(like as unknown as VolumeViewLike);

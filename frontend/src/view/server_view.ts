@@ -2,7 +2,7 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import type { Model, Vector2 } from "../types.ts";
+import type { Model, ModelHandler, Vector2 } from "../types.ts";
 import { COMPARISONS } from "../ui/compare_controls.ts";
 import { pageElement } from "../ui/dom.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
@@ -110,7 +110,7 @@ export class ServerVolumeView {
     for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
   }
 
-  on(name: string, handler: (...given: any[]) => unknown) {
+  on(name: string, handler: (...given: Parameters<ModelHandler>) => unknown) {
     this.messages.on(name, handler);
   }
 
@@ -381,7 +381,7 @@ export class StillPicture {
       get: (name) => (name === "volume_info" && this.info) || model.get(name),
       set: (name, value) => model.set(name, value),
       save_changes: () => model.save_changes(),
-      on: (name: string, call: (...given: any[]) => void) => model.on(name, call),
+      on: (name: string, call: ModelHandler) => model.on(name, call),
       off: (name, call) => model.off(name, call),
       widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }),

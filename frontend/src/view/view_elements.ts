@@ -1,21 +1,11 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
-import type { Model } from "../types.ts";
+import type { Handlers, Model, ModelHandler } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { Theme } from "../ui/theme.ts";
-import {
-  aboutShown,
-  captionsOf,
-  Flicker,
-  Frames,
-  type Handlers,
-  listen,
-  type Shows,
-  sized,
-  type ViewName,
-} from "../ui/view_parts.ts";
+import { aboutShown, captionsOf, Flicker, Frames, listen, type Shows, sized, type ViewName } from "../ui/view_parts.ts";
 import type { Background } from "../webgl/raycaster.ts";
 import type { ViewCamera } from "./view_camera.ts";
 import type { Message } from "./volume_loader.ts";
@@ -173,7 +163,7 @@ export class ViewMessages {
     this.model.send({ view: this.id, ...content }, undefined, buffers);
   }
 
-  on(name: string, handler: (...given: any[]) => unknown) {
+  on(name: string, handler: (...given: Parameters<ModelHandler>) => unknown) {
     listen(this.model, name, handler, this.handlers, this.fail);
   }
 

@@ -1,10 +1,10 @@
 // Loading of the voxels from Python: packed pieces are requested, unpacked and put together.
 
-import type { Vector3 } from "../types.ts";
+import type { Values, Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
 
 /** a message of Python's, or one to Python */
-export type Message = { type: string; view?: string; [key: string]: any };
+export type Message = Values & { type: string; view?: string };
 
 const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost

@@ -51,8 +51,11 @@ class PlanarRanges {
     }
   }
 
-  /** Widens a box around `middle` by what a region's displacement is in it. */
-  widen([x, y, z]: Vector3, region: number, box: Sides) {
+  /**
+   * Widens a box around `middle` by what a region's displacement is in it.
+   * @param box low and high along x, y, z
+   */
+  widen(middle: Vector3, region: number, box: Float64Array) {
     const {
       planar: { count, isReplicated, weights, plane },
       matrix: [mx, my, mz],
@@ -61,6 +64,9 @@ class PlanarRanges {
       values,
     } = this;
     const [wide, high] = this.tiles;
+    const x = middle[0],
+      y = middle[1],
+      z = middle[2];
     const column = tileOf(mx[0] * x + my[0] * y + mz[0] * z + offset[0] - half[0], PLANAR_TILE, wide);
     const row = tileOf(mx[1] * x + my[1] * y + mz[1] * z + offset[1] - half[1], PLANAR_TILE, high);
     let u0 = 0,
@@ -93,11 +99,11 @@ class PlanarRanges {
       v0 += Math.min(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
       v1 += Math.max(w0 * lowV, w0 * highV, w1 * lowV, w1 * highV);
     }
-    for (const i of AXES) {
-      const u = plane.u[i],
-        v = plane.v[i];
-      box.low[i] += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
-      box.high[i] += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
+    for (let i = 0; i < 3; i++) {
+      const u = plane.u[i]!,
+        v = plane.v[i]!;
+      box[i]! += Math.min(u * u0, u * u1) + Math.min(v * v0, v * v1);
+      box[3 + i]! += Math.max(u * u0, u * u1) + Math.max(v * v0, v * v1);
     }
   }
 }
@@ -183,43 +189,40 @@ export class SpaceRanges {
     );
   }
 
-  /** Widens a box by what a region's displacement is in it. */
-  widen(region: number, box: Sides) {
+  /**
+   * Widens a box by what a region's displacement is in it.
+   * @param box low and high along x, y, z
+   */
+  widen(region: number, box: Float64Array) {
     const {
       tiles: [wide, high, deep],
       origin,
       spacing,
       ranges,
     } = this;
-    const x0 = tileOf((box.low[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
-    const x1 = tileOf((box.high[0] - origin[0]) / spacing[0], SPACE_TILE, wide);
-    const y0 = tileOf((box.low[1] - origin[1]) / spacing[1], SPACE_TILE, high);
-    const y1 = tileOf((box.high[1] - origin[1]) / spacing[1], SPACE_TILE, high);
-    const z0 = tileOf((box.low[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
-    const z1 = tileOf((box.high[2] - origin[2]) / spacing[2], SPACE_TILE, deep);
-    const own = ranges[region]!;
-    MOVES.low.fill(Infinity);
-    MOVES.high.fill(-Infinity);
+    const x0 = tileOf((box[0]! - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const x1 = tileOf((box[3]! - origin[0]) / spacing[0], SPACE_TILE, wide);
+    const y0 = tileOf((box[1]! - origin[1]) / spacing[1], SPACE_TILE, high);
+    const y1 = tileOf((box[4]! - origin[1]) / spacing[1], SPACE_TILE, high);
+    const z0 = tileOf((box[2]! - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const z1 = tileOf((box[5]! - origin[2]) / spacing[2], SPACE_TILE, deep);
+    const own = ranges[region]!,
+      moves = MOVES.fill(Infinity, 0, 3).fill(-Infinity, 3);
     for (let z = z0; z <= z1; z++) {
       for (let y = y0; y <= y1; y++) {
         for (let x = x0, i = 6 * ((z * high + y) * wide + x0); x <= x1; x++, i += 6) {
-          for (const c of AXES) {
-            const low = own[i + c]!,
-              high = own[i + 3 + c]!;
-            if (low < MOVES.low[c]) MOVES.low[c] = low;
-            if (high > MOVES.high[c]) MOVES.high[c] = high;
+          for (let c = 0; c < 3; c++) {
+            if (own[i + c]! < moves[c]!) moves[c] = own[i + c]!;
+            if (own[i + 3 + c]! > moves[3 + c]!) moves[3 + c] = own[i + 3 + c]!;
           }
         }
       }
     }
-    for (const c of AXES) {
-      box.low[c] += MOVES.low[c];
-      box.high[c] += MOVES.high[c];
-    }
+    for (let c = 0; c < 6; c++) box[c]! += moves[c]!;
   }
 }
 
-const MOVES: Sides = { low: [0, 0, 0], high: [0, 0, 0] }; // one for all: an array for each box would take longer than the rest
+const MOVES = new Float64Array(6); // one for all: an array for each box would take longer than the rest
 
 /**
  * The smallest values of the three components, then the largest, in every tile.
@@ -318,8 +321,8 @@ export function emptyCells(
   const margin = planar || space ? MARGIN : 0,
     values = new Uint8Array(size[0] * size[1] * size[2]);
   const middle: Vector3 = [0, 0, 0],
-    first: Sides = { low: [0, 0, 0], high: [0, 0, 0] },
-    last: Sides = { low: [0, 0, 0], high: [0, 0, 0] };
+    first = new Float64Array(6),
+    last = new Float64Array(6);
   let o = 0;
   for (let z = 0; z < size[2]; z++) {
     middle[2] = box.low[2] + (z + 0.5) * edge[2];
@@ -329,16 +332,13 @@ export function emptyCells(
         middle[0] = box.low[0] + (x + 0.5) * edge[0];
         let found = 0;
         for (let r = 0; r < regions && found < 255; r++) {
-          for (const i of AXES) {
-            first.low[i] = middle[i] - half[i];
-            first.high[i] = middle[i] + half[i];
+          for (let i = 0; i < 3; i++) {
+            first[i] = middle[i]! - half[i]!;
+            first[3 + i] = middle[i]! + half[i]!;
           }
           plane?.widen(middle, r, first);
           for (let s = 0; s < later && found < 255; s++) {
-            for (const i of AXES) {
-              last.low[i] = first.low[i];
-              last.high[i] = first.high[i];
-            }
+            last.set(first);
             rest?.widen(s, last);
             found = Math.max(found, largestIn(last, shape, spacing, margin, extremes.size, pairs, beyond));
           }
@@ -359,7 +359,7 @@ export function emptyCells(
 
 /** The largest value of the blocks that a box meets. */
 function largestIn(
-  box: Sides,
+  box: Float64Array,
   shape: Vector3,
   spacing: Vector3,
   margin: number,
@@ -367,12 +367,12 @@ function largestIn(
   pairs: Uint8Array,
   beyond: number,
 ) {
-  const x0 = box.low[0] / spacing[0] + 0.5 - margin,
-    x1 = box.high[0] / spacing[0] + 0.5 + margin;
-  const y0 = box.low[1] / spacing[1] + 0.5 - margin,
-    y1 = box.high[1] / spacing[1] + 0.5 + margin;
-  const z0 = box.low[2] / spacing[2] + 0.5 - margin,
-    z1 = box.high[2] / spacing[2] + 0.5 + margin;
+  const x0 = box[0]! / spacing[0] + 0.5 - margin,
+    x1 = box[3]! / spacing[0] + 0.5 + margin;
+  const y0 = box[1]! / spacing[1] + 0.5 - margin,
+    y1 = box[4]! / spacing[1] + 0.5 + margin;
+  const z0 = box[2]! / spacing[2] + 0.5 - margin,
+    z1 = box[5]! / spacing[2] + 0.5 + margin;
   const isBeyond = x0 < 0 || y0 < 0 || z0 < 0 || x1 > shape[0] || y1 > shape[1] || z1 > shape[2];
   let most = isBeyond ? beyond : 0;
   const small = 1e-5; // of a block: a cell that ends where a block does is not in the next one
