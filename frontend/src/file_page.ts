@@ -22,7 +22,7 @@ import {
   showOnPage,
   textElement,
 } from "./standalone_page.ts";
-import type { Point, Values, Vector2, Vector4 } from "./types.ts";
+import type { Point, Values, Vector2 } from "./types.ts";
 import { OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
 import { inLanguage, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";

@@ -190,7 +190,7 @@ export class PictureSource {
     return found;
   }
 
-  get box() {
+  get box(): Vector4 {
     const {
       shape: [nv, nu],
       spacing: [du, dv],
@@ -323,7 +323,7 @@ export class Painter {
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
-    const whole = this.visible(view, sheet as Vector4),
+    const whole = this.visible(view, sheet!),
       isFaded = original.opacity > 0;
     if (whole.width <= 0 || whole.height <= 0) return;
     const line = Math.round(original.share * canvas.width); // left of which the original is seen
