@@ -312,7 +312,7 @@ export class Painter {
       paper,
       sheet = this.source?.box,
       original = NO_ORIGINAL,
-    }: { isMoving: boolean; paper: string; sheet?: number[]; original?: Original },
+    }: { isMoving: boolean; paper: string; sheet?: Vector4; original?: Original },
   ) {
     const start = performance.now(),
       { context: c, canvas, source } = this;
@@ -323,7 +323,7 @@ export class Painter {
     const hex = String(c.fillStyle); // #rrggbb, whatever was set
     this.paper = [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16) || 0);
     if (!source || !sheet) return;
-    const whole = this.visible(view, sheet!),
+    const whole = this.visible(view, sheet),
       isFaded = original.opacity > 0;
     if (whole.width <= 0 || whole.height <= 0) return;
     const line = Math.round(original.share * canvas.width); // left of which the original is seen
