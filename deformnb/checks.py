@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-import sys
 import types
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -174,8 +174,8 @@ def warn(notes: Iterable[str]) -> None:
     """
     if _IS_REPORTED.get():
         return
-    frame, level = sys._getframe(1), 2
-    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1
     for note in dict.fromkeys(notes):
         warnings.warn(translate(note), DeformWarning, stacklevel=level)

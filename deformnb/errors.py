@@ -23,7 +23,7 @@ class _ShortInNotebooks:
     ``__context__`` are those of every exception.
     """
 
-    _is_full = False
+    is_full = False
     __traceback__: TracebackType | None
 
     def _render_traceback_(self) -> list[str]:
@@ -31,7 +31,7 @@ class _ShortInNotebooks:
         assert isinstance(self, BaseException)
         shell = _shell()
         formatter = getattr(shell, "InteractiveTB", None)
-        if _ShortInNotebooks._is_full or getattr(formatter, "mode", "Context") not in _SHORT_MODES:
+        if _ShortInNotebooks.is_full or getattr(formatter, "mode", "Context") not in _SHORT_MODES:
             if formatter is None:
                 return traceback.format_exception(self)
             # The first frame is IPython's own, which runs the cell.
@@ -60,7 +60,7 @@ def show_tracebacks(shown: bool = True) -> None:
 
         %tb Plain
     """
-    _ShortInNotebooks._is_full = bool(shown)
+    _ShortInNotebooks.is_full = bool(shown)
 
 
 def _shell() -> object:

@@ -6,5 +6,5 @@ from typing import Any
 
 
 def deliver(widget: Any, content: Any, buffers: Any = ()) -> None:
-    """Let the widget receive a message; the method is ipywidgets', which has no public one for it."""
-    widget._handle_custom_msg(content, list(buffers))
+    """Let the widget receive a message by its comm, as of a kernel."""
+    widget.comm.handle_msg({"content": {"data": {"method": "custom", "content": content}}, "buffers": list(buffers)})

@@ -182,8 +182,9 @@ def checked(widget: ipw.Widget, data: Any) -> dict[str, Any]:
     state, paths = data.get("state"), data.get("buffer_paths", [])
     if not isinstance(state, dict) or not isinstance(paths, list):
         raise DeformError("an update has a state.")
-    if not isinstance(widget, SyncedWidget) and not state.keys() <= SETTABLE.get(widget._model_name, set()):
-        raise DeformError(f"a page cannot set {sorted(map(str, state))[0]:.40} of a {widget._model_name}.")
+    model = widget.get_state("_model_name")["_model_name"]
+    if not isinstance(widget, SyncedWidget) and not state.keys() <= SETTABLE.get(model, set()):
+        raise DeformError(f"a page cannot set {sorted(map(str, state))[0]:.40} of a {model}.")
     return {"method": "update", "state": state, "buffer_paths": paths}
 
 

@@ -186,7 +186,7 @@ class RBFInterpolant(AbstractField):
             return self.of_points
         return self.of_points + _warnings(self)
 
-    def _dragged(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def dragged(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Targets (n, dim) of the points behind the centres, and the displacements that they were given."""
         n = int(self.count)
         targets = self.origin + self.support * np.asarray(self.centers, dtype=np.float64)[:n]
@@ -237,7 +237,7 @@ class RBFInterpolant(AbstractField):
         if not least <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
             return False
         nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
-        drags = self._dragged()[1] / self.support  # in the unit of the places: rigid maps are not linear in it
+        drags = self.dragged()[1] / self.support  # in the unit of the places: rigid maps are not linear in it
         if np.count_nonzero(drags.any(axis=1)) <= n / 2:
             return False
         try:
@@ -285,10 +285,14 @@ class RBFInterpolant(AbstractField):
         return plain if self.quadratic is None else plain + jnp.einsum("...k,mkj,...j->...m", p, self.quadratic, p)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
+        return self.displacement_as(points, np.float64)
+
+    def displacement_as(self, points: ArrayLike, dtype: Any) -> NDArray[Any]:
+        """The displacement, computed in a type of numbers."""
         relative, shape = self._relative(points)
         if self.is_identity:  # every studio starts with one, and nothing is compiled for it
             return np.zeros(shape)
-        return at_points(relative, self._leaves(np.float64), self.kernel, np.float64).T.reshape(shape)
+        return at_points(relative, self._leaves(dtype), self.kernel, dtype).T.reshape(shape)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
@@ -453,8 +457,7 @@ def moved_back(
     ]
     dtype = _common_type(fits, reaches, resolution, known)
     if first.is_culled:
-        d = at_points(first._relative(places.T)[0], first._leaves(dtype), first.kernel, dtype)
-        return places + d, np.zeros((1, len(places)))
+        return places + first.displacement_as(places.T, dtype).T, np.zeros((1, len(places)))
     ends, spread, reach = in_turn(places, stacked([fit.radial_sum(dtype) for fit in fits]))
     if dtype is np.float32 and _common_type(fits, np.linalg.norm(reach, axis=1), resolution, known) is np.float64:
         ends, spread, _ = in_turn(places, stacked([fit.radial_sum(np.float64) for fit in fits]))
@@ -664,7 +667,7 @@ _COLLAPSES = {
 
 def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     """Notes on a fit that is valid but probably a mistake: collapsed trends and crossing points."""
-    targets, displacements = fit._dragged()
+    targets, displacements = fit.dragged()
     sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
     torn = torn_pairs(targets, sources, fit.ids)
     crossed = [

@@ -248,9 +248,9 @@ class Warper:
             raise DeformError(f"step must be a whole number of voxels, at least 1, got {shown_value(step)}.")
         self.step = int(step)
         self._fill = planning.as_voxel(self.fill, volume.dtype)
-        self._compute = sampling.compute_type(volume.dtype)
+        self.compute = sampling.compute_type(volume.dtype)
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
-        self._places = planning.places(volume.grid, self.output, self._compute)
+        self._places = planning.places(volume.grid, self.output, self.compute)
         self._near = self._places.near(volume.shape)
         self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read where they lie
 
@@ -258,12 +258,14 @@ class Warper:
         """The volume deformed by ``field``; see :func:`warp`."""
         return _together([self], field, progress)[0]
 
-    def _finished(self, values: NDArray[Any]) -> Volume:
+    def finished(self, values: NDArray[Any]) -> Volume:
+        """The result as a volume."""
         if self.volume.dtype == np.bool_:
             values = values.view(np.bool_)
         return Volume(values, self.output, self.volume.name, self.volume.is_labels, self.volume.notes)
 
-    def _planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+    def planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+        """The voxels under an extruded map, in the quickest way."""
         if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
             values = self._in_blocks(plan, progress)
         elif plan.normal == 2 or (plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal)):
@@ -306,24 +308,75 @@ class Warper:
         """The voxels, or the spline's coefficients, in JAX's memory."""
         values = self._voxels
         if METHODS[self.method].is_spline:
-            values = sampling.spline_coefficients(values, self._compute)
+            values = sampling.spline_coefficients(values, self.compute)
         return sampling.shared(values)
 
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
-    def _listed(self, flat: Any, d: Any, voxels: tuple[NDArray[np.int32], ...]) -> NDArray[Any]:
+    def load(self) -> None:
+        """Make ready what is sampled, before threads share it."""
+        with self._arithmetic():
+            _ = self._flat
+
+    def empty(self) -> NDArray[Any]:
+        """An array for the result."""
+        return np.empty(self.output.shape, self._voxels.dtype)
+
+    def in_block(self, own: Displacements, block: tuple[slice, slice], step: int) -> NDArray[Any]:
+        """The voxels of a block, whose displacements are known at every ``step``-th of them."""
         at = self._places
         with self._arithmetic():
-            return as_numpy(
-                sampling.listed(flat, d, voxels, at.matrix, at.whole, at.part, self._fill, **self._settings())
+            result = as_numpy(
+                sampling.general(
+                    self._flat,
+                    own.d,
+                    at.matrix,
+                    *at.block(block),
+                    self._fill,
+                    own.nodes,
+                    step=step,
+                    straight=at.is_straight,
+                    **self._settings(),
+                )
             )
+        return result if own.opacity is None else self._faded(result, own.opacity)
+
+    def at_voxels(self, known: Replacement) -> NDArray[Any]:
+        """Single voxels, whose displacements are known."""
+        voxels, d, opacity = known
+        at = self._places
+        with self._arithmetic():
+            result = as_numpy(
+                sampling.listed(self._flat, d, voxels, at.matrix, at.whole, at.part, self._fill, **self._settings())
+            )
+        return result if opacity is None else self._faded(result, opacity)
+
+    def put_near_cut(
+        self, out: NDArray[Any], cut: CutPlan, part: tuple[slice, NDArray[np.intp]], d: Any, opacity: Any
+    ) -> None:
+        """Put in a result the voxels of a part of those that lie so near a cut that it may open."""
+        normal, depth, pixels = cut.apart.normal, part[0], cut.pixels[:, part[1]]
+        with self._arithmetic():
+            result = as_numpy(
+                sampling.extruded(
+                    self._flat,
+                    (d,),
+                    np.ones((1, d.shape[normal + 1]), np.float32),
+                    cut.apart.matrix,
+                    *self._places.at_pixels(normal, depth, pixels),
+                    self._fill,
+                    normal=normal,
+                    **self._settings(),
+                )
+            )
+        np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(self._faded(result, opacity), normal, 2)[0]
 
     def _settings(self) -> dict[str, Any]:
         return {
             "shape": self.volume.shape,
             "method": self.method,
-            "compute": self._compute,
+            "compute": self.compute,
             "index": self._index,
             "near": self._near,
         }
@@ -366,7 +419,7 @@ class Warper:
                 ok,
                 self._fill,
                 method=self.method,
-                compute=self._compute,
+                compute=self.compute,
             )
             slices = np.asarray(sampling.turned(np.asarray(rows), 2, normal))
             return slices[:, :count] if gap else slices
@@ -386,7 +439,7 @@ class Warper:
         whole, fraction = list(self._places.whole), list(self._places.part)
         whole[normal] = np.zeros((3, count), np.int32)
         whole[normal][normal] = np.arange(count)
-        fraction[normal] = np.zeros((3, count), self._compute)
+        fraction[normal] = np.zeros((3, count), self.compute)
         with self._arithmetic():  # on JAX's side once, and not again for every part
             fixed = jnp.asarray(plan.maps[*[slice(None)] * (normal + 2), None]), plan.matrix, whole, fraction
             maps, matrix, whole, fraction = jax.tree.map(jnp.asarray, fixed)
@@ -503,13 +556,13 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
         _ = warper.volume.values  # raises where its file has changed
     plan, cut = None, None
     if not METHODS[first.method].is_spline:  # its coefficients hold the value along the normal in three taps
-        plan = planning.extruded(field, grid, output, first._compute)
-        cut = None if plan else plan_cut(field, grid, output, first._compute)
+        plan = planning.extruded(field, grid, output, first.compute)
+        cut = None if plan else plan_cut(field, grid, output, first.compute)
     try:
         if cut:
             values = _near_cuts(warpers, cut, progress)
         elif plan:
-            values = [warper._planned(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
+            values = [warper.planned(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
         else:
             values = _general(warpers, field, progress)
     except MemoryError:
@@ -518,7 +571,7 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
             f"there is not enough memory for a result of {nx} x {ny} x {nz} voxels; make its box "
             "smaller or its spacing larger (output)."
         ) from None
-    return [warper._finished(result) for warper, result in zip(warpers, values, strict=True)]
+    return [warper.finished(result) for warper, result in zip(warpers, values, strict=True)]
 
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
@@ -547,11 +600,9 @@ def _share(
 def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress | None) -> list[NDArray[Any]]:
     """Any field, block by block: its displacements in a block are found once, and all volumes are read there."""
     grid = warpers[0].output
-    outs = [np.empty(grid.shape, warper._voxels.dtype) for warper in warpers]
-    flats = []
+    outs = [warper.empty() for warper in warpers]
     for warper in warpers:
-        with warper._arithmetic():
-            flats.append(warper._flat)
+        warper.load()
     step = 1 if field.has_cuts else warpers[0].step  # no displacement is interpolated across a cut
 
     chain = ComposedEvaluator(field, grid)
@@ -562,33 +613,14 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
 
     def work(block: tuple[slice, slice]) -> None:
         own = _on_lattice(field, planning.lattice(grid, block, step), step) if by_lattice else chain.block(block)
-        for k, (warper, flat) in enumerate(zip(warpers, flats, strict=True)):
-            at = warper._places
-            with warper._arithmetic():
-                result = as_numpy(
-                    sampling.general(
-                        flat,
-                        own.d,
-                        at.matrix,
-                        *at.block(block),
-                        warper._fill,
-                        own.nodes,
-                        step=step,
-                        straight=at.is_straight,
-                        **warper._settings(),
-                    )
-                )
-            if own.opacity is not None:
-                result = warper._faded(result, own.opacity)
-            _store(outs, k, block, result, is_final=by_lattice)
+        for k, warper in enumerate(warpers):
+            _store(outs, k, block, warper.in_block(own, block, step), is_final=by_lattice)
         for known in own.exact:
             replace(known)
 
     def replace(known: Replacement) -> None:
-        voxels, d, opacity = known
-        for warper, flat, out in zip(warpers, flats, outs, strict=True):
-            result = warper._listed(flat, d, voxels)
-            out[voxels] = result if opacity is None else warper._faded(result, opacity)
+        for warper, out in zip(warpers, outs, strict=True):
+            out[known[0]] = warper.at_voxels(known)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
     _share(warpers, parts, work, _within(progress, *ends[:2]))
@@ -623,34 +655,14 @@ def _on_lattice(field: AbstractField, lattice: Grid, step: int) -> Displacements
 
 def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
     """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
-    outs = [_writable(warper._planned(cut.apart, None)) for warper in warpers]
-    flats = []
+    outs = [_writable(warper.planned(cut.apart, None)) for warper in warpers]
     for warper in warpers:
-        with warper._arithmetic():
-            flats.append(warper._flat)
-
-    normal = cut.apart.normal
+        warper.load()
 
     def work(part: tuple[slice, NDArray[np.intp]]) -> None:
         d, opacity = cut.seen(*part)
-        depth, pixels = part[0], cut.pixels[:, part[1]]
-        weights = np.ones((1, d.shape[normal + 1]), np.float32)
-        for warper, flat, out in zip(warpers, flats, outs, strict=True):
-            with warper._arithmetic():
-                result = as_numpy(
-                    sampling.extruded(
-                        flat,
-                        (d,),
-                        weights,
-                        cut.apart.matrix,
-                        *warper._places.at_pixels(normal, depth, pixels),
-                        warper._fill,
-                        normal=normal,
-                        **warper._settings(),
-                    )
-                )
-            result = warper._faded(result, opacity)
-            np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(result, normal, 2)[0]
+        for warper, out in zip(warpers, outs, strict=True):
+            warper.put_near_cut(out, cut, part, d, opacity)
 
     _share(warpers, cut.parts(), work, progress)
     return outs
@@ -699,7 +711,7 @@ def warp_all(
     warpers = [Warper(volume, output=output, fill=fill, method=method, step=step) for volume in volumes]
     groups: dict[tuple[str, bool], list[int]] = {}
     for k, warper in enumerate(warpers):  # a map is planned in the precision of the voxels
-        groups.setdefault((warper._compute, METHODS[warper.method].is_spline), []).append(k)
+        groups.setdefault((warper.compute, METHODS[warper.method].is_spline), []).append(k)
     results: dict[int, Volume] = {}
     for number, members in enumerate(groups.values()):
         done = _together([warpers[k] for k in members], field, _part_of(progress, number, len(groups)))

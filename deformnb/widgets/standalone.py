@@ -47,7 +47,7 @@ from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
 from deformnb.widgets.view.base import with_map
-from deformnb.widgets.view.live_view import LiveView
+from deformnb.widgets.view.live_view import LiveView, Snapshot
 from deformnb.widgets.view.stills import as_png, render_scene
 from deformnb.words import language as chosen_language
 from deformnb.words import translate, word_table
@@ -141,11 +141,11 @@ def standalone_html(
     code = chosen_language(language)
     data = _page_data(editor, part, name, wanted, code)
     scripts = [
-        _as_script(Editor._esm, "editor"),
-        *([_as_script(LiveView._esm, "view")] if part else []),
+        _as_script(bundle("editor.js"), "editor"),
+        *([_as_script(bundle("live_view.js"), "view")] if part else []),
         bundle("standalone.js"),
     ]
-    styles = [Editor._css, *([LiveView._css] if part else []), bundle("standalone.css")]
+    styles = [bundle("editor.css"), *([bundle("live_view.css")] if part else []), bundle("standalone.css")]
     facts = translate(f"{part.about}. {_PROMISE}" if part else _PROMISE, code)
     texts = {"title": name, "about": about, "facts": facts}
     image = base64.b64encode(part.still if part else editor.preview_png()).decode("ascii")
@@ -182,7 +182,11 @@ def file_page_html(language: str | None = None) -> str:
         view.close()
     names = ("strength", "kernel", "shows", "density", "view")
     data |= {"parameters": as_json(names), "known_spacings": [vars(row) for row in known_spacings()]}
-    scripts = [_as_script(Editor._esm, "editor"), _as_script(LiveView._esm, "view"), bundle("file_page.js")]
+    scripts = [
+        _as_script(bundle("editor.js"), "editor"),
+        _as_script(bundle("live_view.js"), "view"),
+        bundle("file_page.js"),
+    ]
     texts = {"title": "deformnb", "about": translate(FILE_PAGE_ABOUT, code), "facts": translate(_PROMISE, code)}
     opening = f'<div class="dnb-page-open" role="group" aria-label="{translate("File", code)}"></div>'
     return _page(
@@ -190,7 +194,7 @@ def file_page_html(language: str | None = None) -> str:
         {"opening": opening, "hidden": " hidden", "still": ""},
         data,
         scripts,
-        [Editor._css, LiveView._css, bundle("file_page.css")],
+        [bundle("editor.css"), bundle("live_view.css"), bundle("file_page.css")],
         code,
     )
 
@@ -322,15 +326,14 @@ class _ViewPart:
 
 
 def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> _ViewPart:
-    volume = view._volume
-    if volume is None:
-        raise DeformError("the view shows no volume yet; call show(volume) first.")
-    field, index = _linked(editor, view, volume)
+    snapshot = view.snapshot()
+    volume, output = snapshot.volume, snapshot.scene.output
+    field, index = _linked(editor, view, snapshot)
     report(0.05)
-    seen = view._ready()  # the same bytes: the colours of the page are of them
-    shown, chunks = _packed_chunks(volume, limit, seen, report)
-    maps = field_textures(field, shown, view._output, view._map_size, min(view._space_size, _SPACE_SIZE))
-    box = view._output or volume.grid
+    # The same bytes: the colours of the page are of them.
+    shown, chunks = _packed_chunks(volume, limit, snapshot.scene.shown, report)
+    maps = field_textures(field, shown, output, snapshot.map_size, min(snapshot.space_size, _SPACE_SIZE))
+    box = output or volume.grid
     traits = {
         **_traits(view),
         "volume_info": shown.info(),
@@ -338,7 +341,7 @@ def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progre
         "editor_map": index,
         "tissue_check": _tissue_check(volume, shown, box),
     }
-    scene = replace(view._scene(), shown=shown, field=field)
+    scene = replace(snapshot.scene, shown=shown, field=field)
     still = as_png(render_scene(scene, _STILL))
     report(0.9)
     return _ViewPart(
@@ -383,18 +386,18 @@ def _tissue_check(volume: Volume, shown: PackedVolume, box: Grid) -> dict[str, A
     }
 
 
-def _linked(editor: Editor, view: LiveView, volume: Volume) -> tuple[AbstractField, int]:
+def _linked(editor: Editor, view: LiveView, snapshot: Snapshot) -> tuple[AbstractField, int]:
     """Field of the view with the current points, and the index of the map that they make."""
     if view.editor is not None and view.editor is not editor:
         raise DeformError("the view follows another editor; give that one, or call follow() with this one first.")
     fit = editor.fit()
-    if view.editor is None or view._field is None:
+    if view.editor is None or snapshot.field is None:
         step = editor.step()
         assert step.plane is not None
-        return with_map(extrude(step.plane, volume.finest_grid, (Identity(2),), step.weights()), 0, fit), 0
+        return with_map(extrude(step.plane, snapshot.volume.finest_grid, (Identity(2),), step.weights()), 0, fit), 0
     index = int(view.editor_map)
-    _extrusion(view._field)
-    return with_map(view._field, index, fit), index
+    _extrusion(snapshot.field)
+    return with_map(snapshot.field, index, fit), index
 
 
 def _extrusion(field: AbstractField) -> Extrusion:

@@ -15,6 +15,8 @@ from front_end import deliver
 from numpy.typing import NDArray
 from waiting import PATIENCE
 
+from deformnb.widgets.view.live_view import LiveView
+
 FOLLOWED = "!document.querySelector('.dnb-view').deformnb.elements.frame"
 """Letters, scale and cube are those of the camera: they follow it in the next frame."""
 
@@ -135,8 +137,9 @@ class LivePage:
         )
 
     def draw(self, name: str = "view") -> None:
-        self.page.add_style_tag(content=self.widgets[name]._css)
-        self.page.evaluate("([n, s]) => draw(n, s)", [name, self.widgets[name]._esm])
+        of_widget = self.widgets[name].get_state(["_css", "_esm"])
+        self.page.add_style_tag(content=of_widget["_css"])
+        self.page.evaluate("([n, s]) => draw(n, s)", [name, of_widget["_esm"]])
         self.flush()
 
     def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
@@ -196,8 +199,8 @@ class LivePage:
     @property
     def _is_busy(self) -> bool:
         """Whether messages of the page are read, answers not delivered, or states wait for older ones to be seen."""
-        pacers = (getattr(widget, "_pacer", None) for widget in self.widgets.values())
-        return self._is_reading or bool(self._inbox or self.outbox) or any(p and p.is_waiting for p in pacers)
+        pacers = (widget.fields.pacer for widget in self.widgets.values() if isinstance(widget, LiveView))
+        return self._is_reading or bool(self._inbox or self.outbox) or any(pacer.is_waiting for pacer in pacers)
 
     def answered(self) -> None:
         """Until Python has read all that the page has said so far, and the page has heard the answers."""

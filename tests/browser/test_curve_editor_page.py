@@ -556,8 +556,9 @@ def test_a_click_with_ctrl_removes_nothing_for_on_a_mac_it_opens_menus(drawn: An
 def test_a_style_sheet_may_come_late_and_the_page_may_change_its_width(drawn: Any, kind: str) -> None:
     page = drawn(width=700)
     page.add(made(kind), "late", draw=False)
-    page.page.evaluate("([n, s]) => draw(n, s)", ["late", page.widgets["late"]._esm])
-    page.page.add_style_tag(content=page.widgets["late"]._css)
+    of_widget = page.widgets["late"].get_state(["_css", "_esm"])
+    page.page.evaluate("([n, s]) => draw(n, s)", ["late", of_widget["_esm"]])
+    page.page.add_style_tag(content=of_widget["_css"])
     for width in (700, 500):
         page.page.set_viewport_size({"width": width, "height": 900})
         page.wait(f"document.querySelector('.dnb-cv-svg').getAttribute('viewBox').startsWith('0 0 {width - 2} ')")

@@ -58,7 +58,7 @@ def deform(page: LivePage, view: LiveView, deformation: Deformation | None) -> N
     view.show_deformation(deformation)
     for _ in range(1000):
         page.flush()
-        if not view._pacer.is_waiting and view._pacer._seen == view._pacer._number:
+        if view.fields.pacer.is_idle:
             return
         page.page.wait_for_timeout(30)
     raise TimeoutError("the page has not confirmed the field")

@@ -79,8 +79,9 @@ def view_on_page(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
         show_folds=False,
         space_size=96,
     )
-    assert view._esm.count(LIT) == 1
-    view._esm = view._esm.replace(LIT, AS_COLOUR)
+    module = view.get_state("_esm")["_esm"]
+    assert module.count(LIT) == 1
+    view.set_trait("_esm", module.replace(LIT, AS_COLOUR))
     view.set_camera((0, 1, 0))
     page.add(view)
     page.loaded()

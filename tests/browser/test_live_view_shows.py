@@ -16,6 +16,7 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.view.field_sender import ShownField
 from deformnb.widgets.view.live_view import LiveView
 
 pytestmark = pytest.mark.needs_browser
@@ -331,7 +332,8 @@ def test_an_old_field_does_not_replace_what_the_editor_has_gone_on_to_show(page:
     page.wait(f"{LINK}.count > 1")
     moved_on = column(page.pixels())
     assert moved_on - start > 25
-    view._take(stale, None, field_of_old_points)
+    view.fields.hold(ShownField(stale, followed=field_of_old_points))
+    view.fields.offer()
     page.flush()
     assert column(page.pixels()) == pytest.approx(moved_on, abs=0.3)
     count = page.page.evaluate(f"{LINK}.count")
@@ -391,11 +393,11 @@ def test_following_again_and_another_volume_keep_the_connection(page: LivePage) 
 
 def test_fields_come_no_faster_than_the_page_draws_them(page: LivePage) -> None:
     view = opened(page)
-    view._pacer._patience = 60.0
+    view.fields.pacer.patience = 60.0
     for k in range(12):
         view.show_deformation(extrusion(0.5 * k))
     assert len(page.outbox) <= 1
     page.wait("models.view.sent.filter((m) => m.type === 'seen').length === 2")
     seqs = page.page.evaluate("models.view.sent.filter((m) => m.type === 'seen').map((m) => m.seq)")
     assert seqs == [1, 2]  # the first and the last
-    assert not view._pacer.is_waiting
+    assert not view.fields.pacer.is_waiting

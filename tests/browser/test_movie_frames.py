@@ -64,7 +64,7 @@ def shown(page: LivePage) -> LiveView:
 
 
 def scene_of(view: LiveView, size: tuple[int, int] = SIZE) -> PageScene:
-    return view.page_scene(view._volume, view._transfer, size, view.seen())
+    return view.page_scene(view.source.volume, view.source.transfer, size, view.seen())
 
 
 def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(page: LivePage) -> None:
@@ -105,7 +105,7 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
     scene.set_field(bent(6.0).field(GRID))
     frame = in_thread(page, scene.render).astype(float)
     assert max(pieces) <= 2**18 < sum(pieces)
-    core = scene_as_seen(bar(), view._transfer, size, seen, "core")
+    core = scene_as_seen(bar(), view.source.transfer, size, seen, "core")
     core.set_field(bent(6.0).field(GRID))
     still = np.asarray(core.render()).astype(float)
     # The lamps are not quite alike, nor are soft edges and the ground: what is seen is, and about as bright.

@@ -135,7 +135,8 @@ def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: L
     here = shown(one())
     view = "document.querySelector('.dnb-view').deformnb"
     page.wait(f"{view}.spaceLink.given")
-    page.until(lambda: here.view._senders)
+    page.wait("models.view.sent.some((m) => m.type === 'follows')")
+    page.answered()
     before, messages = middle(page.pixels()), here.view.stats()["messages"]
     x, y = here.on_screen(CENTER)
     here.mouse.move(x, y)

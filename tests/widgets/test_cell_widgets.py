@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from waiting import PATIENCE, Threads, wait_for
 
 from deformnb.errors import DeformError
@@ -56,7 +57,7 @@ def a_volume_view() -> VolumeView:
 
 def a_live_view() -> LiveView:
     made = LiveView(a_volume())
-    made._draw_here()  # for a page that cannot, by a scene of VTK's or the core's
+    deliver(made, {"type": "still", "view": "page"})  # it is drawn by a scene of VTK's or the core's
     return made
 
 

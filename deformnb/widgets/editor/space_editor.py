@@ -14,6 +14,7 @@ import logging
 import threading
 import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -254,16 +255,17 @@ class SpaceEditor(EditedPoints):
 
     def _received(self, widget: Any, content: Any, buffers: Any) -> None:
         kind = content.get("type") if isinstance(content, dict) else None
-        answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+        answers = {"hello": self._hello, "look": self._look, "seen": self._seen}  # others are about points
+        answer = answers.get(kind) if isinstance(kind, str) else None
         if answer is None:
             super()._received(widget, content, buffers)
             return
         with dropping("a message"):
-            answer(self, text(content.get("view")), content)
+            answer(text(content.get("view")), content)
 
     def _hello(self, view: str, content: dict[str, Any]) -> None:
         self._has_front_end = True
-        self._worker.latest(f"hello {view}", weakly(self, lambda editor: editor._draw(0, view)))
+        self._worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
 
     def _seen(self, view: str, content: dict[str, Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
@@ -321,7 +323,7 @@ class SpaceEditor(EditedPoints):
             self._pacer.offer()
 
     def _request_pictures(self, number: int) -> None:
-        self._worker.latest("pictures", weakly(self, lambda editor: editor._draw(number, None)))
+        self._worker.latest("pictures", partial(weakly(self, SpaceEditor._draw), number, None))
 
     def _rest(self) -> None:
         self._is_moving = False
@@ -405,10 +407,6 @@ class SpaceEditor(EditedPoints):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         return with_png(super()._repr_mimebundle_(**options), self.preview_png)
-
-
-_ANSWERS = {"hello": SpaceEditor._hello, "look": SpaceEditor._look, "seen": SpaceEditor._seen}
-"""Handlers of each kind of message, besides those about points."""
 
 
 def _is_same(a: Any, b: Any) -> bool:

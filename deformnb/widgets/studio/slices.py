@@ -5,6 +5,7 @@ Their cross-hair and the picture's own slice, where it shows one, move together.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from deformnb._weak import weakly
@@ -117,7 +118,7 @@ class StudioSlices:
 
     def _preview(self, edit: EditMessage) -> None:
         if edit.phase == "move":
-            self._worker.latest("slices", weakly(self, lambda slices: slices._show(edit), StudioSlices._is_open))
+            self._worker.latest("slices", partial(weakly(self, StudioSlices._show, StudioSlices._is_open), edit))
 
     def _show(self, edit: EditMessage) -> None:
         try:

@@ -467,7 +467,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
         worker = self._worker  # each session has its own
-        return weakly(self, method, lambda studio: studio._worker is worker and not worker.is_closed)
+        return weakly(self, method, lambda studio: studio._worker is worker and not worker.is_closed)  # noqa: SLF001
 
     def _points_changed(self, change: Any) -> None:
         self._edits.points_changed(change["owner"], change["new"])
@@ -786,7 +786,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _warm_up_when_shown(self) -> None:
         if isinstance(self.view, LiveView):
-            self.view.when_sent(self._weakly(Studio.warm_up))
+            self.view.source.when_sent(self._weakly(Studio.warm_up))
         else:
             self.warm_up()
 

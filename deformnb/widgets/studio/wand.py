@@ -45,8 +45,12 @@ class Wand:
         self._session, self._editor, self._worker, self._guard, self._take = session, editor, worker, guard, take
         self._request: WandMessage | None = None
         self._region: Mask | None = None
-        editor.on_wand(weakly(self, Wand._received, lambda wand: not wand._worker.is_closed))
-        self._observer = weakly(self, Wand._forget, lambda wand: not wand._worker.is_closed)
+
+        def is_open(_wand: Wand) -> bool:
+            return not worker.is_closed
+
+        editor.on_wand(weakly(self, Wand._received, is_open))
+        self._observer = weakly(self, Wand._forget, is_open)
         session.editing.observe(self._observer, ["deformation", "index", "key"])
         session.pictures.observe(self._observer, ["method", "depth"])
         self._show()

@@ -27,6 +27,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, VolumeLike
+from deformnb.widgets.camera import turned
 from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 
@@ -111,9 +112,13 @@ class AbstractView(ABC):
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
 
-    @abstractmethod
     def set_camera(
-        self, direction: ArrayLike | None = None, up: ArrayLike | None = None, zoom: float | None = None
+        self,
+        direction: ArrayLike | None = None,
+        up: ArrayLike | None = None,
+        zoom: float | None = None,
+        *,
+        perspective: bool | None = None,
     ) -> None:
         """Look from another side.
 
@@ -122,7 +127,9 @@ class AbstractView(ABC):
         direction : where the viewer looks, any length; None keeps it.
         up : what points up; default is +z, or -y for a view along z.
         zoom : 1 shows the whole box, 2 half of it; None keeps it.
+        perspective : False looks along parallel rays; None keeps it.
         """
+        self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     def link_camera(self, other: AbstractView) -> traitlets.link:
         """Turn, move and zoom another view along with this one, and this one along with it.

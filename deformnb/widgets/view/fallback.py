@@ -8,114 +8,168 @@ that the front end of a volume view would send, see :mod:`deformnb.widgets.view.
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import traitlets
-
+from deformnb._weak import weakly
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.cell_widgets import parts_of_another
-from deformnb.widgets.messages import VolumeInfo
+from deformnb.widgets.messages import DrawnByPython, VolumeInfo
 from deformnb.widgets.synced import LocalComm
-from deformnb.widgets.view.volume_view import VolumeView
+
+SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
+"""Traits that the server renderer has in common with the view."""
 
 _PLAYED_MS = 60.0  # how often Python receives the time of a player: its pictures are no faster
 
-_SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
-
-Send = Callable[[dict[str, Any], list[bytes]], None]
+Post = Callable[[Mapping[str, Any], list[bytes]], None]
 
 
-class ServerRenderer:
-    """Renders on the server what another view shows, for front ends without WebGL2.
+@dataclass(frozen=True, eq=False)
+class RenderedState:
+    """All that a server renderer shows.
 
     Parameters
     ----------
-    view : the view whose pictures it renders, held weakly; the two share camera, clip and the like.
-    send : a method of it that sends a message to its front ends, held weakly too.
-    options : of the :class:`~deformnb.widgets.VolumeView` that draws.
+    volume, transfer, field, output : as of the view.
+    looks : its traits of :data:`SHARED`.
+    followed : an editor whose points move the field, and which of its maps.
+    player : of the moments of an animation, where some are played.
     """
 
-    def __init__(self, view: traitlets.HasTraits, send: Send, **options: Any) -> None:
-        with parts_of_another():
-            self._view = VolumeView(comm=LocalComm(partial(_pass_on, weakref.WeakMethod(send))), **options)
-        self._view.observe(lambda change: self._view.send(VolumeInfo(type="info", info=change["new"])), "volume_info")
-        shared = [name for name in _SHARED if view.has_trait(name) and self._view.has_trait(name)]
-        self._links = [traitlets.link((view, name), (self._view, name)) for name in shared]
-        self._volume: Volume | None = None
-        self._player: Any = None
-        self._came: Callable[[Any], None] | None = None
+    volume: Volume
+    transfer: TransferFunction
+    field: AbstractField | None
+    output: Grid | None
+    looks: Mapping[str, Any]
+    followed: tuple[Any, int] | None = None
+    player: Any = None
 
-    def receive(self, content: Any) -> bool:
-        """Take a front end's message to the server renderer; returns whether any front end is left."""
-        self._view._receive(None, content, [])
-        return bool(self._view._front_ends)
+
+class FallbackHost:
+    """Renders on the server what a live view shows, from when a front end without WebGL2 requests it.
+
+    Parameters
+    ----------
+    post : sends a message to the front ends.
+    state : returns what is shown now, or None before the first volume.
+    changed : called with the name and the value of a trait of :data:`SHARED` that a user changes there.
+    lock : held while the state is taken over.
+    options : of the :class:`~deformnb.widgets.VolumeView` that draws.
+
+    Examples
+    --------
+    >>> import threading
+    >>> host = FallbackHost(lambda content, buffers: None, lambda: None, lambda name, value: None, threading.RLock())
+    >>> host.start("a", {}, [])  # there is nothing to draw
+    >>> host.is_running
+    False
+    """
+
+    def __init__(
+        self,
+        post: Post,
+        state: Callable[[], RenderedState | None],
+        changed: Callable[[str, Any], None],
+        lock: AbstractContextManager[Any],
+        **options: Any,
+    ) -> None:
+        self._post, self._state, self._changed, self._lock, self._options = post, state, changed, lock, options
+        self._view: Any = None
+        self._volume: Volume | None = None  # that it has
+        self._player: Any = None
+        self._played = weakly(self, lambda host, _change: host.update())
 
     @property
-    def info(self) -> dict[str, Any]:
-        """Facts for a front end about the visible box, sent again when that is another one."""
-        return dict(self._view.volume_info)
+    def is_running(self) -> bool:
+        """True if Python draws for some front end."""
+        return self._view is not None
 
-    def show(
-        self, volume: Volume, field: AbstractField | None, output: Grid | None, followed: tuple[Any, int] | None
-    ) -> None:
-        """Show this.
+    def start(self, view: str, _content: dict[str, Any], _buffers: list[Any]) -> None:
+        """Take a front end that cannot draw."""
+        if self._state() is not None:
+            info = dict(self._running().volume_info)
+            self._post(DrawnByPython(type="drawn", view=view, info=info), [])
 
-        Parameters
-        ----------
-        followed : an editor whose points move the field, and which of its maps.
-        """
-        if volume is not self._volume:
-            self._volume = volume
-            self._view.show(volume)
-        if followed is not None and field is not None:
-            self._view.follow(followed[0], field, followed[1], output=output)
-        else:
-            self._view.show_deformation(field, output=output)
-
-    def observe_player(self, player: Any, moment: Callable[[], None]) -> None:
-        """Call ``moment()``, a method held weakly, whenever a player has come to another time."""
-        if player is self._player:
+    def receive(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+        """Take what such a front end sends to the renderer, which ends with the last of them."""
+        if self._state() is None:
             return
-        self._unobserve_player()
-        held = weakref.WeakMethod(moment)
+        view = self._running()
+        view.receive(content.get("say"))
+        if not view.is_watched:
+            self.close()
 
-        def came(_change: Any) -> None:
-            call = held()
-            if call is not None:
-                call()
+    def _running(self) -> Any:
+        """The view that draws; made if there is none."""
+        from deformnb.widgets.view.volume_view import VolumeView
 
-        self._player, self._came = player, came
-        player.sync_ms = min(player.sync_ms, _PLAYED_MS)
-        player.observe(came, "time")
+        with self._lock:
+            state = self._state()
+            if self._view is None and state is not None:
+                with parts_of_another():
+                    comm = LocalComm(partial(_forward, self._post))
+                    view = VolumeView(comm=comm, transfer=state.transfer, **state.looks, **self._options)
+                view.observe(lambda change: view.send(VolumeInfo(type="info", info=change["new"])), "volume_info")
+                view.observe(lambda change: self._changed(change["name"], change["new"]), SHARED)
+                self._view = view
+                self.update()
+            return self._view
+
+    def update(self) -> None:
+        """Show what the view shows now, where Python draws."""
+        with self._lock:
+            state, view = self._state(), self._view
+            if state is None or view is None:
+                return
+            if state.volume is not self._volume:
+                self._volume = state.volume
+                view.show(state.volume)
+            if state.followed is not None and state.field is not None:
+                view.follow(state.followed[0], state.field, state.followed[1], output=state.output)
+            else:
+                view.show_deformation(state.field, output=state.output)
+            if state.player is not None and state.player is not self._player:
+                self._unobserve_player()
+                self._player = state.player
+                self._player.sync_ms = min(self._player.sync_ms, _PLAYED_MS)
+                self._player.observe(self._played, "time")
+
+    def set_look(self, change: Any) -> None:
+        """Take a trait of :data:`SHARED` of the view that has changed."""
+        if self._view is not None:
+            self._view.set_trait(change["name"], change["new"])
 
     def set_transfer(self, transfer: TransferFunction) -> None:
-        """Show with other colours and opacities."""
-        self._view.set_transfer(transfer)
+        """Show with other colours and opacities, where Python draws."""
+        if self._view is not None:
+            self._view.set_transfer(transfer)
 
     def _unobserve_player(self) -> None:
         if self._player is not None:
-            self._player.unobserve(self._came, "time")
+            self._player.unobserve(self._played, "time")
             self._player = None
 
     def stats(self) -> dict[str, Any]:
-        """Measurements: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`."""
-        return self._view.stats()
+        """Measurements: see :meth:`VolumeView.stats <deformnb.widgets.VolumeView.stats>`; empty where none draws."""
+        view = self._view
+        return {} if view is None else view.stats()
 
     def close(self) -> None:
-        """Give back the window that was drawn in, and stop observing the editor."""
+        """Give back the window that was drawn in, and stop observing editor and player."""
+        with self._lock:
+            view, self._view, self._volume = self._view, None, None
         self._unobserve_player()
-        for link in self._links:
-            link.unlink()
-        self._view.close()
+        if view is not None:
+            view.close()
 
 
-def _pass_on(held: weakref.WeakMethod[Send], data: dict[str, Any], buffers: list[bytes]) -> None:
+def _forward(post: Post, data: dict[str, Any], buffers: list[bytes]) -> None:
     """Send a message of the view that draws to the other view's front ends; they need none of its traits."""
-    send = held()
-    if send is not None and data.get("method") == "custom":
-        send(data["content"], buffers)
+    if data.get("method") == "custom":
+        post(data["content"], buffers)

@@ -18,19 +18,14 @@ the shape of the lattice for it while they move, or null), ``screenshot`` (id: r
 
 from __future__ import annotations
 
-import asyncio
-import itertools
 import logging
 import threading
-import weakref
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import ipywidgets
-import numpy as np
 import traitlets
-from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
 from deformnb._weak import weakly
@@ -40,38 +35,22 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
-from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, turned
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import measured, picture, points_to_json, take_traits, text, whole
-from deformnb.widgets.messages import Chunk, DrawnByPython, FieldMaps, ScreenshotRequest
-from deformnb.widgets.packed_volume import (
-    PackedVolume,
-    Pieces,
-    fine_window,
-    is_fine_enough,
-    packed_volume,
-    whole_window,
-)
+from deformnb.widgets.edit_messages import take_traits, text, whole
 from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.textures import (
-    FieldTextures,
-    count_maps,
-    differ_only_in,
-    field_textures,
-    nodes_along,
-    texture_frames,
-)
+from deformnb.widgets.textures import count_maps, differ_only_in
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
-from deformnb.widgets.view.page_scene import PageGoneError, PageScene
-from deformnb.widgets.view.space_points import QUICK_SIZE, ShowsPoints, plain_fit
+from deformnb.widgets.view.fallback import SHARED, FallbackHost, RenderedState
+from deformnb.widgets.view.field_sender import FieldSender, ShownField
+from deformnb.widgets.view.live_front_ends import LiveFrontEnds, Outbox, Screenshots
+from deformnb.widgets.view.packed_source import PackedSource
+from deformnb.widgets.view.page_scene import MovieHost, PageGoneError, PageScene
+from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
-from deformnb.widgets.view.transport import Pacer
-
-if TYPE_CHECKING:
-    from deformnb.widgets.view.fallback import ServerRenderer
 
 _LOG = logging.getLogger(__name__)
 
@@ -83,9 +62,23 @@ OF_PAGE = frozenset(
 """Traits that a front end may change: the camera by the pointer, the others by links of widgets in the front end."""
 
 
-_WINDOWS = 16  # front ends whose windows are known
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """What a live view shows at one moment, besides its traits.
 
-_REST = 0.6  # seconds without another colour, after which the voxels may be sent in other levels
+    Parameters
+    ----------
+    volume : as it was given.
+    scene : all that a picture follows from.
+    field : what is sent to front ends; None where an animation is played, of which the scene has one moment.
+    map_size, space_size : samples of displacements, as of the view.
+    """
+
+    volume: Volume
+    scene: SceneDescription
+    field: AbstractField | None
+    map_size: int
+    space_size: int
 
 
 class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
@@ -117,6 +110,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     ----------
     editor, editor_map : the editor that is followed, and which map of the deformation it moves.
     player : whose moment of an animation is seen, while :attr:`moments` is something.
+    source : the volume and its voxels as they are sent.
+    fields : the deformation and its way to the front ends.
 
     Notes
     -----
@@ -124,7 +119,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     Examples
     --------
-    >>> from deformnb.volume.volume import Volume
+    >>> import numpy as np
     >>> view = LiveView(Volume.from_array(np.eye(8, dtype=np.uint8)[None] * np.ones((8, 1, 1), np.uint8)))
     >>> view.volume_info["shape"]
     [8, 8, 8]
@@ -134,6 +129,9 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     _esm = bundle("live_view.js")
     _css = bundle("live_view.css")
+
+    rest = 0.6
+    """Seconds without another colour, after which the voxels may be sent in other levels."""
 
     volume_info = traitlets.Dict().tag(sync=True)
     table = traitlets.Bytes().tag(sync=True)
@@ -166,35 +164,29 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         **traits: Any,
     ) -> None:
         self._lock = threading.RLock()  # callbacks run in another thread than cells
-        self._volume: Volume | None = None
-        self._window: tuple[float, float] | None = None
-        self._pieces: Pieces | None = None
-        self._field: AbstractField | None = None
-        self._output: Grid | None = None
-        self._followed: dict[str, Any] | None = None
-        self._moments: TimeMaps | None = None
-        self._maps: FieldTextures | None = None  # of the field, made when a front end requests them
-        self._server_renderer: ServerRenderer | None = None  # draws for the front ends that cannot
-        self._largest = 2048  # along an axis of a texture, until a front end reports less
-        self._sent_cut: str | None = None  # whose distances all front ends have
-        self._pacer = Pacer(self._send_field)
-        self._has_front_end = False
-        self._drawing: dict[str, bool] = {}  # front ends that draw, each with whether by a graphics card
-        self._senders: dict[str, str] = {}  # of the edits of points in space in the windows of front ends
-        self._moved: dict[str, Any] | None = None  # the points of which front ends make the field while they move
-        self._movie: weakref.ref[PageScene] | None = None  # that one of them draws
-        self._front_end_theme = "dark"
-        self._waiting: dict[int, Callable[[bytes], None]] = {}
-        self._when_sent: Callable[[], None] | None = None
-        self._numbers = itertools.count(1)
-        self._front_end_stats: dict[str, float] = {}
-        self._sent = {"volume_bytes": 0, "field_bytes": 0, "messages": 0}
-        self._limit, self._map_size, self._space_size = int(limit), int(map_size), int(space_size)
+        self._outbox = outbox = Outbox(lambda content, buffers: self.send(content, buffers))  # noqa: PLW0108  # as it is then
+        sizes = {"map_size": map_size, "space_size": space_size}
+        self.source = source = PackedSource(outbox.post, limit=limit, transfer=transfer)
+        self.fields = fields = FieldSender(lambda: source.shown, outbox.post, self._lock, **sizes)
+        self._front_ends, self._movies, self._screenshots = LiveFrontEnds(), MovieHost(), Screenshots(outbox.post)
+        self._fallback = FallbackHost(outbox.post, self._rendered, self.set_trait, self._lock, **sizes)
+        self._answers: dict[str, Callable[[str, dict[str, Any], list[Any]], None]] = {
+            "hello": self._hello,
+            "chunk": source.send,
+            "still": self._still,
+            "drawn": self._fallback.receive,
+            "seen": fields.seen,
+            "follows": self._front_ends.follow,
+            "screenshot": self._screenshots.receive,
+            "stats": self._front_ends.measure,
+            "bye": self._bye,
+            "movie_piece": self._movies.receive,
+            "movie_failed": self._movies.fail,
+        }
         self._preview: tuple[SceneDescription, bytes] | None = None
         self._sharpener: threading.Timer | None = None
-        self._transfer: TransferFunction | None = None
-        self._wanted_transfer = transfer
         super().__init__(**traits)
+        self.observe(self._fallback.set_look, SHARED)
         self.on_msg(self._receive)
         if volume is not None:
             self.show(volume)
@@ -211,34 +203,20 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             but the brightest 1 in 10 000) for other types. Where colours and opacities change within a quarter of
             that, only this part is resolved, more finely: the voxels are then sent again, which the view reports.
         """
-        self._put(as_volume(volume), window, None, None, None)
-        self._offer()
-        self._update_server_renderer()
-
-    def _put(
-        self,
-        volume: Volume,
-        window: tuple[float, float] | None,
-        field: AbstractField | None,
-        output: Grid | None,
-        followed: dict[str, Any] | None,
-    ) -> None:
+        given = as_volume(volume)
         with self._lock:  # throughout: of two that are shown at once, one is shown whole
-            function = as_transfer(self._wanted_transfer, volume)
-            narrow = self._fine(function, volume) if window is None else None
-            shown = packed_volume(volume, self._limit, self._largest, narrow or window)
-            if narrow is not None:
-                low, high = whole_window(volume)
-                shown = replace(shown, share=(narrow[1] - narrow[0]) / (high - low))
-            self._volume, self._window, self._pieces = volume, window, Pieces(shown)
-            self._hold(field, output, followed)
-            self.label = f"Volume {volume.name}".strip()
-            self.volume_info = shown.info()  # before the colours: clients keep the old ones until the voxels have come
-            self.set_transfer(self._wanted_transfer)
+            self.source.put(given, window, all_values=self.projection == "mip")
+            self.fields.hold(ShownField())
+            self._announce()
+        self.fields.offer()
+        self._fallback.update()
 
-    def _fine(self, function: TransferFunction, volume: Volume) -> tuple[float, float] | None:
-        """The window of values that bytes shall resolve, if not all; a maximum projection shows all."""
-        return None if self.projection == "mip" else fine_window(function, volume, whole_window(volume))
+    def _announce(self) -> None:
+        """Send the facts about the voxels, and then their colours: clients keep the old ones until voxels have come."""
+        assert self.source.volume is not None
+        self.label = f"Volume {self.source.volume.name}".strip()
+        self.volume_info = self.source.ready().info()
+        self.set_transfer(self.source.wanted_transfer)
 
     @traitlets.observe("projection")
     def _colours_changed(self, _change: Any = None) -> None:
@@ -246,65 +224,40 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         timer, self._sharpener = self._sharpener, None
         if timer is not None:
             timer.cancel()
-        if self._needs_other_levels():
-            self._sharpener = threading.Timer(_REST, weakly(self, LiveView._sharpen))
+        if self.source.needs_repacking(all_values=self.projection == "mip"):
+            self._sharpener = threading.Timer(self.rest, weakly(self, LiveView.repack))
             self._sharpener.daemon = True
             self._sharpener.start()
 
-    def _needs_other_levels(self) -> bool:
-        volume, shown, function = self._volume, self._shown, self._transfer
-        if volume is None or shown is None or function is None or self._window is not None:
-            return False
-        whole = whole_window(volume)
-        if self.projection == "mip":
-            return shown.window != whole
-        return not is_fine_enough(function, volume, shown.window, whole)
-
-    def _sharpen(self) -> None:
+    def repack(self, *, is_too_large: bool = False) -> None:
+        """Send the voxels again where they are too many for a GPU, or where the colours need other levels by now."""
         with self._lock:
-            if self._volume is not None and self._needs_other_levels():
-                self._put_again()
-
-    @property
-    def _shown(self) -> PackedVolume | None:
-        pieces = self._pieces
-        return None if pieces is None else pieces.shown
+            if is_too_large or self.source.needs_repacking(all_values=self.projection == "mip"):
+                self.source.repack(all_values=self.projection == "mip")
+                self.fields.hold(self.fields.shown)
+                self._announce()
 
     @property
     def shown_output(self) -> Grid | None:
-        return self._output
-
-    def _ready(self) -> PackedVolume:
-        shown = self._shown
-        if shown is None:
-            raise DeformError("the view shows no volume yet; call show(volume) first.")
-        return shown
+        return self.fields.shown.output
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
         self._take(deformation, output, None)
-        self._update_server_renderer()
+        self._fallback.update()
 
     def _take(
         self, deformation: Deformation | AbstractField | None, output: Grid | None, followed: dict[str, Any] | None
     ) -> None:
-        shown = self._ready()
+        shown = self.source.ready()
         grid = shown.original if output is None else output
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
         if field is not None and field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         self._hold(field, output, followed)
-        self._offer()
+        self.fields.offer()
 
-    def _hold(
-        self,
-        field: AbstractField | None,
-        output: Grid | None,
-        followed: dict[str, Any] | None,
-        moments: TimeMaps | None = None,
-    ) -> None:
-        with self._lock:
-            self._field, self._output, self._followed = field, output, followed
-            self._maps, self._moments, self._moved = None, moments, None
+    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None) -> None:
+        self.fields.hold(ShownField(field, output, followed, is_quick=self.is_quick, points_editor=self.points_editor))
 
     def follow(
         self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
@@ -316,61 +269,38 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if editor is not None or count_maps(field) is not None:
             check_map(field, index)
         followed = None if editor is None else state_followed(editor, index)
+        shown = self.fields.shown
         goes_on = (
             followed is not None
-            and self._moments is None
-            and (editor, index, output) == (self.editor, self.editor_map, self._output)
+            and shown.moments is None
+            and (editor, index, output) == (self.editor, self.editor_map, shown.output)
         )
-        if goes_on and differ_only_in(index, self._field, field):  # the front end made that map itself: nothing to send
+        if goes_on and differ_only_in(index, shown.field, field):  # the front end made that map itself: nothing to send
             self._hold(field, output, followed)
         else:
             self._take(field, output, followed)
             self.editor_map = index
             self.editor = editor
-        self._update_server_renderer()
+        self._fallback.update()
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
-        self._wanted_transfer = transfer
-        if self._volume is None or self._shown is None:
-            return
         with self._lock:  # or the voxels get other levels meanwhile, and this would be a table for those of before
-            function = self._transfer = as_transfer(self._wanted_transfer, self._volume)
-            table = function.table(*self._shown.window)  # alphas as they are: the front end fits them
+            made = self.source.set_transfer(transfer)
+            if made is None:
+                return
+            function, table = made
             with self.hold_sync():
                 self.unit = function.unit
-                self.table = np.ascontiguousarray(table, "<f4").tobytes()
-        if self._server_renderer is not None:
-            self._server_renderer.set_transfer(function)
+                self.table = table
+        self._fallback.set_transfer(function)
         self._colours_changed()
-
-    def set_camera(
-        self,
-        direction: ArrayLike | None = None,
-        up: ArrayLike | None = None,
-        zoom: float | None = None,
-        *,
-        perspective: bool | None = None,
-    ) -> None:
-        self.camera = turned(self.camera, direction, up, zoom, perspective)
 
     def close(self) -> None:
         """Leave the front ends, and end what draws for those that cannot."""
         if self._sharpener is not None:
             self._sharpener.cancel()
-        self._draw_no_more()
+        self._fallback.close()
         super().close()
-
-    def when_sent(self, function: Callable[[], None]) -> None:
-        """Call a function once when a front end has been sent all voxels, or when Python draws for one.
-
-        A thread that imports modules or compiles delays the pieces of the volume.
-        """
-        self._when_sent = function
-
-    def _all_sent(self) -> None:
-        function, self._when_sent = self._when_sent, None
-        if function is not None:
-            function()
 
     # -- an animation --------------------------------------------------------------------------------------------------
 
@@ -388,104 +318,36 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
         editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
         """
-        self._hold(None, output, None, maps)
+        self.fields.hold(ShownField(output=output, moments=maps))
         self.player = player
-        self._offer()
-        self._update_server_renderer()
+        self.fields.offer()
+        self._fallback.update()
 
     @property
     def moments(self) -> TimeMaps | None:
         """Moments that a player goes through now, if any."""
-        return self._moments
-
-    def _at_present(self, field: AbstractField | None) -> AbstractField | None:
-        """The current field: the moment of the player, if it plays something."""
-        return field if self._moments is None else self._moments.field(self.player.time)
-
-    # -- to the front ends ---------------------------------------------------------------------------------------------
-
-    def _post(self, content: Mapping[str, Any], buffers: list[bytes]) -> None:
-        self._sent["messages"] += 1
-        self.send(content, buffers)
-
-    def _offer(self) -> None:
-        if self._has_front_end:  # a front end that comes later requests it
-            self._pacer.offer()
-
-    def _send_field(self, number: int, view: str | None = None) -> None:
-        with self._lock:
-            shown, followed = self._shown, self._followed
-            if shown is None:
-                return
-            maps = self._maps = self._maps or self._made_maps(shown)
-        cut = (maps.content["planar"] or {}).get("cut")
-        if number and cut and cut["id"] == self._sent_cut:
-            maps = maps.without("distances")
-        elif view is None:
-            self._sent_cut = cut and cut["id"]
-        self._sent["field_bytes"] += maps.size
-        message: FieldMaps = {
-            "type": "field",
-            "view": view,
-            "seq": number,
-            "follow": followed,
-            "moved": self._moved,
-            **maps.content,
-        }
-        self._post(message, maps.buffers)
-
-    def _made_maps(self, shown: PackedVolume) -> FieldTextures:
-        if self._moments is not None:
-            return texture_frames(self._moments, shown, self._output, self._map_size)
-        nodes = min(QUICK_SIZE, self._space_size) if self.is_quick else self._space_size
-        made = field_textures(self._field, shown, self._output, self._map_size, nodes)
-        points = None if self.is_quick else plain_fit(self._field, self.points_editor)
-        if points is not None:
-            lattice = made.content["space"]
-            assert lattice is not None
-            size = (np.asarray(lattice["shape"]) - 1) * lattice["spacing"]
-            counts = nodes_along(size, min(QUICK_SIZE, self._space_size))
-            self._moved = {"points": points_to_json(points), "shape": counts.tolist()}
-        return made
+        return self.fields.shown.moments
 
     def is_moved_in_page(self, sender: str) -> bool:
-        if self._server_renderer is not None or self._moved is None:
-            return False
-        return any(self._senders.get(view) == sender for view in self._drawing)
+        is_moved = self.fields.moves_points and self._front_ends.has_window_of(sender)
+        return is_moved and not self._fallback.is_running
 
-    def _update_server_renderer(self) -> None:
-        """Let the server renderer, if there is one, draw what is shown now."""
+    def _rendered(self) -> RenderedState | None:
+        """What Python draws for front ends that cannot."""
         with self._lock:
-            if self._server_renderer is None or self._volume is None:
-                return
-            moment = self._at_present(self._field)
-            is_followed = self._followed is not None and self._moments is None and self.editor is not None
-            followed = (self.editor, self._followed["index"]) if is_followed and self._followed else None
-            self._server_renderer.show(self._volume, moment, self._output, followed)
-            if self._moments is not None:
-                self._server_renderer.observe_player(self.player, self._update_server_renderer)
-
-    def _draw_here(self) -> ServerRenderer:
-        """The server renderer for front ends that cannot draw; started if there is none."""
-        from deformnb.widgets.view.fallback import ServerRenderer
-
-        with self._lock:
-            if self._server_renderer is None:
-                self._server_renderer = ServerRenderer(
-                    self,
-                    self._post,
-                    transfer=self._transfer or "specimen",
-                    map_size=self._map_size,
-                    space_size=self._space_size,
-                )
-                self._update_server_renderer()
-            return self._server_renderer
-
-    def _draw_no_more(self) -> None:
-        with self._lock:
-            renderer, self._server_renderer = self._server_renderer, None
-        if renderer is not None:
-            renderer.close()
+            volume, transfer, shown = self.source.volume, self.source.transfer, self.fields.shown
+            if volume is None or transfer is None:
+                return None
+            is_followed = shown.followed is not None and shown.moments is None and self.editor is not None
+            return RenderedState(
+                volume,
+                transfer,
+                shown.at(self.player),
+                shown.output,
+                {name: getattr(self, name) for name in SHARED},
+                (self.editor, shown.followed["index"]) if is_followed and shown.followed else None,
+                None if shown.moments is None else self.player,
+            )
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -497,132 +359,73 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
         try:
             kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            answer = self._answers.get(kind) if isinstance(kind, str) else None
             if answer is None:
                 raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content, buffers or [])
+            answer(text(content.get("view")), content, buffers or [])
         except (ValueError, TypeError, KeyError, DeformError) as error:
             _LOG.warning("a message of the front end was dropped: %s", error)
 
-    def _hello(self, view: str | None, content: dict[str, Any], buffers: list[Any]) -> None:
+    def _hello(self, name: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+        view: str | None = name
         largest = whole(content.get("largest"), 0, 2**16)
-        self._take_theme(content)
+        self._front_ends.take_theme(content)
         if largest == 0:
-            self._all_sent()
+            self.source.all_sent()
             return  # it cannot draw, and will request a server renderer
-        self._has_front_end = True
-        if view is not None:
-            self._drawing.pop(view, None)
-            self._drawing[view] = content.get("software") is False
-        voxels = whole(content.get("voxels", _ANY), 1, _ANY)
-        if (largest < self._largest or voxels < self._limit) and self._make_smaller(largest, voxels):
-            view = None  # for all front ends: what they have is of a finer volume
-        self._send_field(0, view)
-
-    def _make_smaller(self, largest: int, voxels: int) -> bool:
-        """Reduce the voxels for a GPU that holds no more along an axis, or in all; True if that was necessary."""
+        self._front_ends.add(name, has_card=content.get("software") is False)
         with self._lock:
-            self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
-            size = None if self._shown is None else self._shown.volume.grid
-            if self._volume is None or size is None or (max(size.shape) <= largest and size.size <= voxels):
-                return False
-            self._put_again()
-        return True
-
-    def _put_again(self) -> None:
-        """Show the same, with the voxels made ready anew."""
-        assert self._volume is not None
-        moments = self._moments
-        self._put(self._volume, self._window, self._field, self._output, self._followed)
-        self._moments = moments
-
-    def _take_theme(self, content: dict[str, Any]) -> None:
-        if content.get("background") in ("dark", "light"):
-            self._front_end_theme = content["background"]
-
-    def _seen(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
-
-    def _follows(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._senders.pop(view, None)
-        self._senders = dict([*self._senders.items(), (view, text(content.get("sender")))][-_WINDOWS:])
-
-    def _chunk(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        pieces = self._pieces  # taken once: a cell may show another volume meanwhile
-        if pieces is None or content.get("id") != pieces.shown.id:
-            return  # of a volume that was shown before: the front end will notice
-        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
-        start, packed = pieces[index]
-        self._sent["volume_bytes"] += len(packed)
-        self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
-        if index == pieces.shown.chunks - 1:
-            self._all_sent()
+            if self.source.restrict(largest, whole(content.get("voxels", _ANY), 1, _ANY)):
+                self.repack(is_too_large=True)
+                view = None  # for all front ends: what they have is of a finer volume
+        self.fields.answer(view)
 
     def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._take_theme(content)
-        if self._volume is not None:
-            self._post(DrawnByPython(type="drawn", view=view, info=self._draw_here().info), [])
+        self._front_ends.take_theme(content)
+        self._fallback.start(view, content, buffers)
 
-    def _drawn(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        if self._volume is not None and not self._draw_here().receive(content.get("say")):
-            self._draw_no_more()
-
-    def _screenshot(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
-        if deliver is None:
-            raise ValueError("a picture that nobody waits for")
-        deliver(picture(buffers))
-
-    def _bye(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._drawing.pop(view, None)
-        self._senders.pop(view, None)
-        movie = self._movie_under_way()
-        if movie is not None and movie.front_end == view:
-            movie.give_up("the page has been closed")
-
-    def _movie_piece(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        movie = self._movie_under_way()
-        if movie is None:
-            raise ValueError("a piece of no movie")
-        movie.receive(content, buffers)
-
-    def _movie_failed(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        movie = self._movie_under_way()
-        if movie is not None:
-            movie.fail(content)
-
-    def _movie_under_way(self) -> PageScene | None:
-        return None if self._movie is None else self._movie()
-
-    def _stats(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._front_end_stats = measured(content)
+    def _bye(self, view: str, _content: dict[str, Any], _buffers: list[Any]) -> None:
+        self._front_ends.drop(view)
+        self._movies.drop(view)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
     def _shade(self) -> str:
-        return self._front_end_theme if self.background == "auto" else self.background
+        return self._front_ends.theme if self.background == "auto" else self.background
 
-    def _scene(self) -> SceneDescription:
-        shown = self._ready()
-        assert self._transfer is not None
+    def snapshot(self) -> Snapshot:
+        """All that the view shows now, for pictures of it and for a page that goes on without Python.
+
+        Raises
+        ------
+        DeformError
+            If the view shows no volume yet.
+        """
         with self._lock:
-            field, output = self._at_present(self._field), self._output
-        background = self._shade()
-        return SceneDescription(
-            shown,
-            field,
-            output,
+            packed, volume, transfer, shown = (
+                self.source.ready(),
+                self.source.volume,
+                self.source.transfer,
+                self.fields.shown,
+            )
+        assert volume is not None
+        assert transfer is not None
+        scene = SceneDescription(
+            packed,
+            shown.at(self.player),
+            shown.output,
             self.camera,
-            self._transfer,
+            transfer,
             self.projection,
-            background,
+            self._shade(),
             self.shows,
             self.clip,
             self.ambient_occlusion,
         )
+        return Snapshot(volume, scene, shown.field, self.fields.map_size, self.fields.space_size)
 
     def still(self, size: tuple[int, int] | None = None) -> Image:
-        return render_scene(self._scene(), size or (self.width, self.height))
+        return render_scene(self.snapshot().scene, size or (self.width, self.height))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The picture that is on the screen now, (height, width, 3); without a front end the one of :meth:`still`.
@@ -632,29 +435,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         timeout : seconds to wait for the front end. Where a front end delivers messages only between cells, nothing
             comes while this is awaited, and the still is returned.
         """
-        loop, number = asyncio.get_running_loop(), next(self._numbers)
-        answer: asyncio.Future[bytes] = loop.create_future()
-
-        def deliver(png: bytes) -> None:
-            loop.call_soon_threadsafe(_settle, answer, png)
-
-        self._waiting[number] = deliver
-        try:
-            self._post(ScreenshotRequest(type="screenshot", id=number), [])
-            return from_png(await asyncio.wait_for(answer, timeout))
-        except TimeoutError:
-            return self.still()
-        finally:
-            self._waiting.pop(number, None)
+        png = await self._screenshots.request(timeout)
+        return self.still() if png is None else from_png(png)
 
     def has_page(self, *, by_card: bool = False) -> bool:
         """Check whether a page shows this view and draws it itself; ``by_card``: by a graphics card."""
-        return self._page(by_card) is not None
-
-    def _page(self, by_card: bool) -> str | None:
-        """The newest page that draws, one with a graphics card first."""
-        pages = sorted(self._drawing.items(), key=lambda item: item[1])
-        return pages[-1][0] if pages and pages[-1][1] >= by_card else None
+        return self._front_ends.drawing(by_card=by_card) is not None
 
     def page_scene(
         self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: Seen
@@ -672,27 +458,22 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         PageGoneError
             If no page shows this view.
         """
-        page, shown = self._page(by_card=False), self._ready()
+        page = self._front_ends.drawing(by_card=False)
         if page is None:
             raise PageGoneError("no page shows the view")
-
-        def maps(field: AbstractField | None, output: Grid | None) -> FieldTextures:
-            return field_textures(field, shown, output, self._map_size, self._space_size)
-
-        scene = PageScene(self._post, page, size, seen, maps)
-        self._movie = weakref.ref(scene)
-        return scene
+        self.source.ready()
+        return self._movies.start(PageScene(self._outbox.post, page, size, seen, self.fields.textures))
 
     def preview_png(self) -> bytes:
         """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
-        scene = self._scene()
+        scene = self.snapshot().scene
         if self._preview is None or self._preview[0] != scene:
             self._preview = (scene, preview_png(scene))
         return self._preview[1]
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
-        return bundle if self._shown is None else with_png(bundle, self.preview_png)
+        return bundle if self.source.shown is None else with_png(bundle, self.preview_png)
 
     def stats(self) -> dict[str, Any]:
         """Last measurements of the front end, and counts of sent data.
@@ -702,29 +483,12 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
         ``server_renderer``: what was measured where Python draws for a front end that cannot.
         """
-        shown = self._shown
-        renderer = self._server_renderer
-        drawn = {} if renderer is None else {"server_renderer": renderer.stats()}
+        shown = self.source.shown
+        sent = {
+            "volume_bytes": self.source.sent_bytes,
+            "field_bytes": self.fields.sent_bytes,
+            "messages": self._outbox.count,
+        }
         own = {"resolution": shown.volume.shape[::-1], "factors": shown.factors} if shown else {}
-        return {**self._front_end_stats, **self._sent, **own, **drawn}
-
-
-_ANSWERS: dict[str, Callable[[LiveView, str, dict[str, Any], list[Any]], None]] = {
-    "hello": LiveView._hello,
-    "chunk": LiveView._chunk,
-    "still": LiveView._still,
-    "drawn": LiveView._drawn,
-    "seen": LiveView._seen,
-    "follows": LiveView._follows,
-    "screenshot": LiveView._screenshot,
-    "stats": LiveView._stats,
-    "bye": LiveView._bye,
-    "movie_piece": LiveView._movie_piece,
-    "movie_failed": LiveView._movie_failed,
-}
-"""Handlers of each kind of message."""
-
-
-def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:
-    if not answer.done():
-        answer.set_result(png)
+        drawn = {"server_renderer": self._fallback.stats()} if self._fallback.is_running else {}
+        return {**self._front_ends.stats, **sent, **own, **drawn}

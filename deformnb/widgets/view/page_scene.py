@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import threading
 import uuid
+import weakref
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -140,3 +141,45 @@ class PageScene:
         """Let the front end give back what it holds."""
         message: MovieEnd = {"type": "movie_end", "view": self.front_end, "id": self._id}
         self._post(message, [])
+
+
+class MovieHost:
+    """The movie that a front end of a live view draws, if any: gives it what front ends send.
+
+    Examples
+    --------
+    >>> MovieHost().receive("a", {"type": "movie_piece"}, [])
+    Traceback (most recent call last):
+    ValueError: a piece of no movie
+    """
+
+    def __init__(self) -> None:
+        self._movie: Callable[[], PageScene | None] = _no_movie
+
+    def start(self, movie: PageScene) -> PageScene:
+        """Take this movie, held weakly, as the one under way."""
+        self._movie = weakref.ref(movie)
+        return movie
+
+    def receive(self, _view: str, content: dict[str, Any], buffers: list[Any]) -> None:
+        """Take a piece of a frame; ValueError if no movie is drawn."""
+        movie = self._movie()
+        if movie is None:
+            raise ValueError("a piece of no movie")
+        movie.receive(content, buffers)
+
+    def fail(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+        """Take what the front end reports has gone wrong."""
+        movie = self._movie()
+        if movie is not None:
+            movie.fail(content)
+
+    def drop(self, view: str) -> None:
+        """A front end is closed: its movie ends with an error."""
+        movie = self._movie()
+        if movie is not None and movie.front_end == view:
+            movie.give_up("the page has been closed")
+
+
+def _no_movie() -> None:
+    """The movie before the first one."""

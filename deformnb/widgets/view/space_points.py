@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import weakref
 from collections.abc import Callable
 from typing import Any
 
@@ -73,8 +72,35 @@ class ShowsPoints(traitlets.HasTraits):
         self._leave_points: Callable[[], None] | None = None
         self.points_editor = editor
         if editor is not None:
-            self._leave_points = _follow(editor, field, weakref.ref(self))
-            self._show_points(editor.field if field is None else field, editor.points, "end")
+            make = editor.field if field is None else field
+            self._leave_points = self._follow_points(editor, make)
+            self._show_points(make, editor.points, "end")
+
+    def _follow_points(self, editor: Any, make: FieldOf) -> Callable[[], None]:
+        """Show every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
+        show = weakly(self, ShowsPoints._show_points)
+        show_moved = weakly(self, ShowsPoints._show_moved)
+
+        def changed(change: Any) -> None:
+            show(make, editor.points, "end")
+
+        def moved(edit: EditMessage) -> None:
+            show_moved(make, edit)
+
+        names = ["points", "settings", "revision"]
+        editor.on_edit(moved, details=True)
+        editor.observe(changed, names)
+
+        def leave() -> None:
+            editor.on_edit(moved, remove=True)
+            editor.unobserve(changed, names)
+
+        return leave
+
+    def _show_moved(self, make: FieldOf, edit: EditMessage) -> None:
+        """Show a movement; the end of an edit arrives as a change of the points."""
+        if edit.phase == "move" and not self.is_moved_in_page(edit.sender):
+            self._show_points(make, edit.points, edit.phase)
 
     def _show_points(self, make: FieldOf, points: ControlPoints, phase: str) -> None:
         try:
@@ -111,31 +137,3 @@ def plain_fit(field: AbstractField | None, editor: Any) -> ControlPoints | None:
     # Nearly: where points have moved since a matrix was factored, two fits of the same differ by rounding.
     is_same = form == other_form and all(map(np.allclose, leaves, others))  # type: ignore[operator]  # as in textures
     return step.points if is_same else None
-
-
-def _follow(editor: Any, field: FieldOf | None, held: weakref.ref[ShowsPoints]) -> Callable[[], None]:
-    """Notify a view of every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
-
-    def notify(points: ControlPoints, phase: str) -> None:
-        view = held()
-        if view is not None:
-            view._show_points(editor.field if field is None else field, points, phase)
-
-    def changed(change: Any) -> None:
-        notify(editor.points, "end")
-
-    def moved(edit: EditMessage) -> None:
-        view = held()
-        # The end of an edit arrives as a change of the points.
-        if edit.phase == "move" and view is not None and not view.is_moved_in_page(edit.sender):
-            notify(edit.points, edit.phase)
-
-    names = ["points", "settings", "revision"]
-    editor.on_edit(moved, details=True)
-    editor.observe(changed, names)
-
-    def leave() -> None:
-        editor.on_edit(moved, remove=True)
-        editor.unobserve(changed, names)
-
-    return leave

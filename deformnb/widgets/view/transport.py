@@ -151,7 +151,7 @@ class Pacer:
     """
 
     def __init__(self, send: Callable[[int], None], patience: float = 0.25) -> None:
-        self._send, self._patience = send, patience
+        self._send, self.patience = send, patience
         self._lock = threading.RLock()  # offers come from cells and sliders, confirmations from another thread
         self._number = self._seen = 0
         self._sent = 0.0
@@ -162,10 +162,16 @@ class Pacer:
         """True if a state has been offered and not yet sent."""
         return self._timer is not None
 
+    @property
+    def is_idle(self) -> bool:
+        """True if all that was offered has been sent and confirmed."""
+        with self._lock:
+            return self._timer is None and self._seen == self._number
+
     def offer(self) -> None:
         """Offer a newer state: it is sent now, or as soon as the front end is ready."""
         with self._lock:
-            wait = self._sent + self._patience - time.monotonic() if self._number > self._seen else 0.0
+            wait = self._sent + self.patience - time.monotonic() if self._number > self._seen else 0.0
             if wait <= 0:
                 self._go()
             elif self._timer is None:

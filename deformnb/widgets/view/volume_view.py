@@ -22,7 +22,6 @@ from dataclasses import replace
 from typing import Any, TypeVar
 
 import traitlets
-from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
 from deformnb.document.deformation import Deformation
@@ -32,7 +31,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared, turned
+from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
 from deformnb.widgets.edit_messages import dropping, take_traits, text, whole
 from deformnb.widgets.messages import Badge, Notice, TrameAddress
@@ -227,7 +226,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.set_trait("transport", transport)
         if method not in VIEW_METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(VIEW_METHODS)}.")
-        self.on_msg(self._receive)
+        self.on_msg(lambda _view, content, _buffers: self.receive(content))
         self.observe(
             self._changed,
             ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms", "settle_ms"],
@@ -304,16 +303,6 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._transfer = transfer
         self._change("transfer", lambda scene: scene.set_transfer(transfer))
 
-    def set_camera(
-        self,
-        direction: ArrayLike | None = None,
-        up: ArrayLike | None = None,
-        zoom: float | None = None,
-        *,
-        perspective: bool | None = None,
-    ) -> None:
-        self.camera = turned(self.camera, direction, up, zoom, perspective)
-
     # -- the scene and its thread --------------------------------------------------------------------------------------
 
     def call(self, function: Callable[[Any], _Result]) -> _Result:
@@ -351,13 +340,13 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                     ready=lambda: self._frames.may_send,
                     target_ms=self.target_ms,
                     settle_ms=self.settle_ms,
-                    is_kept=lambda: (view := held()) is not None and view._is_watched,
+                    is_kept=lambda: (view := held()) is not None and view.is_watched,
                 )
                 self._loop.set_shows(self.shows)
             return self._loop
 
     @property
-    def _is_watched(self) -> bool:
+    def is_watched(self) -> bool:
         """True if the scene must stay: a front end shows it, or it holds state that only it has."""
         return bool(self._front_ends) or self._has_guests
 
@@ -458,13 +447,21 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
+    def receive(self, content: Any) -> None:
+        """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
         with dropping("a message"):
             kind = content.get("type") if isinstance(content, dict) else None
-            answer = _ANSWERS.get(kind) if isinstance(kind, str) else None
+            answers = {
+                "hello": self._resized,
+                "size": self._resized,
+                "camera": self._camera,
+                "seen": self._seen,
+                "bye": self._bye,
+            }
+            answer = answers.get(kind) if isinstance(kind, str) else None
             if answer is None:
                 raise ValueError("unknown kind")
-            answer(self, text(content.get("view")), content)
+            answer(text(content.get("view")), content)
 
     def _resized(self, view: str, content: dict[str, Any]) -> None:
         self._front_ends.put(view, content)
@@ -583,16 +580,6 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
         return bundle if self._content is None else with_png(bundle, self.preview_png)
-
-
-_ANSWERS: dict[str, Callable[[VolumeView, str, dict[str, Any]], None]] = {
-    "hello": VolumeView._resized,
-    "size": VolumeView._resized,
-    "camera": VolumeView._camera,
-    "seen": VolumeView._seen,
-    "bye": VolumeView._bye,
-}
-"""Handlers of each kind of message."""
 
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:

@@ -163,7 +163,8 @@ class _ViewArea:
         with DivLayout(server.trame), html.Div(classes="dnb-app-fill dnb-app-remote"):
             html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
             rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
-            AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))._attr_names.extend(["area", "views"])
+            remote = AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))
+            remote._attr_names.extend(["area", "views"])  # noqa: SLF001  # trame has no public way
         return self
 
     def start(self) -> None:
@@ -222,7 +223,7 @@ class _ViewArea:
     def _send_to_view(self, content: dict[str, Any], page: str) -> None:
         view = self._view()
         if view is not None:
-            view._receive(view, {**content, "view": page}, [])
+            view.receive({**content, "view": page})
 
     # -- for the view --------------------------------------------------------------------------------------------------
 

@@ -249,7 +249,7 @@ class PageServer:
         self._web = served
         self.trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
-        self._handlers = list(served._ws_handlers)
+        self._handlers = list(served._ws_handlers)  # noqa: SLF001  # wslink has no public name for them
         self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG) for handler in self._handlers]
         check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
         served.app.middlewares.extend([self._slow_requests.middleware(), check])

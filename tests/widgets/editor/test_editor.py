@@ -462,7 +462,7 @@ def test_the_page_changes_only_what_is_its_own(
     assert (editor.kernel, editor.uid != "other", editor.live, editor.next_id) == ("wendland_c2", True, False, 4)
     assert editor.raster["shape"] == [30, 40]
     assert (editor.selected, editor.show_grid, editor.show_radius) == ([], True, True)
-    assert "took_over" not in editor._esm
+    assert "took_over" not in editor.get_state("_esm")["_esm"]
     assert (editor.points, editor.seen, editor.history) == (points, {}, {})
     editor.set_state("nonsense")
     assert len(caplog.records) == 14

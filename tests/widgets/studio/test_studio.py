@@ -114,7 +114,7 @@ def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
     last = studio.editor.points
     assert studio.session.editing.points == last
     studio.wait()
-    assert studio.view._field is studio.session.results.field()
+    assert studio.view.fields.shown.field is studio.session.results.field()
 
 
 def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:

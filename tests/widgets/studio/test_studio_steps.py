@@ -330,9 +330,9 @@ def test_what_the_page_cannot_follow_is_previewed_by_python(studio: Studio) -> N
     assert studio.stats()["previews"] == 1
     wanted = studio.deformation.with_step(0, studio.session.editing.step.with_points(moved)).field(studio.volume.grid)
     x = np.array([[10.0, 9.0, 7.0], [12.0, 11.0, 9.0]])
-    assert_array_equal(studio.view._field.displacement(x), wanted.displacement(x))
+    assert_array_equal(studio.view.fields.shown.field.displacement(x), wanted.displacement(x))
     drag(studio, moved)
-    assert studio.view._field is studio.session.results.field()
+    assert studio.view.fields.shown.field is studio.session.results.field()
     act(panel(studio, "Steps").items, "choose", 1)
     studio.wait()
     assert not studio.editor.live

@@ -19,7 +19,7 @@ from front_end import deliver
 from PIL import Image
 from scipy.ndimage import convolve1d, map_coordinates
 from scripts import run_script
-from waiting import PATIENCE
+from waiting import PATIENCE, wait_for
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
@@ -33,8 +33,7 @@ from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
-from deformnb.widgets.view import live_view as live_pages
-from deformnb.widgets.view import stills
+from deformnb.widgets.view import packed_source, stills
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png
@@ -123,7 +122,7 @@ def test_a_page_that_comes_late_gets_the_deformation() -> None:
 
 def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() -> None:
     view, done = Recorded(ball()), []
-    view.when_sent(lambda: done.append("sent"))
+    view.source.when_sent(lambda: done.append("sent"))
     view.say({"type": "hello", "view": "a", "largest": 2048, "renderer": "", "software": True})
     assert done == []
     info = view.volume_info
@@ -131,7 +130,7 @@ def test_work_waits_until_a_page_has_the_voxels_or_has_them_drawn_in_python() ->
         for index in range(info["chunks"]):
             view.say({"type": "chunk", "view": "a", "id": info["id"], "index": index})
     assert done == ["sent"]
-    view.when_sent(lambda: done.append("drawn in Python"))
+    view.source.when_sent(lambda: done.append("drawn in Python"))
     view.say({"type": "hello", "view": "a", "largest": 0, "renderer": "", "software": True})
     assert done[1:] == ["drawn in Python"]
 
@@ -177,18 +176,18 @@ def test_a_piece_that_does_not_exist_is_refused_and_one_of_an_old_volume_ignored
 
 def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_get_into_that(monkeypatch: Any) -> None:
     old, new = (Volume(np.full((6, 5, 4), value, np.uint8), Grid((6, 5, 4))) for value in (3, 7))
-    view, number = Recorded(old), live_pages.whole
+    view, number = Recorded(old), packed_source.whole
     view.show(old, window=(0.0, 255.0))
     id_of_old = view.volume_info["id"]
 
     def whole(*args: Any) -> int:  # between what the page asks for and the answer
-        monkeypatch.setattr(live_pages, "whole", number)
+        monkeypatch.setattr(packed_source, "whole", number)
         cell = threading.Thread(target=lambda: view.show(new, window=(0.0, 255.0)))
         cell.start()
         cell.join(PATIENCE)
         return number(*args)
 
-    monkeypatch.setattr(live_pages, "whole", whole)
+    monkeypatch.setattr(packed_source, "whole", whole)
     values = []
     for name in (id_of_old, None):
         ((content, (packed,)),) = view.say(
@@ -209,7 +208,9 @@ def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:
 def test_a_smaller_card_gets_a_smaller_volume() -> None:
     view = Recorded(ball(Grid((4, 300, 5))))
     view.show_deformation(
-        Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(view._volume.grid, "+z")))
+        Deformation.on_picture(
+            view.source.volume.grid, "+z", points(view.source.volume.grid, Plane.along(view.source.volume.grid, "+z"))
+        )
     )
     answers = view.say({"type": "hello", "view": "a", "largest": 128, "renderer": "", "software": True})
     assert view.volume_info["shape"] == [5, 100, 4]
@@ -220,7 +221,9 @@ def test_a_smaller_card_gets_a_smaller_volume() -> None:
 def test_a_card_with_too_little_memory_gets_fewer_voxels_and_the_same_deformation() -> None:
     view = Recorded(ball(Grid((20, 30, 40))))
     view.show_deformation(
-        Deformation.on_picture(view._volume.grid, "+z", points(view._volume.grid, Plane.along(view._volume.grid, "+z")))
+        Deformation.on_picture(
+            view.source.volume.grid, "+z", points(view.source.volume.grid, Plane.along(view.source.volume.grid, "+z"))
+        )
     )
     view.say({"type": "hello", "view": "a", "largest": 2048})
     fine = view.volume_info["id"]
@@ -379,20 +382,19 @@ def ramp() -> Volume:
 
 
 def levels_within(view: LiveView, low: int, high: int) -> int:
-    assert view._shown is not None
-    return len(np.unique(view._shown.volume.values.ravel()[low : high + 1]))
+    assert view.source.shown is not None
+    return len(np.unique(view.source.shown.volume.values.ravel()[low : high + 1]))
 
 
 def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest() -> None:
     view = Recorded(ramp())
-    whole = view._shown.window  # type: ignore[union-attr]
+    whole = view.source.shown.window  # type: ignore[union-attr]
     assert levels_within(view, 1000, 1600) < 45
     first = view.volume_info["id"]
     view.set_transfer(NARROW)
-    assert view._sharpener is not None
-    view._sharpener.join(PATIENCE)
-    assert view.volume_info["id"] != first
-    low, high = view._shown.window  # type: ignore[union-attr]
+    wait_for(lambda: view.volume_info["id"] != first)
+    view.repack()  # nothing is left to do, once the thread that does it has ended
+    low, high = view.source.shown.window  # type: ignore[union-attr]
     assert (low, high) == pytest.approx((970, 1630))
     assert levels_within(view, 1000, 1600) > 225
     assert view.volume_info["note"] == "finer greys from 970 to 1630"
@@ -400,11 +402,11 @@ def test_a_narrow_transfer_function_gets_finer_levels_when_it_has_come_to_rest()
     np.testing.assert_allclose(table_of(view), NARROW(np.linspace(low, high, len(table_of(view)))), atol=1e-6)
     second = view.volume_info["id"]
     view.set_transfer(replace(NARROW, opacities=((1020, 0), (1500, 0.5))))
-    assert view._sharpener is None  # it will do
+    assert not view.source.needs_repacking()  # it will do
     view.set_transfer("specimen")
-    view._sharpener.join(PATIENCE)
-    assert view.volume_info["id"] != second
-    assert view._shown.window == whole  # type: ignore[union-attr]
+    wait_for(lambda: view.volume_info["id"] != second)
+    view.repack()
+    assert view.source.shown.window == whole  # type: ignore[union-attr]
     assert view.volume_info["note"] == ""
 
 
@@ -422,7 +424,7 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
         return table
 
     monkeypatch.setattr(TransferFunction, "table", slow)
-    user, timer = threading.Thread(target=view.set_transfer, args=(narrow,)), threading.Thread(target=view._sharpen)
+    user, timer = threading.Thread(target=view.set_transfer, args=(narrow,)), threading.Thread(target=view.repack)
     user.start()
     assert has_table.wait(PATIENCE)
     timer.start()
@@ -437,19 +439,22 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
 
 def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view = Recorded(ramp(), transfer=NARROW)
-    assert view._shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
-    plane = Plane.along(view._volume.grid, "+y")
-    view.show_deformation(Deformation.on_picture(view._volume.grid, plane, points(view._volume.grid, plane)))
-    field = view._field
+    assert view.source.shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
+    plane = Plane.along(view.source.volume.grid, "+y")
+    view.show_deformation(
+        Deformation.on_picture(view.source.volume.grid, plane, points(view.source.volume.grid, plane))
+    )
+    field = view.fields.shown.field
     view.projection = "mip"  # which shows all values
-    view._sharpener.join(PATIENCE)  # type: ignore[union-attr]
-    assert view._shown.share == 1.0  # type: ignore[union-attr]
-    assert view._field is field
+    wait_for(lambda: view.source.shown.share == 1.0)  # type: ignore[union-attr]
+    view.repack()
+    assert view.source.shown.share == 1.0  # type: ignore[union-attr]
+    assert view.fields.shown.field is field
     view.show(ramp(), window=(0.0, 4000.0))  # the user's own choice
     view.projection = "shaded"
-    assert view._sharpener is None
+    assert not view.source.needs_repacking()
     flat = Recorded(ball(), transfer=TransferFunction(((90, 0, 0, 0), (99, 1, 1, 1)), ((90, 0), (99, 1))))
-    assert flat._shown.share == 1.0  # type: ignore[union-attr]  # bytes are told apart as they are
+    assert flat.source.shown.share == 1.0  # type: ignore[union-attr]  # bytes are told apart as they are
 
 
 def test_colours_are_those_of_the_values() -> None:
@@ -457,7 +462,7 @@ def test_colours_are_those_of_the_values() -> None:
     ramp = TransferFunction(((0, 0, 0, 0), (200, 1, 0.5, 0)), ((0, 0), (200, 0.8)), unit=3.0)
     view.set_transfer(ramp)
     table = table_of(view)
-    low, high = view._shown.window  # type: ignore[union-attr]
+    low, high = view.source.shown.window  # type: ignore[union-attr]
     np.testing.assert_allclose(table, ramp(np.linspace(low, high, len(table))), atol=1e-6)
     assert view.unit == 3.0
     with pytest.raises(DeformError, match="unknown transfer function"):
@@ -492,7 +497,7 @@ def test_a_still_shows_the_deformed_volume_from_the_camera() -> None:
     np.testing.assert_allclose(before, [49.5, 39.5], atol=0.6)  # pixels, of a ball on a lattice
     plane = Plane.along(Grid((24, 24, 24)), "+y")
     moved = ControlPoints.from_arrays([[12.0, 12.0]], [[16.0, 9.0]])  # to the right and up
-    view.show_deformation(Deformation.on_picture(view._volume.grid, plane, moved, trend="translation"))
+    view.show_deformation(Deformation.on_picture(view.source.volume.grid, plane, moved, trend="translation"))
     right, down = middle() - before
     assert right > 5
     assert down < -4
@@ -527,7 +532,7 @@ def test_a_screenshot_of_a_page_arrives() -> None:
 
 def bent(view: LiveView) -> Deformation:
     return Deformation.on_picture(
-        view._volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]), trend="translation"
+        view.source.volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]), trend="translation"
     )
 
 
@@ -669,7 +674,7 @@ def fields_of(view: Recorded) -> list[dict[str, Any]]:
 
 def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     view = Recorded(ball())
-    view._pacer = Pacer(view._send_field, patience=60)
+    view.fields.pacer.patience = 60.0
     fields = [Deformation.on_picture(GRID, "+y", points(GRID, Plane.along(GRID, "+y"), k)) for k in range(6)]
     view.show_deformation(fields[0])
     assert fields_of(view) == []  # no page has asked yet
@@ -678,14 +683,14 @@ def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     for field in fields[1:]:
         view.show_deformation(field)
     assert [content["seq"] for content in fields_of(view)] == [1]
-    assert view._pacer.is_waiting
+    assert view.fields.pacer.is_waiting
     assert view.say({"type": "seen", "view": "a", "seq": 0}) == []  # a number that was never sent
     ((content, buffers),) = view.say({"type": "seen", "view": "a", "seq": 1})
-    expected = field_textures(fields[-1].field(GRID), view._shown, None, 192, 64)  # type: ignore[arg-type]
+    expected = field_textures(fields[-1].field(GRID), view.source.shown, None, 192, 64)  # type: ignore[arg-type]
     assert content["seq"] == 2
     assert buffers == expected.buffers  # the newest, and none in between
     assert view.say({"type": "seen", "view": "a", "seq": 2}) == []
-    assert not view._pacer.is_waiting
+    assert not view.fields.pacer.is_waiting
 
 
 def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -731,7 +736,7 @@ def test_what_cannot_be_followed_changes_nothing() -> None:
     view.show_deformation(field)
     with pytest.raises(DeformError, match="no map 1"):
         view.follow(Editor(), field, 1)
-    assert view._field is field
+    assert view.fields.shown.field is field
     assert view.editor is None
 
 
@@ -925,4 +930,4 @@ def test_a_block_is_filled_by_what_lies_between_two_bytes(each: int) -> None:
 def test_the_preset_of_the_whole_volume_is_used() -> None:
     volume = ball(Grid((64, 64, 64)))
     view = Recorded(volume, limit=1000, transfer="bone")
-    assert view._transfer == preset("bone", volume)
+    assert view.source.transfer == preset("bone", volume)

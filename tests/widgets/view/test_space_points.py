@@ -87,12 +87,12 @@ def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
     told(editor, moved, "move", 1)
     assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
     x = points.target
-    np.testing.assert_allclose(view._field.displacement(x), fit_rbf(moved).displacement(x), atol=1e-12)
+    np.testing.assert_allclose(view.fields.shown.field.displacement(x), fit_rbf(moved).displacement(x), atol=1e-12)
     told(editor, moved, "end", 2)
     assert max(fields[-1]["space"]["shape"]) == 64
     editor.kernel = "gaussian"
     np.testing.assert_allclose(
-        view._field.displacement(x + 2), fit_rbf(moved, kernel="gaussian").displacement(x + 2), atol=1e-9
+        view.fields.shown.field.displacement(x + 2), fit_rbf(moved, kernel="gaussian").displacement(x + 2), atol=1e-9
     )
 
 
@@ -108,10 +108,10 @@ def test_what_cannot_be_fitted_leaves_the_last_picture(
 ) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
-    count, field = len(fields), view._field
+    count, field = len(fields), view.fields.shown.field
     told(editor, points.move(1, points.target[0]), "move", 1)
     assert len(fields) == count
-    assert view._field is field
+    assert view.fields.shown.field is field
 
 
 def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
@@ -126,7 +126,7 @@ def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEdito
     moved = points.move(0, points.target[0] + np.array([0, 0, 4.0]))
     told(editor, moved, "move", 1)
     x = points.target
-    np.testing.assert_allclose(view._field.displacement(x), whole(moved).displacement(x))
+    np.testing.assert_allclose(view.fields.shown.field.displacement(x), whole(moved).displacement(x))
 
 
 def test_an_end_of_it_ends_it(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
@@ -181,7 +181,7 @@ def test_a_page_that_fits_the_points_gets_no_field_while_they_move(
     told(editor, moved, "end", 2)
     assert fields[-1]["moved"]["points"] == points_to_json(moved)
     np.testing.assert_allclose(
-        view._field.displacement(points.target), fit_rbf(moved).displacement(points.target), atol=1e-12
+        view.fields.shown.field.displacement(points.target), fit_rbf(moved).displacement(points.target), atol=1e-12
     )
 
 

@@ -376,7 +376,8 @@ def test_a_closed_view_begins_nothing_anew() -> None:
     view.say(type="hello", **PAGE)
     view.close()
     threads.wait()
-    view.say(type="camera", camera={"direction": [1, 0, 0]}, number=7)  # a hand that has not let go yet
+    camera = {"direction": [1, 0, 0]}
+    view.receive({"view": "a", "type": "camera", "camera": camera, "number": 7})  # a hand that has not let go yet
     view.projection = "mip"
     with pytest.raises(DeformError, match="the view is closed"):
         view.still()

@@ -62,26 +62,24 @@ class DiagnosticsPanel(Panel):
             layout=ipw.Layout(flex="1 1 425px", min_width="0"),
         )
         self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
-        editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _is_open), "overlay")
+        editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, DiagnosticsPanel._is_open), "overlay")
         self.refresh()
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
     def _fold_buttons(self) -> list[Any]:
-        self.back = action_button("take_back", lambda: self._soon(lambda panel: panel._model.fold_actions.take_back()))
-        self.unfold = action_button("unfold", lambda: self._soon(lambda panel: panel._model.fold_actions.unfold()))
+        self.back = action_button("take_back", lambda: self._soon(self._model.fold_actions.take_back))
+        self.unfold = action_button("unfold", lambda: self._soon(self._model.fold_actions.unfold))
         self.stages = self.of_step(widget_of("stages", layout=ipw.Layout(width="240px")), "stages")
         self.stages.style.description_width = "48px"
         self.keep = widget_of("keep_free")
-        self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, _is_open), "value")
+        self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, DiagnosticsPanel._is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]
 
     def _prediction(self) -> list[Any]:
-        self.predict = action_button(
-            "best_prediction", lambda: self._soon(lambda panel: panel._model.fold_actions.predict())
-        )
+        self.predict = action_button("best_prediction", lambda: self._soon(self._model.fold_actions.predict))
         self.chosen = widget_of("keep_chosen")
-        self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, _is_open), "value")
+        self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, DiagnosticsPanel._is_open), "value")
         return [self.predict, self.chosen]
 
     def _overlays(self) -> list[Any]:
@@ -105,7 +103,7 @@ class DiagnosticsPanel(Panel):
             self.message.value = _WAITING
             self._shown = None
         if not self._worker.is_closed:
-            self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _is_open))
+            self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, DiagnosticsPanel._is_open))
 
     def _compute(self) -> None:
         findings = self._model.compute(self._editors.plane.overlay)
@@ -144,31 +142,24 @@ class DiagnosticsPanel(Panel):
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
-    def _soon(self, method: Callable[[Any], None]) -> None:
+    def _is_open(self) -> bool:
+        return not self._worker.is_closed
+
+    def _soon(self, action: Callable[[], Any]) -> None:
         """In the thread, its errors in the front end."""
-        self.guard(lambda: self._worker.latest("fold action", weakly(self, _guarded(method), _is_open)))
+        run = weakly(self, lambda panel: panel.guard(action), DiagnosticsPanel._is_open)
+        self.guard(lambda: self._worker.latest("fold action", run))
 
     def _keep_changed(self, change: Any) -> None:
         self._model.keep_free = change["new"]
         if change["new"] and self._shown is not None and self._shown.is_fold_free is False:
-            self._soon(lambda panel: panel._model.fold_actions.unfold())
+            self._soon(self._model.fold_actions.unfold)
 
     def _chosen_changed(self, change: Any) -> None:
         self._model.keep_chosen = change["new"]
         if change["new"]:
-            self._soon(lambda panel: panel._model.fold_actions.predict())
+            self._soon(self._model.fold_actions.predict)
 
     def close(self) -> None:
         for link in self._links:
             link.unlink()
-
-
-def _is_open(panel: DiagnosticsPanel) -> bool:
-    return not panel._worker.is_closed
-
-
-def _guarded(method: Callable[[Any], None]) -> Callable[[Any], None]:
-    def run(panel: DiagnosticsPanel) -> None:
-        panel.guard(lambda: method(panel))
-
-    return run

@@ -1,0 +1,158 @@
+"""The voxels of a live view as its front ends get them: packed, few enough, in the levels that the colours need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deformnb.errors import DeformError
+from deformnb.volume.transfer import TransferFunction, as_transfer
+from deformnb.volume.volume import Volume
+from deformnb.widgets.edit_messages import whole
+from deformnb.widgets.messages import Chunk
+from deformnb.widgets.packed_volume import (
+    PackedVolume,
+    Pieces,
+    fine_window,
+    is_fine_enough,
+    packed_volume,
+    whole_window,
+)
+
+Post = Callable[[Mapping[str, Any], list[bytes]], None]
+
+_LARGEST = 2048  # along an axis of a texture, until a front end reports less
+
+
+class PackedSource:
+    """A volume, its colours, and its voxels in pieces that front ends request.
+
+    Parameters
+    ----------
+    post : sends a message to the front ends.
+    limit : voxels that are sent at most.
+    transfer : a transfer function or the name of a preset, of the volume that comes first.
+
+    Attributes
+    ----------
+    volume : as it was given, or None.
+    wanted_transfer : a transfer function or the name of a preset; transfer : the colours that it means for the volume.
+    sent_bytes : of voxels so far.
+
+    Notes
+    -----
+    Not locked: :class:`~deformnb.widgets.LiveView` changes it while it holds its lock, and takes what is shown once.
+
+    Examples
+    --------
+    >>> source = PackedSource(lambda content, buffers: None, limit=4, transfer="bone")
+    >>> source.put(Volume.from_array(np.eye(3, dtype=np.uint8)[None]), None)
+    >>> source.ready().volume.shape
+    (1, 2, 2)
+    """
+
+    def __init__(self, post: Post, *, limit: int, transfer: TransferFunction | str) -> None:
+        self._post = post
+        self._limit, self._largest = int(limit), _LARGEST
+        self.wanted_transfer = transfer
+        self._window: tuple[float, float] | None = None
+        self._pieces: Pieces | None = None
+        self._when_sent: Callable[[], None] | None = None
+        self.volume: Volume | None = None
+        self.transfer: TransferFunction | None = None
+        self.sent_bytes = 0
+
+    @property
+    def shown(self) -> PackedVolume | None:
+        """The voxels that are shown, None before the first volume."""
+        pieces = self._pieces
+        return None if pieces is None else pieces.shown
+
+    def ready(self) -> PackedVolume:
+        """The voxels that are shown; DeformError before the first volume."""
+        shown = self.shown
+        if shown is None:
+            raise DeformError("the view shows no volume yet; call show(volume) first.")
+        return shown
+
+    def put(self, volume: Volume, window: tuple[float, float] | None, *, all_values: bool = False) -> None:
+        """Pack another volume.
+
+        Parameters
+        ----------
+        window : values that are resolved; None for those that the colours need.
+        all_values : resolve all values whatever the colours, as a maximum projection shows them.
+        """
+        function = as_transfer(self.wanted_transfer, volume)
+        values = whole_window(volume)
+        narrow = None if all_values or window is not None else fine_window(function, volume, values)
+        shown = packed_volume(volume, self._limit, self._largest, narrow or window)
+        if narrow is not None:
+            shown = replace(shown, share=(narrow[1] - narrow[0]) / (values[1] - values[0]))
+        self.volume, self._window, self._pieces = volume, window, Pieces(shown)
+
+    def needs_repacking(self, *, all_values: bool = False) -> bool:
+        """Whether the colours need other levels than the voxels have."""
+        volume, shown, function = self.volume, self.shown, self.transfer
+        if volume is None or shown is None or function is None or self._window is not None:
+            return False
+        values = whole_window(volume)
+        if all_values:
+            return shown.window != values
+        return not is_fine_enough(function, volume, shown.window, values)
+
+    def restrict(self, largest: int, voxels: int) -> bool:
+        """Take the limits of a GPU: voxels along an axis and in all. Returns whether what is shown exceeds them."""
+        if largest >= self._largest and voxels >= self._limit:
+            return False
+        self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
+        grid = None if self.shown is None else self.shown.volume.grid
+        return grid is not None and (max(grid.shape) > largest or grid.size > voxels)
+
+    def repack(self, *, all_values: bool = False) -> None:
+        """Pack the same volume again, by the limits and the colours of now."""
+        if self.volume is not None:
+            self.put(self.volume, self._window, all_values=all_values)
+
+    def set_transfer(self, transfer: TransferFunction | str) -> tuple[TransferFunction, bytes] | None:
+        """Take other colours.
+
+        Returns
+        -------
+        tuple of TransferFunction and bytes, or None before the first volume
+            The colours of this volume, and their table over the levels of the voxels, float32.
+        """
+        self.wanted_transfer = transfer
+        if self.volume is None or self.shown is None:
+            return None
+        function = self.transfer = as_transfer(self.wanted_transfer, self.volume)
+        table = function.table(*self.shown.window)  # alphas as they are: the front end fits them
+        return function, np.ascontiguousarray(table, "<f4").tobytes()
+
+    def send(self, view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+        """Send a front end the piece that it requests, if it is one of what is shown now."""
+        pieces = self._pieces  # taken once: a cell may show another volume meanwhile
+        if pieces is None or content.get("id") != pieces.shown.id:
+            return  # of a volume that was shown before: the front end will notice
+        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
+        start, packed = pieces[index]
+        self.sent_bytes += len(packed)
+        self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
+        if index == pieces.shown.chunks - 1:
+            self.all_sent()
+
+    def when_sent(self, function: Callable[[], None]) -> None:
+        """Call a function once when a front end has been sent all voxels, or when Python draws for one.
+
+        A thread that imports modules or compiles delays the pieces of the volume.
+        """
+        self._when_sent = function
+
+    def all_sent(self) -> None:
+        """Call what waits until a front end has all voxels."""
+        function, self._when_sent = self._when_sent, None
+        if function is not None:
+            function()
