@@ -31,12 +31,12 @@ def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> No
 
 def notice_of(studio: Studio) -> str:
     """The line of what has just happened."""
-    return str(studio._words.notice.value)
+    return str(studio.parts.words.notice.value)
 
 
 def status_of(studio: Studio) -> str:
     """The line of what is so: points, folds, speed."""
-    return str(studio._words.status.value)
+    return str(studio.parts.words.status.value)
 
 
 def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
@@ -75,7 +75,7 @@ def panel(studio: Studio, title: str) -> Any:
 
 def panels(studio: Studio) -> list[Any]:
     """All panels; those that nobody has seen yet are made."""
-    return [*studio._panels.at_once, *(late.panel for late in studio._panels.late)]
+    return [*studio.parts.panels.at_once, *(late.panel for late in studio.parts.panels.late)]
 
 
 def panel_of(studio: Studio, kind: type[Any]) -> Any:

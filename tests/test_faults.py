@@ -322,7 +322,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
     studio = Studio(a_volume(), side="+y", folder=tmp_path / "work")
     files = panel(studio, "Export")
     studio.save(tmp_path / "work" / "a.json")
-    studio._bar.recovery.autosave.flush()  # nothing is written into the folder while it goes away
+    studio.parts.bar.recovery.autosave.flush()  # nothing is written into the folder while it goes away
     shutil.rmtree(tmp_path / "work")
     shutil.rmtree(state_folder)
     drag(studio, a_drag(studio))
@@ -334,7 +334,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
     wait_for(lambda: not files.write.disabled)
     drag(studio, a_drag(studio, 3.0))
     assert len(studio.editor.points) == 5
-    studio._bar.recovery.autosave.flush()
+    studio.parts.bar.recovery.autosave.flush()
     assert len(saved_sessions(a_volume(), every=True)) == 1
     studio.close()
 
@@ -370,7 +370,7 @@ def test_a_cell_that_runs_again_and_again_keeps_nothing(monkeypatch: pytest.Monk
     threads = Threads()
     for run[0] in range(5):
         studio = Studio(a_volume(), side="+y")
-        assert studio._bar.recovery.wait()
+        assert studio.parts.bar.recovery.wait()
         drag(studio, a_drag(studio, 1.0 + run[0]))
         studio.wait()
     wait_for(lambda: len(threads.begun) <= 2)  # its own and that which writes sessions

@@ -79,7 +79,7 @@ def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
         async with connected(running) as page:
             return (await page.call("deformnb.open"))["widgets"]
 
-    for late in running.studio._panels.late:
+    for late in running.studio.parts.panels.late:
         running.application.thread.call(late.make).result(30)
     shown_only = {"HTMLModel", "LabelModel", "ImageModel", "ButtonModel", "FloatProgressModel", "AnyModel"}
     kinds = {

@@ -390,7 +390,7 @@ def test_what_was_lost_is_offered_and_restored(browser: Any, tmp_path: Path) -> 
     lost = Application(volume, side="+y", folder=tmp_path)
     lost.session.editing.edit_points(lost.session.editing.points.add([10.0, 5.0], [12.0, 7.0]))
     wanted = lost.session.editing.points
-    crash(lost.studio._bar.recovery.autosave)
+    crash(lost.studio.parts.bar.recovery.autosave)
     lost.close()
     with RunningApp(Application(volume, side="+y", folder=tmp_path)) as app:
         page = browser.new_page(viewport={"width": 1024, "height": 700})

@@ -19,7 +19,7 @@ from deformnb import Studio
 from deformnb.datasets import PHANTOMS
 studio = Studio(PHANTOMS["bar"].make((32, 32, 64)), side="+y", height=300)
 session = studio.session
-panel = next(p for p in studio._panels.late if p.title == "Animation").panel
+panel = next(p for p in studio.parts.panels.late if p.title == "Animation").panel
 studio
 """,
 ]

@@ -68,7 +68,7 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     end = time.monotonic() + 60
     while lab.run(page, "print(studio.editor.points.target[4, 0] > 25)").strip() != "True":
         assert time.monotonic() < end, "the drag has not reached the kernel"
-    assert lab.run(page, "studio._bar.recovery.autosave.flush()") == ""
+    assert lab.run(page, "studio.parts.bar.recovery.autosave.flush()") == ""
     edited = points(page)
     assert edited[4][1][0] > edited[4][0][0] + 4
     page.evaluate("""() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.requestExecute(

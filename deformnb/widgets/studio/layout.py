@@ -153,6 +153,12 @@ class StudioPanels:
         """All panels that have been made."""
         return [*self.at_once, *(late.made for late in self.late if late.made is not None)]
 
+    def close(self) -> None:
+        """End what runs of the panels; their widgets close with the boxes that they are in."""
+        for panel in self.made:
+            panel.close()
+        self.wand.close()
+
 
 def make_panels(s: PanelParts) -> StudioPanels:
     """All panels of a studio."""

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.session.exports import export
 from deformnb.session.inputs import (
     as_deformation,
@@ -51,15 +50,16 @@ from deformnb.widgets.cell_widgets import (
     parts_of_another,
 )
 from deformnb.widgets.editor.editor import Editor
-from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
-from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only, make_editor
+from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.head import StudioHead
-from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
+from deformnb.widgets.studio.layout import PanelParts, arranged, make_panels
+from deformnb.widgets.studio.parts import StudioParts, end_all
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
-from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of, warm_up
+from deformnb.widgets.studio.step_diagnostics import warm_up
+from deformnb.widgets.studio.sync import StudioSync
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.synced import worded_by_another
 from deformnb.widgets.view.base import AbstractView
@@ -153,39 +153,6 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     return shown, live
 
 
-def latency_text(edit_ms: float | None, stats: Mapping[str, Any]) -> str:
-    """Time that Python took for the last edit, and for a picture of the view in motion; empty for neither.
-
-    Examples
-    --------
-    >>> latency_text(3.2, {"drag_ms": 41.0})
-    'edit 3 ms, volume 41 ms'
-    >>> latency_text(None, {"frames": 0})
-    ''
-    """
-    volume_ms = stats.get("drag_ms") or stats.get("frame_ms")
-    times = (("edit", edit_ms), ("volume", volume_ms))
-    return ", ".join(f"{what} {ms:.0f} ms" if ms >= 1 else f"{what} < 1 ms" for what, ms in times if ms is not None)
-
-
-def status_text(session: Session, latency: str = "", found: Diagnostics | None = None) -> str:
-    """Status line: number of points, edited step, folds and round trip, and the time that these took."""
-    step = session.editing.step
-    moved = int(np.count_nonzero(session.editing.points.displacement.any(axis=1) & session.editing.points.active))
-    facts = [f"{len(session.editing.points)} points, {moved} dragged"]
-    if len(session.editing.deformation.steps) > 1:
-        facts.append(f"step {session.editing.index + 1} of {len(session.editing.deformation.steps)}")
-    if step.extrusion == "interpolate":
-        facts.append(f"key {session.editing.key + 1} of {len(step.maps)}")
-    if step.stages > 1:
-        facts.append(f"{step.stages} stages")
-    if found is not None:
-        facts += [text for text in (found.folds_text, found.trip_text) if text]
-    if latency:
-        facts.append(latency)
-    return " \u00b7 ".join(facts)
-
-
 def side_by_side(editor: Any, view: AbstractView, width: int) -> NDArray[np.uint8]:
     """Picture and volume as an image, (height, width, 3)."""
     from PIL import Image
@@ -208,38 +175,6 @@ def preview_png(editor: Any, view: Any) -> bytes:
     for image, x in ((left, 0), (right, left.width)):
         whole.paste(image, (x, (whole.height - image.height) // 2))
     return as_png(np.asarray(whole))
-
-
-_PARTS = (
-    "session",
-    "view",
-    "_shown",
-    "_words",
-    "_worker",
-    "_edits",
-    "_editors",
-    "_link",
-    "_picture",
-    "_slices",
-    "_opacity",
-    "_panels",
-    "_bar",
-)  # attributes that are replaced with the session
-
-
-def _end(parts: Mapping[str, Any]) -> None:
-    """End what runs of the parts of a studio, whatever there is of them by now."""
-    for name in ("_worker", "_link", "_slices", "_editors"):
-        if name in parts:
-            parts[name].close()
-    if "_opacity" in parts:
-        close_all(parts["_opacity"])  # it is in no box before its panel is seen
-    if "_panels" in parts:
-        for part in (*parts["_panels"].made, parts["_panels"].wand):
-            part.close()
-
-
-_LATER = 2.0  # seconds of rest after which the times of the view are looked at again
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -270,6 +205,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     ----------
     session : the document and its history.
     editor, view : the widgets on the left and on the right; the editor is another one for a step in space.
+    parts : all that belongs to this session, such as its panels and messages.
     deformation : the document; an observable trait, and setting it is an edit.
 
     Examples
@@ -286,6 +222,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     """
 
     children: Any
+    parts: StudioParts
     deformation = traitlets.Instance(Deformation)
 
     def __init__(
@@ -329,203 +266,109 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         label_names: Mapping[int, str] | None = None,
         target: Volume | None = None,
     ) -> None:
-        """Make the parts of a studio for a session; where that fails the parts before, if any, stay as they were."""
-        before = {name: self.__dict__.pop(name) for name in _PARTS if name in self.__dict__}
-        self.session = session
-        self._shown = (session.editing.deformation, session.editing.index, session.editing.key)
-        self._words = StudioStatus()
-        self._worker = Worker("deformnb-studio", failed=self._words.failed)
+        """Take the parts for a session; where they cannot be made those before, if any, stay as they were."""
+        before: StudioParts | None = getattr(self, "parts", None)
+        words = StudioStatus()
+        worker = Worker("deformnb-studio", failed=words.failed)
+        ends: list[Callable[[], None]] = [worker.close]
         is_whole = threading.Event()
-        self._worker.call(is_whole.wait)  # nothing is done for half a studio
+        worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
-            with closed_on_failure(lambda: _end(vars(self))), worded_by_another():  # by the head
-                self._make(before, labels, label_names, target)
+            with closed_on_failure(lambda: end_all(ends)), worded_by_another():  # by the head
+                parts = self._make(before, session, words, worker, ends, labels, label_names, target)
+                self._show(parts, before)
         except BaseException:
-            close_all(self._words.box, self._words.notice, self._words.status)
-            self.__dict__.update(before)
+            close_all(words.box, words.notice, words.status)
+            if before is not None:
+                self.parts = before
             raise
         finally:
             is_whole.set()
-        self._request_status()
-        if before:
+        parts.sync.request_status()
+        if before is not None:
             self._warm_up_when_shown()
 
     def _make(
         self,
-        before: Mapping[str, Any],
+        before: StudioParts | None,
+        session: Session,
+        words: StudioStatus,
+        worker: Worker,
+        ends: list[Callable[[], None]],
         labels: Volume | None,
         label_names: Mapping[int, str] | None,
         target: Volume | None,
-    ) -> None:
-        """Make the parts; once all are there, take the place of those before, or of what the cell has shown before."""
-        view, height, folder = self._options
-        self._edits = StudioEdits(self.session, self._words, self._weakly(Studio._request_status))
-        self.view = make_view(view, self.volume, self.session.pictures.transfer_function, height)
-        self._editors = StudioEditors(self.session, height, self._listen_to)
-        self._link = StudioLink(self.session, self.view, self._worker)
-        self._picture = StudioPicture(
-            self.session, self._editors, self._link, self.view, self._worker, self._weakly(Studio.undo)
-        )
-        self._edits.take_edits_from(self._editors, self._picture)
-        self._slices = StudioSlices(self.session, self._link, self._editors.plane, self._worker, self._editors.beside)
-        kept = before["_panels"].opening.box if before else None
-        self._panels = panels = self._make_panels(folder, labels, label_names, target, kept)
-        head = StudioHead(
-            self.session, self._edits.edited, self._words.show, folder, self._worker.call, language=self._language
-        )
-        file_input, *rows = arranged(head, self._editors, self.view, panels, self._words, height)
-        if before:
-            self._leave(before)
-            panels.history.lead_back(before["session"], self._weakly(Studio._open_session))
-        else:
-            close_earlier_of_this_cell(self)
-        self._bar = RestoreBar(self.session, self._edits.edited, self._words.show)  # finds what that one has left
-        panels.history.recovery = self._bar.recovery
-        panels.opening.begin()
-        self._words.box.children = (self._picture.ways_on, self._words.notice)
-        if before:
-            (_, *shown), self.children = self.children, (file_input, self._bar, *rows)
-            close_all(*shown)
-        else:
-            super().__init__([file_input, self._bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
-            self.add_class("dnb-studio")
-        self.deformation = self.session.editing.deformation
-        self._listen()
-        self._picture.turn()
-        self._occlusion_changed()
-        self._link.show(self._editors.current)
-        self._words.status.value = status_text(self.session)
-        self._words.show(self.session.editing.notice)
-
-    def _leave(self, before: Mapping[str, Any]) -> None:
-        """End the parts that are replaced; the edits that are in no file are written by the autosave."""
-        _end(before)
-        before["_bar"].close()
-        if before["view"] is self.view:
-            before["_editors"].beside.children = ()
-
-    # -- the parts -----------------------------------------------------------------------------------------------------
-
-    def _make_panels(
-        self,
-        folder: str | PathLike[str],
-        labels: Volume | None,
-        names: Mapping[int, str] | None,
-        target: Volume | None,
-        file_input: FileInput | None,
-    ) -> StudioPanels:
-        self._opacity = TransferEditor(self.session.volume, self.session.pictures.transfer, worker=self._worker)
-        return make_panels(
+    ) -> StudioParts:
+        """Make the parts, and note what ends each of them once it is there."""
+        kind, height, folder = self._options
+        notify = _weakly_in_session(self, lambda studio, document: studio.set_trait("deformation", document), worker)
+        sync = StudioSync(session, words, worker, notify)
+        edits = StudioEdits(session, words, sync.request_status)
+        view = make_view(kind, session.volume, session.pictures.transfer_function, height)
+        editors = StudioEditors(session, height, sync.observe_editor)
+        link = StudioLink(session, view, worker)
+        ends.append(link.close)
+        picture = StudioPicture(session, editors, link, view, worker, partial(edits.travel, "undo"))
+        edits.take_edits_from(editors, picture)
+        slices = StudioSlices(session, link, editors.plane, worker, editors.beside)
+        ends += [slices.close, editors.close]
+        opacity = TransferEditor(session.volume, session.pictures.transfer, worker=worker)
+        ends.append(partial(close_all, opacity))  # it is in no box before its panel is seen
+        panels = make_panels(
             PanelParts(
-                self.session,
-                self._edits.edited,
-                self.view,
-                self._editors,
-                self._worker,
-                self._slices,
-                self._opacity,
+                session,
+                edits.edited,
+                view,
+                editors,
+                worker,
+                slices,
+                opacity,
                 folder,
                 self.export_html,
                 labels,
-                names,
+                label_names,
                 target,
-                self._link.preview,
-                self._weakly(Studio.open_volume),
-                self._weakly(Studio._decide_labels),
-                file_input,
+                link.preview,
+                _weakly_in_session(self, Studio.open_volume, worker),
+                _weakly_in_session(self, Studio._decide_labels, worker),
+                None if before is None else before.panels.opening.box,
             )
         )
-
-    # -- what happens --------------------------------------------------------------------------------------------------
-
-    def _listen(self) -> None:
-        session = self.session
-        session.editing.observe(self._weakly(Studio._document_changed), ["deformation", "index", "key"])
-        session.pictures.observe(
-            self._weakly(Studio._picture_changed), ["method", "depth", "transfer", "channel_displays"]
-        )
-        session.pictures.observe(self._weakly(Studio._window_changed), ["window", "colour_map"])
-        session.pictures.observe(self._weakly(Studio._transfer_changed), "transfer")
-        session.pictures.observe(self._weakly(Studio._occlusion_changed), "ambient_occlusion")
-        session.editing.observe(self._weakly(Studio._send_history), "history")
-        session.editing.observe(self._weakly(Studio._show_notice), "notice")
-        self._opacity.on_edit(self._weakly(Studio._opacity_changed))
-        if self.view.has_trait("projection"):
-            self.view.observe(self._weakly(Studio._refresh_panels), "projection")
-        if self.view.has_trait("shows"):
-            self.view.observe(self._weakly(Studio._comparison_changed), "shows")
-            self._comparison_changed(None)
-
-    def _listen_to(self, editor: Any) -> None:
-        editor.observe(self._weakly(Studio._points_changed), "points")
-        if editor.has_trait("cuts"):
-            editor.observe(self._weakly(Studio._shapes_changed), ["cuts", "parts"])
-            editor.observe(self._weakly(Studio._window_chosen), "window")
-            editor.observe(self._weakly(Studio._slice_chosen), "slice")
-            editor.observe(self._weakly(Studio._depth_chosen), "front_only")
-        editor.on_history(self._weakly(Studio._travel))
-
-    def _weakly(self, method: Callable[..., Any]) -> Callable[..., None]:
-        worker = self._worker  # each session has its own
-        return weakly(self, method, lambda studio: studio._worker is worker and not worker.is_closed)  # noqa: SLF001
-
-    def _points_changed(self, change: Any) -> None:
-        self._edits.points_changed(change["owner"], change["new"])
-
-    def _shapes_changed(self, change: Any) -> None:
-        self._edits.shapes_changed(change["owner"], change["name"], change["new"])
-
-    def _window_chosen(self, change: Any) -> None:
-        window = tuple(change["new"]) or None
-        self._words.guarded(lambda: self.session.pictures.set_trait("window", window))
-
-    def _slice_chosen(self, change: Any) -> None:
-        session, slices = self.session, self.session.pictures.slices
-        if session.pictures.method == "slice" and slices.index(session.pictures.depth) != change["new"]:
-            self._words.guarded(lambda: session.pictures.set_trait("depth", slices.depth(change["new"])))
-
-    def _depth_chosen(self, change: Any) -> None:
-        session = self.session
-        if (
-            session.editing.step.plane is None
-            or change["new"] is None
-            or change["new"] == is_front_only(session.editing.step)
-        ):
-            return
-        depth: dict[str, Any] = (
-            {"extrusion": "modulate", "curve": FRONT_ONLY} if change["new"] else {"extrusion": "replicate"}
-        )
-        self._edits.edited(
-            lambda: session.editing.change("in front only" if change["new"] else "at every depth", **depth)
+        ends.append(panels.close)
+        return StudioParts(
+            session, view, words, worker, edits, editors, link, picture, slices, opacity, panels, sync, ends
         )
 
-    def _window_changed(self, _change: Any) -> None:
-        self._editors.show_view_state()
-        self._slices.follow()
-        self._refresh_panels()
-
-    def _comparison_changed(self, _change: Any) -> None:
-        self._editors.plane.shows = on_picture(self.view.shows)
-        self._refresh_panels()
-
-    def _travel(self, way: str) -> None:
-        self._edits.travel(way)
-
-    def _document_changed(self, _change: Any) -> None:
-        now = (self.session.editing.deformation, self.session.editing.index, self.session.editing.key)
-        if now == self._shown:  # the session notifies of each of the three
-            return
-        self._shown = now
-        self._words.show(self.session.editing.notice)
-        if not self._picture.renew():
-            self._link.show(self._editors.current)  # first, or the view takes the points for those of the map before
-            self._editors.show_step()
-        self._slices.follow()
-        self._refresh_panels()
-        self._request_status()
-        self._words.guarded(
-            lambda: self.set_trait("deformation", self.session.editing.deformation)
-        )  # observers of other cells
+    def _show(self, parts: StudioParts, before: StudioParts | None) -> None:
+        """Take the place of the parts before, or of what the cell has shown before."""
+        _, height, folder = self._options
+        session, panels, words, edits = parts.session, parts.panels, parts.words, parts.edits
+        head = StudioHead(session, edits.edited, words.show, folder, parts.worker.call, language=self._language)
+        file_input, *rows = arranged(head, parts.editors, parts.view, panels, words, height)
+        self.parts = parts
+        if before is None:
+            close_earlier_of_this_cell(self)
+        else:
+            before.close()
+            assert before.bar is not None
+            before.bar.close()  # the edits that are in no file are written by the autosave
+            if before.view is parts.view:
+                before.leave_view()
+            panels.history.lead_back(before.session, _weakly_in_session(self, Studio._open_session, parts.worker))
+        parts.bar = RestoreBar(session, edits.edited, words.show)  # finds what that one has left
+        panels.history.recovery = parts.bar.recovery
+        panels.opening.begin()
+        words.box.children = (parts.picture.ways_on, words.notice)
+        if before is None:
+            super().__init__([file_input, parts.bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
+            self.add_class("dnb-studio")
+        else:
+            (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)
+            close_all(*shown)
+        self.deformation = session.editing.deformation
+        parts.sync.start(
+            parts.view, parts.editors, edits, parts.link, parts.picture, parts.slices, parts.opacity, panels
+        )
 
     @traitlets.validate("deformation")
     def _valid_deformation(self, proposal: Any) -> Deformation:
@@ -533,54 +376,22 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             self.session.editing.deformation = proposal["value"]
         return self.session.editing.deformation
 
-    def _picture_changed(self, _change: Any = None) -> None:
-        self._refresh_panels()
-        self._picture.renew()
-
-    def _send_history(self, _change: Any) -> None:
-        self._editors.set_traits(history=dict(self.session.editing.history))
-
-    def _show_notice(self, _change: Any) -> None:
-        if self.session.editing.notice:
-            self._words.show(self.session.editing.notice)
-
-    def _transfer_changed(self, _change: Any) -> None:
-        function = self.session.pictures.transfer_function
-        self.view.set_transfer(function)
-        if self._opacity.transfer != function:
-            self._opacity.set_transfer(self.session.pictures.transfer)
-        self._refresh_panels()
-
-    def _occlusion_changed(self, _change: Any = None) -> None:
-        if self.view.has_trait("ambient_occlusion"):
-            self.view.ambient_occlusion = self.session.pictures.ambient_occlusion
-        self._refresh_panels()
-
-    def _opacity_changed(self, transfer: Any, _phase: str) -> None:
-        self._words.guarded(lambda: self.session.pictures.set_trait("transfer", transfer))
-
-    def _refresh_panels(self, _change: Any = None) -> None:
-        for panel in self._panels.made:
-            panel.refresh()
-
-    def _request_status(self) -> None:
-        self._worker.latest("status", self._weakly(Studio._show_status))
-
-    def _show_status(self) -> None:
-        self._update_status_line()
-        # By then the front end has sent its times.
-        self._worker.at_rest(_LATER, self._weakly(Studio._update_status_line))
-
-    def _update_status_line(self) -> None:
-        latency = latency_text(self._edits.milliseconds, self.view.stats())
-        self._words.status.value = status_text(self.session, latency, diagnostics_of(self.session))
-
     # -- for other cells -----------------------------------------------------------------------------------------------
 
     @property
     def editor(self) -> Any:
         """The editor of the step that is edited: an :class:`Editor` on a picture or a :class:`SpaceEditor` in space."""
-        return self._editors.current
+        return self.parts.editors.current
+
+    @property
+    def session(self) -> Session:
+        """The document and its history."""
+        return self.parts.session
+
+    @property
+    def view(self) -> Any:
+        """The view on the right."""
+        return self.parts.view
 
     @property
     def volume(self) -> Volume:
@@ -593,11 +404,11 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def undo(self) -> None:
         """Take back the last edit."""
-        self._travel("undo")
+        self.parts.edits.travel("undo")
 
     def redo(self) -> None:
         """Do again what was taken back."""
-        self._travel("redo")
+        self.parts.edits.travel("redo")
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
         """Write the document as JSON; see :meth:`Session.save <deformnb.session.session.Session.save>`."""
@@ -669,7 +480,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
 
     def _open_session(self, session: Session) -> None:
         before = self.session
-        self._words.show(f"Opening {session.volume.name or 'the volume'} \u2026")
+        self.parts.words.show(f"Opening {session.volume.name or 'the volume'} \u2026")
         with parts_of_another():
             self._begin(session)
         name = before.volume.name or "the volume before"
@@ -725,7 +536,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """
         from deformnb.widgets.standalone import CONTROLS, write_standalone
 
-        editor, view = last_step(self.session, self._editors.plane, self.view)
+        editor, view = last_step(self.session, self.parts.editors.plane, self.view)
         try:
             with self.session.files.known.writing(path, overwrite=overwrite):
                 write_standalone(
@@ -750,50 +561,51 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         which the picture followed the pointer in the last drag: ``drag_hz`` and ``picture_ms``, of
         :meth:`Editor.stats <deformnb.widgets.Editor.stats>`.
         """
-        times = {"edit_ms": self._edits.milliseconds, "picture_ms": self._picture.milliseconds}
+        parts = self.parts
+        times = {"edit_ms": parts.edits.milliseconds, "picture_ms": parts.picture.milliseconds}
         return {
             **times,
-            **self._edits.counts,
-            "previews": self._link.previews,
+            **parts.edits.counts,
+            "previews": parts.link.previews,
             "editor": self.editor.stats(),
             "view": self.view.stats(),
         }
 
     def show_session(self) -> None:
         """Show what the session holds, in place of a drag that will not end because its page has gone."""
-        self._link.show(self.editor)
-        self._editors.show_step()
+        self.parts.link.show(self.editor)
+        self.parts.editors.show_step()
         self.view.set_transfer(self.session.pictures.transfer_function)
 
     def wait(self, timeout: float = 60.0) -> None:
         """Wait until the work of the studio's thread is done, pictures among it. For scripts and tests."""
-        done = threading.Event()
+        done, worker = threading.Event(), self.parts.worker
 
         def look() -> None:
-            if self._worker.is_wanted and not self._worker.is_closed:
-                self._worker.latest("wait", look)  # behind what the work itself has requested
+            if worker.is_wanted and not worker.is_closed:
+                worker.latest("wait", look)  # behind what the work itself has requested
             else:
                 done.set()
 
-        self._worker.latest("wait", look)
+        worker.latest("wait", look)
         if not done.wait(timeout):
             raise TimeoutError(f"the studio is still at work after {timeout:g} seconds.")
 
     def warm_up(self) -> None:
         """Import JAX and compile for the first edits, in the studio's thread; done once the view has its voxels."""
-        if not self._worker.is_closed:
-            self._worker.latest("warm up", partial(warm_up, self.session))
+        if not self.parts.worker.is_closed:
+            self.parts.worker.latest("warm up", partial(warm_up, self.session))
 
     def _warm_up_when_shown(self) -> None:
         if isinstance(self.view, LiveView):
-            self.view.source.when_sent(self._weakly(Studio.warm_up))
+            self.view.source.when_sent(_weakly_in_session(self, Studio.warm_up, self.parts.worker))
         else:
             self.warm_up()
 
     def hand_on(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
         if getattr(other, "view", None) is self.view:
-            self._editors.beside.children = ()
+            self.parts.leave_view()
 
     def close(self) -> None:
         """End the studio with all its widgets and its threads; the next one's History has what was not saved.
@@ -801,11 +613,12 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         ipywidgets keeps a studio that is not closed, with its volume, though no variable names it: a page may show it.
         Its threads end when nothing is to be done, and each edit is written as before.
         """
-        worker = getattr(self, "_worker", None)  # ipywidgets closes again when the object goes, also a half-made one
-        if worker is None or worker.is_closed:
+        # ipywidgets closes again when the object goes, also a half-made one.
+        parts: StudioParts | None = getattr(self, "parts", None)
+        if parts is None or parts.worker.is_closed:
             super().close()
             return
-        _end(vars(self))
+        parts.close()
         close_all(*self.children, self.layout)
         super().close()
 
@@ -835,3 +648,13 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
         self._warm_up_when_shown()
         return bundle
+
+
+def _weakly_in_session(studio: Studio, method: Callable[..., Any], worker: Worker) -> Callable[..., None]:
+    """A callback that does nothing once another session has come: each has a thread of its own."""
+
+    def is_open(studio: Studio) -> bool:
+        parts: StudioParts | None = getattr(studio, "parts", None)
+        return parts is not None and parts.worker is worker and not worker.is_closed
+
+    return weakly(studio, method, is_open)

@@ -25,12 +25,12 @@ def _last_file_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def studio_of(volume: Volume | None = None, **options: Any) -> Studio:
     studio = Studio(volume or a_volume(), side="+y", **options)
-    assert studio._bar.recovery.wait()
+    assert studio.parts.bar.recovery.wait()
     return studio
 
 
 def click(studio: Studio, what: Any, version: Any = None) -> None:
-    bar = studio._bar
+    bar = studio.parts.bar
     deliver(bar, {"type": "act", "what": what, "version": bar.version if version is None else version})
 
 
@@ -40,20 +40,20 @@ def lost() -> Any:
     studio = studio_of()
     drag(studio, a_drag(studio))
     steps = studio.deformation.steps
-    crash(studio._bar.recovery.autosave)
+    crash(studio.parts.bar.recovery.autosave)
     studio.close()
     return steps
 
 
 def test_the_bar_offers_what_was_lost_and_restores_it(lost: Any) -> None:
     studio = studio_of()
-    wait_for(lambda: studio._bar.offer)
-    assert studio.children[1] is studio._bar  # behind the file input, which takes no room
-    assert studio._bar.offer.endswith("was not saved (5 points, 1 step).")
+    wait_for(lambda: studio.parts.bar.offer)
+    assert studio.children[1] is studio.parts.bar  # behind the file input, which takes no room
+    assert studio.parts.bar.offer.endswith("was not saved (5 points, 1 step).")
     click(studio, "restore")
     assert studio.deformation.steps == lost
     assert studio.editor.points == lost[0].points
-    assert studio._bar.offer == ""
+    assert studio.parts.bar.offer == ""
     studio.undo()
     assert len(studio.editor.points) == 4
     studio.close()
@@ -61,12 +61,12 @@ def test_the_bar_offers_what_was_lost_and_restores_it(lost: Any) -> None:
 
 def test_old_and_wrong_messages_are_dropped(lost: Any) -> None:
     studio = studio_of()
-    wait_for(lambda: studio._bar.offer)
-    for what, version in (("restore", studio._bar.version - 1), ("rm", None), (["restore"], None), (None, None)):
+    wait_for(lambda: studio.parts.bar.offer)
+    for what, version in (("restore", studio.parts.bar.version - 1), ("rm", None), (["restore"], None), (None, None)):
         click(studio, what, version)
-    deliver(studio._bar, ["restore"])
-    studio._bar.set_state({"offer": "pay here"})
-    assert "was not saved" in studio._bar.offer
+    deliver(studio.parts.bar, ["restore"])
+    studio.parts.bar.set_state({"offer": "pay here"})
+    assert "was not saved" in studio.parts.bar.offer
     assert len(studio.editor.points) == 4
     studio.close()
 
@@ -75,7 +75,7 @@ def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
     (state_folder / "sessions").write_text("in the way", encoding="utf-8")
     studio = studio_of()
     drag(studio, a_drag(studio))
-    studio._bar.recovery.autosave.flush()
+    studio.parts.bar.recovery.autosave.flush()
     wait_for(lambda: "save the session yourself" in notice_of(studio))
     assert len(studio.editor.points) == 5
     studio.close()
@@ -88,8 +88,8 @@ def test_a_cell_that_runs_again_keeps_what_its_studio_held_in_the_history(monkey
     drag(first, a_drag(first))
     held = first.deformation.steps
     second = studio_of()
-    assert first._worker.is_closed
-    assert second._bar.offer == ""
+    assert first.parts.worker.is_closed
+    assert second.parts.bar.offer == ""
     go_back(second)
     assert second.deformation.steps == held
     second.undo()
@@ -112,7 +112,7 @@ def test_a_studio_that_is_closed_offers_nothing_and_the_history_has_it() -> None
     assert saved_sessions(a_volume()) == []
     assert [entry.state for entry in saved_sessions(a_volume(), every=True)] == ["closed"]
     again = studio_of()
-    assert again._bar.offer == ""
+    assert again.parts.bar.offer == ""
     go_back(again)
     assert len(again.editor.points) == 5
     again.close()

@@ -245,7 +245,7 @@ def test_an_edit_that_comes_after_the_picture_was_turned_is_dropped(studio: Stud
     drag(studio, a_drag(studio))
     late = a_drag(studio)
     hold = threading.Event()
-    studio._worker.call(hold.wait)  # the new picture waits behind this
+    studio.parts.worker.call(hold.wait)  # the new picture waits behind this
     controls(studio)["Side"].value = next(v for v in VIEWS if v != studio.session.steps.view)
     count = len(studio.deformation.steps)
     drag(studio, late)
@@ -302,11 +302,11 @@ def test_opacities_reach_session_and_view(studio: Studio) -> None:
     before = studio.view.table
     value = {"nodes": [[0, 0], [100, 0.3], [230, 0.9]]}
     message = {"type": "edit", "seq": 1, "view": "v", "phase": "move", "value": value}
-    deliver(studio._opacity, message)
+    deliver(studio.parts.opacity, message)
     assert studio.session.pictures.transfer.opacities == ((0.0, 0.0), (100.0, 0.3), (230.0, 0.9))
     assert studio.view.table != before
     studio.session.pictures.transfer = "bone"
-    assert studio._opacity.transfer == studio.session.pictures.transfer_function
+    assert studio.parts.opacity.transfer == studio.session.pictures.transfer_function
 
 
 def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -332,7 +332,7 @@ def test_ambient_occlusion_is_switched_in_the_panel_and_kept_by_a_page(studio: S
     box.value = False
     assert (studio.session.pictures.ambient_occlusion, studio.view.ambient_occlusion) == (False, False)
     assert not studio.view.seen().ambient_occlusion
-    editor, view = last_step(studio.session, studio._editors.plane, studio.view)
+    editor, view = last_step(studio.session, studio.parts.editors.plane, studio.view)
     assert not view.ambient_occlusion
     close_all(editor)
     close_all(view)
@@ -532,7 +532,7 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
-    studio._words.show("<img src=x onerror=alert(1)>", is_error=True)
+    studio.parts.words.show("<img src=x onerror=alert(1)>", is_error=True)
     assert "<img" not in notice_of(studio)
     drag(studio, a_drag(studio))
     assert "img" not in notice_of(studio)
@@ -597,17 +597,17 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
 def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> None:
     studio = Studio(a_volume(), folder=tmp_path, language="de")
     try:
-        made = {late.title: late for late in studio._panels.late if late.made is not None}
+        made = {late.title: late for late in studio.parts.panels.late if late.made is not None}
         assert list(made) == ["Strength", "Steps", "Interpolation", "Diagnostics"]
         drag(studio, a_drag(studio))
         tabs = next(box for box in all_of(studio) if isinstance(box, ipw.Tab))
         tabs.selected_index = 2
-        assert {late.title for late in studio._panels.late if late.made is not None} == {
+        assert {late.title for late in studio.parts.panels.late if late.made is not None} == {
             *made,
             "Colours and opacity",
             "Picture",
         }
-        points = next(late for late in studio._panels.late if late.title == "Points")
+        points = next(late for late in studio.parts.panels.late if late.title == "Points")
         assert "dnb-late" in points.box._dom_classes
         points.reveal()
         assert tabs.selected_index == 0
@@ -692,7 +692,9 @@ def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
     studio = Studio(values)
     said = notice_of(studio)
     assert "1 voxel is not finite, shown as background." in said
-    assert studio._words.box in box_of(studio, "dnb-studio-messages").children, "over the panes: it moves no picture"
+    assert studio.parts.words.box in box_of(studio, "dnb-studio-messages").children, (
+        "over the panes: it moves no picture"
+    )
     studio.close()
 
 
@@ -749,7 +751,7 @@ def test_colours_of_a_file_are_shown_and_one_volume_has_no_channels(tmp_path: Pa
         studio.close()
     plain = Studio(a_volume())
     try:
-        assert not any(one.title == "Channels" for one in plain._panels.late)
+        assert not any(one.title == "Channels" for one in plain.parts.panels.late)
         with pytest.raises(DeformError, match="no channels"):
             plain.session.results.channels()
     finally:

@@ -24,7 +24,7 @@ from deformnb.widgets import LiveView, Studio
 from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.studio.controls import Panel, fill
 from deformnb.widgets.studio.head import StudioHead
-from deformnb.widgets.studio.studio import latency_text
+from deformnb.widgets.studio.sync import latency_text
 from deformnb.widgets.view.stills import PREVIEW_SIZE, from_png
 
 
@@ -70,7 +70,7 @@ def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(
     assert good.stats()["edits"] == 1
     run[1] = "3"
     Studio(a_volume(), folder=tmp_path).close()
-    assert good._worker.is_closed
+    assert good.parts.worker.is_closed
 
 
 def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -110,7 +110,7 @@ def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypat
     first = Studio(a_volume(), folder=tmp_path, view=view)
     run[1] = "2"
     second = Studio(a_volume(), folder=tmp_path, view=view)
-    assert first._worker.is_closed
+    assert first.parts.worker.is_closed
     assert second.view is view
     assert view.comm is not None
     assert view.editor is second.editor
@@ -122,8 +122,8 @@ def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypat
 
 def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     drag(studio, a_drag(studio))
-    before, (reason, again, back) = studio.session.steps.view, studio._picture.ways_on.children
-    assert studio._picture.ways_on.layout.display == "none"
+    before, (reason, again, back) = studio.session.steps.view, studio.parts.picture.ways_on.children
+    assert studio.parts.picture.ways_on.layout.display == "none"
     is_poor = [True]
     make = Pictures.automatic_picture
 
@@ -137,24 +137,24 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     studio.wait()
     assert "no room for a picture" in reason.value
     assert "could not be made" in studio.editor.waiting  # no gesture on the old one
-    assert studio._picture.ways_on.layout.display == ""
+    assert studio.parts.picture.ways_on.layout.display == ""
     assert studio.editor.picture.plane != studio.session.editing.plane
     again.click()  # it fails once more
     studio.wait()
     assert "no room" in reason.value
-    assert studio._picture.ways_on.layout.display == ""
+    assert studio.parts.picture.ways_on.layout.display == ""
     back.click()  # to the picture that still stands there
     studio.wait()
     assert studio.session.steps.view == before
     assert "Undone" in notice_of(studio)
-    assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.layout.display) == ("", "none")
     studio.redo()
     studio.wait()
     assert "no room" in reason.value
     is_poor[0] = False
     again.click()
     studio.wait()
-    assert (studio.editor.waiting, studio._picture.ways_on.layout.display) == ("", "none")
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.layout.display) == ("", "none")
     assert reason.value == ""
     assert studio.editor.picture.plane == studio.session.editing.plane
     count = studio.stats()["late"]
@@ -171,14 +171,14 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         raise FloatingPointError("of the status line")
 
     with monkeypatch.context() as patched:
-        patched.setattr("deformnb.widgets.studio.studio.diagnostics_of", fails)
+        patched.setattr("deformnb.widgets.studio.sync.diagnostics_of", fails)
         drag(studio, a_drag(studio))
         studio.wait()
         assert "FloatingPointError: of the status line" in notice_of(studio)
     with monkeypatch.context() as patched:
-        patched.setattr(type(studio._link), "field_of", fails)
-        studio._words.show("")
-        studio._link._moved(EditMessage("a", 1, "move", "move", False, studio.session.editing.points))
+        patched.setattr(type(studio.parts.link), "field_of", fails)
+        studio.parts.words.show("")
+        studio.parts.link._moved(EditMessage("a", 1, "move", "move", False, studio.session.editing.points))
         wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
     studio.wait()

@@ -276,7 +276,7 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
     studio.wait()
     space = studio.editor
     assert space is not flat
-    assert studio._editors.box.children == (space,)
+    assert studio.parts.editors.box.children == (space,)
     assert len(space.points) == 8
     points = space.points.add([12.0, 10.0, 8.0], [15.0, 10.0, 8.0])
     drag(studio, points)
@@ -291,7 +291,7 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
     act(panel(studio, "Steps").items, "choose", 0)
     studio.wait()
     assert studio.editor is flat
-    assert studio._editors.box.children == (flat,)
+    assert studio.parts.editors.box.children == (flat,)
     assert flat.points == studio.session.editing.points
     assert controls(studio)["Side"].value == studio.session.steps.view
 

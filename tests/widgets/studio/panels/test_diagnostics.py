@@ -57,7 +57,7 @@ def test_figures_of_another_state_are_dimmed_until_new_ones_are_there(studio: St
     diagnostics = panel(studio, "Diagnostics")
     before = diagnostics.facts.value
     release = threading.Event()
-    studio._worker.call(release.wait)  # the figures wait behind this
+    studio.parts.worker.call(release.wait)  # the figures wait behind this
     drag(studio, a_drag(studio, 2.0))
     assert "Computing" in diagnostics.message.value
     assert before in diagnostics.facts.value

@@ -196,7 +196,7 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
             put(field, output=output)
 
         studio.view.show_deformation = show  # type: ignore[method-assign]
-        studio._link.preview(studio.session.editing.step)
+        studio.parts.link.preview(studio.session.editing.step)
         studio.wait()
         assert shown == [wanted]
         studio.session.steps.add(in_space=True)

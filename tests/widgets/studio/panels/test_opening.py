@@ -42,7 +42,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
 
     def drop(path: Path) -> str:
         uploaded(opening.box, path.name, path.read_bytes())
-        return str(studio._words.notice.value)
+        return str(studio.parts.words.notice.value)
 
     place = volume.grid.index_to_point(np.array([3.0, 5.0, 7.0]))
     write_landmarks(Landmarks([place], ("mark",)), tmp_path / "mark.fcsv")
@@ -67,7 +67,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     write_volume(Volume(grey, volume.grid), tmp_path / "other.nrrd")
     drop(tmp_path / "other.nrrd")
     answer(opening, "Match to it")
-    assert "other.nrrd is the target" in studio._words.notice.value
+    assert "other.nrrd is the target" in studio.parts.words.notice.value
     np.testing.assert_array_equal(fit.target.volume.values, grey)
     drop(tmp_path / "other.nrrd")
     answer(opening, "Show beside")
@@ -75,7 +75,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     np.testing.assert_array_equal(opening._compare.panel._chosen.volume.values, grey)
     drop(tmp_path / "other.nrrd")
     answer(opening, "Use as labels")
-    assert "is no label volume" in studio._words.notice.value
+    assert "is no label volume" in studio.parts.words.notice.value
 
     studio.save(tmp_path / "kept.json")
     before = studio.deformation
@@ -122,7 +122,7 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     assert studio.session is not first
     np.testing.assert_array_equal(studio.volume.values, other.values)
     assert seen == [studio.deformation]
-    assert "History leads back to bar" in studio._words.notice.value
+    assert "History leads back to bar" in studio.parts.words.notice.value
     assert shown() is not studio.view
     assert opening.question.box.comm is None  # the parts before are closed
     first.editing.change(trend="none")  # and whoever still holds their session changes nothing here
@@ -173,7 +173,7 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
     opening = panel_of(studio, OpenPanel)
     assert "atlas look like labels" in opening.question.text.value
-    assert "is_labels" not in studio._words.notice.value  # which is for those who write code
+    assert "is_labels" not in studio.parts.words.notice.value  # which is for those who write code
     studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
     edited = studio.deformation
     answer(opening, "They are amounts")
@@ -203,7 +203,7 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
     assert (opening is not before, opening.box is before.box, studio.children.index(opening.box)) == (True, True, place)
     deliver(before.box, {"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
     opening.box.wait()
-    assert "bones.nrrd has 6 labels" in studio._words.notice.value
+    assert "bones.nrrd has 6 labels" in studio.parts.words.notice.value
     assert len(opening._shapes.panel.labels.list.options) == 6
     studio.close()
     assert opening.box.comm is None
@@ -224,7 +224,7 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
     assert len(labels.list.options) == 6
     drop("sure.nrrd", 0.0, True)
     assert opening.question.box.layout.display == "none"
-    assert "sure.nrrd has 6 labels" in studio._words.notice.value
+    assert "sure.nrrd has 6 labels" in studio.parts.words.notice.value
     drop("elsewhere.nrrd", 900.0, True)  # of another scan: to be deformed itself
     assert "Open elsewhere.nrrd in place of scan" in opening.question.text.value
     answer(opening, "Open")

@@ -113,7 +113,7 @@ def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     try:
         panel = panel_of(studio, ThompsonPanel)
         fold = next(box for box in all_of(studio) if isinstance(box, ipw.Accordion) and panel.box in all_of(box))
-        assert panel.editor is studio._editors.plane
+        assert panel.editor is studio.parts.editors.plane
         assert panel.after.children == ()
         fold.selected_index = 0
         assert panel.after.children == (studio.editor,)
