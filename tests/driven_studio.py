@@ -6,12 +6,14 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
+from comm import get_comm_manager
 from front_end import deliver
 from waiting import PATIENCE, wait_for  # noqa: F401  (with the rest of what a studio's tests need)
 
 from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
+from deformnb.widgets.basic_widgets import shared_models
 from deformnb.widgets.edit_messages import points_to_json
 
 
@@ -27,6 +29,11 @@ SEQ = iter(range(1, 10**6))
 def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
     """As a message of the page of an editor, by default the one that is shown."""
     deliver(editor or studio.editor, {"sender": "test", "seq": next(SEQ), **content})
+
+
+def open_widgets() -> set[str]:
+    """Ids of the widgets that are open, besides the layouts and styles that all of them share."""
+    return set(get_comm_manager().comms) - {model.model_id for model in shared_models()}
 
 
 def notice_of(studio: Studio) -> str:

@@ -18,6 +18,8 @@ from typing import Any
 
 import ipywidgets as ipw
 
+from deformnb.widgets.basic_widgets import is_shared
+
 _LOG = logging.getLogger(__name__)
 
 _MAKING = threading.RLock()  # ipywidgets notifies one listener of what is made
@@ -115,7 +117,7 @@ def _try(close: Callable[[], None]) -> None:
 
 
 def close_all(*widgets: Any) -> None:
-    """Close widgets and all that they are made of: children, layouts, styles."""
+    """Close widgets and all that only they are made of: children, layouts, styles."""
     parts: dict[int, Any] = {}
     for widget in widgets:
         _collect(widget, parts)
@@ -124,7 +126,7 @@ def close_all(*widgets: Any) -> None:
 
 
 def _collect(widget: Any, parts: dict[int, Any]) -> None:
-    if not isinstance(widget, ipw.Widget) or id(widget) in parts:
+    if not isinstance(widget, ipw.Widget) or id(widget) in parts or is_shared(widget):
         return
     parts[id(widget)] = widget
     for child in getattr(widget, "children", ()):

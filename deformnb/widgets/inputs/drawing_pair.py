@@ -14,6 +14,7 @@ from deformnb.imaging.projection import project
 from deformnb.io import read_volume
 from deformnb.io.volumes.images import IMAGE_SUFFIXES
 from deformnb.volume.plane import Picture
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing
 
@@ -62,9 +63,9 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self.first = GridDrawing(first, rows, columns, label="Grid on the first drawing")
         self.second: GridDrawing | None = None
         self._guard = guard or self._shown
-        self.message = ipw.HTML("")
+        self.message = basic.HTML("")
         self.line_counts = [
-            ipw.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=ipw.Layout(width="150px"))
+            basic.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=basic.Layout(width="150px"))
             for value, word in ((rows, "Rows"), (columns, "Columns"))
         ]
         for number in self.line_counts:
@@ -76,13 +77,18 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             accept=",".join(IMAGE_SUFFIXES),
             tip="A photograph or drawing: " + ", ".join(IMAGE_SUFFIXES),
         )
-        self._place = ipw.VBox([self.upload], layout=ipw.Layout(flex="1 1 300px", min_width="0"))
-        first_side = ipw.VBox(
-            [ipw.HTML("<b>1. This drawing</b>"), self.first], layout=ipw.Layout(flex="1 1 300px", min_width="0")
+        self._place = basic.VBox([self.upload], layout=basic.Layout(flex="1 1 300px", min_width="0"))
+        first_side = basic.VBox(
+            [basic.HTML("<b>1. This drawing</b>"), self.first], layout=basic.Layout(flex="1 1 300px", min_width="0")
         )
-        sides = ipw.HBox([first_side, self._place], layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"))
+        sides = basic.HBox([first_side, self._place], layout=basic.Layout(flex_flow="row wrap", grid_gap="8px"))
         super().__init__(
-            [ipw.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'), ipw.HBox(self.line_counts), sides, self.message]
+            [
+                basic.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'),
+                basic.HBox(self.line_counts),
+                sides,
+                self.message,
+            ]
         )
         self._arrange()
         if second is not None:
@@ -134,7 +140,7 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         super().close()
 
     def _arrange(self) -> None:
-        words = ipw.HTML("<b>2. What it shall become</b>")
+        words = basic.HTML("<b>2. What it shall become</b>")
         self._place.children = (words, self.upload, *([] if self.second is None else [self.second]))
 
     def _change_lines(self) -> None:

@@ -24,6 +24,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
 from deformnb.volume.volume import Volume
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.inputs.preset_menu import PresetMenu
@@ -65,8 +66,8 @@ def file_stem(volume: Volume) -> str:
 
 
 def wide(**more: str) -> ipw.Layout:
-    """A layout that shares a row evenly; each widget needs one of its own, or hiding one would hide all."""
-    return ipw.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
+    """A layout that shares a row evenly."""
+    return basic.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
 
 
 @dataclass
@@ -116,7 +117,7 @@ def _is_slider(widget: Any) -> bool:
 
 def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = "", layout: Any = None) -> ipw.Dropdown:
     """A menu of (words, value); ``layout`` instead of the usual one."""
-    return ipw.Dropdown(
+    return basic.Dropdown(
         options=list(options),
         description=description,
         tooltip=tooltip or description,
@@ -125,45 +126,47 @@ def menu(description: str, options: Iterable[tuple[str, str]], tooltip: str = ""
     )
 
 
-def widget_of(name: str, diagonal: float = 1.0, layout: Any = None) -> Any:
+def widget_of(name: str, diagonal: float = 1.0, layout: Any = None, *, label: str = "100px") -> Any:
     """The widget for a parameter of :data:`~deformnb.widgets.parameters.PARAMETERS`.
 
     Parameters
     ----------
     diagonal : of the volume, for lengths.
     layout : instead of the usual one.
+    label : width of the words before it.
     """
+    style = {"description_width": label}
     parameter = parameters(diagonal)[name]
     words = {"description": parameter.label, "tooltip": parameter.tooltip}
     if isinstance(parameter, Choice):
-        return ipw.Dropdown(options=parameter.menu, layout=layout or wide(), style=_STYLE, **words)
+        return basic.Dropdown(options=parameter.menu, layout=layout or wide(), style=style, **words)
     if isinstance(parameter, Number):
         low, high, step = parameter.low, parameter.high, parameter.step
         if parameter.is_log:
-            return ipw.FloatLogSlider(
+            return basic.FloatLogSlider(
                 min=np.log10(low),
                 max=np.log10(high),
                 step=step,
-                style=_STYLE,
+                style=style,
                 readout_format=f".{parameter.digits}r",
                 layout=layout or wide(),
                 **words,
             )
         if parameter.digits == 0:
-            return ipw.IntSlider(
-                min=int(low), max=int(high), step=int(step), style=_STYLE, layout=layout or wide(), **words
+            return basic.IntSlider(
+                min=int(low), max=int(high), step=int(step), style=style, layout=layout or wide(), **words
             )
-        return ipw.FloatSlider(
+        return basic.FloatSlider(
             min=low,
             max=high,
             step=step,
-            style=_STYLE,
+            style=style,
             readout_format=f".{parameter.digits}f",
             layout=layout or wide(),
             continuous_update=True,
             **words,
         )
-    return ipw.Checkbox(False, indent=False, layout=layout or ipw.Layout(width="auto"), **words)
+    return basic.Checkbox(False, indent=False, layout=layout or basic.Layout(width="auto"), **words)
 
 
 def action_button(name: str, action: Callable[[], Any]) -> ipw.Button:
@@ -173,7 +176,7 @@ def action_button(name: str, action: Callable[[], Any]) -> ipw.Button:
 
 def button(text: str, tooltip: str, action: Callable[[], Any]) -> ipw.Button:
     """A button that does something."""
-    made = ipw.Button(description=text, tooltip=tooltip, layout=ipw.Layout(width="auto"))
+    made = basic.Button(description=text, tooltip=tooltip, layout=basic.Layout(width="auto"))
     made.on_click(lambda _: action())
     return made
 
@@ -188,7 +191,7 @@ def slider(
     description: str, low: float, high: float, step: float, tooltip: str = "", text: str = ".2f", layout: Any = None
 ) -> Any:
     """A slider that follows the pointer."""
-    return ipw.FloatSlider(
+    return basic.FloatSlider(
         min=low,
         max=high,
         step=step,
@@ -208,7 +211,9 @@ def prose(text: str) -> str:
 
 def row(*widgets: Any) -> ipw.HBox:
     """Widgets side by side, one below the other where the page is narrow."""
-    made = ipw.HBox(list(widgets), layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px"))
+    made = basic.HBox(
+        list(widgets), layout=basic.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px")
+    )
     return made.add_class("dnb-row")
 
 
@@ -294,7 +299,7 @@ class LatePanel(Generic[_AnyPanel]):
         self._make = partial(kind, *arguments)
         self._lock = threading.RLock()
         self.title = kind.title
-        self.box = ipw.VBox([]).add_class("dnb-late")
+        self.box = basic.VBox([]).add_class("dnb-late")
         self.unfold: Callable[[], None] = lambda: None
         self.made: _AnyPanel | None = None
 
@@ -334,11 +339,11 @@ class PicturePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, editor: Any, show_grids: Callable[[], None]) -> None:
         super().__init__(session, guard)
-        self._side = side = widget_of("view", layout=ipw.Layout(width="auto"))
+        self._side = side = widget_of("view", layout=basic.Layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
         self.add(side, lambda: session.steps.view or "", lambda view: session.set_view(view) if view else None)
         method = self.add(
-            widget_of("method", layout=ipw.Layout(width="auto")),
+            widget_of("method", layout=basic.Layout(width="auto")),
             lambda: session.pictures.method,
             lambda value: session.pictures.set_trait("method", value),
         )
@@ -350,7 +355,7 @@ class PicturePanel(Panel):
         hold = action_button("hold_outline", lambda: guard(session.hold_outline))
         shows_grids = action_button("thompson", lambda: guard(show_grids))
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
-        self._step = ipw.HTML("")
+        self._step = basic.HTML("")
         self.box = row(self._step, side, method, self._depth, hold, shows_grids)
         self.refresh()
 
@@ -359,15 +364,15 @@ class PicturePanel(Panel):
 
     def arrange(self) -> None:
         self._step.value = step_badge(self.session)
-        self._step.layout.display = "" if self._step.value else "none"
+        basic.set_shown(self._step, self._step.value)
         low, high = self.session.pictures.depth_range
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
             self._depth.min, self._depth.max, self._depth.step = low, high, self.session.pictures.slices.spacing
         in_space = self.session.editing.step.plane is None
         for widget in self._on_picture:
-            widget.layout.display = "none" if in_space else ""
-        self._depth.layout.display = "" if self.session.pictures.method == "slice" and not in_space else "none"
+            basic.set_shown(widget, not (in_space))
+        basic.set_shown(self._depth, self.session.pictures.method == "slice" and not in_space)
         elsewhere = [] if self.session.steps.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
@@ -415,11 +420,11 @@ class ChannelsPanel(Panel):
         super().__init__(session, guard)
         assert session.channels is not None
         self.rows = [self._row(k, volume) for k, volume in enumerate(session.channels.coloured)]
-        words = ipw.HTML(
+        words = basic.HTML(
             "The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
             "bright they are together."
         )
-        self.box = ipw.VBox([*self.rows, words])
+        self.box = basic.VBox([*self.rows, words])
         self.refresh()
 
     def _row(self, k: int, volume: Volume) -> ipw.Widget:
@@ -428,19 +433,19 @@ class ChannelsPanel(Panel):
         first, last = self.session.pictures.channel_displays[k].window
         low, high = min(low, first), max(high, last)
         shown = self.add(
-            ipw.Checkbox(
-                description=name, indent=False, tooltip=f"Whether {name} is shown", layout=ipw.Layout(width="140px")
+            basic.Checkbox(
+                description=name, indent=False, tooltip=f"Whether {name} is shown", layout=basic.Layout(width="140px")
             ),
             lambda: self._display(k).visible,
             lambda on: self.session.pictures.show_channel(k, visible=on),
         )
         colour = self.add(
-            ipw.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=ipw.Layout(width="36px")),
+            basic.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=basic.Layout(width="36px")),
             lambda: _hex(self._display(k).colour),
             lambda value: self.session.pictures.show_channel(k, colour=_rgb(value)),
         )
         window = self.add(
-            ipw.FloatRangeSlider(
+            basic.FloatRangeSlider(
                 value=(first, last),
                 min=low,
                 max=high,
@@ -448,12 +453,12 @@ class ChannelsPanel(Panel):
                 readout_format=".0f" if volume.dtype.kind in "iu" else ".4g",
                 continuous_update=False,
                 tooltip=f"Values of {name} shown black and in its full colour",
-                layout=ipw.Layout(flex="1 1 auto", min_width="0", width="auto"),
+                layout=basic.Layout(flex="1 1 auto", min_width="0", width="auto"),
             ),
             lambda: self._display(k).window,
             lambda ends: self._set_window(k, ends, (high - low) / 256),
         )
-        return ipw.VBox([ipw.HBox([shown, colour], layout=ipw.Layout(align_items="center")), row(window)])
+        return basic.VBox([basic.HBox([shown, colour], layout=basic.Layout(align_items="center")), row(window)])
 
     def _display(self, k: int) -> ChannelDisplay:
         display: ChannelDisplay = self.session.pictures.channel_displays[k]
@@ -487,9 +492,11 @@ class MapPanel(Panel):
         }
         self._kernel, self._trend = bound.pop("kernel"), bound.pop("trend")
         self._support = widget_of(
-            "support", session.editing.grid.diagonal, ipw.Layout(flex="1 1 auto", min_width="0", width="auto")
+            "support",
+            session.editing.grid.diagonal,
+            basic.Layout(flex="1 1 auto", min_width="0", width="auto"),
+            label="96px",
         )
-        self._support.style.description_width = "96px"
         self.add(
             self._support,
             self._shown_support,
@@ -501,7 +508,7 @@ class MapPanel(Panel):
             lambda: not isinstance(session.editing.step.support, float),
             lambda on: session.editing.change(support=None if on else float(self._support.value)),
         )
-        self.box = ipw.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
+        self.box = basic.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
         self.refresh()
 
     def _shown_support(self) -> float:
@@ -524,10 +531,12 @@ class DisplayPanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         self.clip = ClipControls(view if view.has_trait("clip") else None)
-        colours = ipw.VBox([transfer], layout=ipw.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
-        inside = ipw.VBox([ipw.HTML("<b>Clipping</b>"), self.clip], layout=ipw.Layout(flex="1 1 270px", min_width="0"))
-        beside = ipw.HBox(
-            [colours, inside], layout=ipw.Layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
+        colours = basic.VBox([transfer], layout=basic.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
+        inside = basic.VBox(
+            [basic.HTML("<b>Clipping</b>"), self.clip], layout=basic.Layout(flex="1 1 270px", min_width="0")
+        )
+        beside = basic.HBox(
+            [colours, inside], layout=basic.Layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
         )
         light = [
             self.add(
@@ -536,7 +545,7 @@ class DisplayPanel(Panel):
                 lambda value: session.pictures.set_trait("ambient_occlusion", value),
             )
         ]
-        self.box = ipw.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
+        self.box = basic.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
 
     def close(self) -> None:
         self.clip.close()
@@ -570,7 +579,7 @@ class VolumePanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, slices: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         shows = self.add(
-            widget_of("shows", layout=ipw.Layout(width="auto")),
+            widget_of("shows", layout=basic.Layout(width="auto")),
             lambda: view.shows,
             lambda value: setattr(view, "shows", value),
         )
@@ -578,7 +587,7 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(
                 self.add(
-                    widget_of("projection", layout=ipw.Layout(width="auto")),
+                    widget_of("projection", layout=basic.Layout(width="auto")),
                     lambda: view.projection,
                     lambda value: view.set_trait("projection", value),
                 )
@@ -587,8 +596,8 @@ class VolumePanel(Panel):
             self.add(PresetMenu(transfer), lambda: transfer.preset_name, lambda name: _take_preset(session, name))
         )
         parameter = PARAMETERS["slices"]
-        button = ipw.ToggleButton(
-            False, description=parameter.label, tooltip=parameter.tooltip, layout=ipw.Layout(width="auto")
+        button = basic.ToggleButton(
+            False, description=parameter.label, tooltip=parameter.tooltip, layout=basic.Layout(width="auto")
         )
         self._of_view, self._slices = menus, slices
         self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))

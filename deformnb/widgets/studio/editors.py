@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
@@ -22,6 +21,7 @@ from deformnb.rbf.support import lone_support
 from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.warping.foreground import foreground_level
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
@@ -133,9 +133,9 @@ class StudioEditors:
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
-        self.box = ipw.Box([self.plane], layout=ipw.Layout(flex=_HALF, min_width="0"))
-        self.beside = ipw.Box([], layout=ipw.Layout(flex=_HALF, min_width="0"))
-        self.plane.layout.width = "100%"
+        self.box = basic.Box([self.plane], layout=basic.Layout(flex=_HALF, min_width="0"))
+        self.beside = basic.Box([], layout=basic.Layout(flex=_HALF, min_width="0"))
+        basic.own_layout(self.plane).width = "100%"
         self.plane.fill, self.plane.theme = True, "dark"
         if session.editing.step.plane is None:
             self.show_picture(self.make_picture())
@@ -161,7 +161,7 @@ class StudioEditors:
                 before=session.pictures.before(),
             )
         made.chooses_support = False
-        made.layout.width = "100%"
+        basic.own_layout(made).width = "100%"
         self._listen(made)
         return made
 
@@ -187,8 +187,8 @@ class StudioEditors:
             self.show_step()
         if self.box.children != (editor,):
             in_space = editor is self.space
-            self.box.layout.flex = _WHOLE if in_space else _HALF
-            self.beside.layout.min_height = f"{self._low_height}px" if in_space else None
+            basic.own_layout(self.box).flex = _WHOLE if in_space else _HALF
+            basic.own_layout(self.beside).min_height = f"{self._low_height}px" if in_space else None
             self.box.children = (editor,)
 
     def show_step(self) -> None:
@@ -263,13 +263,13 @@ class StudioPicture:
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
         again = weakly(self, StudioPicture.request, StudioPicture._is_open)
-        self._reason = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self._reason = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))
         self.ways_on = row(
             self._reason,
             button("Try again", "Make the picture once more", again),
             button("Undo", "Take back the last edit", undo),
         )
-        self.ways_on.layout.display = "none"
+        basic.set_shown(self.ways_on, False)
 
     @property
     def is_shown(self) -> bool:
@@ -316,7 +316,7 @@ class StudioPicture:
         """Enable the editor, or show why not: points of one picture on another are worse than none."""
         self._reason.value = as_html(reason, is_error=True)
         self._editors.set_traits(waiting=_FAILED if reason else "")
-        self.ways_on.layout.display = "" if reason else "none"
+        basic.set_shown(self.ways_on, reason)
 
     def _set(self, needed: Any) -> None:
         start = time.perf_counter()

@@ -21,6 +21,7 @@ from deformnb.rbf.regions import AbstractRegion
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
@@ -221,7 +222,7 @@ def arranged(
     The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows
     behind it are replaced.
     """
-    view.layout.width = "100%"
+    basic.own_layout(view).width = "100%"
     if view.has_trait("fill"):
         view.fill = True  # as large as its pane
     if view.has_trait("background"):
@@ -235,13 +236,13 @@ def arranged(
     side = _box([tabs], "dnb-studio-panel")
     start = _box([panels.start.box], "dnb-studio-start")
     body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
-    body.layout.height = f"{height}px"
+    basic.own_layout(body).height = f"{height}px"
     menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
     return [panels.opening.box.add_class("dnb-studio-open"), head, *menus, body]
 
 
 def _box(children: Sequence[Any], name: str) -> ipw.Box:
-    return ipw.VBox(list(children)).add_class(name)
+    return basic.VBox(list(children)).add_class(name)
 
 
 def _pane(head: Any, contents: Any, name: str) -> ipw.Box:
@@ -252,7 +253,7 @@ def _pane(head: Any, contents: Any, name: str) -> ipw.Box:
 def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
     """Tabs of groups of sections; a panel learns when it is seen."""
     folds = {title: [_fold(section) for section in sections] for title, sections in groups.items()}
-    tabs = ipw.Tab([_box(boxes, "dnb-group") for boxes in folds.values()], titles=list(groups))
+    tabs = basic.Tab([_box(boxes, "dnb-group") for boxes in folds.values()], titles=list(groups))
     known = [
         (number, box, weakref.ref(section.panel))
         for number, title in enumerate(groups)
@@ -286,7 +287,7 @@ def _alone(kind: type[Panel], *arguments: Any) -> Section:
 def _fold(section: Section) -> Any:
     if not section.has_heading:
         return _box([section.panel.box], "dnb-section-plain")
-    made = ipw.Accordion(
+    made = basic.Accordion(
         [section.panel.box], titles=[section.panel.title], selected_index=0 if section.is_open else None
     )
     if section.is_open:

@@ -12,6 +12,7 @@ from deformnb._weak import weakly
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
@@ -53,7 +54,7 @@ class StudioSlices:
             self._follow_picture()
         self.is_shown = is_shown
         for widget in self._place.children:
-            widget.layout.display = None if (widget is self._widget) == is_shown else "none"
+            basic.set_shown(widget, (widget is self._widget) == is_shown)
         self._editor.on_edit(self._moved, remove=not is_shown, details=True)
         self.follow()
 

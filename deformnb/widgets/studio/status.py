@@ -6,9 +6,8 @@ import html
 import logging
 from collections.abc import Callable
 
-import ipywidgets as ipw
-
 from deformnb.errors import DeformError
+from deformnb.widgets import basic_widgets as basic
 
 _LOG = logging.getLogger(__name__)
 
@@ -32,8 +31,8 @@ class StudioStatus:
     """
 
     def __init__(self) -> None:
-        self.status, self.notice = ipw.Label(""), ipw.HTML("")
-        self.box = ipw.VBox([self.notice])
+        self.status, self.notice = basic.Label(""), basic.HTML("")
+        self.box = basic.VBox([self.notice])
 
     def show(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""

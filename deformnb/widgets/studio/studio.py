@@ -41,6 +41,7 @@ from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.converters import NO_PLACE
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume, VolumeLike
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.camera import on_picture
 from deformnb.widgets.cell_widgets import (
     close_all,
@@ -303,12 +304,14 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         kind, height, folder = self._options
         notify = _weakly_in_session(self, lambda studio, document: studio.set_trait("deformation", document), worker)
         sync = StudioSync(session, words, worker, notify)
-        edits = StudioEdits(session, words, sync.request_status)
+        edits = StudioEdits(session, words, weakly(sync, StudioSync.request_status))
+        # Thread and autosave hold the messages, and so this button among them.
+        undo = _weakly_in_session(self, Studio.undo, worker)
         view = make_view(kind, session.volume, session.pictures.transfer_function, height)
         editors = StudioEditors(session, height, sync.observe_editor)
         link = StudioLink(session, view, worker)
         ends.append(link.close)
-        picture = StudioPicture(session, editors, link, view, worker, partial(edits.travel, "undo"))
+        picture = StudioPicture(session, editors, link, view, worker, undo)
         edits.take_edits_from(editors, picture)
         slices = StudioSlices(session, link, editors.plane, worker, editors.beside)
         ends += [slices.close, editors.close]
@@ -360,7 +363,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         panels.opening.begin()
         words.box.children = (parts.picture.ways_on, words.notice)
         if before is None:
-            super().__init__([file_input, parts.bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
+            super().__init__([file_input, parts.bar, *rows], layout=basic.Layout(width="100%", max_width="1600px"))
             self.add_class("dnb-studio")
         else:
             (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)

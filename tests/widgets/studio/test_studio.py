@@ -16,7 +16,20 @@ import ipywidgets as ipw
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, all_of, box_of, controls, drag, notice_of, page_says, panel, wait_for
+from driven_studio import (
+    a_drag,
+    a_volume,
+    act,
+    all_of,
+    box_of,
+    controls,
+    drag,
+    notice_of,
+    open_widgets,
+    page_says,
+    panel,
+    wait_for,
+)
 from front_end import deliver
 from numpy.testing import assert_array_equal
 from uploads import uploaded
@@ -638,7 +651,7 @@ def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
 def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
     Studio(a_volume()).close()  # what is made once for all
     gc.collect()
-    widgets, threads = set(_instances()), Threads()
+    widgets, threads = open_widgets(), Threads()
     for _ in range(3):
         made = Studio(a_volume(), folder=tmp_path)
         drag(made, a_drag(made))
@@ -647,13 +660,7 @@ def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
         del made
         wait_for(lambda: gc.collect() >= 0 and reference() is None)  # what is being worked on ends first  # noqa: B023
     threads.wait()
-    assert set(_instances()) <= widgets
-
-
-def _instances() -> dict[str, Any]:
-    from ipywidgets.widgets import widget
-
-    return dict(widget._instances)
+    assert open_widgets() <= widgets
 
 
 def test_a_cell_that_runs_again_closes_its_studios(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,9 +11,8 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, all_of, controls, drag, notice_of, panel, status_of, wait_for
+from driven_studio import a_drag, a_volume, all_of, controls, drag, notice_of, open_widgets, panel, status_of, wait_for
 from front_end import deliver
-from ipywidgets.widgets import widget as registry
 from traitlets import TraitError
 from uploads import uploaded
 from waiting import PATIENCE, Threads
@@ -60,11 +59,11 @@ def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(
     good = Studio(a_volume(), folder=tmp_path)
     good.wait()
     gc.collect()
-    widgets, threads = set(registry._instances), Threads()
+    widgets, threads = open_widgets(), Threads()
     run[1] = "2"
     with pytest.raises((DeformError, OSError, TraitError)):
         Studio(a_volume(), folder=tmp_path, **wrong)
-    assert set(registry._instances) <= widgets
+    assert open_widgets() <= widgets
     threads.wait()
     drag(good, a_drag(good))
     assert good.stats()["edits"] == 1
@@ -76,7 +75,7 @@ def test_who_cannot_have_a_new_studio_keeps_the_one_of_before(
 def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = LiveView(a_volume())
     gc.collect()
-    widgets, threads = set(registry._instances), Threads()
+    widgets, threads = open_widgets(), Threads()
 
     def fails(*_given: Any, **_more: Any) -> None:
         raise ZeroDivisionError("the last part")
@@ -85,7 +84,7 @@ def test_a_studio_that_fails_at_its_last_part_ends_all_others(tmp_path: Path, mo
     for shown in ("live", view):
         with pytest.raises(ZeroDivisionError, match="the last part"):
             Studio(a_volume(), folder=tmp_path, view=shown)
-        assert set(registry._instances) <= widgets  # the view of one's own among them, still open
+        assert open_widgets() <= widgets  # the view of one's own among them, still open
         threads.wait()
     assert view.comm is not None
     view.close()

@@ -22,6 +22,7 @@ from deformnb.errors import Cancelled
 from deformnb.io.movies import write_movie
 from deformnb.session.exports import Frozen, movie_frames
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
 from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, widget_of
@@ -70,11 +71,11 @@ class AnimationPanel(Panel):
         )
         self.items.on_act(self._act)
         self.player = Player(label="Animation of the key frames")
-        self._easing = ipw.Dropdown(
+        self._easing = basic.Dropdown(
             options=[(_EASINGS.get(name, name), name) for name in EASINGS],
             description="Time passes",
             style=WHOLE_DESCRIPTION,
-            layout=ipw.Layout(width="280px"),
+            layout=basic.Layout(width="280px"),
             tooltip="How time passes from one key frame to the next",
         )
         self.playback = Playback(
@@ -83,13 +84,13 @@ class AnimationPanel(Panel):
         self.add(self._easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))
-        self._time = ipw.BoundedFloatText(
+        self._time = basic.BoundedFloatText(
             min=0,
             max=LONGEST_MOVIE,
             step=0.1,
             description="Time (s)",
             style=WHOLE_DESCRIPTION,
-            layout=ipw.Layout(width="170px"),
+            layout=basic.Layout(width="170px"),
             tooltip="When the chosen key frame comes",
             continuous_update=False,
         )
@@ -116,7 +117,7 @@ class AnimationPanel(Panel):
             self._at_moment,
         )
         # Above the list, which grows: what is pressed again stays where it is.
-        self.box = ipw.VBox(
+        self.box = basic.VBox(
             [
                 row(add, self._update),
                 self.items,
@@ -124,7 +125,7 @@ class AnimationPanel(Panel):
                 self.player,
                 row(self._easing, self.movie.box),
             ],
-            layout=ipw.Layout(grid_gap="6px"),
+            layout=basic.Layout(grid_gap="6px"),
         )
         self.refresh()
 
@@ -278,14 +279,14 @@ class MovieControls:
             "fps": {"width": "130px"},
             "name": {"flex": "1 1 120px", "min_width": "80px", "max_width": "260px"},
         }
-        self.kind = ipw.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
-        self.name = ipw.Text(
+        self.kind = basic.Dropdown(options=list(_KINDS.items()), layout=layouts["kind"], tooltip="What is written")
+        self.name = basic.Text(
             value="animation.mp4",
             layout=layouts["name"],
             placeholder="file name",
             tooltip="In the folder of the notebook; pictures get one of their own",
         )
-        self.fps = ipw.BoundedFloatText(
+        self.fps = basic.BoundedFloatText(
             value=24,
             min=1,
             max=50,
@@ -297,10 +298,9 @@ class MovieControls:
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)
-        self.renderer = widget_of("movie_renderer", layout=ipw.Layout(width="190px"))
-        self.renderer.style.description_width = "60px"
-        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", visibility="hidden"))
-        self.message = ipw.Label("")
+        self.renderer = widget_of("movie_renderer", layout=basic.Layout(width="190px"), label="60px")
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="120px", visibility="hidden"))
+        self.message = basic.Label("")
         chosen = [self.renderer] if hasattr(view, "page_scene") else []
         self.box = row(self.kind, self.name, self.fps, *chosen, self.write, self.cancel, self.bar, self.message)
         self.arrange(False)
@@ -322,7 +322,7 @@ class MovieControls:
         self._stop.clear()
         self._is_writing = True
         self._begun = time.monotonic()
-        self.bar.value, self.bar.layout.visibility = 0.0, "visible"
+        self.bar.value, basic.own_layout(self.bar).visibility = 0.0, "visible"
         self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
         self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
@@ -347,7 +347,7 @@ class MovieControls:
             self._guard(raising(reason))
         finally:
             self.message.value, self._is_writing = message, False
-            self.bar.layout.visibility = "hidden"
+            basic.own_layout(self.bar).visibility = "hidden"
             self.arrange(self._has_keys)
 
     def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:

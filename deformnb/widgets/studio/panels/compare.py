@@ -12,6 +12,7 @@ import traitlets
 from deformnb._weak import weakly
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import close_all, parts_of_another
 from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose, row
 from deformnb.widgets.studio.panels.registration import GIVEN, NO_TARGET, FitTarget
@@ -52,7 +53,7 @@ class ComparePanel(Panel):
         self._second: LiveView | None = None
         self._links: list[traitlets.link] = []
         self._name: ipw.HTML | None = None  # of the second volume, over its view
-        self._line = ipw.HTML()
+        self._line = basic.HTML()
         chooser = menu(
             "Show beside",
             self._chosen.choices(),
@@ -60,7 +61,7 @@ class ComparePanel(Panel):
         )
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
         session.pictures.observe(weakly(self, ComparePanel._follow_colours), "transfer")
-        self.box = ipw.VBox([row(self._menu), self._line])
+        self.box = basic.VBox([row(self._menu), self._line])
         self.refresh()
 
     def take(self, volume: Volume) -> None:
@@ -114,13 +115,15 @@ class ComparePanel(Panel):
             made = LiveView(
                 volume, transfer=self.session.pictures.transfer, width=view.width, height=view.height, fill=True
             )
-        made.layout.width = "100%"
+        basic.own_layout(made).width = "100%"
         self._links = [
             view.link_camera(made),
             *(traitlets.link((view, name), (made, name)) for name in _SHARED if view.has_trait(name)),
         ]
-        self._second, self._name = made, ipw.HTML(name)
-        beside = ipw.VBox([self._name, made], layout=ipw.Layout(display=view.layout.display)).add_class("dnb-second")
+        self._second, self._name = made, basic.HTML(name)
+        beside = basic.VBox([self._name, made], layout=basic.Layout(display=view.layout.display)).add_class(
+            "dnb-second"
+        )
         first, *others = self._place.children
         self._place.children = (first, beside, *others)
 

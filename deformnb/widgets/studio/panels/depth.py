@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import ipywidgets as ipw
-
 from deformnb.document.deformation import Step
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.curve_editor import CurveEditor
 from deformnb.widgets.inputs.depth_keys import DepthKeys
 from deformnb.widgets.studio.controls import Guard, Panel, prose, row, widget_of
@@ -52,16 +51,18 @@ class DepthPanel(Panel):
         if preview is not None:
             self.curve.on_edit(self._curve_dragged)
         self.keys.on_edit(self._keys_changed)
-        self._hint = ipw.HTML()  # a label would cut long words
-        self.box = ipw.VBox([row(self._rule), self._hint, self.curve, self.keys], layout=ipw.Layout(max_width="720px"))
+        self._hint = basic.HTML()  # a label would cut long words
+        self.box = basic.VBox(
+            [row(self._rule), self._hint, self.curve, self.keys], layout=basic.Layout(max_width="720px")
+        )
         self.refresh()
 
     def arrange(self) -> None:
         step = self.session.editing.step
-        self._rule.layout.display = "none" if step.plane is None else ""
+        basic.set_shown(self._rule, step.plane is not None)
         self._hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
-        self.curve.layout.display = "" if step.extrusion == "modulate" else "none"
-        self.keys.layout.display = "" if step.extrusion == "interpolate" else "none"
+        basic.set_shown(self.curve, step.extrusion == "modulate")
+        basic.set_shown(self.keys, step.extrusion == "interpolate")
         if step.extrusion == "modulate" and self.curve.curve != step.curve:
             self.curve.curve = step.curve
         if step.extrusion == "interpolate":

@@ -16,6 +16,7 @@ import traitlets
 from deformnb._weak import weakly
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.parameters import ACTIONS
 from deformnb.widgets.studio.controls import Guard, Panel, action_button, button, row, widget_of
@@ -54,14 +55,16 @@ class DiagnosticsPanel(Panel):
         self._model = StepDiagnostics(session)
         self._shown: Diagnostics | None = None
         self._named: list[str] = []
-        self.facts = ipw.HTML(_WAITING, layout=ipw.Layout(flex="1.2 1 335px", min_width="0"))
-        self.suspects = ipw.HBox([], layout=ipw.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px"))
-        self.message = ipw.HTML("", layout=ipw.Layout(min_width="0"))
-        doing = ipw.VBox(
-            [row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()), self.message],
-            layout=ipw.Layout(flex="1 1 425px", min_width="0"),
+        self.facts = basic.HTML(_WAITING, layout=basic.Layout(flex="1.2 1 335px", min_width="0"))
+        self.suspects = basic.HBox(
+            [], layout=basic.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px")
         )
-        self.box = ipw.HBox([self.facts, doing], layout=ipw.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
+        self.message = basic.HTML("", layout=basic.Layout(min_width="0"))
+        doing = basic.VBox(
+            [row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()), self.message],
+            layout=basic.Layout(flex="1 1 425px", min_width="0"),
+        )
+        self.box = basic.HBox([self.facts, doing], layout=basic.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, DiagnosticsPanel._is_open), "overlay")
         self.refresh()
 
@@ -70,8 +73,7 @@ class DiagnosticsPanel(Panel):
     def _fold_buttons(self) -> list[Any]:
         self.back = action_button("take_back", lambda: self._soon(self._model.fold_actions.take_back))
         self.unfold = action_button("unfold", lambda: self._soon(self._model.fold_actions.unfold))
-        self.stages = self.of_step(widget_of("stages", layout=ipw.Layout(width="240px")), "stages")
-        self.stages.style.description_width = "48px"
+        self.stages = self.of_step(widget_of("stages", layout=basic.Layout(width="240px"), label="48px"), "stages")
         self.keep = widget_of("keep_free")
         self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, DiagnosticsPanel._is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]
@@ -124,7 +126,7 @@ class DiagnosticsPanel(Panel):
         if shown == self._named:
             return
         self._named, old = shown, self.suspects.children
-        self.suspects.children = (ipw.Label(text), *(self._suspect(points, i) for i in known))
+        self.suspects.children = (basic.Label(text), *(self._suspect(points, i) for i in known))
         for widget in old:
             close_all(widget)
 

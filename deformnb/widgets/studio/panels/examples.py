@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import ipywidgets as ipw
-
 from deformnb.document.deformation import Deformation
 from deformnb.session.examples import EXAMPLES, apply_example
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.studio.controls import Guard, Panel, button, prose
 
 _FIRST = "Double-click on the picture to add a point, and drag it. Or try:"
@@ -38,8 +37,10 @@ class ExamplesPanel(Panel):
         self.buttons = {
             name: button(example.title, example.tooltip, self._applier(name)) for name, example in EXAMPLES.items()
         }
-        words = ipw.HTML(prose(_FIRST if is_start else _MENU))
-        self.box = ipw.VBox([words, ipw.HBox(list(self.buttons.values()), layout=ipw.Layout(flex_flow="row wrap"))])
+        words = basic.HTML(prose(_FIRST if is_start else _MENU))
+        self.box = basic.VBox(
+            [words, basic.HBox(list(self.buttons.values()), layout=basic.Layout(flex_flow="row wrap"))]
+        )
         self.refresh()
 
     def _applier(self, name: str) -> Callable[[], None]:
@@ -52,7 +53,7 @@ class ExamplesPanel(Panel):
     def arrange(self) -> None:
         if self._is_start:
             is_empty = self.session.editing.step.plane is not None and is_untouched(self.session.editing.deformation)
-            self.box.layout.display = "" if is_empty else "none"
+            basic.set_shown(self.box, is_empty)
 
 
 def is_untouched(deformation: Deformation) -> bool:

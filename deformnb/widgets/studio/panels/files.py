@@ -35,6 +35,7 @@ from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import cut_off_text, listed
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.standalone import CONTROLS
@@ -78,10 +79,10 @@ class FilesPanel(Panel):
             for name, e in EXPORTS.items()
         ]  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
-        self.kind = ipw.Dropdown(options=kinds, layout=ipw.Layout(width="240px"), tooltip="What is written")
-        self.name = ipw.Text(
+        self.kind = basic.Dropdown(options=kinds, layout=basic.Layout(width="240px"), tooltip="What is written")
+        self.name = basic.Text(
             value=kinds[0][1],
-            layout=ipw.Layout(flex="1 1 120px", min_width="80px"),
+            layout=basic.Layout(flex="1 1 120px", min_width="80px"),
             placeholder="file name",
             tooltip="The end of the name chooses the kind of file",
         )
@@ -96,16 +97,16 @@ class FilesPanel(Panel):
             self._start_whole,
         )
         self.level = row(
-            ipw.HTML(html.escape(_level_text(session.volume)), layout=ipw.Layout(flex="1 1 240px", min_width="0")),
+            basic.HTML(html.escape(_level_text(session.volume)), layout=basic.Layout(flex="1 1 240px", min_width="0")),
             self.whole,
         )
-        self.level.layout.display = "" if _level_text(session.volume) else "none"
+        basic.set_shown(self.level, _level_text(session.volume))
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         whole = {"width": "auto", "margin": "2px 0"}
-        self.page_title = ipw.Text(
+        self.page_title = basic.Text(
             value=session.volume.name, description="Title", layout=whole, tooltip="Of the web page"
         )
-        self.page_text = ipw.Textarea(
+        self.page_text = basic.Textarea(
             description="Text",
             rows=3,
             layout=whole,
@@ -114,7 +115,7 @@ class FilesPanel(Panel):
             tooltip="Stands under the title of the web page",
         )
         self.page_controls = {
-            name: ipw.Checkbox(
+            name: basic.Checkbox(
                 value=True,
                 description=f"{label} on the page",
                 indent=False,
@@ -124,16 +125,16 @@ class FilesPanel(Panel):
             for name, label in CONTROLS.items()
         }
         chosen = row(*self.page_controls.values())
-        self.of_page = ipw.VBox([self.page_title, self.page_text, chosen])
+        self.of_page = basic.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
-        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="120px", display="none"))
-        self.message = ipw.Label("")
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="120px", display="none"))
+        self.message = basic.Label("")
         self.file_transfer = FileTransfer()
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = ipw.VBox(
+        self.box = basic.VBox(
             [
                 row(*writing),
                 self.level,
@@ -150,7 +151,7 @@ class FilesPanel(Panel):
     # -- writing -------------------------------------------------------------------------------------------------------
 
     def _show_page_words(self, _change: Any = None) -> None:
-        self.of_page.layout.display = "" if self.name.value.lower().endswith(_PAGE) else "none"
+        basic.set_shown(self.of_page, self.name.value.lower().endswith(_PAGE))
 
     def _start_whole(self) -> None:
         if not self.name.value.lower().endswith(_FOLDERS):
@@ -189,7 +190,8 @@ class FilesPanel(Panel):
         self.question.forget()
         self.write.disabled = self.download.disabled = True
         self.cancel.disabled = False
-        self.bar.value, self.bar.layout.display = 0.0, ""
+        self.bar.value = 0.0
+        basic.set_shown(self.bar, True)
         self.message.value = f"Writing {job.path.name} ..."
         self._job = job
         self._thread.call(lambda: self._do(job))
@@ -252,7 +254,7 @@ class FilesPanel(Panel):
 
     def _idle(self) -> None:
         self.cancel.disabled = True
-        self.bar.layout.display = "none"
+        basic.set_shown(self.bar, False)
         self.download.disabled = self.write.disabled = False  # last: who writes the next file finds all of it idle
 
     def _copy(self) -> None:
@@ -341,7 +343,7 @@ class Question:
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
         self._action: Callable[[], None] | None = None
-        self.text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
+        self.text = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
         self.agree = button("", "", lambda: self._answer(self._action))
         self.refuse = button("Cancel", "Leave everything as it is", self.forget)
         self.box = row(self.text, self.agree, self.refuse)
@@ -366,12 +368,12 @@ class Question:
         self.agree.description = self.agree.tooltip = agreement
         more = [button(words, words, partial(self._answer, other)) for words, other in (others or {}).items()]
         self.box.children = (self.text, self.agree, *more, self.refuse)
-        self.box.layout.display = ""
+        basic.set_shown(self.box, True)
 
     def forget(self) -> None:
         """Remove the question."""
         self._action = None
-        self.box.layout.display = "none"
+        basic.set_shown(self.box, False)
         more, self.box.children = self.box.children[2:-1], (self.text, self.agree, self.refuse)
         for answer in more:
             answer.close()
@@ -481,19 +483,21 @@ class ResultBox(Panel):
         self._known: Deformation | None = None
         self._left: tuple[str, ...] = ()
         self._length = float(f"{_MARGIN * max(session.editing.grid.lengths):.1g}")
-        self.margin = ipw.BoundedFloatText(
+        self.margin = basic.BoundedFloatText(
             value=self._length,
             min=0.0,
             max=4 * session.editing.grid.diagonal,
             step=1.0,
             continuous_update=False,
             description=unit_of(session.editing.grid),
-            layout=ipw.Layout(width="120px"),
+            layout=basic.Layout(width="120px"),
             style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels",
         )
-        self.words = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))  # a label would cut long words
-        self._warning_text = ipw.HTML("", layout=ipw.Layout(flex="0 1 auto", min_width="0"))
+        self.words = basic.HTML(
+            "", layout=basic.Layout(flex="1 1 200px", min_width="0")
+        )  # a label would cut long words
+        self._warning_text = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))
         self._larger = button(*LARGER, self._make_larger)
         self.warning = row(self._warning_text, self._larger)
         self.choice = self.add(
@@ -505,7 +509,7 @@ class ResultBox(Panel):
             self._chosen,
             self._choose,
         )
-        self.choice.layout.max_width = "280px"
+        basic.own_layout(self.choice).max_width = "280px"
         self.add(self.margin, lambda: self._length, self._grow)
         self.box = row(self.choice, self.margin, self.words)
         self.refresh()
@@ -558,7 +562,7 @@ class ResultBox(Panel):
         if chosen == "margin" and output is not None:
             self._length = self._margin_of(output) or self._length
         fill(self.choice, self._options())
-        self.margin.layout.display = "" if chosen == "margin" else "none"
+        basic.set_shown(self.margin, chosen == "margin")
         if self._known is not self.session.editing.deformation:
             self._known = self.session.editing.deformation
             self._request_check()
@@ -572,8 +576,8 @@ class ResultBox(Panel):
             facts.append(f"cut off at the {listed(self._left)}")
         self.words.value = "; ".join(facts)
         self._warning_text.value = as_html(cut_off_text(self._left))
-        self._larger.layout.display = "none" if self.follows else ""  # then it is as large as it may be
-        self.warning.layout.display = "" if self._left else "none"
+        basic.set_shown(self._larger, not self.follows)  # then it is as large as it may be
+        basic.set_shown(self.warning, self._left)
 
     # -- in the studio's thread ----------------------------------------------------------------------------------------
 

@@ -8,7 +8,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 
 from deformnb._typing import Progress
@@ -23,6 +22,7 @@ from deformnb.io.volumes.label_names import (
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
 from deformnb.widgets.studio.panels.files import FolderFiles, plain_name
@@ -86,9 +86,9 @@ class LabelChooser(Panel):
             tip="Label volume of this scan from this computer, and a table of its names",
             accept=",".join([supported().replace(" ", ""), *LABEL_TABLES]),
         )
-        self.list = ipw.SelectMultiple(
+        self.list = basic.SelectMultiple(
             tooltip="Labels; Ctrl or Shift chooses several",
-            layout=ipw.Layout(flex="1 1 140px", width="auto", min_width="100px"),
+            layout=basic.Layout(flex="1 1 140px", width="auto", min_width="100px"),
         )
         add = [
             button(text, tip, self._taker(what))
@@ -98,8 +98,8 @@ class LabelChooser(Panel):
             )
         ]
         self._choice = row(self.list, *add)
-        self.box = ipw.VBox([row(self.file, self.upload), self._choice])
-        self._choice.layout.display = "none"
+        self.box = basic.VBox([row(self.file, self.upload), self._choice])
+        basic.set_shown(self._choice, False)
         if labels is not None:
             self._show(labels, names or {})
         self.refresh()
@@ -115,7 +115,7 @@ class LabelChooser(Panel):
         if self._opened and (self._opened, self._opened) not in files:
             files.append((self._opened, self._opened))  # it is gone, and its labels are still here
         fill(self.file, [*(given or [_CLOSED]), *files])
-        self.file.layout.display = "" if files or given else "none"
+        basic.set_shown(self.file, files or given)
 
     # -- opening -------------------------------------------------------------------------------------------------------
 
@@ -191,7 +191,7 @@ class LabelChooser(Panel):
         self.list.options = [(names.get(n) or f"label {n}", n) for n in chosen]
         self.list.rows = min(_SHOWN, len(chosen))
         self.list.value = (chosen[0],)
-        self._choice.layout.display = ""
+        basic.set_shown(self._choice, True)
 
     # -- choosing ------------------------------------------------------------------------------------------------------
 

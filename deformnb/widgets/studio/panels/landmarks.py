@@ -5,8 +5,6 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import ipywidgets as ipw
-
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.landmarks.formats import (
@@ -16,6 +14,7 @@ from deformnb.io.landmarks.formats import (
     write_landmarks,
 )
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, button, file_stem, row
@@ -45,10 +44,10 @@ class LandmarkFiles:
             tip=f"Points from a file of landmarks ({landmark_suffixes()}); pairs are dragged to their fixed places",
         )
         pairs = ", ".join(row.suffix for row in LANDMARK_FORMATS.values() if row.has_fixed)
-        self.kind = ipw.Dropdown(
+        self.kind = basic.Dropdown(
             options=suffixes,
             value=suffixes[0],
-            layout=ipw.Layout(width="auto"),
+            layout=basic.Layout(width="auto"),
             tooltip=f"{pairs} hold where the points were dragged too, the others hold places only",
         )
         self.save = button(

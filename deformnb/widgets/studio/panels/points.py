@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,6 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.io.landmarks.formats import parsed_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.points_table import PointsTable, TableAct
 from deformnb.widgets.studio.controls import Guard, Panel
 from deformnb.widgets.studio.history_labels import edit_label
@@ -58,7 +58,7 @@ class PointsPanel(Panel):
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
         self._observer = weakly(self, PointsPanel._points_selected, lambda panel: True)
         self.files = LandmarkFiles(session, guard)
-        self.box = ipw.VBox([self.table, self.files.box])
+        self.box = basic.VBox([self.table, self.files.box])
         self.refresh()
 
     # -- what is shown -------------------------------------------------------------------------------------------------

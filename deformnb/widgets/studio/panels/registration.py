@@ -18,7 +18,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,6 +37,7 @@ from deformnb.session.session import Session
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import warp, warp_picture
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, slider
 from deformnb.widgets.studio.panels.files import FolderFiles
 from deformnb.widgets.view.stills import as_png
@@ -242,25 +242,25 @@ class FitPanel(Panel):
         self._thread = Worker("deformnb-fit")
         self._stop = threading.Event()
         self._is_busy = False
-        self.choice = ipw.Dropdown(
+        self.choice = basic.Dropdown(
             options=self.target.choices(),
             description="Target",
             style=WHOLE_DESCRIPTION,
-            layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+            layout=basic.Layout(flex="1 1 260px", max_width="420px"),
             tooltip="What the volume shall look like: another volume, or a saved session",
         )
         if target is not None:
             self.target.choose(GIVEN)
             self.choice.value = GIVEN
         self.choice.observe(self._chosen, "value")
-        self.measure = ipw.Dropdown(
+        self.measure = basic.Dropdown(
             options=[(_MEASURES.get(name, name), name) for name in MEASURES],
             style=WHOLE_DESCRIPTION,
             description="Measure",
-            layout=ipw.Layout(flex="1 1 260px", max_width="420px"),
+            layout=basic.Layout(flex="1 1 260px", max_width="420px"),
             tooltip="What counts as alike",
         )
-        self.stiffness = ipw.FloatLogSlider(
+        self.stiffness = basic.FloatLogSlider(
             min=-4,
             max=1,
             step=0.1,
@@ -268,16 +268,16 @@ class FitPanel(Panel):
             description="Stiffness",
             style=WHOLE_DESCRIPTION,
             readout_format=".1g",
-            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
             tooltip="How much bending counts against similarity, when all points are fitted",
         )
-        self.count = ipw.BoundedIntText(
+        self.count = basic.BoundedIntText(
             min=3,
             max=200,
             value=16,
             style=WHOLE_DESCRIPTION,
             description="Points",
-            layout=ipw.Layout(width="120px"),
+            layout=basic.Layout(width="120px"),
             tooltip="How many are put on the outline",
         )
         self.buttons = {
@@ -285,15 +285,15 @@ class FitPanel(Panel):
             for text, (tip, work) in self._works().items()
         }
         self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
-        self.bar = ipw.FloatProgress(min=0.0, max=1.0, layout=ipw.Layout(width="140px", visibility="hidden"))
-        self.message = ipw.HTML(_words(_HINT if target is None else self.target.note))
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="140px", visibility="hidden"))
+        self.message = basic.HTML(_words(_HINT if target is None else self.target.note))
         self.blend = slider(
             "Blend",
             0.0,
             1.0,
             0.02,
             "Left: 0 the volume as it is deformed now, 1 the target",
-            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
         )
         self.blend.observe(self._request_preview, "value")
         self.over = slider(
@@ -302,24 +302,24 @@ class FitPanel(Panel):
             1.0,
             0.02,
             "The target laid over the picture that is edited; 0 not at all",
-            layout=ipw.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
         )
         self.over.observe(self._request_preview, "value")
         self._laid_over: tuple[Any, ...] = ()
-        self.preview = ipw.Image(format="png", layout=ipw.Layout(max_width="100%", align_self="flex-start"))
-        legend = ipw.HTML(
+        self.preview = basic.Image(format="png", layout=basic.Layout(max_width="100%", align_self="flex-start"))
+        legend = basic.HTML(
             _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
         )
-        self.shown = ipw.VBox([row(self.over, self.blend), self.preview, legend], layout=ipw.Layout(display="none"))
+        self.shown = basic.VBox([row(self.over, self.blend), self.preview, legend], layout=basic.Layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
-        self.box = ipw.VBox(
+        self.box = basic.VBox(
             [
                 row(self.choice, self.measure, self.stiffness),
                 row(snap, fit, self.count, along, along_it, self.stop, self.bar),
                 self.message,
                 self.shown,
             ],
-            layout=ipw.Layout(grid_gap="4px"),
+            layout=basic.Layout(grid_gap="4px"),
         )
         self.refresh()
 
@@ -341,15 +341,13 @@ class FitPanel(Panel):
         self._request_preview()
 
     def _allow(self) -> None:
-        self.shown.layout.display = (
-            "none" if self.target.volume is None or self.session.editing.step.plane is None else None
-        )
+        basic.set_shown(self.shown, self.target.volume is not None and self.session.editing.step.plane is not None)
         idle = not self._is_busy and self.target.volume is not None
         for text, made in self.buttons.items():
             made.disabled = not idle or ("outline" in text and self.session.editing.step.plane is None)
         self.choice.disabled = self._is_busy
         self.stop.disabled = not self._is_busy
-        self.bar.layout.visibility = "visible" if self._is_busy else "hidden"
+        basic.own_layout(self.bar).visibility = "visible" if self._is_busy else "hidden"
 
     # -- the target ----------------------------------------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ from functools import lru_cache
 from os import PathLike
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,6 +21,7 @@ from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask
 from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, without_conflicts
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.edit_messages import followed
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider, widget_of
@@ -176,7 +176,7 @@ class PartControls(Panel):
         )
         of_plane, of_space = ([*self._shifts[k], *self._places[k]] for k in (0, 1))
         self._moving = [self._angle, self._axes, *of_plane, *of_space]
-        self.box = ipw.VBox([row(state, weight, self._reach), row(*self._moving)])
+        self.box = basic.VBox([row(state, weight, self._reach), row(*self._moving)])
         self.refresh()
 
     def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:
@@ -192,10 +192,10 @@ class PartControls(Panel):
         return self.add(made, lambda: self._shift(what, most), lambda value: self._move("shift", shift=(what, value)))
 
     def _number(self, text: str, k: int) -> Any:
-        made = ipw.FloatText(
+        made = basic.FloatText(
             description=text,
             step=1.0,
-            layout=ipw.Layout(width="180px"),
+            layout=basic.Layout(width="180px"),
             continuous_update=False,
             style={"description_width": "80px"},
             tooltip="The place that a turn leaves where it is; turn and shift stay as they are",
@@ -290,7 +290,7 @@ class PartControls(Panel):
             of_space = widget is self._axes or widget in (*self._shifts[1], *self._places[1])
             of_plane = widget in (*self._shifts[0], *self._places[0])
             shown = is_moved and (in_space or not of_space) and not (in_space and of_plane)
-            widget.layout.display = "" if shown else "none"
+            basic.set_shown(widget, shown)
 
 
 # As the editor draws them: a white line, and hatching.
@@ -363,7 +363,7 @@ class ShapesPanel(Panel):
         )
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, fixed)
-        self.box = ipw.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
+        self.box = basic.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self._chosen_in_the_picture({"new": editor.chosen_shape})  # before the panel was made
         self.refresh()
@@ -423,13 +423,13 @@ class ShapesPanel(Panel):
             rows.index(self._chosen) if self._chosen in rows else -1,
         )
         self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
-        self._rule.layout.display = "" if step.cuts else "none"
-        self._ends.layout.display = "" if self._line() is not None else "none"
-        self.part.box.layout.display = "" if self._part_index() is not None else "none"
+        basic.set_shown(self._rule, step.cuts)
+        basic.set_shown(self._ends, self._line() is not None)
+        basic.set_shown(self.part.box, self._part_index() is not None)
         self.part.refresh()
         self.labels.refresh()
         for widget in self._drawing:
-            widget.layout.display = "none" if step.plane is None else ""
+            basic.set_shown(widget, step.plane is not None)
 
     def _follow(self) -> None:
         """Let the chosen row stay with its shape. The first one is chosen, and none in the place of one that goes."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 
 from deformnb._weak import weakly
@@ -17,6 +16,7 @@ from deformnb.session.autosave import Recovery
 from deformnb.session.autosave_store import SavedSession
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.studio.controls import STEP_COLOURS, Guard, Panel, action_button, button, prose, row, widget_of
 from deformnb.widgets.studio.history_labels import go_to, history_rows
@@ -46,8 +46,8 @@ class StepsPanel(Panel):
             lambda: guard(lambda: session.steps.add(in_space=True)),
         )
         mode = self.add(widget_of("mode"), lambda: session.editing.deformation.mode, session.steps.set_mode)
-        self._hint = ipw.HTML(layout=ipw.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
-        self.box = ipw.VBox([self.items, row(here, space, mode, self._hint)])
+        self._hint = basic.HTML(layout=basic.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
+        self.box = basic.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
 
     def _act(self, what: str, index: int, value: Any) -> None:
@@ -128,7 +128,7 @@ class HistoryPanel(Panel):
         self._is_seen = True  # until it is hidden
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
-        self.box = ipw.VBox([self.items, ipw.HTML(prose(_HINT))])
+        self.box = basic.VBox([self.items, basic.HTML(prose(_HINT))])
         # Going between equal documents changes nothing else, and refreshes no panel.
         self._observer = weakly(self, HistoryPanel._history_changed, lambda panel: True)
         session.editing.observe(self._observer, "history")

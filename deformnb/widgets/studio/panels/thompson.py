@@ -22,6 +22,7 @@ from deformnb.imaging.demo import subject_box
 from deformnb.imaging.thompson import GRID_OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
+from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.drawing_pair import DrawingPair
 from deformnb.widgets.inputs.file_transfer import FileTransfer
@@ -85,21 +86,21 @@ class ThompsonPanel(Panel):
         folder: str | PathLike[str] = ".",
     ) -> None:
         super().__init__(session, guard or self._guarded)
-        self.message = ipw.HTML("", layout=ipw.Layout(flex="1 1 200px", min_width="0"))
+        self.message = basic.HTML("", layout=basic.Layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
         self._folder = Path(folder)
         self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
         self.before, self.after = _place("before"), _place("after")
-        self._pictures = ipw.HBox(
+        self._pictures = basic.HBox(
             [_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
-            layout=ipw.Layout(flex_flow="row wrap", grid_gap="8px"),
+            layout=basic.Layout(flex_flow="row wrap", grid_gap="8px"),
         )
-        self._nowhere = ipw.Label(_IN_SPACE)
+        self._nowhere = basic.Label(_IN_SPACE)
         self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
-        self._own = ipw.VBox([])
-        self.box = ipw.VBox(
+        self._own = basic.VBox([])
+        self.box = basic.VBox(
             [
                 row(*self._grid_settings()),
                 self._own,
@@ -118,13 +119,13 @@ class ThompsonPanel(Panel):
 
     def _settings(self) -> ipw.Box:
         most = self.editor.traits()["density"].max
-        lines = ipw.IntSlider(
+        lines = basic.IntSlider(
             min=2,
             max=most,
             description="Lines",
             style={"description_width": "60px"},
             tooltip="Cells of the grid along the longer side of the picture",
-            layout=ipw.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
+            layout=basic.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
         )
         traitlets.link((self.editor, "density"), (lines, "value"))
         overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
@@ -134,34 +135,34 @@ class ThompsonPanel(Panel):
             lambda: float(np.clip(self.session.editing.step.strength, -1.0, 3.0)),
             lambda value: self.session.editing.change(kind="strength", slides=True, strength=float(value)),
         )
-        self._words = ipw.Label("")
-        self.everywhere = ipw.Checkbox(
+        self._words = basic.Label("")
+        self.everywhere = basic.Checkbox(
             description="drag the grid in the main picture too",
             indent=False,
-            layout=ipw.Layout(width="auto", display="none" if self.is_alone else ""),
+            layout=basic.Layout(width="auto", display="none" if self.is_alone else ""),
         )
         traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
-        return ipw.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
+        return basic.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
 
     def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} \u2192 {target}", (source, target)) for source, target in thompson_pairs()]
         carp = next(pair for _, pair in pairs if pair[1].startswith("Antigonia"))
-        self.grid = ipw.Dropdown(
+        self.grid = basic.Dropdown(
             options=pairs,
             value=carp,
             description="Grids of",
-            layout=ipw.Layout(width="380px"),
+            layout=basic.Layout(width="380px"),
             tooltip="Fish that D'Arcy Thompson turned into one another, in 1917",
         )
-        self.head = ipw.Dropdown(
+        self.head = basic.Dropdown(
             options=[(f"head on the {side}", side) for side in HEADS],
-            layout=ipw.Layout(width="150px"),
+            layout=basic.Layout(width="150px"),
             tooltip="Where the head is on this picture",
         )
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
-        self.own = ipw.ToggleButton(
+        self.own = basic.ToggleButton(
             description="Own drawings",
-            layout=ipw.Layout(width="auto"),
+            layout=basic.Layout(width="auto"),
             tooltip="A grid of your own on this picture, and one on a second drawing",
         )
         self.own.observe(lambda change: self.guard(lambda: self._show_own(change["new"])), "value")
@@ -169,15 +170,15 @@ class ThompsonPanel(Panel):
 
     def _export(self) -> list[Any]:
         stem = file_stem(self.session.volume)
-        self.name = ipw.Text(
+        self.name = basic.Text(
             value=f"{stem}_grids",
             description="Figure",
             style={"description_width": "60px"},
-            layout=ipw.Layout(width="260px"),
+            layout=basic.Layout(width="260px"),
             tooltip="File name, without its end",
         )
-        self.downloads = ipw.Checkbox(
-            description="hand it to the browser too", indent=False, layout=ipw.Layout(width="auto")
+        self.downloads = basic.Checkbox(
+            description="hand it to the browser too", indent=False, layout=basic.Layout(width="auto")
         )
         self.file_transfer = FileTransfer()
         self.writers = [
@@ -195,8 +196,8 @@ class ThompsonPanel(Panel):
 
     def arrange(self) -> None:
         on_picture = self.session.editing.step.plane is not None
-        self._pictures.layout.display = "" if on_picture else "none"
-        self._nowhere.layout.display = "none" if on_picture else ""
+        basic.set_shown(self._pictures, on_picture)
+        basic.set_shown(self._nowhere, not (on_picture))
         shown = (self.editor,) if self._is_open and on_picture else ()
         for place in (self.before, self.after):
             if place.children != shown:
@@ -380,9 +381,11 @@ def in_words(strength: float) -> str:
 
 
 def _place(side: str) -> ipw.Box:
-    return ipw.Box([], layout=ipw.Layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
+    return basic.Box([], layout=basic.Layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
 
 
 def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
-    words = [ipw.HTML(text)] if text else []
-    return ipw.VBox([ipw.HTML(f"<b>{title}</b>"), place, *words], layout=ipw.Layout(flex="1 1 320px", min_width="0"))
+    words = [basic.HTML(text)] if text else []
+    return basic.VBox(
+        [basic.HTML(f"<b>{title}</b>"), place, *words], layout=basic.Layout(flex="1 1 320px", min_width="0")
+    )

@@ -6,10 +6,9 @@ import weakref
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import panel_of
+from driven_studio import open_widgets, panel_of
 from front_end import deliver
 from numpy.typing import NDArray
 from uploads import uploaded
@@ -146,14 +145,14 @@ def test_a_volume_that_cannot_be_opened_leaves_everything_as_it_was(monkeypatch:
     studio = Studio(PHANTOMS["bar"].make((8, 8, 12)))
     studio.wait()
     kept = {name: getattr(studio, name) for name in ("session", "view", "editor", "children")}
-    widgets = set(ipw.widgets.widget._instances)
+    widgets = open_widgets()
     with pytest.raises(DeformError, match="no side"):
         studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)), side="no side")
     monkeypatch.setattr("deformnb.widgets.studio.studio.arranged", failing)
     with pytest.raises(DeformError, match="no room"):
         studio.open_volume(PHANTOMS["bar"].make((8, 8, 8)))
     assert kept == {name: getattr(studio, name) for name in kept}
-    assert set(ipw.widgets.widget._instances) <= widgets
+    assert open_widgets() <= widgets
     studio.editor.points = studio.editor.points.add([4.0, 4.0], [4.0, 5.0])
     assert studio.session.editing.history["undo"] == "add point 4"
     studio.close()
