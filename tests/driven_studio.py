@@ -97,7 +97,12 @@ def all_of(widget: Any) -> list[Any]:
 
 def box_of(studio: Studio, name: str) -> Any:
     """The box of a studio with this class name in the page."""
-    return next(box for box in all_of(studio) if name in getattr(box, "_dom_classes", ()))
+    return next(box for box in all_of(studio) if name in classes_of(box))
+
+
+def classes_of(widget: Any) -> tuple[str, ...]:
+    """The class names of a widget in the page."""
+    return tuple(widget.get_state().get("_dom_classes", ()))
 
 
 def act(items: Any, what: str, index: int, value: Any = None) -> None:

@@ -21,12 +21,14 @@ dn.Studio.warm_up = lambda self: print("warm up")
 bundle = studio._repr_mimebundle_()
 data = bundle[0] if isinstance(bundle, tuple) else bundle
 view = studio.view
+def receive(content):
+    view.comm.handle_msg({"content": {"data": {"method": "custom", "content": content}}, "buffers": []})
 hello = {"type": "hello", "view": "page", "largest": 2048, "renderer": "", "software": True}
-view._handle_custom_msg(hello, [])
+receive(hello)
 info = view.volume_info
 for index in range(info["chunks"]):
     print("piece", index)
-    view._handle_custom_msg({"type": "chunk", "view": "page", "id": info["id"], "index": index}, [])
+    receive({"type": "chunk", "view": "page", "id": info["id"], "index": index})
 print(sorted(data), [name for name in ("jax", "scipy", "matplotlib", "vtkmodules") if name in sys.modules])
 studio.close()
 """

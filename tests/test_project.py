@@ -231,9 +231,10 @@ def test_the_tests_mirror_the_package() -> None:
 
 
 # Uses of private names left in tests: the number only falls. A test that needs one asks for a small public way, or
-# for a helper in one place, such as tests/front_end.py.
-PRIVATE_USES = 274
+# for a helper in one place, such as tests/front_end.py. Names by which IPython and Jupyter call (_repr_html_) are none.
+PRIVATE_USES = 62
 PRIVATE_MODULES = ("_jax", "_progress", "_typing", "_weak")
+CALLED_BY_JUPYTER = re.compile("_.*_$|_jupyter_server_extension_points|_load_jupyter_server_extension")
 
 
 def test_tests_use_no_more_private_names_than_before() -> None:
@@ -248,7 +249,7 @@ def test_tests_use_no_more_private_names_than_before() -> None:
             found += [
                 f"{path.relative_to(ROOT)}: {name}"
                 for name in names
-                if re.match("_(?!_)", name) and name not in PRIVATE_MODULES
+                if re.match("_(?!_)", name) and name not in PRIVATE_MODULES and not CALLED_BY_JUPYTER.match(name)
             ]
     assert len(found) <= PRIVATE_USES, "\n".join(found)
 

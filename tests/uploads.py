@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
+
+from front_end import deliver
 
 from deformnb.widgets.inputs.file_input import FileInput
 
@@ -19,7 +22,7 @@ def uploaded(widget: FileInput, name: str, content: bytes, *, cancel_at: int | N
     send = widget.send
     widget.send = lambda content, buffers=None: sent.append(content)  # type: ignore[method-assign]
     try:
-        receive: Any = widget._handle_custom_msg
+        receive = partial(deliver, widget)
         receive({"type": "begin", "id": "page-1", "name": name, "size": len(content)}, [])
         for k, request in enumerate(iter_requests(sent)):
             at, length = request["offset"], request["length"]

@@ -120,7 +120,7 @@ class SpaceEditor(EditedPoints):
         self._sent: dict[int, Any] = {}
         self._pace = 0.0  # seconds for the pictures of the last movements
         self._has_front_end = False
-        self._worker = Worker("deformnb-space-editor")
+        self.worker = Worker("deformnb-space-editor")
         self._pacer = Pacer(self._request_pictures)
         traits = self._of_volume(volume)
         super().__init__(
@@ -265,7 +265,7 @@ class SpaceEditor(EditedPoints):
 
     def _hello(self, view: str, content: dict[str, Any]) -> None:
         self._has_front_end = True
-        self._worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
+        self.worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
 
     def _seen(self, view: str, content: dict[str, Any]) -> None:
         self._pacer.seen(whole(content.get("seq"), 1, 2**53))
@@ -323,7 +323,7 @@ class SpaceEditor(EditedPoints):
             self._pacer.offer()
 
     def _request_pictures(self, number: int) -> None:
-        self._worker.latest("pictures", partial(weakly(self, SpaceEditor._draw), number, None))
+        self.worker.latest("pictures", partial(weakly(self, SpaceEditor._draw), number, None))
 
     def _rest(self) -> None:
         self._is_moving = False
@@ -363,7 +363,7 @@ class SpaceEditor(EditedPoints):
         self.send(Pictures(type="pictures", seq=number, view=view, panes=descriptions, facts=facts), parts)
         if is_moving:
             self._pace += 0.3 * (time.monotonic() - start - self._pace)
-            self._worker.at_rest(_REST, weakly(self, SpaceEditor._rest))
+            self.worker.at_rest(_REST, weakly(self, SpaceEditor._rest))
 
     def _images(self, field: AbstractField | None, is_moving: bool, *, all_of_them: bool) -> dict[int, Shown]:
         """The pictures that have changed since the last ones."""
@@ -398,7 +398,7 @@ class SpaceEditor(EditedPoints):
 
     def close(self) -> None:
         """End the widget and its thread."""
-        self._worker.close()
+        self.worker.close()
         super().close()
 
     def __repr__(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from front_end import deliver
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.editor.editor import Editor
@@ -15,7 +16,7 @@ POINTS = ControlPoints.from_arrays([[0.0, 0.0], [40.0, 0.0]], [[0.0, 0.0], [50.0
 def told(editor: Editor, drawn: Any, seq: int) -> None:
     points = [{"id": k, "source": [0.0, 0.0], "target": [float(seq), float(k)]} for k in range(2)]
     content = {"type": "edit", "phase": "end", "kind": "move", "sender": "s", "seq": seq, "points": points}
-    editor._received(editor, content | ({"drawn": drawn} if drawn is not None else {}), [])
+    deliver(editor, content | ({"drawn": drawn} if drawn is not None else {}))
 
 
 def test_an_editor_says_what_its_page_measured_last() -> None:

@@ -55,7 +55,7 @@ def said(editor: Editor, **changes: Any) -> list[Any]:
         "shapes": [{"region": LINE}],
         **changes,
     }
-    editor._received(editor, message, [])
+    deliver(editor, message)
     return answers
 
 

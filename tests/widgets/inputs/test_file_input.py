@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 from pathlib import Path
 
 import pytest
+from front_end import deliver
 from uploads import uploaded
 from widgets.studio.panels.test_steps_history import Guarded
 
@@ -56,7 +58,7 @@ def test_what_cannot_be_taken_is_refused_before_it_is_sent() -> None:
         ("a.nrrd", LARGEST_UPLOAD + 1, "more than the 500 MB"),
         ("a.nrrd", "5", "a size"),
     ):
-        taken.input._handle_custom_msg({"type": "begin", "id": "x", "name": name, "size": size}, [])
+        deliver(taken.input, {"type": "begin", "id": "x", "name": name, "size": size})
         assert words in taken.guard.errors[-1]
     taken.input.wait()
     assert taken.files == {}
@@ -66,7 +68,7 @@ def test_what_cannot_be_taken_is_refused_before_it_is_sent() -> None:
 def test_what_is_given_up_or_comes_wrong_is_forgotten(caplog: pytest.LogCaptureFixture) -> None:
     taken = Taken()
     assert uploaded(taken.input, "a.nrrd", bytes(2 * PIECE), cancel_at=1)[-1]["type"] == "done"
-    receive = taken.input._handle_custom_msg
+    receive = partial(deliver, taken.input)
     receive({"type": "begin", "id": "y", "name": "b.nrrd", "size": 10}, [])
     receive({"type": "piece", "id": "y", "offset": 3}, [b"123"])
     assert "did not arrive as a whole" in taken.guard.errors[-1]

@@ -22,6 +22,7 @@ from driven_studio import (
     act,
     all_of,
     box_of,
+    classes_of,
     controls,
     drag,
     notice_of,
@@ -621,11 +622,11 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
             "Picture",
         }
         points = next(late for late in studio.parts.panels.late if late.title == "Points")
-        assert "dnb-late" in points.box._dom_classes
+        assert "dnb-late" in classes_of(points.box)
         points.reveal()
         assert tabs.selected_index == 0
         assert points.box.children == (points.panel.box,)
-        assert "dnb-late" not in points.box._dom_classes
+        assert "dnb-late" not in classes_of(points.box)
         table = points.panel.table
         assert table.language == ""  # its words are those of the head, in the page
         assert table.uid == studio.editor.uid

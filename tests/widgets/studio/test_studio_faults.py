@@ -17,10 +17,10 @@ from traitlets import TraitError
 from uploads import uploaded
 from waiting import PATIENCE, Threads
 
+from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.pictures import Pictures
 from deformnb.widgets import LiveView, Studio
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.studio.controls import Panel, fill
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.sync import latency_text
@@ -175,9 +175,9 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         studio.wait()
         assert "FloatingPointError: of the status line" in notice_of(studio)
     with monkeypatch.context() as patched:
-        patched.setattr(type(studio.parts.link), "field_of", fails)
+        patched.setattr(Deformation, "with_step", fails)
         studio.parts.words.show("")
-        studio.parts.link._moved(EditMessage("a", 1, "move", "move", False, studio.session.editing.points))
+        studio.parts.link.preview(studio.session.editing.step)
         wait_for(lambda: "of the status line" in notice_of(studio))
     drag(studio, a_drag(studio, 1.0))  # and it goes on
     studio.wait()

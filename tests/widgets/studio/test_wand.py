@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from front_end import deliver
 from scipy import ndimage
 from widgets.studio.panels.test_steps_history import Guarded
 
@@ -52,7 +53,7 @@ def test_what_hangs_together_is_selected_and_becomes_a_part_and_a_cut() -> None:
             "through": False,
             **changes,
         }
-        editor._handle_custom_msg(message, [])
+        deliver(editor, message)
         done = threading.Event()
         worker.latest("wait", done.set)  # behind the preview
         assert done.wait(30)
@@ -111,8 +112,8 @@ def test_a_wrong_message_is_dropped(wrong: dict[str, Any], caplog: pytest.LogCap
     editor = Editor()
     editor.on_wand(seen.append)
     good = {"type": "wand", "what": "preview", "place": [1.0, 2.0], "tolerance": 2.0, "rule": "near", "through": False}
-    editor._handle_custom_msg({**good, **wrong}, [])
+    deliver(editor, {**good, **wrong})
     assert seen == []
     assert "dropped" in caplog.text
-    editor._handle_custom_msg(good, [])
+    deliver(editor, good)
     assert len(seen) == 1

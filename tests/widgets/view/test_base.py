@@ -7,7 +7,7 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from front_end import deliver
+from front_end import deliver, deliver_edit
 
 from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
@@ -80,7 +80,7 @@ def test_a_view_of_ones_own_follows_an_editor() -> None:
     view, editor, middle = Mine(), Editor(None, points()), GRID.center
     view.follow(editor, extrusion(0.0), output=GRID)
     assert editor.live
-    editor._take(EditMessage("a", 1, "move", "move", False, points(2.0)))
+    deliver_edit(editor, EditMessage("a", 1, "move", "move", False, points(2.0)))
     assert view.gone(middle) == pytest.approx(2.0, abs=1e-6)
     assert view.output is GRID
     view.follow(editor, extrusion(1.0))  # the answer to an earlier edit
@@ -119,7 +119,7 @@ def test_a_view_of_ones_own_follows_in_the_box_that_was_named_last() -> None:
     view.follow(editor, extrusion(0.0), output=GRID)
     view.follow(editor, extrusion(1.0), output=larger)
     assert view.output == larger
-    editor._take(EditMessage("a", 1, "move", "move", False, points(2.0)))
+    deliver_edit(editor, EditMessage("a", 1, "move", "move", False, points(2.0)))
     assert view.output == larger
 
 
@@ -130,9 +130,9 @@ def test_a_studio_takes_a_view_of_ones_own_and_says_what_it_lacks() -> None:
     try:
         assert view.value == "other colours"
         added = studio.editor.points.add([5.0, 5.0], [5.0, 5.0])
-        studio.editor._take(EditMessage("a", 1, "end", "add", False, added))
+        deliver_edit(studio.editor, EditMessage("a", 1, "end", "add", False, added))
         moved = added.move(added.ids[-1], [7.0, 5.0])
-        studio.editor._take(EditMessage("a", 2, "move", "move", False, moved))
+        deliver_edit(studio.editor, EditMessage("a", 2, "move", "move", False, moved))
         assert view.gone(studio.session.editing.plane.from_plane([7.0, 5.0, 5.0])) == pytest.approx(2.0, abs=1e-6)
     finally:
         studio.close()

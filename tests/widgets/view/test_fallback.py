@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from front_end import deliver
+from front_end import deliver, deliver_edit
 from PIL import Image
 
 from deformnb.document.deformation import Deformation
@@ -132,10 +132,10 @@ def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
     drawn_for(view)
     assert editor.live
     for k in range(1, 5):
-        editor._take(EditMessage("a", k, "move", "move", False, moved(float(k))))
+        deliver_edit(editor, EditMessage("a", k, "move", "move", False, moved(float(k))))
     view.seen(lambda content, image: column(image) > 0.56)
     assert editor.points == moved(0.0)  # the hand has not let go
-    editor._take(EditMessage("a", 9, "move", "move", False, moved(0.0)))
+    deliver_edit(editor, EditMessage("a", 9, "move", "move", False, moved(0.0)))
     view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
 
 

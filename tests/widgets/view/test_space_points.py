@@ -158,7 +158,7 @@ def test_an_editor_keeps_no_view_alive(volume: Volume, editor: SpaceEditor, poin
     view.close()
     del view
     gc.collect()
-    assert held() is None or held()._leave_points is None  # type: ignore[union-attr]
+    assert held() is None or held().points_editor is None  # type: ignore[union-attr]
 
 
 # ---- what the page makes of moving points itself ---------------------------------------------------------------------

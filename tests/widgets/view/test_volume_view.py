@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from front_end import deliver
+from front_end import deliver, deliver_edit
 from PIL import Image
 from waiting import Threads, wait_for
 
@@ -231,7 +231,7 @@ def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
     view.see_all()
     before = middle(picture(view.frames[-1][1][0]))
     for k in range(5):
-        editor._take(EditMessage("a", k + 1, "move", "move", False, points(0.6 * (k + 1))))
+        deliver_edit(editor, EditMessage("a", k + 1, "move", "move", False, points(0.6 * (k + 1))))
     view.see_all()
     assert middle(picture(view.frames[-1][1][0])) > before + 4
     view.follow(None, field)
@@ -257,21 +257,21 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
         return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
 
     view.follow(editor, answer(0.0))
-    editor._take(EditMessage("a", 1, "end", "move", False, points(1.0)))
-    editor._take(EditMessage("a", 2, "move", "move", False, points(3.0)))
+    deliver_edit(editor, EditMessage("a", 1, "end", "move", False, points(1.0)))
+    deliver_edit(editor, EditMessage("a", 2, "move", "move", False, points(3.0)))
     view.follow(editor, answer(1.0))  # it took its time
     assert shown() == pytest.approx(3.0, abs=1e-6)
     view.follow(editor, answer(1.0, extrusion="modulate", curve="0.5"))  # what else is new is seen
     assert shown() == pytest.approx(1.5, abs=1e-6)
     clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
-    editor._take(EditMessage("a", 3, "move", "move", False, clash))
+    deliver_edit(editor, EditMessage("a", 3, "move", "move", False, clash))
     assert shown() == pytest.approx(1.5, abs=1e-6)  # the last good one stays
-    editor._take(EditMessage("a", 4, "move", "move", False, points(1.0)))  # the drag is given up
+    deliver_edit(editor, EditMessage("a", 4, "move", "move", False, points(1.0)))  # the drag is given up
     view.follow(editor, answer(5.0))
     assert shown() == pytest.approx(5.0, abs=1e-6)
-    editor._take(EditMessage("a", 5, "move", "move", False, points(3.0)))
+    deliver_edit(editor, EditMessage("a", 5, "move", "move", False, points(3.0)))
     editor.observe(lambda change: view.follow(editor, answer(2.0)), "points")  # as a studio answers the end of a drag
-    editor._take(EditMessage("a", 6, "end", "move", False, points(2.5)))
+    deliver_edit(editor, EditMessage("a", 6, "end", "move", False, points(2.5)))
     assert shown() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
     view.follow(editor, answer(2.0))
     assert shown() == pytest.approx(2.0, abs=1e-6)
@@ -455,7 +455,7 @@ def test_a_screenshot_waits_for_the_full_picture_of_the_last_change(opened: Any)
     view.set_camera((1, 0, 0))
     shown = asyncio.run(view.screenshot())
     assert np.abs(shown.astype(int) - view.still()).mean() < 1  # of the new side, though the old one was there in full
-    view._loop.settle_ms = 60000.0
+    view.settle_ms = 60000.0
     view.set_camera((0, 1, 0))
     assert asyncio.run(view.screenshot(timeout=0.1)).shape == (72, 96, 3)
 

@@ -60,7 +60,7 @@ class AnimationPanel(Panel):
         super().__init__(session, guard)
         self._chosen = -1
         self._known = session.editing.deformation
-        self._quiet_until = 0.0
+        self.quiet_until = 0.0
         self._held = -1.0  # moment of the key frame at which the player was put, until it leaves that
         self.items = ItemList(
             label="Key frames",
@@ -71,7 +71,7 @@ class AnimationPanel(Panel):
         )
         self.items.on_act(self._act)
         self.player = Player(label="Animation of the key frames")
-        self._easing = basic.Dropdown(
+        self.easing = basic.Dropdown(
             options=[(_EASINGS.get(name, name), name) for name in EASINGS],
             description="Time passes",
             style=WHOLE_DESCRIPTION,
@@ -81,10 +81,10 @@ class AnimationPanel(Panel):
         self.playback = Playback(
             view, self.player, self.animation, session.editing.grid, self._shown, lambda: session.results.grid
         )
-        self.add(self._easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
+        self.add(self.easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
         self.movie = MovieControls(session, guard, view, Path(folder))
-        self._time = basic.BoundedFloatText(
+        self.time = basic.BoundedFloatText(
             min=0,
             max=LONGEST_MOVIE,
             step=0.1,
@@ -95,7 +95,7 @@ class AnimationPanel(Panel):
             continuous_update=False,
         )
         self.add(
-            self._time,
+            self.time,
             self._chosen_time,
             lambda value: self._edit("move a key frame", partial(key_frames.move_key, index=self._chosen, time=value)),
         )
@@ -121,9 +121,9 @@ class AnimationPanel(Panel):
             [
                 row(add, self._update),
                 self.items,
-                row(self._time, self._here),
+                row(self.time, self._here),
                 self.player,
-                row(self._easing, self.movie.box),
+                row(self.easing, self.movie.box),
             ],
             layout=basic.Layout(grid_gap="6px"),
         )
@@ -137,7 +137,7 @@ class AnimationPanel(Panel):
         document = self.session.editing.deformation
         if abs(self.player.time - self._held) > key_frames.APART:
             self._held = -1.0
-        rests = self._held >= 0 or time.monotonic() < self._quiet_until
+        rests = self._held >= 0 or time.monotonic() < self.quiet_until
         if not document.keyframes or (rests and not self.player.is_playing):
             return None
         # Of the document only what an animation depends on: its steps of now are no part of it.
@@ -214,7 +214,7 @@ class AnimationPanel(Panel):
 
     def _rest(self) -> None:
         """The view shows the document, not a moment."""
-        self._quiet_until = time.monotonic() + _LATE
+        self.quiet_until = time.monotonic() + _LATE
         self.player.pause()
 
     # -- what is shown -------------------------------------------------------------------------------------------------
@@ -232,7 +232,7 @@ class AnimationPanel(Panel):
         self._chosen = min(self._chosen, len(keys) - 1)
         rows = [_row(key, key_frames.is_now(document, k)) for k, key in enumerate(keys)]
         self.items.show(rows, self._chosen)
-        self._update.disabled = self._time.disabled = self._chosen < 0
+        self._update.disabled = self.time.disabled = self._chosen < 0
         self._here.disabled = not keys
         if keys:
             self.player.take(Animation(document))
@@ -270,7 +270,7 @@ class MovieControls:
 
     def __init__(self, session: Session, guard: Guard, view: Any, folder: Path) -> None:
         self._session, self._guard, self._view, self._folder = session, guard, view, folder
-        self._stop = threading.Event()
+        self.stopped = threading.Event()
         self._thread = Worker("deformnb-movie")
         self._is_writing = self._has_keys = False
         self._begun = 0.0
@@ -297,7 +297,7 @@ class MovieControls:
         )
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
-        self.cancel = button("Cancel", "Stop; no half file is left", self._stop.set)
+        self.cancel = button("Cancel", "Stop; no half file is left", self.stopped.set)
         self.renderer = widget_of("movie_renderer", layout=basic.Layout(width="190px"), label="60px")
         self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="120px", visibility="hidden"))
         self.message = basic.Label("")
@@ -319,7 +319,7 @@ class MovieControls:
         path = self._folder / plain_name(self.name.value)
         frozen = Frozen.of(self._session, self._view.seen())
         fps, by_page = float(self.fps.value), self._takes_page()
-        self._stop.clear()
+        self.stopped.clear()
         self._is_writing = True
         self._begun = time.monotonic()
         self.bar.value, basic.own_layout(self.bar).visibility = 0.0, "visible"
@@ -356,12 +356,12 @@ class MovieControls:
         if by_page:
             of_page = replace(frozen, seen=replace(frozen.seen, scene=self._view.page_scene))
             try:
-                write_movie(path, movie_frames(of_page, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+                write_movie(path, movie_frames(of_page, fps), fps, progress=self._progress, cancel=self.stopped.is_set)
                 return note
             except PageGoneError as error:
                 note = f" Python has drawn it: {error}."
             self._begun = time.monotonic()
-        write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self._stop.is_set)
+        write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self.stopped.is_set)
         return note
 
     def _progress(self, done: int, total: int) -> None:
@@ -375,5 +375,5 @@ class MovieControls:
 
     def close(self) -> None:
         """Stop what is being written."""
-        self._stop.set()
+        self.stopped.set()
         self._thread.close()

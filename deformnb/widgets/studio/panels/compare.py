@@ -48,7 +48,7 @@ class ComparePanel(Panel):
     ) -> None:
         super().__init__(session, guard)
         self._view, self._place, self._worker = view, place, worker
-        self._chosen = FitTarget(session, folder, given)
+        self.chosen = FitTarget(session, folder, given)
         self._wanted = NO_TARGET
         self._second: LiveView | None = None
         self._links: list[traitlets.link] = []
@@ -56,7 +56,7 @@ class ComparePanel(Panel):
         self._line = basic.HTML()
         chooser = menu(
             "Show beside",
-            self._chosen.choices(),
+            self.chosen.choices(),
             "Another volume of the folder, or the result of another session; both turn together",
         )
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
@@ -66,12 +66,12 @@ class ComparePanel(Panel):
 
     def take(self, volume: Volume) -> None:
         """Show a volume beside."""
-        self._chosen.offer(volume.in_unit(self.session.editing.grid.unit))
+        self.chosen.offer(volume.in_unit(self.session.editing.grid.unit))
         self._choose(GIVEN)
         self.refresh()
 
     def arrange(self) -> None:
-        fill(self._menu, self._chosen.choices())
+        fill(self._menu, self.chosen.choices())
 
     def close(self) -> None:
         for link in self._links:
@@ -91,13 +91,13 @@ class ComparePanel(Panel):
         """Read what was chosen last, and show it; on failure the one before stays."""
         key = self._wanted
         try:
-            self._chosen.choose(key)
-            self._show(self._chosen.volume)
-            self._line.value = prose(self._chosen.note) if self._chosen.note else ""
+            self.chosen.choose(key)
+            self._show(self.chosen.volume)
+            self._line.value = prose(self.chosen.note) if self.chosen.note else ""
         except Exception as error:
             self._line.value = prose(reason_of(error))
             if key == self._wanted:
-                self._wanted = self._chosen.key
+                self._wanted = self.chosen.key
         self.refresh()
 
     def _show(self, volume: Volume | None) -> None:

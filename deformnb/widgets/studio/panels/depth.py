@@ -44,23 +44,23 @@ class DepthPanel(Panel):
     def __init__(self, session: Session, guard: Guard, preview: Preview | None = None) -> None:
         super().__init__(session, guard)
         self._preview = preview
-        self._rule = self.of_step(widget_of("extrusion"), "extrusion")
+        self.rule = self.of_step(widget_of("extrusion"), "extrusion")
         self.curve = CurveEditor(session.editing.step.curve)
         self.keys = DepthKeys(session.editing.step.knots or (0.0, 1.0))
         self.curve.observe(self._curve_changed, "curve")
         if preview is not None:
             self.curve.on_edit(self._curve_dragged)
         self.keys.on_edit(self._keys_changed)
-        self._hint = basic.HTML()  # a label would cut long words
+        self.hint = basic.HTML()  # a label would cut long words
         self.box = basic.VBox(
-            [row(self._rule), self._hint, self.curve, self.keys], layout=basic.Layout(max_width="720px")
+            [row(self.rule), self.hint, self.curve, self.keys], layout=basic.Layout(max_width="720px")
         )
         self.refresh()
 
     def arrange(self) -> None:
         step = self.session.editing.step
-        basic.set_shown(self._rule, step.plane is not None)
-        self._hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
+        basic.set_shown(self.rule, step.plane is not None)
+        self.hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
         basic.set_shown(self.curve, step.extrusion == "modulate")
         basic.set_shown(self.keys, step.extrusion == "interpolate")
         if step.extrusion == "modulate" and self.curve.curve != step.curve:

@@ -478,7 +478,7 @@ class ResultBox(Panel):
 
     def __init__(self, session: Session, guard: Guard, worker: Worker) -> None:
         super().__init__(session, guard)
-        self._worker = worker
+        self.worker = worker
         self.follows = self._is_requested = False
         self._known: Deformation | None = None
         self._left: tuple[str, ...] = ()
@@ -582,8 +582,8 @@ class ResultBox(Panel):
     # -- in the studio's thread ----------------------------------------------------------------------------------------
 
     def _request_check(self) -> None:
-        if not self._worker.is_closed:
-            self._worker.latest("result box", weakly(self, ResultBox._check_again))
+        if not self.worker.is_closed:
+            self.worker.latest("result box", weakly(self, ResultBox._check_again))
 
     def _fit(self) -> None:
         self.session.results.fit_output()

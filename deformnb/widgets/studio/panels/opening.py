@@ -79,7 +79,7 @@ class OpenPanel(Panel):
         box: FileInput | None = None,
     ) -> None:
         super().__init__(session, guard)
-        self._points, self._shapes, self._fit, self._compare = points, shapes, fit, compare
+        self._points, self.shapes, self._fit, self.compare = points, shapes, fit, compare
         self._open_volume = open_volume
         self.question = Question(guard)
         self.warning = self.question.box
@@ -106,8 +106,8 @@ class OpenPanel(Panel):
     def _take(self, path: Path, progress: Progress) -> None:
         self.question.forget()
         if is_label_table(path.name) and (read_label_table(path) or not is_landmarks(path)):  # both have .csv files
-            self._shapes.panel.labels.take_table(path)
-            self._shapes.reveal()
+            self.shapes.panel.labels.take_table(path)
+            self.shapes.reveal()
         elif is_landmarks(path):
             self._points.panel.files.take(path)
         elif path.suffix.lower() == _SESSION:
@@ -152,8 +152,8 @@ class OpenPanel(Panel):
         self.question.ask(question, first, answers[first], {words: answers[words] for words in others})
 
     def _show_beside(self, name: str, volume: Volume) -> None:
-        self._compare.panel.take(volume)
-        self._compare.reveal()
+        self.compare.panel.take(volume)
+        self.compare.reveal()
         self.session.editing.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'
 
     def _take_target(self, name: str, volume: Volume) -> None:
@@ -162,9 +162,9 @@ class OpenPanel(Panel):
         self.session.editing.notice = f'{name} is the target under "Match to another picture".'
 
     def _take_labels(self, name: str, volume: Volume, names: Mapping[int, str]) -> None:
-        self._shapes.panel.labels.take(name, replace(volume, is_labels=True), names)
-        self._shapes.reveal()
-        count = len(self._shapes.panel.labels.list.options)
+        self.shapes.panel.labels.take(name, replace(volume, is_labels=True), names)
+        self.shapes.reveal()
+        count = len(self.shapes.panel.labels.list.options)
         self.session.editing.notice = (
             f'{name} has {count} label{"" if count == 1 else "s"}: choose some under "Rigid '
             'parts and cuts", and make them rigid parts or cuts.'

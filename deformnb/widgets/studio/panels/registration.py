@@ -239,7 +239,7 @@ class FitPanel(Panel):
         super().__init__(session, guard)
         self._editors = editors
         self.target = FitTarget(session, folder, target)
-        self._thread = Worker("deformnb-fit")
+        self.thread = Worker("deformnb-fit")
         self._stop = threading.Event()
         self._is_busy = False
         self.choice = basic.Dropdown(
@@ -355,7 +355,7 @@ class FitPanel(Panel):
         key = change["new"]
         if key != self.target.key and self._refreshing.depth == 0:
             self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
-            self._thread.call(lambda: self._finish(lambda: self._choose(key)))
+            self.thread.call(lambda: self._finish(lambda: self._choose(key)))
 
     def _choose(self, key: str) -> str:
         try:
@@ -390,7 +390,7 @@ class FitPanel(Panel):
             raise DeformError("a fit is under way; stop it first.")
         begun = self._begin()
         self._busy(f"{what} ...")
-        self._thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
+        self.thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
 
     def _begin(self) -> Begun:
         session, step = self.session, self.session.editing.step
@@ -498,8 +498,8 @@ class FitPanel(Panel):
     # -- the preview ---------------------------------------------------------------------------------------------------
 
     def _request_preview(self, _change: Any = None) -> None:
-        if self.target.volume is not None and not self._is_busy and not self._thread.is_closed:
-            self._thread.latest("preview", self._show_preview)
+        if self.target.volume is not None and not self._is_busy and not self.thread.is_closed:
+            self.thread.latest("preview", self._show_preview)
 
     def _show_preview(self) -> None:
         """Both pictures; an error in making them is shown at the buttons."""
@@ -524,7 +524,7 @@ class FitPanel(Panel):
     def close(self) -> None:
         """Stop what is being fitted."""
         self._stop.set()
-        self._thread.close()
+        self.thread.close()
 
 
 def _named(points: ControlPoints, point: int) -> str:

@@ -89,7 +89,7 @@ class ThompsonPanel(Panel):
         self.message = basic.HTML("", layout=basic.Layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
-        self._folder = Path(folder)
+        self.folder = Path(folder)
         self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
         self.before, self.after = _place("before"), _place("after")
@@ -97,7 +97,7 @@ class ThompsonPanel(Panel):
             [_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
             layout=basic.Layout(flex_flow="row wrap", grid_gap="8px"),
         )
-        self._nowhere = basic.Label(_IN_SPACE)
+        self.nowhere = basic.Label(_IN_SPACE)
         self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
         self._own = basic.VBox([])
         self.box = basic.VBox(
@@ -106,7 +106,7 @@ class ThompsonPanel(Panel):
                 self._own,
                 self._settings(),
                 self._pictures,
-                self._nowhere,
+                self.nowhere,
                 row(*self._export()),
                 self.file_transfer,
             ]
@@ -135,14 +135,14 @@ class ThompsonPanel(Panel):
             lambda: float(np.clip(self.session.editing.step.strength, -1.0, 3.0)),
             lambda value: self.session.editing.change(kind="strength", slides=True, strength=float(value)),
         )
-        self._words = basic.Label("")
+        self.words = basic.Label("")
         self.everywhere = basic.Checkbox(
             description="drag the grid in the main picture too",
             indent=False,
             layout=basic.Layout(width="auto", display="none" if self.is_alone else ""),
         )
         traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
-        return basic.VBox([row(self.magnify, self._words), row(lines, overlay, self.everywhere)])
+        return basic.VBox([row(self.magnify, self.words), row(lines, overlay, self.everywhere)])
 
     def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} \u2192 {target}", (source, target)) for source, target in thompson_pairs()]
@@ -197,12 +197,12 @@ class ThompsonPanel(Panel):
     def arrange(self) -> None:
         on_picture = self.session.editing.step.plane is not None
         basic.set_shown(self._pictures, on_picture)
-        basic.set_shown(self._nowhere, not (on_picture))
+        basic.set_shown(self.nowhere, not (on_picture))
         shown = (self.editor,) if self._is_open and on_picture else ()
         for place in (self.before, self.after):
             if place.children != shown:
                 place.children = shown
-        self._words.value = in_words(self.session.editing.step.strength)
+        self.words.value = in_words(self.session.editing.step.strength)
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
@@ -254,7 +254,7 @@ class ThompsonPanel(Panel):
         session, editor, step = self.session, self.editor, self.session.editing.step
         if step.plane is None:
             raise DeformError(_IN_SPACE)
-        path = self._folder / plain_name(f"{self.name.value.strip()}{suffix}")
+        path = self.folder / plain_name(f"{self.name.value.strip()}{suffix}")
         overlay = editor.overlay if editor.overlay in GRID_OVERLAYS else "none"
         given: dict[str, Any] = {
             "lines": editor.density or _CELLS,

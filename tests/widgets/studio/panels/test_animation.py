@@ -106,12 +106,12 @@ def test_key_frames_are_added_chosen_updated_moved_and_removed(bench: Bench) -> 
     bench.press("Update")
     assert bench.session.editing.deformation.keyframes[0].steps[0].points.target[3].tolist() == [28.0, 8.5]
 
-    bench.panel._time.value = 3.0
+    bench.panel.time.value = 3.0
     assert bench.times == [1.0, 3.0]
-    assert (bench.panel.items.chosen, bench.panel._time.value) == (1, 3.0)
-    bench.panel._time.value = 1.0  # there is one already
+    assert (bench.panel.items.chosen, bench.panel.time.value) == (1, 3.0)
+    bench.panel.time.value = 1.0  # there is one already
     assert "at 1 s already" in bench.said[-1]
-    assert (bench.times, bench.panel._time.value) == ([1.0, 3.0], 3.0)
+    assert (bench.times, bench.panel.time.value) == ([1.0, 3.0], 3.0)
     bench.act("double", 0)
     assert bench.times == [1.0, 3.0, 4.0]
     assert bench.panel.items.chosen == 2
@@ -153,7 +153,7 @@ def test_the_view_goes_through_the_moments_and_comes_back_to_the_document(bench:
     bench.view.show_deformation(bench.session.editing.deformation)  # as the studio does after an edit
     assert bench.view.moments is None
     assert np.abs(bench.view.still((64, 48)).astype(int) - middle).max() > 20
-    bench.panel._easing.value = "smooth"
+    bench.panel.easing.value = "smooth"
     bench.panel.playback.wait()
     assert bench.view.moments is not None
     assert bench.view.moments is not maps
@@ -172,7 +172,7 @@ def test_an_edit_stops_the_player_and_is_not_hidden_by_it(bench: Bench) -> None:
     bench.panel.player.time = 0.33  # what the page says a little later: where it has stopped
     bench.panel.playback.wait()
     assert bench.view.moments is None
-    bench.panel._quiet_until = 0.0
+    bench.panel.quiet_until = 0.0
     bench.panel.player.time = 0.5
     bench.panel.playback.wait()
     assert bench.view.moments is not None
@@ -259,7 +259,7 @@ def test_a_movie_is_stopped_and_nothing_is_left(bench: Bench, tmp_path: Path, mo
         for _ in range(1000):
             yield np.zeros((12, 16, 3), np.uint8)
             begun.set()
-            bench.panel.movie._stop.wait(0.05)
+            bench.panel.movie.stopped.wait(0.05)
 
     monkeypatch.setattr(animation_panel, "movie_frames", slow)
     bench.press("Add key frame")
@@ -349,7 +349,7 @@ def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> N
     bench.press("Add key frame")
     bench.drag((22.0, 12.0))
     bench.press("Add key frame")
-    bench.panel._easing.value = "smooth"
+    bench.panel.easing.value = "smooth"
     bench.panel.player.loop = "loop"
     document = bench.session.editing.deformation
     assert (document.easing, document.loop) == ("smooth", "loop")
@@ -359,4 +359,4 @@ def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> N
     assert bench.panel.player.loop == "once"
     bench.session.editing.undo()
     bench.panel.refresh()
-    assert bench.panel._easing.value == "linear"
+    assert bench.panel.easing.value == "linear"

@@ -176,8 +176,8 @@ def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
 def test_a_rule_that_was_registered_later_is_offered_and_said(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(EXTRUSIONS, "half", lambda: modulate("0.5"))
     depth = made("half")
-    assert depth.panel._rule.value == "half"
-    assert "of its own" in depth.panel._hint.value
+    assert depth.panel.rule.value == "half"
+    assert "of its own" in depth.panel.hint.value
     assert (depth.panel.curve.layout.display, depth.panel.keys.layout.display) == ("none", "none")
 
 

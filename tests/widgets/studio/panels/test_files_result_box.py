@@ -41,12 +41,12 @@ def box() -> Iterator[ResultBox]:
     """A box whose thread is the test: what it asks for is done by "check"."""
     made = ResultBox(Session(a_brick()), at_once, Worker())
     yield made
-    made._worker.close()
+    made.worker.close()
 
 
 def looked(box: ResultBox) -> None:
     box.refresh()
-    box._worker.call(lambda: None).result(30)
+    box.worker.call(lambda: None).result(30)
     box.check()
 
 
@@ -81,7 +81,7 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     session.editing.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
     box.refresh()
     assert (box.choice.value, box.margin.layout.display) == ("own", "none")
-    box._worker.close()
+    box.worker.close()
 
 
 def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:

@@ -37,7 +37,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     volume = PHANTOMS["bar"].make((12, 16, 20))
     studio = Studio(volume, folder=tmp_path)
     opening, fit = panel_of(studio, OpenPanel), panel_of(studio, FitPanel)
-    labels: LabelChooser = opening._shapes.panel.labels
+    labels: LabelChooser = opening.shapes.panel.labels
 
     def drop(path: Path) -> str:
         uploaded(opening.box, path.name, path.read_bytes())
@@ -71,7 +71,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     drop(tmp_path / "other.nrrd")
     answer(opening, "Show beside")
     studio.wait()
-    np.testing.assert_array_equal(opening._compare.panel._chosen.volume.values, grey)
+    np.testing.assert_array_equal(opening.compare.panel.chosen.volume.values, grey)
     drop(tmp_path / "other.nrrd")
     answer(opening, "Use as labels")
     assert "is no label volume" in studio.parts.words.notice.value
@@ -203,7 +203,7 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
     deliver(before.box, {"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
     opening.box.wait()
     assert "bones.nrrd has 6 labels" in studio.parts.words.notice.value
-    assert len(opening._shapes.panel.labels.list.options) == 6
+    assert len(opening.shapes.panel.labels.list.options) == 6
     studio.close()
     assert opening.box.comm is None
 
@@ -211,7 +211,7 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
 def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path) -> None:
     studio = Studio(Volume(np.zeros((12, 24, 24), np.uint8), Grid((12, 24, 24)), "scan"), folder=tmp_path)
     opening = panel_of(studio, OpenPanel)
-    labels: LabelChooser = opening._shapes.panel.labels
+    labels: LabelChooser = opening.shapes.panel.labels
 
     def drop(name: str, origin: float, is_labels: bool) -> None:
         write_volume(Volume(blocks(), Grid((12, 24, 24), origin=(origin, 0, 0)), is_labels=is_labels), tmp_path / name)

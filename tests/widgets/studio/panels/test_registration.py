@@ -56,8 +56,8 @@ TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
 
 def finish(panel: FitPanel) -> None:
     """Wait until all that was begun in the panel's thread is done and shown, and no preview waits to be made."""
-    wait_for(lambda: not panel._thread.is_wanted)
-    panel._thread.call(lambda: None).result(90)  # behind what the thread is at
+    wait_for(lambda: not panel.thread.is_wanted)
+    panel.thread.call(lambda: None).result(90)  # behind what the thread is at
 
 
 class Bench:
@@ -294,4 +294,4 @@ def test_a_studio_hands_its_target_on_and_ends_its_thread(tmp_path: Path) -> Non
     fit = panel(studio, "Match to another picture")
     assert fit.target.volume.grid == GRID
     studio.close()
-    assert fit._thread.is_closed
+    assert fit.thread.is_closed

@@ -9,7 +9,7 @@ import ipywidgets as ipw
 import numpy as np
 import oracle
 import pytest
-from driven_studio import a_volume, all_of, panel_of, wait_for
+from driven_studio import a_volume, all_of, classes_of, panel_of, wait_for
 from front_end import deliver
 
 from deformnb.datasets import PHANTOMS
@@ -95,11 +95,11 @@ def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPan
 
 def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
     assert panel.before.children == panel.after.children == (panel.editor,)
-    assert "dnb-th-before" in panel.before._dom_classes
-    assert "dnb-th-after" in panel.after._dom_classes
+    assert "dnb-th-before" in classes_of(panel.before)
+    assert "dnb-th-after" in classes_of(panel.after)
     panel.session.steps.add(in_space=True)
     assert panel.before.children == panel.after.children == ()
-    assert panel._nowhere.layout.display == ""
+    assert panel.nowhere.layout.display == ""
     with pytest.raises(DeformError, match="in space"):
         panel.apply_grid()
     with pytest.raises(DeformError, match="in space"):
@@ -128,7 +128,7 @@ def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPa
     for value, said in ((0.0, "the original"), (2.0, "exaggerated"), (-1.0, "the opposite way"), (1.0, "as drawn")):
         panel.magnify.value = value
         assert panel.session.editing.step.strength == value
-        assert panel._words.value == said
+        assert panel.words.value == said
     assert panel.session.editing.history["undo"] == "change strength"
     assert in_words(-2.5) == "the opposite way, 2.50 times as far"
     assert in_words(0.4) == "on the way"
@@ -201,7 +201,7 @@ def test_a_name_that_leads_elsewhere_is_refused(panel: ThompsonPanel, tmp_path: 
 
 
 def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: Path) -> None:
-    panel._folder = tmp_path / "not there"
+    panel.folder = tmp_path / "not there"
     panel.write(".svg")
     wait_for(lambda: not panel.writers[0].disabled)
     assert "not there" in panel.message.value or "folder" in panel.message.value
