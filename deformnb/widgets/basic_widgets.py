@@ -62,7 +62,7 @@ def own_layout(widget: Any) -> Any:
 def set_shown(widget: Any, is_shown: object) -> None:
     """Show a widget, or take it out of the flow of the page."""
     if (widget.layout.display != "none") != bool(is_shown):
-        own_layout(widget).display = "" if is_shown else "none"
+        own_layout(widget).display = None if is_shown else "none"
 
 
 @cache

@@ -127,7 +127,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     other.save(tmp_path / "half.json")
     opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
     uploaded(opening.box, "half.json", content)
-    assert opening.question.box.layout.display == ""
+    assert opening.question.box.layout.display is None
     assert "another volume (&#x27;half" in opening.question.text.value
     assert studio.session.editing.step.strength == 1.0
     opening.question.refuse.click()
@@ -146,7 +146,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()
-    wait_for(lambda: files.question.box.layout.display == "")
+    wait_for(lambda: files.question.box.layout.display is None)
     wait_for(lambda: not files.write.disabled)
     assert "changed by someone else" in files.question.text.value
     assert (tmp_path / "mine.json").read_bytes() != mine

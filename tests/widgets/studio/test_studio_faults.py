@@ -136,12 +136,12 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     studio.wait()
     assert "no room for a picture" in reason.value
     assert "could not be made" in studio.editor.waiting  # no gesture on the old one
-    assert studio.parts.picture.ways_on.layout.display == ""
+    assert studio.parts.picture.ways_on.layout.display is None
     assert studio.editor.picture.plane != studio.session.editing.plane
     again.click()  # it fails once more
     studio.wait()
     assert "no room" in reason.value
-    assert studio.parts.picture.ways_on.layout.display == ""
+    assert studio.parts.picture.ways_on.layout.display is None
     back.click()  # to the picture that still stands there
     studio.wait()
     assert studio.session.steps.view == before

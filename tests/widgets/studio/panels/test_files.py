@@ -119,7 +119,7 @@ def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studi
     assert files.of_page.layout.display == "none"
     assert files.page_title.value == studio.volume.name
     files.kind.value = next(value for _, value in files.kind.options if value.endswith(".html"))
-    assert files.of_page.layout.display == ""
+    assert files.of_page.layout.display is None
     files.name.value, files.page_title.value, files.page_text.value = "page.html", "A < B", "Drag the <tail>."
     files.write.click()
     files.page_title.value = "of the next one"
@@ -137,7 +137,7 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
     studio = Studio(read_volume(tmp_path / "in.zarr", level=1), folder=tmp_path)
     try:
         files = panel(studio, "Export")
-        assert files.level.layout.display == ""
+        assert files.level.layout.display is None
         assert "level 1" in files.level.children[0].value
         assert "300 x 9 x 8 voxels" in files.level.children[0].value
         assert "level 1" in volume_facts(studio.volume)

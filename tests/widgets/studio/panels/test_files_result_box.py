@@ -56,7 +56,7 @@ def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     box.choice.value = "margin"
     box.refresh()
     assert box.session.results.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
-    assert box.margin.layout.display == ""
+    assert box.margin.layout.display is None
     box.margin.value = 8.0
     box.refresh()
     assert box.session.results.box.shape == (24, 24, 24)
@@ -75,7 +75,7 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     box = ResultBox(session, at_once, Worker())
     box.refresh()
     before = session.editing.output
-    assert (box.choice.value, box.margin.layout.display) == ("margin", "")
+    assert (box.choice.value, box.margin.layout.display) == ("margin", None)
     assert padded(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
     assert 0 <= abs(box.margin.value - margin) < 4.0
     session.editing.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
@@ -109,7 +109,7 @@ def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     drag_out(session)
     looked(box)
     text, button = box.warning.children
-    assert seen.display == ""
+    assert seen.display is None
     assert 'role="status"' in text.value
     assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
     assert box.words.value.endswith("cut off at the left side (L)")
@@ -123,7 +123,7 @@ def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     assert (seen.display, session.results.exceeded_sides()) == ("none", ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
-    assert (seen.display, button.layout.display) == ("", "")
+    assert (seen.display, button.layout.display) == (None, None)
 
 
 def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
@@ -131,7 +131,7 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     looked(box)
     drag_out(box.session, 5000.0)
     looked(box)
-    assert box.warning.layout.display == ""
+    assert box.warning.layout.display is None
     assert box.warning.children[1].layout.display == "none"
 
 
@@ -142,7 +142,7 @@ def test_the_warning_lies_over_the_volume() -> None:
         assert panel.warning in box_of(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
-        assert panel.warning.layout.display == ""
+        assert panel.warning.layout.display is None
         panel.warning.children[1].click()
         studio.wait()
         assert panel.warning.layout.display == "none"

@@ -29,7 +29,7 @@ from deformnb.widgets.studio.studio import Studio
 
 def answer(opening: OpenPanel, words: str) -> None:
     """Press the button of an answer to the question that is asked."""
-    assert opening.question.box.layout.display == ""
+    assert opening.question.box.layout.display is None
     next(button for button in opening.question.box.children[1:] if button.description == words).click()
 
 
@@ -99,7 +99,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     elsewhere.save(tmp_path / "else.json")
     elsewhere.close()
     drop(tmp_path / "else.json")
-    assert opening.question.box.layout.display == ""
+    assert opening.question.box.layout.display is None
     opening.question.agree.click()
     assert "else.json" in studio.session.editing.history["undo"]
     studio.close()

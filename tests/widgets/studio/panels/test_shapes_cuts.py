@@ -27,7 +27,7 @@ def test_a_cut_ends_here_or_goes_on_to_the_border() -> None:
     session.editing.change(cuts=[Cut(Line([(3, 2), (4, 8)]), "incision")])
     panel.refresh()
     (ends,) = (c.widget for c in panel.controls if c.widget.description == "Cut's ends")
-    assert (ends.value, ends.layout.display) == ("go on to the border", "")
+    assert (ends.value, ends.layout.display) == ("go on to the border", None)
     ends.value = "last end here"
     assert session.editing.step.cuts == (Cut(Line([(3, 2), (4, 8)], stops=(False, True)), "incision"),)
     panel.refresh()

@@ -62,7 +62,7 @@ def test_a_part_in_space_is_turned_about_an_axis_of_its_own() -> None:
     found = {c.widget.description: c.widget for c in panel.controls}
     found["Part"].value = "moved"
     panel.refresh()
-    assert found["About"].layout.display == found["Shift z"].layout.display == ""
+    assert found["About"].layout.display == found["Shift z"].layout.display is None
     assert found["Shift right"].layout.display == "none"
     found["About"].value = "0"
     found["Turn"].value = 90.0
@@ -110,7 +110,7 @@ def test_a_part_turns_about_a_joint_that_is_chosen() -> None:
     found["Part"].value = "moved"
     panel.refresh()
     assert (found["Pivot right"].value, found["Pivot down"].value) == middle_of(bone)
-    assert found["Pivot right"].layout.display == ""
+    assert found["Pivot right"].layout.display is None
     assert found["Pivot x"].layout.display == "none"
     found["Pivot right"].value = 2.3
     found["Pivot down"].value = 1.9

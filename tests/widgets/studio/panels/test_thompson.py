@@ -99,7 +99,7 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
     assert "dnb-th-after" in classes_of(panel.after)
     panel.session.steps.add(in_space=True)
     assert panel.before.children == panel.after.children == ()
-    assert panel.nowhere.layout.display == ""
+    assert panel.nowhere.layout.display is None
     with pytest.raises(DeformError, match="in space"):
         panel.apply_grid()
     with pytest.raises(DeformError, match="in space"):

@@ -1,0 +1,56 @@
+"""Widgets that share layouts and styles: what one changes is its own, and what is shared outlives them."""
+
+from __future__ import annotations
+
+import ipywidgets as ipw
+from comm import get_comm_manager
+from driven_studio import a_volume
+
+from deformnb.widgets import Studio
+from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.cell_widgets import close_all
+
+
+def test_what_looks_alike_shares_layout_and_style() -> None:
+    one, other = (basic.Text(description=name, style={"description_width": "7px"}) for name in "ab")
+    assert one.layout is other.layout
+    assert one.style is other.style
+    wide = basic.Text(layout=basic.Layout(width="auto"))
+    assert wide.layout is not one.layout
+    assert wide.style is not one.style
+    assert basic.Label("a").layout is one.layout
+
+
+def test_a_widget_that_is_hidden_hides_no_other() -> None:
+    one, other = (basic.Button(layout=basic.Layout(width="3px")) for _ in range(2))
+    shared = one.layout
+    basic.set_shown(one, True)
+    assert one.layout is shared  # nothing had to change
+    basic.set_shown(one, False)
+    assert (one.layout.display, one.layout.width, other.layout.display) == ("none", "3px", None)
+    own = one.layout
+    basic.set_shown(one, True)
+    assert (own.display, one.layout is own) == (None, True)
+
+
+def test_what_is_shared_stays_when_a_widget_is_closed_and_comes_back_when_all_are() -> None:
+    one = basic.HTML("a")
+    own = basic.own_layout(one)
+    close_all(one, basic.HTML("b"))
+    assert (one.comm, own.comm) == (None, None)
+    assert basic.HTML("c").layout.comm is not None
+    assert one.style.comm is not None
+    for model in basic.shared_models():
+        model.close()  # as ipywidgets.Widget.close_all() does
+    assert basic.HTML("d").layout.comm is not None
+    assert isinstance(basic.HTML("e").style, ipw.widgets.widget_string.HTMLStyle)
+
+
+def test_a_studio_opens_few_comms() -> None:
+    for model in basic.shared_models():
+        model.close()
+    before = set(get_comm_manager().comms)
+    studio = Studio(a_volume())
+    studio.wait()
+    assert len(set(get_comm_manager().comms) - before) <= 235  # 399 before layouts and styles were shared
+    studio.close()
