@@ -7,7 +7,6 @@ every widget; here all that look the same have one. It is never changed: :func:`
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from functools import cache, partial
 from typing import Any
 
@@ -31,6 +30,11 @@ def shared(kind: type, **traits: Any) -> Any:
         if found is None or found.comm is None:  # a user may close all widgets
             found = _SHARED[key] = kind(**traits)
         return found
+
+
+def layout(**traits: Any) -> Any:
+    """The layout of these traits that widgets share."""
+    return shared(ipw.Layout, **traits)
 
 
 def shared_models() -> list[Any]:
@@ -80,10 +84,8 @@ def _style_of(kind: type) -> Any:
 def _make(kind: type, *given: Any, layout: Any = None, style: Any = None, **traits: Any) -> Any:
     if _style_of(kind) is not None:
         traits["style"] = shared(_style_of(kind), **(style or {}))
-    return kind(*given, layout=layout or Layout(), **traits)
+    return kind(*given, layout=layout or shared(ipw.Layout), **traits)
 
-
-Layout: Callable[..., Any] = partial(shared, ipw.Layout)
 
 Accordion = partial(_make, ipw.Accordion)
 BoundedFloatText = partial(_make, ipw.BoundedFloatText)
@@ -100,7 +102,6 @@ FloatSlider = partial(_make, ipw.FloatSlider)
 FloatText = partial(_make, ipw.FloatText)
 HBox = partial(_make, ipw.HBox)
 HTML = partial(_make, ipw.HTML)
-Image = partial(_make, ipw.Image)
 IntSlider = partial(_make, ipw.IntSlider)
 Label = partial(_make, ipw.Label)
 SelectMultiple = partial(_make, ipw.SelectMultiple)

@@ -15,14 +15,14 @@ def test_what_looks_alike_shares_layout_and_style() -> None:
     one, other = (basic.Text(description=name, style={"description_width": "7px"}) for name in "ab")
     assert one.layout is other.layout
     assert one.style is other.style
-    wide = basic.Text(layout=basic.Layout(width="auto"))
+    wide = basic.Text(layout=basic.layout(width="auto"))
     assert wide.layout is not one.layout
     assert wide.style is not one.style
     assert basic.Label("a").layout is one.layout
 
 
 def test_a_widget_that_is_hidden_hides_no_other() -> None:
-    one, other = (basic.Button(layout=basic.Layout(width="3px")) for _ in range(2))
+    one, other = (basic.Button(layout=basic.layout(width="3px")) for _ in range(2))
     shared = one.layout
     basic.set_shown(one, True)
     assert one.layout is shared  # nothing had to change

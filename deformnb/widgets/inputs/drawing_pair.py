@@ -65,7 +65,7 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         self._guard = guard or self._shown
         self.message = basic.HTML("")
         self.line_counts = [
-            basic.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=basic.Layout(width="150px"))
+            basic.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=basic.layout(width="150px"))
             for value, word in ((rows, "Rows"), (columns, "Columns"))
         ]
         for number in self.line_counts:
@@ -77,11 +77,11 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             accept=",".join(IMAGE_SUFFIXES),
             tip="A photograph or drawing: " + ", ".join(IMAGE_SUFFIXES),
         )
-        self._place = basic.VBox([self.upload], layout=basic.Layout(flex="1 1 300px", min_width="0"))
+        self._place = basic.VBox([self.upload], layout=basic.layout(flex="1 1 300px", min_width="0"))
         first_side = basic.VBox(
-            [basic.HTML("<b>1. This drawing</b>"), self.first], layout=basic.Layout(flex="1 1 300px", min_width="0")
+            [basic.HTML("<b>1. This drawing</b>"), self.first], layout=basic.layout(flex="1 1 300px", min_width="0")
         )
-        sides = basic.HBox([first_side, self._place], layout=basic.Layout(flex_flow="row wrap", grid_gap="8px"))
+        sides = basic.HBox([first_side, self._place], layout=basic.layout(flex_flow="row wrap", grid_gap="8px"))
         super().__init__(
             [
                 basic.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'),

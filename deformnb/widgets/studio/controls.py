@@ -67,7 +67,7 @@ def file_stem(volume: Volume) -> str:
 
 def wide(**more: str) -> ipw.Layout:
     """A layout that shares a row evenly."""
-    return basic.Layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
+    return basic.layout(**{"flex": "1 1 240px", "width": "auto", "min_width": "0", "max_width": "480px", **more})
 
 
 @dataclass
@@ -166,7 +166,7 @@ def widget_of(name: str, diagonal: float = 1.0, layout: Any = None, *, label: st
             continuous_update=True,
             **words,
         )
-    return basic.Checkbox(False, indent=False, layout=layout or basic.Layout(width="auto"), **words)
+    return basic.Checkbox(False, indent=False, layout=layout or basic.layout(width="auto"), **words)
 
 
 def action_button(name: str, action: Callable[[], Any]) -> ipw.Button:
@@ -176,7 +176,7 @@ def action_button(name: str, action: Callable[[], Any]) -> ipw.Button:
 
 def button(text: str, tooltip: str, action: Callable[[], Any]) -> ipw.Button:
     """A button that does something."""
-    made = basic.Button(description=text, tooltip=tooltip, layout=basic.Layout(width="auto"))
+    made = basic.Button(description=text, tooltip=tooltip, layout=basic.layout(width="auto"))
     made.on_click(lambda _: action())
     return made
 
@@ -212,7 +212,7 @@ def prose(text: str) -> str:
 def row(*widgets: Any) -> ipw.HBox:
     """Widgets side by side, one below the other where the page is narrow."""
     made = basic.HBox(
-        list(widgets), layout=basic.Layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px")
+        list(widgets), layout=basic.layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px")
     )
     return made.add_class("dnb-row")
 
@@ -339,11 +339,11 @@ class PicturePanel(Panel):
 
     def __init__(self, session: Session, guard: Guard, editor: Any, show_grids: Callable[[], None]) -> None:
         super().__init__(session, guard)
-        self._side = side = widget_of("view", layout=basic.Layout(width="auto"))
+        self._side = side = widget_of("view", layout=basic.layout(width="auto"))
         side.options = [*side.options, _OBLIQUE]
         self.add(side, lambda: session.steps.view or "", lambda view: session.set_view(view) if view else None)
         method = self.add(
-            widget_of("method", layout=basic.Layout(width="auto")),
+            widget_of("method", layout=basic.layout(width="auto")),
             lambda: session.pictures.method,
             lambda value: session.pictures.set_trait("method", value),
         )
@@ -434,13 +434,13 @@ class ChannelsPanel(Panel):
         low, high = min(low, first), max(high, last)
         shown = self.add(
             basic.Checkbox(
-                description=name, indent=False, tooltip=f"Whether {name} is shown", layout=basic.Layout(width="140px")
+                description=name, indent=False, tooltip=f"Whether {name} is shown", layout=basic.layout(width="140px")
             ),
             lambda: self._display(k).visible,
             lambda on: self.session.pictures.show_channel(k, visible=on),
         )
         colour = self.add(
-            basic.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=basic.Layout(width="36px")),
+            basic.ColorPicker(concise=True, tooltip=f"Colour of {name}", layout=basic.layout(width="36px")),
             lambda: _hex(self._display(k).colour),
             lambda value: self.session.pictures.show_channel(k, colour=_rgb(value)),
         )
@@ -453,12 +453,12 @@ class ChannelsPanel(Panel):
                 readout_format=".0f" if volume.dtype.kind in "iu" else ".4g",
                 continuous_update=False,
                 tooltip=f"Values of {name} shown black and in its full colour",
-                layout=basic.Layout(flex="1 1 auto", min_width="0", width="auto"),
+                layout=basic.layout(flex="1 1 auto", min_width="0", width="auto"),
             ),
             lambda: self._display(k).window,
             lambda ends: self._set_window(k, ends, (high - low) / 256),
         )
-        return basic.VBox([basic.HBox([shown, colour], layout=basic.Layout(align_items="center")), row(window)])
+        return basic.VBox([basic.HBox([shown, colour], layout=basic.layout(align_items="center")), row(window)])
 
     def _display(self, k: int) -> ChannelDisplay:
         display: ChannelDisplay = self.session.pictures.channel_displays[k]
@@ -494,7 +494,7 @@ class MapPanel(Panel):
         self._support = widget_of(
             "support",
             session.editing.grid.diagonal,
-            basic.Layout(flex="1 1 auto", min_width="0", width="auto"),
+            basic.layout(flex="1 1 auto", min_width="0", width="auto"),
             label="96px",
         )
         self.add(
@@ -531,12 +531,12 @@ class DisplayPanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         self.clip = ClipControls(view if view.has_trait("clip") else None)
-        colours = basic.VBox([transfer], layout=basic.Layout(flex="2 1 480px", min_width="0", max_width="720px"))
+        colours = basic.VBox([transfer], layout=basic.layout(flex="2 1 480px", min_width="0", max_width="720px"))
         inside = basic.VBox(
-            [basic.HTML("<b>Clipping</b>"), self.clip], layout=basic.Layout(flex="1 1 270px", min_width="0")
+            [basic.HTML("<b>Clipping</b>"), self.clip], layout=basic.layout(flex="1 1 270px", min_width="0")
         )
         beside = basic.HBox(
-            [colours, inside], layout=basic.Layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
+            [colours, inside], layout=basic.layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
         )
         light = [
             self.add(
@@ -579,7 +579,7 @@ class VolumePanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, slices: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         shows = self.add(
-            widget_of("shows", layout=basic.Layout(width="auto")),
+            widget_of("shows", layout=basic.layout(width="auto")),
             lambda: view.shows,
             lambda value: setattr(view, "shows", value),
         )
@@ -587,7 +587,7 @@ class VolumePanel(Panel):
         if view.has_trait("projection"):
             menus.append(
                 self.add(
-                    widget_of("projection", layout=basic.Layout(width="auto")),
+                    widget_of("projection", layout=basic.layout(width="auto")),
                     lambda: view.projection,
                     lambda value: view.set_trait("projection", value),
                 )
@@ -597,7 +597,7 @@ class VolumePanel(Panel):
         )
         parameter = PARAMETERS["slices"]
         button = basic.ToggleButton(
-            False, description=parameter.label, tooltip=parameter.tooltip, layout=basic.Layout(width="auto")
+            False, description=parameter.label, tooltip=parameter.tooltip, layout=basic.layout(width="auto")
         )
         self._of_view, self._slices = menus, slices
         self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))

@@ -133,8 +133,8 @@ class StudioEditors:
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
-        self.box = basic.Box([self.plane], layout=basic.Layout(flex=_HALF, min_width="0"))
-        self.beside = basic.Box([], layout=basic.Layout(flex=_HALF, min_width="0"))
+        self.box = basic.Box([self.plane], layout=basic.layout(flex=_HALF, min_width="0"))
+        self.beside = basic.Box([], layout=basic.layout(flex=_HALF, min_width="0"))
         basic.own_layout(self.plane).width = "100%"
         self.plane.fill, self.plane.theme = True, "dark"
         if session.editing.step.plane is None:
@@ -263,7 +263,7 @@ class StudioPicture:
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
         again = weakly(self, StudioPicture.request, StudioPicture._is_open)
-        self._reason = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))
+        self._reason = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
         self.ways_on = row(
             self._reason,
             button("Try again", "Make the picture once more", again),

@@ -363,7 +363,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         panels.opening.begin()
         words.box.children = (parts.picture.ways_on, words.notice)
         if before is None:
-            super().__init__([file_input, parts.bar, *rows], layout=basic.Layout(width="100%", max_width="1600px"))
+            super().__init__([file_input, parts.bar, *rows], layout=basic.layout(width="100%", max_width="1600px"))
             self.add_class("dnb-studio")
         else:
             (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)

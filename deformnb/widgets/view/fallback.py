@@ -21,13 +21,12 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.messages import DrawnByPython, VolumeInfo
 from deformnb.widgets.synced import LocalComm
+from deformnb.widgets.view.live_front_ends import Post
 
 SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
 """Traits that the server renderer has in common with the view."""
 
 _PLAYED_MS = 60.0  # how often Python receives the time of a player: its pictures are no faster
-
-Post = Callable[[Mapping[str, Any], list[bytes]], None]
 
 
 @dataclass(frozen=True, eq=False)

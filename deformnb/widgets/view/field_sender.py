@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
@@ -16,10 +16,9 @@ from deformnb.widgets.edit_messages import points_to_json, whole
 from deformnb.widgets.messages import FieldMaps
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import FieldTextures, field_textures, nodes_along, texture_frames
+from deformnb.widgets.view.live_front_ends import Post
 from deformnb.widgets.view.space_points import QUICK_SIZE, plain_fit
 from deformnb.widgets.view.transport import Pacer
-
-Post = Callable[[Mapping[str, Any], list[bytes]], None]
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,9 @@ from typing import Any
 from deformnb.widgets.edit_messages import measured, picture, text, whole
 from deformnb.widgets.messages import ScreenshotRequest
 
+Post = Callable[[Mapping[str, Any], list[bytes]], None]
+"""Sends a message with its buffers to the front ends."""
+
 _WINDOWS = 16  # front ends whose windows are known
 
 
@@ -29,7 +32,7 @@ class Outbox:
     (['screenshot'], 1)
     """
 
-    def __init__(self, send: Callable[[Mapping[str, Any], list[bytes]], None]) -> None:
+    def __init__(self, send: Post) -> None:
         self._send = send
         self.count = 0
 
@@ -109,7 +112,7 @@ class Screenshots:
     True
     """
 
-    def __init__(self, post: Callable[[Mapping[str, Any], list[bytes]], None]) -> None:
+    def __init__(self, post: Post) -> None:
         self._post = post
         self._numbers = itertools.count(1)
         self._waiting: dict[int, Callable[[bytes], None]] = {}

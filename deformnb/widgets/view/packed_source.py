@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -21,10 +21,9 @@ from deformnb.widgets.packed_volume import (
     packed_volume,
     whole_window,
 )
+from deformnb.widgets.view.live_front_ends import Post
 
-Post = Callable[[Mapping[str, Any], list[bytes]], None]
-
-_LARGEST = 2048  # along an axis of a texture, until a front end reports less
+_LARGEST_TEXTURE = 2048  # along an axis of a texture, until a front end reports less
 
 
 class PackedSource:
@@ -56,7 +55,7 @@ class PackedSource:
 
     def __init__(self, post: Post, *, limit: int, transfer: TransferFunction | str) -> None:
         self._post = post
-        self._limit, self._largest = int(limit), _LARGEST
+        self._limit, self._largest = int(limit), _LARGEST_TEXTURE
         self.wanted_transfer = transfer
         self._window: tuple[float, float] | None = None
         self._pieces: Pieces | None = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import uuid
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from deformnb._typing import Image, Progress
@@ -21,6 +21,7 @@ from deformnb.volume.volume import Grid
 from deformnb.widgets.edit_messages import picture, text, whole
 from deformnb.widgets.messages import FieldContent, MovieEnd, MovieFrame
 from deformnb.widgets.textures import FieldTextures
+from deformnb.widgets.view.live_front_ends import Post
 from deformnb.widgets.view.stills import from_png
 
 # A frame takes a graphics card less than a second and a software renderer some seconds; before the first one the volume
@@ -30,8 +31,6 @@ _PATIENCE = 30.0
 _MOST_BYTES = 2**26  # of a frame: eight times that of noise in 1600 x 1200
 
 _LOOKS = ("camera", "projection", "shows", "background", "clip", "show_folds", "ambient_occlusion")
-
-Post = Callable[[Mapping[str, Any], list[bytes]], None]
 
 
 class PageGoneError(DeformError):

@@ -75,7 +75,7 @@ class AnimationPanel(Panel):
             options=[(_EASINGS.get(name, name), name) for name in EASINGS],
             description="Time passes",
             style=WHOLE_DESCRIPTION,
-            layout=basic.Layout(width="280px"),
+            layout=basic.layout(width="280px"),
             tooltip="How time passes from one key frame to the next",
         )
         self.playback = Playback(
@@ -90,7 +90,7 @@ class AnimationPanel(Panel):
             step=0.1,
             description="Time (s)",
             style=WHOLE_DESCRIPTION,
-            layout=basic.Layout(width="170px"),
+            layout=basic.layout(width="170px"),
             tooltip="When the chosen key frame comes",
             continuous_update=False,
         )
@@ -125,7 +125,7 @@ class AnimationPanel(Panel):
                 self.player,
                 row(self.easing, self.movie.box),
             ],
-            layout=basic.Layout(grid_gap="6px"),
+            layout=basic.layout(grid_gap="6px"),
         )
         self.refresh()
 
@@ -298,8 +298,8 @@ class MovieControls:
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
         self.cancel = button("Cancel", "Stop; no half file is left", self.stopped.set)
-        self.renderer = widget_of("movie_renderer", layout=basic.Layout(width="190px"), label="60px")
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="120px", visibility="hidden"))
+        self.renderer = widget_of("movie_renderer", layout=basic.layout(width="190px"), label="60px")
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", visibility="hidden"))
         self.message = basic.Label("")
         chosen = [self.renderer] if hasattr(view, "page_scene") else []
         self.box = row(self.kind, self.name, self.fps, *chosen, self.write, self.cancel, self.bar, self.message)

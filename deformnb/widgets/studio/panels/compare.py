@@ -121,7 +121,7 @@ class ComparePanel(Panel):
             *(traitlets.link((view, name), (made, name)) for name in _SHARED if view.has_trait(name)),
         ]
         self._second, self._name = made, basic.HTML(name)
-        beside = basic.VBox([self._name, made], layout=basic.Layout(display=view.layout.display)).add_class(
+        beside = basic.VBox([self._name, made], layout=basic.layout(display=view.layout.display)).add_class(
             "dnb-second"
         )
         first, *others = self._place.children

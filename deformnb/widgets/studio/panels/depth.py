@@ -53,7 +53,7 @@ class DepthPanel(Panel):
         self.keys.on_edit(self._keys_changed)
         self.hint = basic.HTML()  # a label would cut long words
         self.box = basic.VBox(
-            [row(self.rule), self.hint, self.curve, self.keys], layout=basic.Layout(max_width="720px")
+            [row(self.rule), self.hint, self.curve, self.keys], layout=basic.layout(max_width="720px")
         )
         self.refresh()
 

@@ -55,16 +55,16 @@ class DiagnosticsPanel(Panel):
         self._model = StepDiagnostics(session)
         self._shown: Diagnostics | None = None
         self._named: list[str] = []
-        self.facts = basic.HTML(_WAITING, layout=basic.Layout(flex="1.2 1 335px", min_width="0"))
+        self.facts = basic.HTML(_WAITING, layout=basic.layout(flex="1.2 1 335px", min_width="0"))
         self.suspects = basic.HBox(
-            [], layout=basic.Layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px")
+            [], layout=basic.layout(flex_flow="row wrap", align_items="center", grid_gap="0 6px")
         )
-        self.message = basic.HTML("", layout=basic.Layout(min_width="0"))
+        self.message = basic.HTML("", layout=basic.layout(min_width="0"))
         doing = basic.VBox(
             [row(*self._fold_buttons()), row(*self._prediction()), self.suspects, row(*self._overlays()), self.message],
-            layout=basic.Layout(flex="1 1 425px", min_width="0"),
+            layout=basic.layout(flex="1 1 425px", min_width="0"),
         )
-        self.box = basic.HBox([self.facts, doing], layout=basic.Layout(flex_flow="row wrap", grid_gap="4px 24px"))
+        self.box = basic.HBox([self.facts, doing], layout=basic.layout(flex_flow="row wrap", grid_gap="4px 24px"))
         editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, DiagnosticsPanel._is_open), "overlay")
         self.refresh()
 
@@ -73,7 +73,7 @@ class DiagnosticsPanel(Panel):
     def _fold_buttons(self) -> list[Any]:
         self.back = action_button("take_back", lambda: self._soon(self._model.fold_actions.take_back))
         self.unfold = action_button("unfold", lambda: self._soon(self._model.fold_actions.unfold))
-        self.stages = self.of_step(widget_of("stages", layout=basic.Layout(width="240px"), label="48px"), "stages")
+        self.stages = self.of_step(widget_of("stages", layout=basic.layout(width="240px"), label="48px"), "stages")
         self.keep = widget_of("keep_free")
         self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, DiagnosticsPanel._is_open), "value")
         return [self.back, self.unfold, self.stages, self.keep]

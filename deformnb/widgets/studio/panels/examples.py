@@ -39,7 +39,7 @@ class ExamplesPanel(Panel):
         }
         words = basic.HTML(prose(_FIRST if is_start else _MENU))
         self.box = basic.VBox(
-            [words, basic.HBox(list(self.buttons.values()), layout=basic.Layout(flex_flow="row wrap"))]
+            [words, basic.HBox(list(self.buttons.values()), layout=basic.layout(flex_flow="row wrap"))]
         )
         self.refresh()
 

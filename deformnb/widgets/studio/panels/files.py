@@ -79,10 +79,10 @@ class FilesPanel(Panel):
             for name, e in EXPORTS.items()
         ]  # not the name of the scan itself
         kinds.append(("Web page that deforms (.html)", f"{stem}.html"))
-        self.kind = basic.Dropdown(options=kinds, layout=basic.Layout(width="240px"), tooltip="What is written")
+        self.kind = basic.Dropdown(options=kinds, layout=basic.layout(width="240px"), tooltip="What is written")
         self.name = basic.Text(
             value=kinds[0][1],
-            layout=basic.Layout(flex="1 1 120px", min_width="80px"),
+            layout=basic.layout(flex="1 1 120px", min_width="80px"),
             placeholder="file name",
             tooltip="The end of the name chooses the kind of file",
         )
@@ -97,7 +97,7 @@ class FilesPanel(Panel):
             self._start_whole,
         )
         self.level = row(
-            basic.HTML(html.escape(_level_text(session.volume)), layout=basic.Layout(flex="1 1 240px", min_width="0")),
+            basic.HTML(html.escape(_level_text(session.volume)), layout=basic.layout(flex="1 1 240px", min_width="0")),
             self.whole,
         )
         basic.set_shown(self.level, _level_text(session.volume))
@@ -128,7 +128,7 @@ class FilesPanel(Panel):
         self.of_page = basic.VBox([self.page_title, self.page_text, chosen])
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="120px", display="none"))
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", display="none"))
         self.message = basic.Label("")
         self.file_transfer = FileTransfer()
         self.question = Question(guard)
@@ -343,7 +343,7 @@ class Question:
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
         self._action: Callable[[], None] | None = None
-        self.text = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
+        self.text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
         self.agree = button("", "", lambda: self._answer(self._action))
         self.refuse = button("Cancel", "Leave everything as it is", self.forget)
         self.box = row(self.text, self.agree, self.refuse)
@@ -490,14 +490,14 @@ class ResultBox(Panel):
             step=1.0,
             continuous_update=False,
             description=unit_of(session.editing.grid),
-            layout=basic.Layout(width="120px"),
+            layout=basic.layout(width="120px"),
             style={"description_width": "28px"},
             tooltip="Added on every side of the volume, in whole voxels",
         )
         self.words = basic.HTML(
-            "", layout=basic.Layout(flex="1 1 200px", min_width="0")
+            "", layout=basic.layout(flex="1 1 200px", min_width="0")
         )  # a label would cut long words
-        self._warning_text = basic.HTML("", layout=basic.Layout(flex="0 1 auto", min_width="0"))
+        self._warning_text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
         self._larger = button(*LARGER, self._make_larger)
         self.warning = row(self._warning_text, self._larger)
         self.choice = self.add(

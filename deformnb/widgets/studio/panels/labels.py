@@ -88,7 +88,7 @@ class LabelChooser(Panel):
         )
         self.list = basic.SelectMultiple(
             tooltip="Labels; Ctrl or Shift chooses several",
-            layout=basic.Layout(flex="1 1 140px", width="auto", min_width="100px"),
+            layout=basic.layout(flex="1 1 140px", width="auto", min_width="100px"),
         )
         add = [
             button(text, tip, self._taker(what))

@@ -47,7 +47,7 @@ class LandmarkFiles:
         self.kind = basic.Dropdown(
             options=suffixes,
             value=suffixes[0],
-            layout=basic.Layout(width="auto"),
+            layout=basic.layout(width="auto"),
             tooltip=f"{pairs} hold where the points were dragged too, the others hold places only",
         )
         self.save = button(

@@ -18,6 +18,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import ipywidgets as ipw
 import numpy as np
 from numpy.typing import NDArray
 
@@ -246,7 +247,7 @@ class FitPanel(Panel):
             options=self.target.choices(),
             description="Target",
             style=WHOLE_DESCRIPTION,
-            layout=basic.Layout(flex="1 1 260px", max_width="420px"),
+            layout=basic.layout(flex="1 1 260px", max_width="420px"),
             tooltip="What the volume shall look like: another volume, or a saved session",
         )
         if target is not None:
@@ -257,7 +258,7 @@ class FitPanel(Panel):
             options=[(_MEASURES.get(name, name), name) for name in MEASURES],
             style=WHOLE_DESCRIPTION,
             description="Measure",
-            layout=basic.Layout(flex="1 1 260px", max_width="420px"),
+            layout=basic.layout(flex="1 1 260px", max_width="420px"),
             tooltip="What counts as alike",
         )
         self.stiffness = basic.FloatLogSlider(
@@ -268,7 +269,7 @@ class FitPanel(Panel):
             description="Stiffness",
             style=WHOLE_DESCRIPTION,
             readout_format=".1g",
-            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.layout(flex="1 1 240px", max_width="420px"),
             tooltip="How much bending counts against similarity, when all points are fitted",
         )
         self.count = basic.BoundedIntText(
@@ -277,7 +278,7 @@ class FitPanel(Panel):
             value=16,
             style=WHOLE_DESCRIPTION,
             description="Points",
-            layout=basic.Layout(width="120px"),
+            layout=basic.layout(width="120px"),
             tooltip="How many are put on the outline",
         )
         self.buttons = {
@@ -285,7 +286,7 @@ class FitPanel(Panel):
             for text, (tip, work) in self._works().items()
         }
         self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.Layout(width="140px", visibility="hidden"))
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="140px", visibility="hidden"))
         self.message = basic.HTML(_words(_HINT if target is None else self.target.note))
         self.blend = slider(
             "Blend",
@@ -293,7 +294,7 @@ class FitPanel(Panel):
             1.0,
             0.02,
             "Left: 0 the volume as it is deformed now, 1 the target",
-            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.layout(flex="1 1 240px", max_width="420px"),
         )
         self.blend.observe(self._request_preview, "value")
         self.over = slider(
@@ -302,15 +303,15 @@ class FitPanel(Panel):
             1.0,
             0.02,
             "The target laid over the picture that is edited; 0 not at all",
-            layout=basic.Layout(flex="1 1 240px", max_width="420px"),
+            layout=basic.layout(flex="1 1 240px", max_width="420px"),
         )
         self.over.observe(self._request_preview, "value")
         self._laid_over: tuple[Any, ...] = ()
-        self.preview = basic.Image(format="png", layout=basic.Layout(max_width="100%", align_self="flex-start"))
+        self.preview = ipw.Image(format="png", layout=basic.layout(max_width="100%", align_self="flex-start"))
         legend = basic.HTML(
             _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
         )
-        self.shown = basic.VBox([row(self.over, self.blend), self.preview, legend], layout=basic.Layout(display="none"))
+        self.shown = basic.VBox([row(self.over, self.blend), self.preview, legend], layout=basic.layout(display="none"))
         snap, fit, along, along_it = self.buttons.values()
         self.box = basic.VBox(
             [
@@ -319,7 +320,7 @@ class FitPanel(Panel):
                 self.message,
                 self.shown,
             ],
-            layout=basic.Layout(grid_gap="4px"),
+            layout=basic.layout(grid_gap="4px"),
         )
         self.refresh()
 

@@ -195,7 +195,7 @@ class PartControls(Panel):
         made = basic.FloatText(
             description=text,
             step=1.0,
-            layout=basic.Layout(width="180px"),
+            layout=basic.layout(width="180px"),
             continuous_update=False,
             style={"description_width": "80px"},
             tooltip="The place that a turn leaves where it is; turn and shift stay as they are",

@@ -46,7 +46,7 @@ class StepsPanel(Panel):
             lambda: guard(lambda: session.steps.add(in_space=True)),
         )
         mode = self.add(widget_of("mode"), lambda: session.editing.deformation.mode, session.steps.set_mode)
-        self._hint = basic.HTML(layout=basic.Layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
+        self._hint = basic.HTML(layout=basic.layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
         self.box = basic.VBox([self.items, row(here, space, mode, self._hint)])
         self.refresh()
 

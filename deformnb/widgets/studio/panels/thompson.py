@@ -86,7 +86,7 @@ class ThompsonPanel(Panel):
         folder: str | PathLike[str] = ".",
     ) -> None:
         super().__init__(session, guard or self._guarded)
-        self.message = basic.HTML("", layout=basic.Layout(flex="1 1 200px", min_width="0"))
+        self.message = basic.HTML("", layout=basic.layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
         self.folder = Path(folder)
@@ -95,7 +95,7 @@ class ThompsonPanel(Panel):
         self.before, self.after = _place("before"), _place("after")
         self._pictures = basic.HBox(
             [_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
-            layout=basic.Layout(flex_flow="row wrap", grid_gap="8px"),
+            layout=basic.layout(flex_flow="row wrap", grid_gap="8px"),
         )
         self.nowhere = basic.Label(_IN_SPACE)
         self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
@@ -125,7 +125,7 @@ class ThompsonPanel(Panel):
             description="Lines",
             style={"description_width": "60px"},
             tooltip="Cells of the grid along the longer side of the picture",
-            layout=basic.Layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
+            layout=basic.layout(flex="1 1 200px", width="auto", min_width="0", max_width="320px"),
         )
         traitlets.link((self.editor, "density"), (lines, "value"))
         overlay = menu("Overlay", _OVERLAYS, "What is laid over the deformed picture")
@@ -139,7 +139,7 @@ class ThompsonPanel(Panel):
         self.everywhere = basic.Checkbox(
             description="drag the grid in the main picture too",
             indent=False,
-            layout=basic.Layout(width="auto", display="none" if self.is_alone else ""),
+            layout=basic.layout(width="auto", display="none" if self.is_alone else ""),
         )
         traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
         return basic.VBox([row(self.magnify, self.words), row(lines, overlay, self.everywhere)])
@@ -151,18 +151,18 @@ class ThompsonPanel(Panel):
             options=pairs,
             value=carp,
             description="Grids of",
-            layout=basic.Layout(width="380px"),
+            layout=basic.layout(width="380px"),
             tooltip="Fish that D'Arcy Thompson turned into one another, in 1917",
         )
         self.head = basic.Dropdown(
             options=[(f"head on the {side}", side) for side in HEADS],
-            layout=basic.Layout(width="150px"),
+            layout=basic.layout(width="150px"),
             tooltip="Where the head is on this picture",
         )
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
         self.own = basic.ToggleButton(
             description="Own drawings",
-            layout=basic.Layout(width="auto"),
+            layout=basic.layout(width="auto"),
             tooltip="A grid of your own on this picture, and one on a second drawing",
         )
         self.own.observe(lambda change: self.guard(lambda: self._show_own(change["new"])), "value")
@@ -174,11 +174,11 @@ class ThompsonPanel(Panel):
             value=f"{stem}_grids",
             description="Figure",
             style={"description_width": "60px"},
-            layout=basic.Layout(width="260px"),
+            layout=basic.layout(width="260px"),
             tooltip="File name, without its end",
         )
         self.downloads = basic.Checkbox(
-            description="hand it to the browser too", indent=False, layout=basic.Layout(width="auto")
+            description="hand it to the browser too", indent=False, layout=basic.layout(width="auto")
         )
         self.file_transfer = FileTransfer()
         self.writers = [
@@ -381,11 +381,11 @@ def in_words(strength: float) -> str:
 
 
 def _place(side: str) -> ipw.Box:
-    return basic.Box([], layout=basic.Layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
+    return basic.Box([], layout=basic.layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
 
 
 def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
     words = [basic.HTML(text)] if text else []
     return basic.VBox(
-        [basic.HTML(f"<b>{title}</b>"), place, *words], layout=basic.Layout(flex="1 1 320px", min_width="0")
+        [basic.HTML(f"<b>{title}</b>"), place, *words], layout=basic.layout(flex="1 1 320px", min_width="0")
     )
