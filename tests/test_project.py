@@ -232,7 +232,7 @@ def test_the_tests_mirror_the_package() -> None:
 
 # Uses of private names left in tests: the number only falls. A test that needs one asks for a small public way, or
 # for a helper in one place, such as tests/front_end.py. Names by which IPython and Jupyter call (_repr_html_) are none.
-PRIVATE_USES = 62
+PRIVATE_USES = 54
 PRIVATE_MODULES = ("_jax", "_progress", "_typing", "_weak")
 CALLED_BY_JUPYTER = re.compile("_.*_$|_jupyter_server_extension_points|_load_jupyter_server_extension")
 
