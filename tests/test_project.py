@@ -340,9 +340,8 @@ LARGE_CLASSES = {
     "deformnb.widgets.studio.panels.files.FilesPanel": (13, 25),
     "deformnb.widgets.studio.panels.registration.FitPanel": (22, 20),
     "deformnb.widgets.studio.panels.thompson.ThompsonPanel": (22, 25),
-    "deformnb.widgets.studio.studio.Studio": (51, 17),
-    "deformnb.widgets.view.live_view.LiveView": (57, 52),
-    "deformnb.widgets.view.volume_view.VolumeView": (43, 33),
+    "deformnb.widgets.view.live_view.LiveView": (30, 33),  # of which 22 are traits of the front end
+    "deformnb.widgets.view.volume_view.VolumeView": (42, 33),
     "deformnb.widgets.vtk.render_loop.SceneLoop": (16, 22),
     "deformnb.widgets.vtk.scene.VtkScene": (23, 21),
     "deformnb.widgets.web.server.PageServer": (15, 18),

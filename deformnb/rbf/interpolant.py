@@ -284,11 +284,8 @@ class RBFInterpolant(AbstractField):
         plain = p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
         return plain if self.quadratic is None else plain + jnp.einsum("...k,mkj,...j->...m", p, self.quadratic, p)
 
-    def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
-        return self.displacement_as(points, np.float64)
-
-    def displacement_as(self, points: ArrayLike, dtype: Any) -> NDArray[Any]:
-        """The displacement, computed in a type of numbers."""
+    def displacement(self, points: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
+        """Displacements at points (..., dim), computed in this type of numbers."""
         relative, shape = self._relative(points)
         if self.is_identity:  # every studio starts with one, and nothing is compiled for it
             return np.zeros(shape)
@@ -457,7 +454,7 @@ def moved_back(
     ]
     dtype = _common_type(fits, reaches, resolution, known)
     if first.is_culled:
-        return places + first.displacement_as(places.T, dtype).T, np.zeros((1, len(places)))
+        return places + first.displacement(places.T, dtype).T, np.zeros((1, len(places)))
     ends, spread, reach = in_turn(places, stacked([fit.radial_sum(dtype) for fit in fits]))
     if dtype is np.float32 and _common_type(fits, np.linalg.norm(reach, axis=1), resolution, known) is np.float64:
         ends, spread, _ = in_turn(places, stacked([fit.radial_sum(np.float64) for fit in fits]))

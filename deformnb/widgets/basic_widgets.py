@@ -38,14 +38,15 @@ def layout(**traits: Any) -> Any:
 
 
 def shared_models() -> list[Any]:
-    """All layouts and styles that widgets share by now."""
+    """All open layouts and styles that widgets share by now."""
     with _LOCK:
-        return list(_SHARED.values())
+        return [model for model in _SHARED.values() if model.comm is not None]
 
 
 def is_shared(model: Any) -> bool:
     """Check whether a layout or style is one that widgets share."""
-    return any(found is model for found in shared_models())
+    with _LOCK:
+        return any(found is model for found in _SHARED.values())
 
 
 def own_layout(widget: Any) -> Any:

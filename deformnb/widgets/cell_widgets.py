@@ -102,7 +102,7 @@ def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
         try:
             yield
         except BaseException:
-            for close in [end, *(widget.close for widget in reversed(made))]:
+            for close in [end, *(widget.close for widget in reversed(made) if not is_shared(widget))]:
                 _try(close)
             raise
         finally:

@@ -94,7 +94,7 @@ class LiveFrontEnds:
         return drawing[-1][0] if drawing and drawing[-1][1] >= by_card else None
 
     def has_window_of(self, sender: str) -> bool:
-        """Whether one that draws is in the window of this sender of edits."""
+        """Check whether one that draws is in the window of this sender of edits."""
         return any(self._senders.get(view) == sender for view in self._drawing)
 
 

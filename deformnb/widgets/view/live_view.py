@@ -64,7 +64,7 @@ OF_PAGE = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """What a live view shows at one moment, besides its traits.
+    """Contents of a live view at one moment, besides its traits.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return is_moved and not self._fallback.is_running
 
     def _rendered(self) -> RenderedState | None:
-        """What Python draws for front ends that cannot."""
+        """State that Python draws for front ends that cannot."""
         with self._lock:
             volume, transfer, shown = self.source.volume, self.source.transfer, self.fields.shown
             if volume is None or transfer is None:

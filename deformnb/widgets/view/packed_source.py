@@ -94,7 +94,7 @@ class PackedSource:
         self.volume, self._window, self._pieces = volume, window, Pieces(shown)
 
     def needs_repacking(self, *, all_values: bool = False) -> bool:
-        """Whether the colours need other levels than the voxels have."""
+        """Check whether the colours need other levels than the voxels have."""
         volume, shown, function = self.volume, self.shown, self.transfer
         if volume is None or shown is None or function is None or self._window is not None:
             return False

@@ -65,7 +65,7 @@ class DiagnosticsPanel(Panel):
             layout=basic.layout(flex="1 1 425px", min_width="0"),
         )
         self.box = basic.HBox([self.facts, doing], layout=basic.layout(flex_flow="row wrap", grid_gap="4px 24px"))
-        editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, DiagnosticsPanel._is_open), "overlay")
+        editors.plane.observe(weakly(self, DiagnosticsPanel._overlay_changed, _open_while(worker)), "overlay")
         self.refresh()
 
     # -- the parts -----------------------------------------------------------------------------------------------------
@@ -75,13 +75,13 @@ class DiagnosticsPanel(Panel):
         self.unfold = action_button("unfold", lambda: self._soon(self._model.fold_actions.unfold))
         self.stages = self.of_step(widget_of("stages", layout=basic.layout(width="240px"), label="48px"), "stages")
         self.keep = widget_of("keep_free")
-        self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, DiagnosticsPanel._is_open), "value")
+        self.keep.observe(weakly(self, DiagnosticsPanel._keep_changed, _open_while(self._worker)), "value")
         return [self.back, self.unfold, self.stages, self.keep]
 
     def _prediction(self) -> list[Any]:
         self.predict = action_button("best_prediction", lambda: self._soon(self._model.fold_actions.predict))
         self.chosen = widget_of("keep_chosen")
-        self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, DiagnosticsPanel._is_open), "value")
+        self.chosen.observe(weakly(self, DiagnosticsPanel._chosen_changed, _open_while(self._worker)), "value")
         return [self.predict, self.chosen]
 
     def _overlays(self) -> list[Any]:
@@ -105,7 +105,7 @@ class DiagnosticsPanel(Panel):
             self.message.value = _WAITING
             self._shown = None
         if not self._worker.is_closed:
-            self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, DiagnosticsPanel._is_open))
+            self._worker.latest("diagnostics", weakly(self, DiagnosticsPanel._compute, _open_while(self._worker)))
 
     def _compute(self) -> None:
         findings = self._model.compute(self._editors.plane.overlay)
@@ -144,12 +144,9 @@ class DiagnosticsPanel(Panel):
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
-    def _is_open(self) -> bool:
-        return not self._worker.is_closed
-
     def _soon(self, action: Callable[[], Any]) -> None:
         """In the thread, its errors in the front end."""
-        run = weakly(self, lambda panel: panel.guard(action), DiagnosticsPanel._is_open)
+        run = weakly(self, lambda panel: panel.guard(action), _open_while(self._worker))
         self.guard(lambda: self._worker.latest("fold action", run))
 
     def _keep_changed(self, change: Any) -> None:
@@ -165,3 +162,8 @@ class DiagnosticsPanel(Panel):
     def close(self) -> None:
         for link in self._links:
             link.unlink()
+
+
+def _open_while(worker: Worker) -> Callable[[Any], bool]:
+    """Check of a panel, whichever, that its thread has not ended."""
+    return lambda _panel: not worker.is_closed
