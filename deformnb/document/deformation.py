@@ -719,7 +719,7 @@ class Deformation:
         """
         return warp_points(points, self, grid=grid, **options)
 
-    def _fit_notes(self, grid: Grid) -> tuple[str, ...]:
+    def fit_notes(self, grid: Grid) -> tuple[str, ...]:
         """Remarks of all fits, each once."""
         steps = self.in_unit(grid.unit).steps
         fits = (fit for step in steps if step.enabled for fit in step.fits(grid))
@@ -734,7 +734,7 @@ class Deformation:
         grid : of the volume that the document is applied to.
         """
         known = self.older_spacing(grid)
-        found = self._fit_notes(self.own_grid(grid))
+        found = self.fit_notes(self.own_grid(grid))
         return found if known is None else (known.older_note, *found)
 
     def cautions(self, grid: Grid) -> tuple[str, ...]:
@@ -838,7 +838,7 @@ class Deformation:
             )
         field = here.field(grid)
         notes = tuple(
-            note for note in here._fit_notes(grid) if note != FOLDS_WARNING
+            note for note in here.fit_notes(grid) if note != FOLDS_WARNING
         )  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
         cautions = [*here.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
