@@ -139,7 +139,7 @@ export class CutBar {
     }
     for (const place of held) {
       const source = pointTools.seenAt(place as Vector2);
-      const isNear = editor.points.some(({ target: [a, b] }) => Math.hypot(a! - place[0]!, b! - place[1]!) < near);
+      const isNear = editor.points.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }
     if (!pointTools.edit(made, "open")) return;

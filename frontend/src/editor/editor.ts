@@ -626,7 +626,7 @@ export class EditorView extends EditorDrawing {
       v = this.view,
       k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
     if (!p) return;
-    Object.assign(v, { k, x: v.width / 2 - k * p.target[0]!, y: v.height / 2 - k * p.target[1]! });
+    Object.assign(v, { k, x: v.width / 2 - k * p.target[0], y: v.height / 2 - k * p.target[1] });
     this.#keepInView();
     this.moving();
     this.stage.scrollIntoView({ block: "nearest" }); // a request from a table below: the picture may be out of sight

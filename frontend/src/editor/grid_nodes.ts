@@ -203,10 +203,10 @@ export class GridNodes {
     for (const {
       source: [a, b],
     } of points) {
-      const i = Math.round(((a! - a0) / (a1 - a0)) * across),
-        j = Math.round(((b! - b0) / (b1 - b0)) * down);
+      const i = Math.round(((a - a0) / (a1 - a0)) * across),
+        j = Math.round(((b - b0) / (b1 - b0)) * down);
       if (i < 0 || j < 0 || i > across || j > down) continue;
-      const away = Math.hypot(a0 + ((a1 - a0) * i) / across - a!, b0 + ((b1 - b0) * j) / down - b!);
+      const away = Math.hypot(a0 + ((a1 - a0) * i) / across - a, b0 + ((b1 - b0) * j) / down - b);
       if (away < near) held.add(i + j * (across + 1));
     }
     return held;

@@ -91,8 +91,8 @@ export function keepFromScrolling(event: TouchEvent) {
 
 /** The description of a point for screen readers. */
 export function pointLabel(p: DrawnPoint) {
-  const da = p.target[0]! - p.source[0]!,
-    db = p.target[1]! - p.source[1]!;
+  const da = p.target[0] - p.source[0],
+    db = p.target[1] - p.source[1];
   const moves: string[] = [];
   if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
   if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
@@ -286,8 +286,8 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   #place(parts: HandleParts, p: P, isSelected: boolean, { k, x, y, width, height }: View, radius: number) {
-    const at: Vector2 = [k * p.target[0]! + x, k * p.target[1]! + y],
-      from: Vector2 = [k * p.source[0]! + x, k * p.source[1]! + y];
+    const at: Vector2 = [k * p.target[0] + x, k * p.target[1] + y],
+      from: Vector2 = [k * p.source[0] + x, k * p.source[1] + y];
     const inside = [Math.min(width - RIM, Math.max(RIM, at[0])), Math.min(height - RIM, Math.max(RIM, at[1]))];
     const isOutside = at[0] < 0 || at[1] < 0 || at[0] > width || at[1] > height;
     const shown = isOutside ? inside : at,

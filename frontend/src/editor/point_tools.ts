@@ -469,7 +469,7 @@ export class PointTools {
       (least, p) =>
         p.id === pin.id || !p.active
           ? least
-          : Math.min(least, Math.hypot(p.target[0]! - pin.target[0]!, p.target[1]! - pin.target[1]!)),
+          : Math.min(least, Math.hypot(p.target[0] - pin.target[0], p.target[1] - pin.target[1])),
       Infinity,
     );
     const id = nextId(points, editor.sender.nextId),

@@ -341,7 +341,7 @@ export class ShapeTools {
   /** The mark of a point: that of the region in which its source lies; null where no cut parts the picture. */
   markOf({ source: [a, b] }: Point) {
     const regions = this.editor.layered?.regions ?? [];
-    return regions.length ? sidesKey(regions, a!, b!) % REGION_MARKS : null;
+    return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
