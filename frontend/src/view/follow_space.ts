@@ -35,17 +35,17 @@ export class SpaceLink {
 
   /**
    * @param model the view's
-   * @param view.info of the volume that is shown
-   * @param view.apply takes a new field
-   * @param view.move as of FieldLink
-   * @param view.follows reports whose edits are followed
    */
   constructor(
     model: Model,
     view: {
-      /** of the volume that is shown */ info: () => VolumeInfo | null /** takes a new field */;
-      apply: (space: SpaceField, isMoving: boolean) => void /** as of FieldLink */;
-      move: (isMoving: boolean) => void /** reports whose edits are followed */;
+      /** of the volume that is shown */
+      info: () => VolumeInfo | null;
+      /** takes a new field */
+      apply: (space: SpaceField, isMoving: boolean) => void;
+      /** as of FieldLink */
+      move: (isMoving: boolean) => void;
+      /** reports whose edits are followed */
       follows: (sender: string) => void;
     },
   ) {

@@ -138,7 +138,6 @@ export class Body {
   box: Sides;
   step: number;
 
-  /** @param seen.unit the thickness that the table's opacities hold for */
   constructor({
     values,
     info,
@@ -150,7 +149,8 @@ export class Body {
     values: Uint8Array;
     info: VolumeInfo;
     field?: Field | null;
-    table: Float32Array /** the thickness that the table's opacities hold for */;
+    table: Float32Array;
+    /** the thickness that the table's opacities hold for */
     unit: number;
     clip?: Clip | null;
   }) {

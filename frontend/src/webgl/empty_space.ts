@@ -279,13 +279,6 @@ function halfFloats(bits: Uint16Array) {
 /**
  * Of each cell of a box two bytes: how many rings of cells around it, itself being one, have nothing that is seen, and
  * the largest opacity in it. For a projection of largest values the second is the largest value within one cell of it.
- * @param seen.box of the result
- * @param seen.shape of the volume
- * @param seen.extremes of its blocks
- * @param seen.pairs of the largest values of the blocks, or of their largest opacities
- * @param seen.beyond the same of what lies outside the volume
- * @param seen.isLargest whether largest values are projected
- * @param seen.voxels along the edge of a cell, at least
  * @returns `edge`: lengths of a cell's edges
  */
 export function emptyCells(
@@ -299,13 +292,20 @@ export function emptyCells(
     isLargest,
     voxels,
   }: {
-    /** of the result */ box: Sides /** of the volume */;
+    /** of the result */
+    box: Sides;
+    /** of the volume */
     shape: Vector3;
-    spacing: Vector3 /** of its blocks */;
-    extremes: Extremes /** of the largest values of the blocks, or of their largest opacities */;
-    pairs: Uint8Array /** the same of what lies outside the volume */;
-    beyond: number /** whether largest values are projected */;
-    isLargest: boolean /** along the edge of a cell, at least */;
+    spacing: Vector3;
+    /** of its blocks */
+    extremes: Extremes;
+    /** of the largest values of the blocks, or of their largest opacities */
+    pairs: Uint8Array;
+    /** the same of what lies outside the volume */
+    beyond: number;
+    /** whether largest values are projected */
+    isLargest: boolean;
+    /** along the edge of a cell, at least */
     voxels: number;
   },
   { planar, space }: { planar: CastPlanar | null; space: CastSpace | null },
