@@ -83,8 +83,8 @@ HELD_BY: dict[int, str] = {
     62: "browser/test_hosts: the_page_can_be_loaded_again; "
     "browser/test_app_page: a_page_that_is_loaded_again_shows_the_same",
     63: "browser/test_editor_page: two_views_of_one_editor_agree; browser/test_app_page: two_tabs_show_one_session; "
-    "frontend/tests/edits.test.js: windows, views and Python end with the same",
-    64: "frontend/tests/edits.test.js: movements never queue up; "
+    "../frontend/tests/edits.test.js: windows, views and Python end with the same",
+    64: "../frontend/tests/edits.test.js: movements never queue up; "
     "widgets/studio/test_studio: rapid_edits_end_in_the_state_of_the_last; "
     "browser/test_editor_page: edits_on_their_way_are_few_and_the_last_always_arrives",
     65: "widgets/studio/test_studio: an_edit_that_comes_after_the_picture_was_turned_is_dropped; "

@@ -20,11 +20,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deformnb._progress import time_left
-from deformnb._typing import Stage
 from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
 if TYPE_CHECKING:
+    from deformnb._typing import Stage
     from deformnb.chunked.sources import LargeVolume
     from deformnb.document.deformation import Deformation
     from deformnb.rbf.fields import AbstractField

@@ -186,8 +186,8 @@ class RBFInterpolant(AbstractField):
             return self.of_points
         return self.of_points + _warnings(self)
 
-    def dragged(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Targets (n, dim) of the points behind the centres, and the displacements that they were given."""
+    def prescribed_displacements(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Targets (n, dim) of the points behind the centres, and the displacements that are prescribed there."""
         n = int(self.count)
         targets = self.origin + self.support * np.asarray(self.centers, dtype=np.float64)[:n]
         given = self.displacement(targets)
@@ -237,7 +237,9 @@ class RBFInterpolant(AbstractField):
         if not least <= n <= MOST_LEFT_OUT or self.scales is not None or not alpha.any():
             return False
         nugget = np.zeros(n) if self.nugget is None else np.asarray(self.nugget)[:n]
-        drags = self.dragged()[1] / self.support  # in the unit of the places: rigid maps are not linear in it
+        drags = (
+            self.prescribed_displacements()[1] / self.support
+        )  # in the unit of the places: rigid maps are not linear in it
         if np.count_nonzero(drags.any(axis=1)) <= n / 2:
             return False
         try:
@@ -664,7 +666,7 @@ _COLLAPSES = {
 
 def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     """Notes on a fit that is valid but probably a mistake: collapsed trends and crossing points."""
-    targets, displacements = fit.dragged()
+    targets, displacements = fit.prescribed_displacements()
     sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
     torn = torn_pairs(targets, sources, fit.ids)
     crossed = [

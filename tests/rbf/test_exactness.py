@@ -249,6 +249,7 @@ EVALUATORS = {
 
 # Public callables of maps that give no displacements of given places: derivatives have a test of their own below.
 OTHERS = {
+    "prescribed_displacements",
     "kernel",
     "jacobian",
     "jacobian_on_outer_sum",
