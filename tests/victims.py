@@ -120,7 +120,7 @@ def writers(folder: Path, chance: random.Random) -> Any:
             os.write(ready[k][1], b".")
             os.read(start[0], 1)
             try:
-                write_deformation(mine[k], path, known=known)
+                write_deformation(mine[k], path, known=known, overwrite=False)
                 os.write(result[1], b"%d" % k)
             except FileChangedError:
                 os.write(result[1], b"r")
