@@ -103,7 +103,8 @@ def system_node() -> tuple[str, list[str] | None]:
     path, npm = shutil.which("node"), shutil.which("npm")
     if path is None:
         raise MissingNodeError(f"the JavaScript of the widgets needs Node.js, and there is none; {CURE}.")
-    version = subprocess.run([path, "--version"], capture_output=True, text=True, check=False).stdout.strip()
+    done = subprocess.run([path, "--version"], capture_output=True, encoding="utf-8", errors="replace", check=False)
+    version = done.stdout.strip()
     if not version[1:].split(".")[0].isdecimal() or int(version[1:].split(".")[0]) < OLDEST:
         raise MissingNodeError(
             f"the JavaScript of the widgets needs Node.js {OLDEST} or newer, and {path} is {version or 'none'}; {CURE}."

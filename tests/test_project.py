@@ -265,6 +265,15 @@ def test_texts_are_read_and_written_in_a_named_encoding(folder: str) -> None:
                 assert given or len(node.args) > (name == "write_text"), f"{path.relative_to(ROOT)}:{node.lineno}"
 
 
+def test_what_programs_print_is_read_in_a_named_encoding() -> None:
+    for path in (*sorted(PACKAGE.rglob("*.py")), ROOT / "node_tasks.py"):
+        for node in _nodes(path):
+            if isinstance(node, ast.Call):
+                given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
+                is_text = "True" in (given.get("text"), given.get("universal_newlines"))
+                assert not is_text or "encoding" in given, f"{path.relative_to(ROOT)}:{node.lineno}"
+
+
 def test_imports_point_one_way() -> None:
     command = [str(Path(sys.executable).with_name("lint-imports")), "--no-cache"]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, encoding="utf-8", check=False)

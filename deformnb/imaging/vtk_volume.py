@@ -44,7 +44,13 @@ def gl_status() -> tuple[bool, str, str]:
         environment = {**os.environ, "VTK_DEFAULT_OPENGL_WINDOW": name}
         try:
             run = subprocess.run(
-                [sys.executable, "-c", _PROBE], env=environment, capture_output=True, timeout=60, check=False, text=True
+                [sys.executable, "-c", _PROBE],
+                env=environment,
+                capture_output=True,
+                timeout=60,
+                check=False,
+                encoding="utf-8",
+                errors="replace",  # names of drivers, in whatever encoding
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
