@@ -14,7 +14,7 @@ from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.basic_widgets import shared_models
-from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.messages.points import points_to_json
 
 
 def a_volume() -> Volume:

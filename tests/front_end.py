@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from deformnb.widgets.edit_messages import EditMessage, points_to_json
+from deformnb.widgets.messages.editors import PointsEdit
+from deformnb.widgets.messages.points import points_to_json
 
 
 def deliver(widget: Any, content: Any, buffers: Any = ()) -> None:
@@ -12,7 +13,7 @@ def deliver(widget: Any, content: Any, buffers: Any = ()) -> None:
     widget.comm.handle_msg({"content": {"data": {"method": "custom", "content": content}}, "buffers": list(buffers)})
 
 
-def deliver_edit(editor: Any, edit: EditMessage) -> None:
+def deliver_edit(editor: Any, edit: PointsEdit) -> None:
     """Let an editor receive the message of an edit."""
     content = {name: getattr(edit, name) for name in ("sender", "seq", "phase", "kind", "joins")}
     ids = {"next_id": edit.points.next_id}

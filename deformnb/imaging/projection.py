@@ -42,9 +42,9 @@ _LAYERS = 32
 # Whole numbers of a smaller range show as terraces on a surface that is lit.
 _FEW = 64
 # Of the pixels are black, and as many of those brighter than black white: noise and a few bright spots.
-_SATURATED = 0.005
+SATURATED = 0.005
 # Hounsfield units beyond enamel and cortical bone: metal, at which scanners of 12 bits end (3071).
-_METAL = 3000.0
+METAL = 3000.0
 # Beyond this a float32 has no square.
 _LARGEST = 1e18
 
@@ -253,12 +253,12 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     """
     lowest, highest = typical_range(volume)
     if is_hounsfield(volume):
-        highest = min(highest, _METAL)
+        highest = min(highest, METAL)
     shown = values[(values >= lowest) & (values <= highest)].astype(np.float64)
     is_even = volume.is_labels or not shown.size or shown.min() == shown.max()
-    low = volume.background if is_even else float(np.quantile(shown, _SATURATED))
+    low = volume.background if is_even else float(np.quantile(shown, SATURATED))
     subject = shown[shown > low]
-    high = float(np.quantile(subject, 1 - _SATURATED)) if subject.size else low
+    high = float(np.quantile(subject, 1 - SATURATED)) if subject.size else low
     # One grey level of the type, or one step of a float, where everything is alike: never a window without width.
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 

@@ -37,15 +37,15 @@ DIRECTIONS = ("backward", "forward")
 
 # Newton's method ends at this share of the size of the points, a digit above the rounding of a fit of some hundred
 # points; what ends within the second share, below what interpolation promises, counts as found.
-_AIM, _FOUND = 1e-12, 1e-9
+AIM, FOUND = 1e-12, 1e-9
 
-_MOST_STEPS = 50
+MOST_NEWTON_STEPS = 50
 
 # Nodes per axis, over the sources and half of their size around them, from which places are sought that the usual
 # starts do not reach; how many of the nearest are tried.
-_SEEDS = {2: 64, 3: 16}
-_AROUND = 0.5
-_TRIED = 4
+SEEDS = {2: 64, 3: 16}
+SEEDS_AROUND = 0.5
+TRIED = 4
 
 # On a lattice every so manieth column is solved from scratch; in between the start is interpolated.
 _STRIDE = 8
@@ -140,7 +140,7 @@ class ForwardFit(AbstractField):
         if self.is_identity:
             return float(self.forward.bound())
         stretch = max(1.0, float(np.linalg.norm(self._at_points[1], 2, axis=(1, 2)).max(initial=1.0)))
-        return stretch * (float(self.forward.bound()) + _FOUND * self.size) + SHARES["lattice"] * pixel
+        return stretch * (float(self.forward.bound()) + FOUND * self.size) + SHARES["lattice"] * pixel
 
     def folds_between_points(self) -> bool:
         """Check for a fold of the fit at a control point or between them, where the inverse jumps."""
@@ -187,7 +187,7 @@ class ForwardFit(AbstractField):
         """Exact places x + F(x) of points x (n, dim) of the input, and a check whether the result shows them there."""
         y = points + self.forward.displacement(points)
         back = lengths_of(y + self.displacement(y) - points)
-        return y, (back <= max(tolerance, _FOUND * self.size)) & self.found(y)
+        return y, (back <= max(tolerance, FOUND * self.size)) & self.found(y)
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
@@ -209,7 +209,7 @@ class ForwardFit(AbstractField):
         t = ((np.arange(count) - known[at - 1]) / (known[at] - known[at - 1]))[:, None]
         flat = y.reshape(-1, self.dim)
         start = flat + ((1 - t) * d[:, at - 1] + t * d[:, at]).reshape(flat.shape)
-        x, error = newton(start, flat, np.arange(len(flat)), map_of(self.forward), tolerance, _MOST_STEPS)
+        x, error = newton(start, flat, np.arange(len(flat)), map_of(self.forward), tolerance, MOST_NEWTON_STEPS)
         lost = np.flatnonzero(~(error <= tolerance))
         if len(lost):
             x[lost] = self._solved(flat[lost])[0]
@@ -227,7 +227,7 @@ class ForwardFit(AbstractField):
 
     def _certain(self, y: Floats, error: Floats, det: Floats) -> NDArray[np.bool_]:
         far = np.maximum(self.size, lengths_of(y - self._middle))
-        return np.asarray((error <= _FOUND * far) & (det * self._sign > 0))
+        return np.asarray((error <= FOUND * far) & (det * self._sign > 0))
 
     @cached_property
     def _sources(self) -> Floats:
@@ -272,8 +272,8 @@ class ForwardFit(AbstractField):
     def _lattice(self) -> tuple[Floats, Any]:
         """Places of the input around the sources, and a tree of where they come to."""
         low, high = self._sources.min(axis=0), self._sources.max(axis=0)
-        reach = _AROUND * max(float(np.linalg.norm(high - low)), 1e-3 * self.size)
-        lines = [np.linspace(a - reach, b + reach, _SEEDS[self.dim]) for a, b in zip(low, high, strict=True)]
+        reach = SEEDS_AROUND * max(float(np.linalg.norm(high - low)), 1e-3 * self.size)
+        lines = [np.linspace(a - reach, b + reach, SEEDS[self.dim]) for a, b in zip(low, high, strict=True)]
         nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
         return nodes, scipy.spatial.cKDTree(nodes + self.forward.displacement(nodes))
 
@@ -282,17 +282,17 @@ class ForwardFit(AbstractField):
         if self.is_identity or not len(y):
             return y.copy(), np.zeros(len(y))
         tree, inverse, _ = self._at_points
-        at, tolerance = map_of(self.forward), _AIM * self.size
+        at, tolerance = map_of(self.forward), AIM * self.size
         near = tree.query(y)[1]
         start = self._sources[near] + np.einsum("nij,nj->ni", inverse[near], y - self._targets[near])
-        x, error = searched(y, at, tolerance, _MOST_STEPS, start)
-        for column in range(_TRIED):
+        x, error = searched(y, at, tolerance, MOST_NEWTON_STEPS, start)
+        for column in range(TRIED):
             left = np.flatnonzero(~self._certain(y, error, determinant(self._derivative(x))))
             if not len(left):
                 break
             nodes, brought = self._lattice
-            first = nodes[brought.query(y[left], _TRIED)[1][:, column]]
-            self._keep_certain(x, error, left, y, *newton(first, y[left], left, at, tolerance, _MOST_STEPS))
+            first = nodes[brought.query(y[left], TRIED)[1][:, column]]
+            self._keep_certain(x, error, left, y, *newton(first, y[left], left, at, tolerance, MOST_NEWTON_STEPS))
         return x, error
 
     def _keep_certain(
@@ -386,4 +386,4 @@ def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
 
     first = residual(start)
     state = (start, first, jnp.any(squared(first) > 0), 0)
-    return lax.while_loop(lambda s: s[2] & (s[3] < _MOST_STEPS), turn, state)[0]
+    return lax.while_loop(lambda s: s[2] & (s[3] < MOST_NEWTON_STEPS), turn, state)[0]

@@ -17,7 +17,7 @@ from deformnb._typing import Floats
 from deformnb.rbf.fields import AbstractField
 
 # A Newton step halved this far without gain leads nowhere.
-_SHORTEST_STEP = 1e-4
+SHORTEST_STEP = 1e-4
 
 # Below this share of the product of a matrix's rows its determinant counts as none, and the step is damped instead.
 _SINGULAR = 1e-9
@@ -79,7 +79,7 @@ def newton(
             break
         step = _newton_step(at.jacobian(y[active], numbers[active]), r[active])
         t, left = 1.0, np.arange(len(active))
-        while len(left) and t > _SHORTEST_STEP:
+        while len(left) and t > SHORTEST_STEP:
             k = active[left]
             trial = y[k] + t * step[left]
             r_trial = trial + at.displacement(trial, numbers[k]) - x[k]

@@ -22,7 +22,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias, get_args
 
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
@@ -468,8 +468,10 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go)
 
 
-RECOVERY_COMMANDS = ("restore", "skip", "delete")
-"""Actions on a lost session."""
+Command: TypeAlias = Literal["restore", "skip", "delete"]
+"""Action on a lost session."""
+
+RECOVERY_COMMANDS = get_args(Command)
 
 
 class Recovery:

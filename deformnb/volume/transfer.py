@@ -15,19 +15,19 @@ from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 
 # Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
-_HISTOGRAM_SLICES = 64
-_BINS = 256
+HISTOGRAM_SLICES = 64
+BINS = 256
 # A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
 # marker. Below 512 voxels a single one counts.
-_OUTLIERS, _STRETCH, _FEW_VOXELS = 1e-4, 16, 512
+OUTLIERS, STRETCH, FEW_VOXELS = 1e-4, 16, 512
 # Entries between neighbouring bytes, at most, in a table for the page: 255 * 8 + 1 = 2041 fit into the smallest texture
 # that WebGL2 allows, 2048.
-_FINEST = 8
+FINEST = 8
 # What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300. Below
 # -1100 there is nothing: air is at -1000, give or take noise; what is there are values such as -2000 or -3024, which
 # scanners write where nothing was measured. Resampling leaves a few values between them and air.
-_AIR_HU, _BONE_HU, _NOTHING_HU = -700.0, 300.0, -1100.0
-_RESAMPLED = 0.02
+AIR_HU, BONE_HU, NOTHING_HU = -700.0, 300.0, -1100.0
+RESAMPLED = 0.02
 # The field of a scanner is a circle in a square: at least so much of its slices lies outside, it comes so near to their
 # sides, and so few places are on the wrong side of it. About so many places along each axis are looked at.
 _CORNERS, _TOUCHES, _STRAY, _LOOKED_AT = 0.05, 0.95, 0.03, 64
@@ -145,7 +145,7 @@ class TransferFunction:
         values, rgba = self.knots()
         changes = (np.diff(rgba, axis=0) != 0).any(axis=1) & (values[1:] >= low) & (values[:-1] <= high)
         narrowest = np.diff(values)[changes].min(initial=np.inf)
-        k = next((k for k in (1, 2, 4, _FINEST) if narrowest >= 16 * (high - low) / (255 * k)), _FINEST)
+        k = next((k for k in (1, 2, 4, FINEST) if narrowest >= 16 * (high - low) / (255 * k)), FINEST)
         return self(np.linspace(low, high, 255 * k + 1)).astype(np.float32)
 
     def scaled(self, factor: float) -> TransferFunction:
@@ -252,7 +252,7 @@ class Histogram:
         return self.slices < self.total
 
 
-def histogram(volume: Volume, low: float, high: float, bins: int = _BINS, slices: int = _HISTOGRAM_SLICES) -> Histogram:
+def histogram(volume: Volume, low: float, high: float, bins: int = BINS, slices: int = HISTOGRAM_SLICES) -> Histogram:
     """Count the values of a volume from ``low`` to ``high``.
 
     Parameters
@@ -314,11 +314,11 @@ def _above_padding(volume: Volume) -> float:
     low, high = volume.value_range
     if volume.is_labels or volume.dtype == np.bool_ or not low < high:
         return low
-    if low < _NOTHING_HU and high >= _BONE_HU:
-        air = _smallest_from(volume, _NOTHING_HU)
-        near = low + (_NOTHING_HU - low) / 8
-        between = sum(int(np.count_nonzero((part > near) & (part < _NOTHING_HU))) for part in volume.finite_values)
-        if air <= _AIR_HU and between <= _RESAMPLED * volume.grid.size:
+    if low < NOTHING_HU and high >= BONE_HU:
+        air = _smallest_from(volume, NOTHING_HU)
+        near = low + (NOTHING_HU - low) / 8
+        between = sum(int(np.count_nonzero((part > near) & (part < NOTHING_HU))) for part in volume.finite_values)
+        if air <= AIR_HU and between <= RESAMPLED * volume.grid.size:
             return air
     if _fills_corners(volume, low):
         return _smallest_from(
@@ -369,7 +369,7 @@ def typical_range(volume: Volume) -> tuple[float, float]:
 
 
 def _may_have_outliers(volume: Volume) -> bool:
-    return not volume.is_labels and volume.dtype.itemsize > 1 and volume.grid.size >= _FEW_VOXELS
+    return not volume.is_labels and volume.dtype.itemsize > 1 and volume.grid.size >= FEW_VOXELS
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
     size = volume.grid.size
     if whole.low > volume.background:  # what is below is padding
         size = sum(int(np.count_nonzero(part >= whole.low)) for part in volume.finite_values)
-    most, found = max(1, int(_OUTLIERS * size)), whole
+    most, found = max(1, int(OUTLIERS * size)), whole
     while (ends := _crowded(found, most)) is not None:
         inside = [part[(part >= ends[0]) & (part <= ends[1])] for part in volume.finite_values]
         low, high = (float(f([f(part) for part in inside if part.size])) for f in (min, max))
@@ -416,7 +416,7 @@ def _crowded(counts: Histogram, most: int) -> tuple[float, float] | None:
     below = np.concatenate([[0], np.cumsum(counts.counts)])
     ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which that many lie
     first = int(np.where(ends < len(below), ends - np.arange(len(below)), len(below)).argmin())
-    if ends[first] - first > len(counts.counts) // _STRETCH:
+    if ends[first] - first > len(counts.counts) // STRETCH:
         return None
     width = (counts.high - counts.low) / len(counts.counts)
     return counts.low + first * width, counts.low + float(ends[first]) * width
@@ -424,11 +424,11 @@ def _crowded(counts: Histogram, most: int) -> tuple[float, float] | None:
 
 def _levels(found: Histogram) -> tuple[float, float, float, float]:
     low, high, counts = found.low, found.high, found.counts
-    middle = low + (np.arange(_BINS) + 0.5) * ((high - low) / _BINS)
+    middle = low + (np.arange(BINS) + 0.5) * ((high - low) / BINS)
     first = _otsu(counts)
     second = first + 1 + _otsu(counts[first + 1 :]) if counts[first + 1 :].sum() else first
     top = int(np.flatnonzero(np.cumsum(counts[::-1]) > 1e-4 * counts[first + 1 :].sum())[0])
-    return low, float(middle[first]), float(middle[second]), float(middle[_BINS - 1 - top])
+    return low, float(middle[first]), float(middle[second]), float(middle[BINS - 1 - top])
 
 
 def otsu_threshold(values: NDArray[np.float64]) -> float:
@@ -440,7 +440,7 @@ def otsu_threshold(values: NDArray[np.float64]) -> float:
     True
     """
     finite = values[np.isfinite(values)]
-    counts, edges = np.histogram(finite, _BINS)
+    counts, edges = np.histogram(finite, BINS)
     return float(edges[_otsu(counts) + 1])
 
 
@@ -464,7 +464,7 @@ def is_hounsfield(volume: Volume) -> bool:
     True
     """
     low, high = volume.value_range
-    if volume.is_labels or volume.dtype.kind == "b" or low > _AIR_HU or high < _BONE_HU:
+    if volume.is_labels or volume.dtype.kind == "b" or low > AIR_HU or high < BONE_HU:
         return False
     found = levels(volume)
     return _is_hounsfield(found[0], found[3])
@@ -477,7 +477,7 @@ def _layer(volume: Volume) -> float:
 
 def _is_hounsfield(low: float, high: float) -> bool:
     """Check whether values alone show bone: in a trunk, Otsu's second threshold parts fat and lean instead."""
-    return low <= _AIR_HU and high >= _BONE_HU
+    return low <= AIR_HU and high >= BONE_HU
 
 
 def _function(

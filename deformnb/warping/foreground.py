@@ -19,7 +19,7 @@ IsTissue = Callable[[Floats], NDArray[np.bool_]]
 
 # Foreground leaves a box if it does so by more than a voxel and this share of the edge: a scan is often cut through
 # tissue.
-_LEAVES = 0.01
+LEAVES = 0.01
 
 # With the letters that views show at their edges: in a picture from the front, left is on the right.
 _TOWARDS = (("left side (L)", "right side (R)"), ("back (P)", "front (A)"), ("top (S)", "bottom (I)"))
@@ -80,7 +80,7 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
 
 def leaving_voxels(box: Grid) -> Floats:
     """Voxels along x, y, z beyond the sides of a box, from which on foreground counts as outside."""
-    most: Floats = 1.0 + _LEAVES * np.array(box.shape[::-1])
+    most: Floats = 1.0 + LEAVES * np.array(box.shape[::-1])
     return most
 
 

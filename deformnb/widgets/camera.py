@@ -25,8 +25,8 @@ STANDOFF = 1 / 0.7
 
 INKS = {"dark": (0.97, 0.96, 0.93), "light": (0.09, 0.1, 0.13)}
 """The colour of words on the two backgrounds."""
-_AIR = 1.02  # as in camera.js
-_SMALLEST_SHARE = 0.62  # as in camera.js
+VIEW_AIR = 1.02  # as in camera.js
+SMALLEST_SHARE = 0.62  # as in camera.js
 
 SHOWS = {
     "deformed": "the deformed volume",
@@ -190,8 +190,8 @@ def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float 
     plane = Plane.through(grid.center, direction, up)
     corners = np.abs(plane.to_plane(grid.corners()))
     far = grid.diagonal / 2
-    tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, _SMALLEST_SHARE * far * min(1.0, 1 / aspect))
-    return float(2 * _AIR * tall / zoom)
+    tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, SMALLEST_SHARE * far * min(1.0, 1 / aspect))
+    return float(2 * VIEW_AIR * tall / zoom)
 
 
 def camera_of(view: Mapping[str, Any], box: Grid, aspect: float) -> Camera:

@@ -1,7 +1,7 @@
 """Parameters that a user sets: label, tooltip, range and choices of each, in one table for all front ends.
 
 The studio makes ipywidgets of it, the exported page plain HTML controls (it gets the table as JSON), and
-``docs/parameters.md`` is written from it: ``python -m deformnb.widgets.parameters``.
+``docs/parameters.md`` is written from it (:mod:`deformnb.widgets.generate`).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from deformnb.rbf.trends import TRENDS
 from deformnb.volume.colour_maps import COLOUR_MAPS
 from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.edit_messages import OVERLAYS
+from deformnb.widgets.messages.traits import OVERLAYS
 
 
 @dataclass(frozen=True)
@@ -320,7 +320,7 @@ def as_markdown() -> str:
     buttons = [f"| `{name}` | {a.label} | {a.tooltip}. |" for name, a in ACTIONS.items() if a.label]
     about = (
         "What can be set in the studio and, partly, in an exported page, by the names that "
-        "code uses. This page is written by `python -m deformnb.widgets.parameters`."
+        "code uses. This page is written by `python -m deformnb.widgets.generate`."
     )
     lines = [
         "# Parameters",
@@ -338,7 +338,3 @@ def as_markdown() -> str:
         *buttons,
     ]
     return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    print(as_markdown(), end="")  # noqa: T201

@@ -42,7 +42,7 @@ from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.kernel_table import table_for_page
-from deformnb.widgets.messages import StoredFieldMaps
+from deformnb.widgets.messages.views import FieldMaps, FollowData
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
 from deformnb.widgets.parameters import as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
@@ -439,11 +439,11 @@ def _chunk(shown: PackedVolume, index: int) -> dict[str, Any]:
 def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, Any]:
     """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
-    half = ("space", "depths") if (maps.content["space"] or {}).get("cut") else ()
+    half = ("space", "depths") if maps.content.space is not None and maps.content.space.get("cut") else ()
     buffers: dict[str, NDArray[Any]] = {
-        name: np.frombuffer(maps.buffer(name), "<f2" if name in half else "<f4") for name in maps.content["buffers"]
+        name: np.frombuffer(maps.buffer(name), "<f2" if name in half else "<f4") for name in maps.content.buffers
     }
-    planar = maps.content["planar"]
+    planar = maps.content.planar
     if planar is not None:
         layers, cut = planar["shape"][0], planar["cut"]
         count = layers // len(cut["sides"]) if cut else layers
@@ -456,15 +456,11 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
     for name in ("space", "distances"):
         if name in buffers and name not in half:
             buffers[name] = _rounded(buffers[name], step)
-    content: StoredFieldMaps = {
-        **maps.content,
-        "type": "field",
-        "seq": 0,
-        "follow": {"index": index, "points": []},
-        "planar": planar,
-        "buffers": list(buffers),
-    }
-    return {"content": content, "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
+    follow: FollowData = {"index": index, "points": []}
+    message = FieldMaps(
+        **{**maps.fields(), "planar": planar, "buffers": list(buffers)}, seq=0, follow=follow, moved=None
+    )
+    return {"content": message.content(), "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
 
 
 def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:

@@ -9,19 +9,24 @@ ipywidgets expects one thread. Studios compute in another, and the two rules tha
 
 from __future__ import annotations
 
+import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, ClassVar
 
 import anywidget
 import traitlets
 from comm.base_comm import BaseComm
 
+from deformnb.errors import DeformError
+from deformnb.widgets.messages.record import Channel, Message, Refused
 from deformnb.words import language, word_table
 
 __all__ = ["LocalComm", "SyncedWidget", "worded_by_another"]
+
+_LOG = logging.getLogger(__name__)
 
 _IS_WORDED = ContextVar("_IS_WORDED", default=False)
 
@@ -64,6 +69,7 @@ class SyncedWidget(anywidget.AnyWidget):
     ----------
     language : its code, chosen by :func:`deformnb.set_language` before the widget is made.
     words : of that language by the English ones, for the front end; empty for English.
+    channel : the messages of its front ends; None where they send none.
 
     Examples
     --------
@@ -72,6 +78,8 @@ class SyncedWidget(anywidget.AnyWidget):
     ...     widget.tooltip = "sent at the end"
     >>> widget.close()
     """
+
+    channel: ClassVar[Channel[Any] | None] = None
 
     language = traitlets.Unicode().tag(sync=True)
     words = traitlets.Dict().tag(sync=True)
@@ -84,6 +92,44 @@ class SyncedWidget(anywidget.AnyWidget):
         self._sending = threading.RLock()
         self._sent_since: set[str] = set()  # since the front end has set a trait
         super().setup_instance(*given, **named)
+
+    def __init__(self, **traits: Any) -> None:
+        super().__init__(**traits)
+        if self.channel is not None:
+            self.on_msg(lambda widget, content, buffers: widget.receive(content, buffers))
+
+    # -- messages ------------------------------------------------------------------------------------------------------
+
+    def post(self, message: Message, buffers: Sequence[Any] = ()) -> None:
+        """Send a message to the front ends."""
+        self.send(message.content(), *([list(buffers)] if buffers else []))
+
+    def receive(self, content: Any, buffers: Any = ()) -> None:
+        """Take a message of a front end. One that is wrong is one line in the log, and changes nothing.
+
+        Examples
+        --------
+        >>> SyncedWidget().receive({"type": "save"})  # a widget without messages
+        """
+        if self.channel is None:
+            return
+        message = self.channel.read(content, buffers)
+        try:
+            if isinstance(message, Refused):
+                _LOG.warning("a message to %s was dropped: %s", type(self).__name__, message.reason)
+                self._refuse(message)
+            else:
+                self.take_message(message, buffers)
+        except (DeformError, traitlets.TraitError) as error:  # a right message at a wrong time
+            _LOG.warning("a message to %s was dropped: %s", type(self).__name__, error)
+        except Exception:  # of any callback: it must not end the connection with the front end
+            _LOG.exception("a message to %s failed", type(self).__name__)
+
+    def take_message(self, message: Any, buffers: Any = ()) -> None:
+        """Do what a message of :attr:`channel` requests; DeformError where that is impossible now."""
+
+    def _refuse(self, refused: Refused) -> None:
+        """Answer a message with something wrong in it, which has been logged."""
 
     @traitlets.default("language")
     def _default_language(self) -> str:

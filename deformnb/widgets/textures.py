@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from deformnb._jax import jax
@@ -31,18 +32,21 @@ from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
-from deformnb.widgets.messages import FieldContent
+from deformnb.widgets.messages.views import FieldContent, PlanarData, PlaneCutData, SpaceCutData, SpaceData
 from deformnb.widgets.packed_volume import PackedVolume
+
+MAP_SIZE = 192
+"""Samples of a displacement map along its longer side."""
 
 MOST_REGIONS = 32
 """Places that the shaders have for regions."""
 
 # Distances along the longer side. Straight lines are exact at any number; a corner of a polygon is rounded by less than
 # half of such a step, a quarter of a millimetre on a body.
-_STEPS = 512
+CUT_STEPS = 512
 
 # Places of origin beyond the box are needed too, where the last samples would go on as they are.
-_MARGIN = 0.125
+CUT_MARGIN = 0.125
 
 # Nodes at which is looked which regions there are: small ones that nobody has put a point into must be found as well.
 _COARSE = 256
@@ -121,11 +125,11 @@ def with_still_regions(plane: CutPlane, grid: Grid, most: int) -> CutPlane | Non
     return replace(plane, regions=tuple(moved.get(side, nothing) for side in sides), sides=sides)
 
 
-def cut_raster(field: Extrusion, grid: Grid, other: Grid, steps: int = _STEPS) -> Raster:
+def cut_raster(field: Extrusion, grid: Grid, other: Grid, steps: int = CUT_STEPS) -> Raster:
     """Nodes over the picture's plane around the boxes of both grids."""
     at = field.plane.to_plane(np.concatenate([grid.corners(), other.corners()]))[:, :2]
     size = np.maximum(np.ptp(at, axis=0), 1e-9 * grid.diagonal)
-    low, size = at.min(axis=0) - _MARGIN * size.max(), size + 2 * _MARGIN * size.max()
+    low, size = at.min(axis=0) - CUT_MARGIN * size.max(), size + 2 * CUT_MARGIN * size.max()
     counts = np.maximum(8, np.ceil(steps * size / size.max())).astype(int)
     return Raster((int(counts[1]), int(counts[0])), tuple(size / (counts - 1)), tuple(low))
 
@@ -145,7 +149,7 @@ def softness_of(plane: CutPlane, grid: Grid) -> float:
     return float((along @ np.asarray(grid.spacing)).mean())
 
 
-def about_cut(plane: CutPlane, raster: Raster) -> dict[str, Any]:
+def about_cut(plane: CutPlane, raster: Raster) -> PlaneCutData:
     """Entries of a message about the cuts beside their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
@@ -269,9 +273,9 @@ MOST_MAPS = 64
 
 @dataclass(frozen=True, eq=False)
 class FieldTextures:
-    """Textures of a deformation field for a GPU: a message, whose buffers are named in ``content["buffers"]``.
+    """Textures of a deformation field for a GPU: a message, whose buffers are named in ``content.buffers``.
 
-    ``content["coarse"]`` is true where cuts of several earlier steps are smeared between samples in space.
+    ``content.coarse`` is true where cuts of several earlier steps are smeared between samples in space.
     """
 
     content: FieldContent
@@ -284,12 +288,16 @@ class FieldTextures:
 
     def buffer(self, name: str) -> bytes:
         """One of them by its name."""
-        return self.buffers[self.content["buffers"].index(name)]
+        return self.buffers[self.content.buffers.index(name)]
 
     def without(self, name: str) -> FieldTextures:
         """The same message without one of them, for a front end that has it."""
-        kept = [(n, b) for n, b in zip(self.content["buffers"], self.buffers, strict=True) if n != name]
-        return FieldTextures({**self.content, "buffers": [n for n, _ in kept]}, [b for _, b in kept])
+        kept = [(n, b) for n, b in zip(self.content.buffers, self.buffers, strict=True) if n != name]
+        return FieldTextures(structs.replace(self.content, buffers=[n for n, _ in kept]), [b for _, b in kept])
+
+    def fields(self) -> dict[str, Any]:
+        """The content by name, for a message that has more."""
+        return structs.asdict(self.content)
 
 
 def field_textures(
@@ -303,17 +311,18 @@ def field_textures(
     space_size : samples in space along the longest side.
     """
     grid = output or shown.original
-    content: FieldContent = {"box": shown.box(grid), "planar": None, "space": None, "coarse": False, "buffers": []}
     planar, rest = _parts(field, grid)
     buffers: dict[str, bytes] = {}
+    maps: PlanarData | None = None
+    space: SpaceData | None = None
     if planar is not None:
-        content["planar"], buffers = _planar(planar, shown, grid, map_size)
+        maps, buffers = _planar(planar, shown, grid, map_size)
     if rest is not None:
         space, more = _space(rest, shown, grid, space_size, _reach(planar, grid, map_size))
-        content["space"] = space
         buffers |= more
-        content["coarse"] = rest.has_cuts and ("cut" not in space or not chain_is_exact(rest))
-    return FieldTextures({**content, "buffers": list(buffers)}, list(buffers.values()))
+    is_coarse = rest is not None and rest.has_cuts and ("cut" not in (space or {}) or not chain_is_exact(rest))
+    content = FieldContent(box=shown.box(grid), planar=maps, space=space, coarse=is_coarse, buffers=list(buffers))
+    return FieldTextures(content, list(buffers.values()))
 
 
 def count_maps(field: AbstractField | None) -> int | None:
@@ -344,9 +353,7 @@ def map_raster(field: Extrusion, grid: Grid, map_size: int) -> Raster:
     return Raster((int(counts[1]), int(counts[0])), tuple(size / (counts - 1)), tuple(low))
 
 
-def _planar(
-    planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int
-) -> tuple[dict[str, Any], dict[str, bytes]]:
+def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int) -> tuple[PlanarData, dict[str, bytes]]:
     field = planar.first
     raster = map_raster(field, grid, map_size)
     maps = np.stack([np.moveaxis(m.on_raster(raster), 0, -1) for region in planar.regions for m in region.maps])
@@ -354,7 +361,7 @@ def _planar(
     weights = np.stack([np.interp(depths, field.knots, w) for w in np.asarray(field.weights)])
     plane, turn = field.plane, shown.frame
     same = field.is_replication and bool((weights[:, 0] == 1).all()) and planar.count == 1
-    about: dict[str, Any] = {
+    about: PlanarData = {
         "shape": list(maps.shape[:3]),
         "origin": list(raster.origin),
         "spacing": list(raster.spacing),
@@ -364,10 +371,9 @@ def _planar(
         "softness": softness_of(planar, shown.original),
         "plane": {
             "origin": shown.to_frame(np.asarray(plane.origin)).tolist(),
-            **{
-                name: (turn @ np.asarray(vector)).tolist()
-                for name, vector in (("u", plane.u), ("v", plane.v), ("n", plane.normal))
-            },
+            "u": (turn @ np.asarray(plane.u)).tolist(),
+            "v": (turn @ np.asarray(plane.v)).tolist(),
+            "n": (turn @ np.asarray(plane.normal)).tolist(),
         },
     }
     buffers = {
@@ -404,7 +410,7 @@ def nodes_along(size: NDArray[np.float64], most: int) -> NDArray[np.int64]:
 
 def _space(
     field: AbstractField, shown: PackedVolume, grid: Grid, space_size: int, reach: float
-) -> tuple[dict[str, Any], dict[str, bytes]]:
+) -> tuple[SpaceData, dict[str, bytes]]:
     box = shown.box(grid)
     low, high = np.asarray(box["low"]) - reach, np.asarray(box["high"]) + reach
     size = np.maximum(high - low, 1e-9)
@@ -415,7 +421,7 @@ def _space(
     lattice = replace(
         own, shape=(int(counts[2]), int(counts[1]), int(counts[0])), spacing=tuple(spacing), origin=tuple(first)
     )
-    about = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
+    about: SpaceData = {"shape": counts.tolist(), "origin": low.tolist(), "spacing": spacing.tolist()}
     chain = cut_chain(field)
     if chain is not None:
         said, buffers = _cut_space(chain, shown.frame, lattice)
@@ -427,7 +433,7 @@ def _space(
 
 def _cut_space(
     chain: CutChain, frame: NDArray[np.float64], lattice: Grid
-) -> tuple[dict[str, Any] | None, dict[str, bytes]]:
+) -> tuple[SpaceCutData | None, dict[str, bytes]]:
     """In half precision: small where it counts, which is near the cut, and half as much to send."""
     points = lattice.index_to_point(np.moveaxis(np.indices(lattice.shape)[::-1], 0, -1))
     layers = space_layers(chain, points)
@@ -444,7 +450,12 @@ def _cut_space(
         )
         for m in moves[..., :3]
     )
-    about = {"regions": len(moves), "rule": chain.cut.rule, "softness": chain.cut.softness, "slope": float(slope)}
+    about: SpaceCutData = {
+        "regions": len(moves),
+        "rule": chain.cut.rule,
+        "softness": chain.cut.softness,
+        "slope": float(slope),
+    }
     return about, {
         name: np.ascontiguousarray(np.clip(values, -6e4, 6e4), "<f2").tobytes()
         for name, values in (("space", moves), ("depths", layers.depths))
@@ -486,12 +497,12 @@ def texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map
     map_size : samples of a map along its longer side.
     """
     first = field_textures(maps.field(0.0), shown, output, map_size, map_size)
-    planar = first.content["planar"]
+    planar = first.content.planar
     assert planar is not None
     (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
     raster = Raster((rows, columns), (da, db), (a, b))
     frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
     return FieldTextures(
-        {**first.content, "frames": {"count": len(maps), "duration": maps.duration}},
+        structs.replace(first.content, frames={"count": len(maps), "duration": maps.duration}),
         [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]],
     )

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { NEARLY_FOLDED } from "../src/maths/constants.ts";
+import { NEARLY_FOLDED } from "../src/generated.ts";
 import { layeredFit } from "../src/maths/cuts.ts";
 import { foldsOf, probesOf } from "../src/maths/folds.ts";
 import { newPoint } from "../src/maths/points.ts";

@@ -20,7 +20,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
-from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.messages.points import points_to_json
 
 
 def _bar() -> Volume:

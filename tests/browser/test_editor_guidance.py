@@ -10,8 +10,8 @@ from browser.editor_page import PAGE, EditorOnPage
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import PointsEdit
 
 pytestmark = pytest.mark.needs_browser
 
@@ -51,7 +51,7 @@ def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
 ) -> None:
     editor, past = Editor(picture, points), [points]
 
-    def edited(edit: EditMessage) -> None:
+    def edited(edit: PointsEdit) -> None:
         past.append(edit.points)
 
     def step(way: str) -> None:

@@ -14,8 +14,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Mask, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart, without_conflicts
 from deformnb.volume.plane import Picture, Raster
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import PointsEdit
 
 pytestmark = pytest.mark.needs_browser
 
@@ -79,7 +79,7 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     page.answered()
     assert page.editor.chosen_shape == {"what": "parts", "index": 0}
     x, y = page.on_screen(INSIDE)
-    moves: list[EditMessage] = []
+    moves: list[PointsEdit] = []
     page.editor.on_edit(moves.append, details=True)
     page.wait(f"{PAGE}.model.get('live')")
     page.page.mouse.move(x, y)

@@ -15,8 +15,8 @@ from deformnb.rbf.regions import HalfSpace, Line, Mask, Polygon
 from deformnb.rbf.rigid import RigidPart, without_conflicts
 from deformnb.volume.plane import Picture
 from deformnb.warping.warper import warp_picture
-from deformnb.widgets.edit_messages import ShapesMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import ShapesEdit
 
 pytestmark = pytest.mark.needs_browser
 
@@ -405,7 +405,7 @@ def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture)
     editor.observe(lambda change: under_way.append(editor.edit_under_way), "cuts")
     draw(page, "x", [(71, -25), (71, 75)])
     assert [(m.what, m.kind, len(m.shapes)) for m in heard] == [("cuts", "add cut", 1)]
-    assert isinstance(under_way[0], ShapesMessage)
+    assert isinstance(under_way[0], ShapesEdit)
     editor.history = {"undo": "add cut", "redo": ""}
     page.page.keyboard.press("Control+z")
     page.wait("models.editor.sent.some((m) => m.type === 'history')")

@@ -15,8 +15,8 @@ from deformnb.rbf.regions import Mask
 from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import Grid
-from deformnb.widgets.edit_messages import WandMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import WandRequest
 
 pytestmark = pytest.mark.needs_browser
 
@@ -234,7 +234,7 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
     editor = Editor(
         picture, points.move(points.ids[4], points.target[4] + [4.0, 0.0]), show_grid=False, wand={"region": None}
     )
-    asked: list[WandMessage] = []
+    asked: list[WandRequest] = []
     editor.on_wand(asked.append)
     page = opened(editor)
     before = page.points

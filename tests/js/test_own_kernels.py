@@ -14,8 +14,8 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import BUILT_IN, KERNELS, AbstractKernel, register_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Raster
-from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.kernel_table import kernel_table, table_for_page
+from deformnb.widgets.messages.points import points_to_json
 
 FILES = ("maths/rbf.ts", "maths/kernel_table.ts")
 PLACES = [[33.0, 44.0], [-300.0, 900.0], [210.0, 230.0]]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,8 +15,8 @@ from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
-from deformnb.widgets.edit_messages import OVERLAYS
-from deformnb.widgets.parameters import PARAMETERS, Choice, as_json, as_markdown
+from deformnb.widgets.messages.traits import OVERLAYS
+from deformnb.widgets.parameters import PARAMETERS, Choice, as_json
 
 
 @pytest.mark.parametrize(
@@ -43,8 +42,3 @@ def test_menus_are_the_registries(name: str, registry: Any) -> None:
 
 def test_what_a_page_without_python_gets_is_json() -> None:
     assert json.loads(json.dumps(as_json(tuple(PARAMETERS)))).keys() == PARAMETERS.keys()
-
-
-def test_the_page_of_the_documentation_is_written_from_the_table() -> None:
-    page = Path(__file__).parents[2] / "docs" / "parameters.md"
-    assert page.read_text(encoding="utf-8") == as_markdown(), "run: python -m deformnb.widgets.parameters > docs/..."

@@ -139,7 +139,7 @@ def test_the_field_is_that_of_the_view_but_for_what_the_page_fits_itself() -> No
     np.testing.assert_array_equal(weights, expected[1])
     assert np.abs(expected[2]).max() > 0.5
     assert np.abs(samples - expected[2]).max() < 0.01
-    assert (planar, space) == (fresh.content["planar"], fresh.content["space"])
+    assert (planar, space) == (fresh.content.planar, fresh.content.space)
     assert data_of(standalone_html(editor, view))["view"]["editor_map"] == 1
 
 

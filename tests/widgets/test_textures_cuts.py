@@ -68,7 +68,7 @@ def test_every_region_has_its_maps_and_one_without_points_stays() -> None:
     field = step(cuts=(CUT, BESIDE)).field(GRID)
     assert isinstance(field, Decoupled)
     maps = told(field)
-    planar = maps.content["planar"]
+    planar = maps.content.planar
     # Left of the line, right of it, and the box on the right; its fourth combination is nowhere in the picture.
     assert planar["cut"]["sides"] == [[False, False], [True, False], [True, True]]
     layers = np.frombuffer(maps.buffer("maps"), "<f4").reshape(planar["shape"] + [2])
@@ -81,7 +81,7 @@ def test_every_region_has_its_maps_and_one_without_points_stays() -> None:
 
 def test_distances_are_those_of_the_cuts_around_the_whole_picture() -> None:
     maps = told(step(cuts=(CUT, BESIDE), cut_rule="paper").field(GRID))
-    cut = maps.content["planar"]["cut"]
+    cut = maps.content.planar["cut"]
     far = np.frombuffer(maps.buffer("distances"), "<f4").reshape(cut["shape"])
     nodes = at_nodes(cut, cut["shape"])
     for layer, one in zip(far, (CUT, BESIDE), strict=True):
@@ -91,17 +91,17 @@ def test_distances_are_those_of_the_cuts_around_the_whole_picture() -> None:
     assert (nodes.max(axis=(0, 1)) > box.max(axis=0)).all()
     assert max(cut["shape"]) == 512
     assert cut["rule"] == "paper"
-    assert maps.content["planar"]["softness"] == step(cuts=(CUT, BESIDE)).field(GRID).softness  # type: ignore[attr-defined]
+    assert maps.content.planar["softness"] == step(cuts=(CUT, BESIDE)).field(GRID).softness  # type: ignore[attr-defined]
 
 
 def test_distances_keep_their_name_while_only_points_move() -> None:
     first = told(step().field(GRID))
     moved = told(replace(step(), maps=(POINTS.move(0, [A - 15, B]),)).field(GRID))
     other = told(step(cuts=(BESIDE,)).field(GRID))
-    names = [m.content["planar"]["cut"]["id"] for m in (first, moved, other)]
+    names = [m.content.planar["cut"]["id"] for m in (first, moved, other)]
     assert names[0] == names[1] != names[2]
     less = first.without("distances")
-    assert less.content["buffers"] == ["maps", "weights"]
+    assert less.content.buffers == ["maps", "weights"]
     assert less.size < first.size / 2
     assert less.buffer("maps") == first.buffer("maps")
 
@@ -110,10 +110,10 @@ def test_keys_of_interpolation_are_cut_each() -> None:
     field = step(maps=(POINTS, POINTS.take([0])), extrusion="interpolate", knots=(0.0, 1.0)).field(GRID)
     maps = told(field)
     assert count_maps(field) == 2
-    assert maps.content["planar"]["shape"][0] == 4
+    assert maps.content.planar["shape"][0] == 4
     assert len(maps.buffer("weights")) == 2 * 1025 * 4
     layers = np.abs(np.frombuffer(maps.buffer("maps"), "<f4").reshape(2, 2, -1)).max(axis=2) > 0.1
-    moves = dict(zip(map(tuple, maps.content["planar"]["cut"]["sides"]), layers.tolist(), strict=True))
+    moves = dict(zip(map(tuple, maps.content.planar["cut"]["sides"]), layers.tolist(), strict=True))
     assert sorted(moves.values()) == [[True, False], [True, True]]  # the second key has a point on one side only
 
 
@@ -124,9 +124,9 @@ def test_what_is_no_cut_extrusion_is_sampled_in_space() -> None:
         cuts=(Cut(HalfSpace(GRID.center, (1.0, 0.2, 0.0))),),
     )
     content = told(in_space.field(GRID)).content
-    assert content["planar"] is None
-    assert content["space"]["cut"]["regions"] == 2
-    assert not content["coarse"]
+    assert content.planar is None
+    assert content.space["cut"]["regions"] == 2
+    assert not content.coarse
     assert cut_plane(in_space.field(GRID), MOST_MAPS) is None
     plane = cut_plane(step().field(GRID), MOST_MAPS)
     assert plane is not None
@@ -135,7 +135,7 @@ def test_what_is_no_cut_extrusion_is_sampled_in_space() -> None:
 
 def test_cuts_without_points_move_nothing() -> None:
     maps = told(Decoupled((), (), (CUT.region,), PLANE))
-    assert maps.content["planar"]["cut"]["sides"] == [[False], [True]]
+    assert maps.content.planar["cut"]["sides"] == [[False], [True]]
     assert not np.frombuffer(maps.buffer("maps"), "<f4").any()
 
 
@@ -180,9 +180,9 @@ def _drags(view: str) -> ControlPoints:
 def test_several_early_cuts_are_said_to_be_rough() -> None:
     other = step(cuts=(BESIDE,))
     bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
-    assert not told(Deformation((step(), bend)).field(GRID)).content["coarse"]
-    assert not told(Deformation((step(), other)).field(GRID)).content["coarse"]  # the last one is sent as it is
-    assert told(Deformation((step(), other, bend)).field(GRID)).content["coarse"]
+    assert not told(Deformation((step(), bend)).field(GRID)).content.coarse
+    assert not told(Deformation((step(), other)).field(GRID)).content.coarse  # the last one is sent as it is
+    assert told(Deformation((step(), other, bend)).field(GRID)).content.coarse
 
 
 def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
@@ -246,7 +246,7 @@ _FILES = (
 def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) -> None:
     cut = replace(CUT, region=replace(CUT.region, stops=stops))
     maps = told(step(cuts=(cut, BESIDE), support=9.0).field(GRID))
-    plain = told(step(cuts=(), support=9.0).field(GRID)).content["planar"]
+    plain = told(step(cuts=(), support=9.0).field(GRID)).content.planar
     points = [
         {
             "id": int(POINTS.ids[k]),
@@ -276,7 +276,7 @@ def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) 
       return { shape: made.shape, cut: { ...made.cut, distances: [...made.cut.distances] }, maps: [...made.maps],
         same: again.cut.distances === made.cut.distances, none }; }"""
     made = run_script(_FILES, main, {"base": plain, "points": points, "settings": settings})
-    wanted = maps.content["planar"]
+    wanted = maps.content.planar
     assert made["same"]
     assert made["none"] is None  # other maps would have to be divided too
     assert made["shape"] == wanted["shape"]

@@ -35,7 +35,7 @@ def test_the_map_of_a_picture_is_that_of_the_fit(kernel: str, trend: str) -> Non
     document = Deformation.on_picture(VOLUME, "+y", _points(2), kernel=kernel, trend=trend)
     field = document.field(GRID)
     made = field_textures(field, SHOWN, None, 32, 16)
-    planar = made.content["planar"]
+    planar = made.content.planar
     assert planar is not None
     _, rows, columns = planar["shape"]
     found = np.frombuffer(made.buffer("maps"), "<f4").reshape(rows, columns, 2)
@@ -47,7 +47,7 @@ def test_the_map_of_a_picture_is_that_of_the_fit(kernel: str, trend: str) -> Non
 def test_the_map_in_space_is_that_of_the_fit(kernel: str, trend: str) -> None:
     field = Deformation.in_space(_points(3), kernel=kernel, trend=trend).field(GRID)
     made = field_textures(field, SHOWN, None, 32, 16)
-    space = made.content["space"]
+    space = made.content.space
     assert space is not None
     counts = np.asarray(space["shape"])
     found = np.frombuffer(made.buffer("space"), "<f4").reshape(*counts[::-1], 3)

@@ -12,6 +12,9 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+MOST_PACKED = 1040
+"""Bytes for each packed one at most: deflate packs a byte of zeros 1032 times."""
+
 # Small enough that a file of thousands of tiny gzip members, each of which copies the rest of its chunk, stays quick.
 CHUNK = 2**16
 

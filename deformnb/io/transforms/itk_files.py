@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from deformnb.io.files.errors import fail, human_bytes, shown, unpacking
 from deformnb.io.files.memory import available_memory
+from deformnb.io.files.streams import MOST_PACKED
 from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, checked_transform, class_of
 from deformnb.volume.volume import optional_package
 
@@ -29,7 +30,6 @@ _LONGEST_NUMBER = 400  # characters; float64 has 17 digits, and 1e308 written ou
 _PIECE = 1 << 20  # characters of a line that are words at a time: words take ten times as much as their text
 
 _LONGEST_NAME = 1 << 10  # characters of the name of a class
-_PACKED = 1100  # deflate packs a byte of zeros at most 1032 times
 # Of HDF5's filters those that its library has built in and needs nothing from elsewhere for: deflate, shuffle, checks.
 _FILTERS = (1, 2, 3)
 
@@ -250,7 +250,7 @@ def _check_stored(path: Path, dataset: Any, what: str) -> None:
         short = (
             dataset.id.get_num_chunks()
             < math.prod(-(-n // c) for n, c in zip(dataset.shape, dataset.chunks, strict=True))
-            or stored * _PACKED < whole
+            or stored * MOST_PACKED < whole
         )
     if short or stored > path.stat().st_size:
         raise fail(path, f"its {what} should be {whole} bytes, and {stored} are stored; it is cut short or damaged.")

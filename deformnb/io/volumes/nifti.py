@@ -44,17 +44,17 @@ _REFUSED = {
 }
 _COLOURS = {128: "rgb", 2304: "rgba"}  # of one byte for each part, one after the other
 
-_LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
+LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: voxels are names of regions
 _CHANNELS_NAME = b"channels"  # intent_name of channels that are no vector: NIfTI has no other intent for them
 _VECTOR_INTENT = 1007  # NIFTI_INTENT_VECTOR: the fifth axis are parts of one voxel
 _DISPLACEMENT_INTENT = 1006  # NIFTI_INTENT_DISPVECT: vectors of displacements
 _VECTOR_INTENTS = (_DISPLACEMENT_INTENT, _VECTOR_INTENT)
 _UNITS = {code: unit for unit, code in NIFTI_UNITS.items()}
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
-_FIRST_VOXEL = 352
+FIRST_VOXEL = 352
 
 # Extensions (text of other programs) may lie before the voxels; more than this is no extension but a damaged header.
-_MOST_EXTENSIONS = 2**26
+MOST_EXTENSIONS = 2**26
 
 
 @dataclass(frozen=True)
@@ -191,7 +191,7 @@ def read_header(path: Path) -> Header:
         affine,
         slope,
         intercept,
-        is_labels=True if fields.intent == _LABEL_INTENT else None,
+        is_labels=True if fields.intent == LABEL_INTENT else None,
         notes=notes + scale_notes + place_notes,
         layout=layout,
         unit=_UNITS.get(code, ""),
@@ -219,8 +219,8 @@ def _layout(path: Path, sizes: list[int], colours: str | None, fields: _Fields) 
 
 
 def _offset(path: Path, offset: float) -> int:
-    if not (math.isfinite(offset) and offset == int(offset) and _FIRST_VOXEL <= offset <= _MOST_EXTENSIONS):
-        raise fail(path, f"the field 'vox_offset' is {offset}; it should be a whole number from {_FIRST_VOXEL} on.")
+    if not (math.isfinite(offset) and offset == int(offset) and FIRST_VOXEL <= offset <= MOST_EXTENSIONS):
+        raise fail(path, f"the field 'vox_offset' is {offset}; it should be a whole number from {FIRST_VOXEL} on.")
     return int(offset)
 
 
@@ -338,12 +338,12 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     is_colour = layout.kind != "channels"
     channels = 1 if is_colour else layout.channels
     code = next(code for code, kind in _COLOURS.items() if kind == layout.kind) if is_colour else _CODES[volume.dtype]
-    intent = _VECTOR_INTENT if channels > 1 else _LABEL_INTENT if volume.is_labels else 0
+    intent = _VECTOR_INTENT if channels > 1 else LABEL_INTENT if volume.is_labels else 0
     axes = 5 if channels > 1 else 4 if layout.frames > 1 else 3
     affine = LPS_TO_RAS @ grid.affine
     turn = LPS_TO_RAS[:3, :3] @ np.asarray(grid.direction)
     flip = -1.0 if np.linalg.det(turn) < 0 else 1.0
-    header = bytearray(_FIRST_VOXEL)
+    header = bytearray(FIRST_VOXEL)
 
     def put(form: str, offset: int, *values: float) -> None:
         struct.pack_into("<" + form, header, offset, *values)
@@ -352,7 +352,7 @@ def _packed_header(volume: Volume, layout: Layout = SINGLE) -> bytes:
     put("8h", 40, axes, *volume.shape[::-1], layout.frames, channels, 1, 1)
     put("3h", 68, intent, code, 8 * volume.dtype.itemsize * (layout.channels if is_colour else 1))
     put("8f", 76, flip, *grid.spacing, layout.duration, 0, 0, 0)
-    put("3f", 108, _FIRST_VOXEL, 1, 0)
+    put("3f", 108, FIRST_VOXEL, 1, 0)
     put("B", 123, NIFTI_UNITS[grid.unit] + 8 * (layout.frames > 1))  # and seconds
     put("2h", 252, 1, 1)
     put("6f", 256, *_quaternion(turn * [1, 1, flip]), *affine[:3, 3])

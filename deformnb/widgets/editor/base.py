@@ -14,26 +14,30 @@ import math
 import uuid
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import traitlets
+from msgspec import structs
 
 from deformnb.checks import checked_window
 from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
-from deformnb.widgets.edit_messages import (
-    EditMessage,
-    HistoryMessage,
-    Message,
-    RefusedMessage,
-    checked_state,
-    message_from_page,
-    points_to_json,
-)
 from deformnb.widgets.kernel_table import table_for_page
-from deformnb.widgets.messages import EditDone, EditRefused
+from deformnb.widgets.messages.editors import (
+    EDITOR,
+    EditDone,
+    EditRefused,
+    FromWindow,
+    Greeting,
+    HistoryRequest,
+    PointsEdit,
+    ShapesEdit,
+)
+from deformnb.widgets.messages.points import points_to_json
+from deformnb.widgets.messages.record import Channel, Refused
+from deformnb.widgets.messages.traits import checked_state
 from deformnb.widgets.synced import SyncedWidget
 
 
@@ -106,7 +110,7 @@ _WINDOWS = 8
 EditCallback = Callable[[ControlPoints, str], None]
 """Called with the points and "move" or "end"."""
 
-DetailCallback = Callable[[EditMessage], None]
+DetailCallback = Callable[[PointsEdit], None]
 """Called with all that the front end sends of an edit."""
 
 HistoryCallback = Callable[[str], None]
@@ -172,6 +176,7 @@ class EditedPoints(SyncedWidget):
     """
 
     points: Any
+    channel: ClassVar[Channel[Any]] = EDITOR
     front_end_traits: Mapping[str, Callable[[Any], None]] = FRONT_END_TRAITS
     chooses_support = True
     """True if the chosen support follows the points; False where a session sets it."""
@@ -202,7 +207,6 @@ class EditedPoints(SyncedWidget):
         if own:
             given["settings"] = replace(given.get("settings", FitSettings()), **own)
         super().__init__(uid=uuid.uuid4().hex, **given)
-        self.on_msg(self._received)
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
@@ -218,7 +222,7 @@ class EditedPoints(SyncedWidget):
         callback : what is called, in the order of registration.
         remove : True takes the callback away again.
         details : True calls ``callback(edit)`` instead, with an
-            :class:`~deformnb.widgets.edit_messages.EditMessage`: ``points``, ``phase``, what was done (``kind``) and
+            :class:`~deformnb.widgets.messages.editors.PointsEdit`: ``points``, ``phase``, what was done (``kind``) and
             whether it goes on with the edit before it (``joins``).
         """
         if remove:
@@ -237,32 +241,35 @@ class EditedPoints(SyncedWidget):
         else:
             self._history_callbacks.append(callback)
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        message = self._read(content)
-        if message is None:
+    def take_message(self, message: Any, buffers: Any = ()) -> None:
+        try:
+            message = _of_editor(message, self.points.dim, self.next_id)
+        except DeformError as error:
+            _LOG.warning("an edit of %s was dropped: %s", type(self).__name__, error)
+            self._refuse(Refused(str(error), {"sender": message.sender, "seq": message.seq}))
             return
         try:
             self._take(message)
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of an editor failed")
-            self.send(EditRefused(type="error", message=f"{type(error).__name__} in a callback: {error}"))
+            self.post(EditRefused(message=f"{type(error).__name__} in a callback: {error}"))
         finally:
             self._note(message)  # whatever came of it: a front end that waits for it takes no other points
-            self.send(EditDone(type="done", sender=message.sender, seq=message.seq))
+            self.post(EditDone(sender=message.sender, seq=message.seq))
 
-    def _read(self, content: Any) -> Message | None:
-        """Parse a message of the front end; None for one of no known kind."""
-        return message_from_page(content, self.next_id, self.points.dim)
+    def _refuse(self, refused: Refused) -> None:
+        if refused.content:
+            self.post(EditRefused(message=f"Python did not take this edit: {refused.reason}"))
+            self._note(FromWindow(**refused.content))
+            self.post(EditDone(**refused.content))
 
-    def _take(self, message: Message) -> None:
-        if isinstance(message, RefusedMessage):
-            self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {message.reason}"))
-        elif isinstance(message, HistoryMessage):
+    def _take(self, message: FromWindow) -> None:
+        if isinstance(message, HistoryRequest):
             for step in tuple(self._history_callbacks):
                 step(message.way)
-        elif isinstance(message, EditMessage) and message.seq > self.seen.get(message.sender, -1):
+        elif isinstance(message, PointsEdit) and message.seq > self.seen.get(message.sender, -1):
             if message.phase == "end":
-                self._drawn = message.drawn or self._drawn
+                self._drawn = _measured(message.drawn) or self._drawn
                 self.edit_under_way = message
                 try:
                     self.points = message.points
@@ -272,7 +279,7 @@ class EditedPoints(SyncedWidget):
             for callback, details in tuple(self._callbacks):
                 callback(message) if details else callback(message.points, message.phase)
 
-    def _note(self, message: Message) -> None:
+    def _note(self, message: FromWindow) -> None:
         # After the points and not together with them: until the front end reads this it leaves the points alone, and
         # two updates in order need no pause of all others (hold_sync), which threads would take from one another.
         if message.seq <= self.seen.get(message.sender, -1) or _changes_nothing(message):
@@ -359,5 +366,23 @@ for _name in SETTINGS:
     setattr(EditedPoints, _name, _setting(_name))
 
 
-def _changes_nothing(message: Message) -> bool:
-    return type(message) is Message or (isinstance(message, EditMessage) and message.phase == "move")
+def _of_editor(message: FromWindow, dim: int, next_id: int) -> FromWindow:
+    """The message with points of as many coordinates as the editor's, and no id that was given before."""
+    if not isinstance(message, PointsEdit | ShapesEdit) or message.points is None:
+        return message
+    points = message.points
+    if points.dim != dim and len(points):
+        raise DeformError(f"its points have {points.dim} coordinates, and not {dim}.")
+    points = points if len(points) else ControlPoints.empty(dim)
+    least = message.next_id if isinstance(message, PointsEdit) else 0
+    return structs.replace(message, points=replace(points, next_id=max(points.next_id, least, next_id)))
+
+
+def _measured(drawn: Any) -> dict[str, float]:
+    """Measurements of a front end; nothing if they are odd, for no edit is refused for that."""
+    given = drawn if isinstance(drawn, dict) else {}
+    return {name: float(given[name]) for name in ("hz", "ms") if _is_length(given.get(name)) and 0 <= given[name] < 1e6}
+
+
+def _changes_nothing(message: FromWindow) -> bool:
+    return isinstance(message, Greeting) or (isinstance(message, PointsEdit) and message.phase == "move")

@@ -4,7 +4,7 @@ The front end fits the points and warps the picture itself, by the same mathemat
 drag needs no kernel. The kernel gets the points at the end of an edit, and during a drag only if a callback is
 registered for it.
 
-Messages are those of :mod:`~deformnb.widgets.editor.base` and :mod:`~deformnb.widgets.edit_messages`.
+The messages are those of :mod:`deformnb.widgets.messages.editors`.
 
 The pictures of an editor are made here too: as the front end gets them, and as a still where there is no front end.
 """
@@ -36,23 +36,20 @@ from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
-from deformnb.widgets.edit_messages import (
-    OVERLAYS,
-    ChooseMessage,
-    Message,
-    ShapesMessage,
-    ShapesTrait,
-    WandMessage,
-    choice_from_page,
-    followed,
-    place_of,
-    read_or_refuse,
-    shapes_from_page,
-    shapes_to_json,
-    wand_from_page,
-)
 from deformnb.widgets.editor.base import FRONT_END_TRAITS, EditedPoints, PointsTrait
-from deformnb.widgets.messages import DrawShape, EditRefused, ProposedParts, ShowPoint
+from deformnb.widgets.messages.editors import (
+    WINDOWS_AROUND,
+    DrawShape,
+    EditRefused,
+    FromWindow,
+    ProposedParts,
+    ShapeChoice,
+    ShapesEdit,
+    ShowPoint,
+    WandRequest,
+)
+from deformnb.widgets.messages.shapes import ShapesTrait, followed, place_of, shapes_to_json
+from deformnb.widgets.messages.traits import OVERLAYS
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
 from deformnb.widgets.view.stills import as_png, with_png
@@ -62,8 +59,6 @@ _SHEET = 200
 _AIR = 0.2  # of the box of the points, on each side
 _PREVIEW_SIZE = 572  # pixels along the longer side, some 100 kB in the notebook
 _PARTS = 6  # of a grid line in a cell
-# Widths of the window on either side of it that the front end can show: 65536 / 33 leave the window 2000 steps.
-_AROUND = 16
 _COMPRESSION = 3  # of 0 to 9: 9 takes five times as long for a tenth less
 
 
@@ -98,7 +93,7 @@ def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
 def _range(picture: Picture) -> tuple[float, float]:
     """The values that the front end tells apart: all of them, or else the window and what is around it."""
     low, high = picture.window
-    margin = _AROUND * (high - low)
+    margin = WINDOWS_AROUND * (high - low)
     least, most = float(picture.values.min()), float(picture.values.max())
     least, most = max(least, low - margin), min(most, high + margin)
     return (least, most) if least < most else (low, high)
@@ -169,7 +164,7 @@ def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], Abstr
 
 _LOG = logging.getLogger(__name__)
 
-ShapesCallback = Callable[[ShapesMessage], None]
+ShapesCallback = Callable[[ShapesEdit], None]
 """Called with what the front end did to cuts or rigid parts."""
 
 # The support radius of one point without trend where there is no volume: a bump that one can see and grab.
@@ -295,7 +290,7 @@ class Editor(EditedPoints):
         self._previous: AbstractField | None = None
         self._picture = picture
         self._shapes_callbacks: list[ShapesCallback] = []
-        self._wand_callbacks: list[Callable[[WandMessage], None]] = []
+        self._wand_callbacks: list[Callable[[WandRequest], None]] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
 
     # ---- what is shown ----------------------------------------------------------------------------------------------
@@ -367,7 +362,7 @@ class Editor(EditedPoints):
         """Start drawing in the front end: a "cut", a rigid "part", or a "fixed" side."""
         if tool not in ("cut", "part", "fixed"):
             raise DeformError(f'there is no pen for {tool!r}; choose "cut", "part" or "fixed".')
-        self.send(DrawShape(type="draw", tool=tool))
+        self.post(DrawShape(tool=tool))
 
     def choose(self, what: str | None, index: int = 0) -> None:
         """Mark a shape in the front end: one of the "cuts" or "parts" by its place in the list; None marks none."""
@@ -380,17 +375,17 @@ class Editor(EditedPoints):
         ----------
         kind : what is done, in words.
         """
-        self.send(ProposedParts(type="parts", parts=shapes_to_json("parts", parts), kind=kind))
+        self.post(ProposedParts(parts=shapes_to_json("parts", parts), kind=kind))
 
     def look_at(self, point: int) -> None:
         """Center the front end's view on the point with this id, nearer if all of the picture is seen."""
         self.points.index(point)
-        self.send(ShowPoint(type="look", id=point))
+        self.post(ShowPoint(id=point))
 
     def on_shapes(self, callback: ShapesCallback, remove: bool = False) -> None:
         """Call ``callback(edit)`` after cuts or rigid parts were drawn, changed or removed in the front end.
 
-        ``edit`` is a :class:`~deformnb.widgets.edit_messages.ShapesMessage`: ``what`` ("cuts" or "parts"), ``kind``
+        ``edit`` is a :class:`~deformnb.widgets.messages.editors.ShapesEdit`: ``what`` ("cuts" or "parts"), ``kind``
         (in words) and ``shapes``. Exceptions of the callback are logged and shown in the front end.
         """
         if remove:
@@ -398,7 +393,7 @@ class Editor(EditedPoints):
         else:
             self._shapes_callbacks.append(callback)
 
-    def on_wand(self, callback: Callable[[WandMessage], None]) -> None:
+    def on_wand(self, callback: Callable[[WandRequest], None]) -> None:
         """Call ``callback(message)`` when the wand is used in the front end.
 
         Whoever answers sets the trait ``wand``: ``{"region": the region as documents hold it, or None, "words": text,
@@ -406,45 +401,33 @@ class Editor(EditedPoints):
         """
         self._wand_callbacks.append(callback)
 
-    def _received(self, widget: Any, content: Any, buffers: Any) -> None:
-        if not isinstance(content, dict) or content.get("type") != "wand":
-            super()._received(widget, content, buffers)
+    def take_message(self, message: Any, buffers: Any = ()) -> None:
+        if not isinstance(message, WandRequest):
+            super().take_message(message, buffers)
             return
         try:
-            message = wand_from_page(content)
             for callback in tuple(self._wand_callbacks):
                 callback(message)
-        except DeformError as error:
-            _LOG.warning("a message about the wand was dropped: %s", error)
         except Exception as error:  # of any callback: it must not end the connection with the front end
             _LOG.exception("a callback of the wand failed")
-            self.send(EditRefused(type="error", message=f"{type(error).__name__} in a callback: {error}"))
+            self.post(EditRefused(message=f"{type(error).__name__} in a callback: {error}"))
 
-    def _read(self, content: Any) -> Message | None:
-        readers: dict[str, Callable[[Any], Message]] = {
-            "shapes": lambda content: shapes_from_page(content, self.next_id),
-            "choose": choice_from_page,
-        }
-        read = readers.get(str(content.get("type"))) if isinstance(content, dict) else None
-        if read is None:
-            return super()._read(content)
-        return read_or_refuse(content, lambda _sender, _seq: read(content), "shapes")
-
-    def _take(self, message: Message) -> None:
-        if isinstance(message, ChooseMessage):
-            place = place_of(message, getattr(self, message.what)) if message.what else None
+    def _take(self, message: FromWindow) -> None:
+        if isinstance(message, ShapeChoice):
+            shapes = [] if message.what is None else shapes_to_json(message.what, getattr(self, message.what))
+            place = place_of(message.index, message.shape, shapes)
             self.choose(None if place is None else message.what, place or 0)
-        elif not isinstance(message, ShapesMessage):
+        elif not isinstance(message, ShapesEdit):
             super()._take(message)
         elif message.seq > self.seen.get(message.sender, -1):
             before = getattr(self, message.what)
             self.edit_under_way = message
             try:
                 setattr(self, message.what, message.shapes)
-                self.points = message.points or self.points
+                self.points = self.points if message.points is None else message.points
             except DeformError as error:  # of an observer: these shapes are refused
                 setattr(self, message.what, before)
-                self.send(EditRefused(type="error", message=f"Python did not take these {message.what}: {error}"))
+                self.post(EditRefused(message=f"Python did not take these {message.what}: {error}"))
                 return
             finally:
                 self.edit_under_way = None

@@ -1,10 +1,7 @@
 """Editor of control points in space, with three coordinates, in three linked slices of the volume (Eq. 9).
 
 The front end draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and
-sent as bytes. Messages about points are those of :mod:`~deformnb.widgets.editor.base`. Others of the front end, each
-with ``view``, its own name: ``hello``, ``look`` (cursor, projection, original, moving) and ``seen`` (seq). To the front
-end: ``pictures`` (seq: to be confirmed unless 0; view; panes: index and lattice of each picture; facts: the text below
-them), with the pixels of each and, of projections, the depths.
+sent as bytes. The messages are those of :mod:`deformnb.widgets.messages.editors`.
 """
 
 from __future__ import annotations
@@ -19,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import traitlets
+from msgspec import UNSET, structs
 from numpy.typing import NDArray
 
 from deformnb._weak import weakly
@@ -32,10 +30,18 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import EditMessage, Message, dropping, text, whole
 from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, folding, shapes_on
-from deformnb.widgets.messages import Pictures, ShowPoint
+from deformnb.widgets.messages.editors import (
+    SPACE_EDITOR,
+    FromWindow,
+    Pictures,
+    PicturesWanted,
+    PointsEdit,
+    Seen,
+    ShowPoint,
+    SlicesMoved,
+)
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker
@@ -89,6 +95,7 @@ class SpaceEditor(EditedPoints):
     _css = bundle("space_editor.css")
 
     points = PointsTrait(3)
+    channel = SPACE_EDITOR
     front_end_traits = SPACE_TRAITS
     mirror = traitlets.Dict({"on": False, "axis": "x", "at": None}).tag(sync=True)
     cursor = traitlets.Any(help="the place (x, y, z) through which the slices go").tag(sync=True)
@@ -216,7 +223,7 @@ class SpaceEditor(EditedPoints):
     def look_at(self, point: int) -> None:
         """Bring the slices to the target of the point with this id."""
         self.cursor = self.points.target[self.points.index(point)].tolist()
-        self.send(ShowPoint(type="look", id=point))
+        self.post(ShowPoint(id=point))
 
     def field(self, points: ControlPoints | None = None) -> AbstractField:
         """All that is done to the volume: what was done before, and then these points or the editor's own.
@@ -253,33 +260,32 @@ class SpaceEditor(EditedPoints):
 
     # ---- the front end ----------------------------------------------------------------------------------------------
 
-    def _received(self, widget: Any, content: Any, buffers: Any) -> None:
-        kind = content.get("type") if isinstance(content, dict) else None
-        answers = {"hello": self._hello, "look": self._look, "seen": self._seen}  # others are about points
-        answer = answers.get(kind) if isinstance(kind, str) else None
-        if answer is None:
-            super()._received(widget, content, buffers)
-            return
-        with dropping("a message"):
-            answer(text(content.get("view")), content)
+    def take_message(self, message: Any, buffers: Any = ()) -> None:
+        if isinstance(message, PicturesWanted):
+            self._has_front_end = True
+            view = message.view
+            self.worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
+        elif isinstance(message, Seen):
+            self._pacer.seen(message.seq)
+        elif isinstance(message, SlicesMoved):
+            self._look(message)
+        else:
+            super().take_message(message, buffers)
 
-    def _hello(self, view: str, content: dict[str, Any]) -> None:
-        self._has_front_end = True
-        self.worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
-
-    def _seen(self, view: str, content: dict[str, Any]) -> None:
-        self._pacer.seen(whole(content.get("seq"), 1, 2**53))
-
-    def _look(self, view: str, content: dict[str, Any]) -> None:
-        self._is_moving = content.get("moving") is True
-        for name, key in (("cursor", "cursor"), ("projection", "projection"), ("shows_original", "original")):
-            if key in content:
-                setattr(self, name, content[key])
+    def _look(self, message: SlicesMoved) -> None:
+        self._is_moving = message.moving
+        for name, value in (
+            ("cursor", message.cursor),
+            ("projection", message.projection),
+            ("shows_original", message.original),
+        ):
+            if value is not UNSET:
+                setattr(self, name, value)
         self._offer()  # also where nothing has changed: it may have come to rest
 
-    def _take(self, message: Message) -> None:
-        if isinstance(message, EditMessage):
-            message = replace(message, points=self._held(message.points))
+    def _take(self, message: FromWindow) -> None:
+        if isinstance(message, PointsEdit):
+            message = structs.replace(message, points=self._held(message.points))
             self._is_moving = message.phase == "move"
             if self._is_moving:
                 self._moved = message.points
@@ -360,7 +366,7 @@ class SpaceEditor(EditedPoints):
             about, buffers = shown.message()
             descriptions.append({"index": index, **about})
             parts += buffers
-        self.send(Pictures(type="pictures", seq=number, view=view, panes=descriptions, facts=facts), parts)
+        self.post(Pictures(seq=number, view=view, panes=descriptions, facts=facts), parts)
         if is_moving:
             self._pace += 0.3 * (time.monotonic() - start - self._pace)
             self.worker.at_rest(_REST, weakly(self, SpaceEditor._rest))

@@ -8,7 +8,7 @@ volume.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,12 +23,13 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
+from deformnb.widgets.messages.editors import SliceProjection
 from deformnb.widgets.packed_volume import packed_volume
 
 PANES = {"+z": "axial", "+y": "coronal", "-x": "sagittal"}
 """Viewing directions of the three pictures and what radiologists call them; a nose points up or to the left."""
 
-SLICE_PROJECTIONS = ("slice", "mip", "composite", "shaded")
+SLICE_PROJECTIONS = get_args(SliceProjection)
 """Projections of the pictures: a slice, or all of the volume seen from that side."""
 
 # Voxels of the volume that a projection warps while something moves, and at rest: 40 ms and a third of a second.

@@ -2,8 +2,8 @@
 
 Python sends the contents of the widget in one trait, ``shown``; the front end never writes traits.
 
-The messages are ValueEdit, ValueTaken and ValueRefused of :mod:`deformnb.widgets.messages`. An error in a message is
-shown in the front end, logged, and changes nothing.
+The messages are ValueEdit, ValueTaken and ValueRefused of :mod:`deformnb.widgets.messages.inputs`. An error in a
+message is shown in the front end, logged, and changes nothing.
 """
 
 from __future__ import annotations
@@ -17,15 +17,12 @@ from typing import Any
 import traitlets
 
 from deformnb.errors import DeformError
-from deformnb.widgets.edit_messages import LONGEST_MESSAGE, check_size
-from deformnb.widgets.messages import ValueRefused, ValueTaken
+from deformnb.widgets.messages.inputs import VALUE, ValueEdit, ValueRefused, ValueTaken
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.view.base import ViewMeta
 
 _LOG = logging.getLogger(__name__)
 
-
-_LONGEST_NAME = 40
 _PAGES = 16  # that are distinguished; an older one has long been closed
 
 InputCallback = Callable[[Any, str], None]
@@ -40,6 +37,8 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     ``on_edit(callback)`` receives every movement of a drag; the traits change at its end only.
     """
 
+    channel = VALUE
+
     shown = traitlets.Dict(help="what the front end draws").tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("").tag(sync=True)
@@ -50,7 +49,6 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         self._callbacks: list[InputCallback] = []
         self._seen: dict[str, int] = {}
         super().__init__(**traits)
-        self.on_msg(self._received)
 
     @abstractmethod
     def _checked(self, value: Any) -> Any:
@@ -84,14 +82,10 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             self._callbacks.append(callback)
         self.live = bool(self._callbacks)
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+    def take_message(self, message: ValueEdit, buffers: Any = ()) -> None:
+        seq, view, phase = message.seq, message.view, message.phase
         try:
-            seq, view, phase = _envelope(content)
-        except DeformError as error:
-            _LOG.warning("a message to %s was dropped: %s", type(self).__name__, error)
-            return
-        try:
-            edit = self._checked(content.get("value"))
+            edit = self._checked(message.value)
             if phase == "end":
                 self._see(view, seq)
                 self._take(edit)
@@ -99,16 +93,15 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
                 callback(self._callback_value(edit), phase)
         except DeformError as error:
             _LOG.warning("an edit of %s was refused: %s", type(self).__name__, error)
-            self.send(ValueRefused(type="error", view=view, message=str(error)))
+            self.post(ValueRefused(view=view, message=str(error)))
         except Exception as error:  # of any callback or observer: it must not end the connection with the front end
             _LOG.exception("a callback of %s failed", type(self).__name__)
-            words = f"{type(error).__name__} in a callback: {error}"
-            self.send(ValueRefused(type="error", view=view, message=words))
+            self.post(ValueRefused(view=view, message=f"{type(error).__name__} in a callback: {error}"))
         finally:
             if phase == "end":  # taken or refused: what is shown now is the answer
                 self._see(view, seq)
                 self._show()
-            self.send(ValueTaken(type="done", seq=seq, view=view))
+            self.post(ValueTaken(seq=seq, view=view))
 
     def _see(self, view: str, seq: int) -> None:
         self._seen.pop(view, None)
@@ -126,18 +119,6 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             )
         elif given:
             super().set_state(given)
-
-
-def _envelope(content: Any) -> tuple[int, str, str]:
-    """Number, view and phase of an edit."""
-    if not isinstance(content, dict) or content.get("type") != "edit":
-        raise DeformError("it is no edit.")
-    check_size(content, LONGEST_MESSAGE)
-    seq: Any = content.get("seq")
-    view, phase = content.get("view", ""), content.get("phase")
-    if not is_whole(seq) or phase not in ("move", "end") or not isinstance(view, str) or len(view) > _LONGEST_NAME:
-        raise DeformError("an edit needs a number, a phase and the name of its view.")
-    return seq, view, phase
 
 
 def is_whole(value: Any) -> bool:

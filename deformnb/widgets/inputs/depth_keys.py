@@ -17,11 +17,11 @@ from deformnb.errors import DeformError
 from deformnb.rbf.extrusion import interpolate
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, is_whole
+from deformnb.widgets.messages.inputs import MOST_KEYS
 
 LEAST_APART = 0.01
 """The front end keeps keys this far apart; two at one depth would tear the volume."""
 
-MOST_KEYS = 64
 
 _KINDS = {"move": 0, "add": 1, "remove": -1, "select": 0}
 

@@ -2,7 +2,7 @@
 
 A file comes in pieces, each requested by Python when it has the one before: a socket takes only small messages (see
 :mod:`deformnb.widgets.web.guard`), and a file that nobody takes is never held in memory. The messages are UploadBegin,
-UploadPiece, UploadCancel, PieceRequest, UploadReading and UploadDone of :mod:`deformnb.widgets.messages`.
+UploadPiece, UploadCancel, PieceRequest, UploadReading and UploadDone of :mod:`deformnb.widgets.messages.inputs`.
 """
 
 from __future__ import annotations
@@ -18,20 +18,22 @@ import traitlets
 from deformnb._typing import Progress
 from deformnb.errors import Cancelled, DeformError
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.messages import PieceRequest, UploadDone, UploadReading
+from deformnb.widgets.messages.inputs import (
+    LARGEST_UPLOAD,
+    PIECE,
+    UPLOAD,
+    PieceRequest,
+    UploadBegin,
+    UploadCancel,
+    UploadDone,
+    UploadPiece,
+    UploadReading,
+)
+from deformnb.widgets.messages.record import LONGEST_NAME, Refused
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
 
-LARGEST_UPLOAD = 500_000_000
-"""Bytes of one uploaded file at most."""
-
-PIECE = 2**18
-"""Bytes of a piece: with its message it is less than what a page may send at once."""
-
 _MOST_UPLOADS = 4  # under way at a time, of all pages; the oldest belongs to a page that has gone
-_LONGEST_FILE_NAME = 200
-_LONGEST_ID = 64
 _LOG = logging.getLogger(__name__)
 
 TakeFile = Callable[[Path, Progress], None]
@@ -65,6 +67,7 @@ class FileInput(SyncedWidget):
 
     _esm = bundle("file_input.js")
     _css = bundle("file_input.css")
+    channel = UPLOAD
 
     label = traitlets.Unicode("Open").tag(sync=True)
     accept = traitlets.Unicode("").tag(sync=True)
@@ -85,7 +88,6 @@ class FileInput(SyncedWidget):
         self._worker = Worker("deformnb-upload")
         limit = f"files of up to {LARGEST_UPLOAD / 1e6:.0f} MB"
         super().__init__(tip=f"{tip}; {limit}" if tip else limit, **traits)
-        self.on_msg(self._received)
 
     def give_to(self, take: TakeFile, guard: Callable[[Callable[[], None]], bool]) -> None:
         """Give the files from now on, those that are under way too, to another.
@@ -113,20 +115,17 @@ class FileInput(SyncedWidget):
 
     # -- messages ------------------------------------------------------------------------------------------------------
 
-    def _received(self, _widget: Any, content: Any, buffers: Any) -> None:
-        name = content.get("id") if isinstance(content, dict) else None
-        if not isinstance(name, str) or not 0 < len(name) <= _LONGEST_ID:
-            _LOG.warning("a message to a file input was dropped: %.200r", content)
-            return
+    def take_message(self, message: UploadBegin | UploadPiece | UploadCancel, buffers: Any = ()) -> None:
+        name = message.id
         try:
-            if content.get("type") == "begin":
-                self._begin(name, content)
+            if isinstance(message, UploadBegin):
+                self._begin(name, message.name, message.size)
             elif name in self._uploads:
                 upload = self._uploads[name]
-                if content.get("type") == "cancel":
+                if isinstance(message, UploadCancel):
                     self._cancel(upload)
-                elif content.get("type") == "piece":
-                    self._add(upload, content.get("offset"), buffers)
+                else:
+                    self._add(upload, message.offset, bytes(buffers[0]))
         except Exception as error:
             if name in self._uploads:
                 self._end(self._uploads[name])
@@ -134,12 +133,15 @@ class FileInput(SyncedWidget):
             reason = error
             self._guard(lambda: _raise(reason))
 
-    def _begin(self, name: str, content: dict[str, Any]) -> None:
-        file, size = content.get("name"), content.get("size")
-        if not isinstance(file, str) or not is_whole(size) or not isinstance(size, int) or size < 0:
-            raise DeformError("a file has a name and a size.")
+    def _refuse(self, refused: Refused) -> None:
+        name = refused.content.get("id")
+        if name is not None and name not in self._uploads:  # one that is under way goes on
+            self._done(name)
+            self._guard(lambda: _raise(DeformError(f"the upload was refused: {refused.reason}")))
+
+    def _begin(self, name: str, file: str, size: int) -> None:
         file = Path(file.replace("\\", "/")).name
-        if file in ("", ".", "..") or len(file) > _LONGEST_FILE_NAME or any(ord(c) < 32 for c in file):
+        if file in ("", ".", "..") or len(file) > LONGEST_NAME or any(ord(c) < 32 for c in file):
             raise DeformError("the file has no name that can be used here; rename it.")
         if self._check is not None:
             self._check(file)
@@ -158,14 +160,11 @@ class FileInput(SyncedWidget):
         self._request(upload)
 
     def _request(self, upload: _Upload) -> None:
-        self.send(
-            PieceRequest(type="next", id=upload.id, offset=upload.count, length=min(PIECE, upload.size - upload.count))
-        )
+        self.post(PieceRequest(id=upload.id, offset=upload.count, length=min(PIECE, upload.size - upload.count)))
 
-    def _add(self, upload: _Upload, offset: Any, buffers: Any) -> None:
+    def _add(self, upload: _Upload, offset: int, piece: bytes) -> None:
         if upload.count == upload.size:
             return
-        piece = bytes(buffers[0]) if buffers else b""
         if offset != upload.count or not 0 < len(piece) <= min(PIECE, upload.size - upload.count):
             raise DeformError(f"{upload.path.name} did not arrive as a whole; upload it again.")
         upload.file.write(piece)
@@ -188,7 +187,7 @@ class FileInput(SyncedWidget):
                 raise Cancelled("stopped in the studio.")
             if share - upload.reported > 0.01 or share == 1:
                 upload.reported = share
-                self.send(UploadReading(type="reading", id=upload.id, share=share))
+                self.post(UploadReading(id=upload.id, share=share))
 
         def take() -> None:
             try:
@@ -198,14 +197,14 @@ class FileInput(SyncedWidget):
                 _LOG.info("%s was cancelled while it was read", upload.path.name)
 
         try:
-            self.send(UploadReading(type="reading", id=upload.id, share=0.0))
+            self.post(UploadReading(id=upload.id, share=0.0))
             self._guard(take)
         finally:
             self._end(upload)
             self._done(upload.id)
 
     def _done(self, name: str) -> None:
-        self.send(UploadDone(type="done", id=name))
+        self.post(UploadDone(id=name))
 
     def _end(self, upload: _Upload) -> None:
         self._uploads.pop(upload.id, None)
@@ -219,7 +218,11 @@ class _Upload:
         self.id, self.size, self.count, self.reported, self.is_cancelled = name, size, 0, 0.0, False
         self._folder = tempfile.TemporaryDirectory(prefix="deformnb-")
         self.path = Path(self._folder.name) / file
-        self.file = self.path.open("wb")
+        try:
+            self.file = self.path.open("wb")
+        except OSError:  # of a name that is too long here
+            self._folder.cleanup()
+            raise
 
     def close(self) -> None:
         self.file.close()

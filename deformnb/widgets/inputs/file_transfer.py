@@ -9,11 +9,8 @@ import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.messages import CopyText, Download
+from deformnb.widgets.messages.inputs import LARGEST_DOWNLOAD, CopyText, Download
 from deformnb.widgets.synced import SyncedWidget
-
-LARGEST_DOWNLOAD = 128 * 2**20
-"""Bytes of one download at most: a message of 256 MB was seen to break a front end."""
 
 
 class FileTransfer(SyncedWidget):
@@ -41,7 +38,7 @@ class FileTransfer(SyncedWidget):
         ----------
         note : what to do with it, shown along with how much was copied.
         """
-        self.send(CopyText(type="copy", text=text, note=note))
+        self.post(CopyText(text=text, note=note))
 
     def download(self, name: str, content: bytes) -> None:
         """Let the browser save a file under this name."""
@@ -50,7 +47,7 @@ class FileTransfer(SyncedWidget):
                 f"{name} has {len(content) / 1e6:.0f} MB, more than the {LARGEST_DOWNLOAD / 1e6:.0f} MB "
                 "a browser takes at once; it is in the folder."
             )
-        self.send(Download(type="download", name=name), [content])
+        self.post(Download(name=name), [content])
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

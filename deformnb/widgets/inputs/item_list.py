@@ -1,26 +1,21 @@
 """List of items with a name, some facts, a switch and buttons: steps, cuts, rigid parts.
 
-Python owns the list; the front end requests actions (RowCommand of :mod:`deformnb.widgets.messages`), each of which is
-answered. A request for an earlier version of the rows is dropped: another row may be at its place now.
+Python owns the list; the front end requests actions (RowCommand of :mod:`deformnb.widgets.messages.inputs`), each of
+which is answered. A request for an earlier version of the rows is dropped: another row may be at its place now.
 """
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import traitlets
 
+from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.messages import CommandDone
+from deformnb.widgets.messages.inputs import LIST, CommandDone, RowCommand
+from deformnb.widgets.messages.record import Refused
 from deformnb.widgets.synced import SyncedWidget
-
-_LOG = logging.getLogger(__name__)
-
-LONGEST_NAME = 100
-"""Characters of a name that a front end gives."""
 
 COMMANDS = ("rename", "up", "down", "double", "remove")
 """Commands for which a row may have a button."""
@@ -51,6 +46,7 @@ class ItemList(SyncedWidget):
 
     _esm = bundle("item_list.js")
     _css = bundle("item_list.css")
+    channel = LIST
 
     rows = traitlets.List(traitlets.Dict()).tag(sync=True)
     chosen = traitlets.Int(-1).tag(sync=True)
@@ -64,7 +60,6 @@ class ItemList(SyncedWidget):
     def __init__(self, **traits: Any) -> None:
         self._callbacks: list[ItemCallback] = []
         super().__init__(**traits)
-        self.on_msg(self._received)
 
     def show(self, rows: Sequence[dict[str, Any]], chosen: int) -> None:
         """Show these rows.
@@ -89,33 +84,21 @@ class ItemList(SyncedWidget):
         """Call ``callback(what, index, value)`` when the user requests an action."""
         self._callbacks.append(callback)
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+    def take_message(self, message: RowCommand, buffers: Any = ()) -> None:
         try:
-            act = self._checked(content)
-            if act is None:
-                _LOG.warning("a message to a list was dropped: %.200r", content)
-            elif content["version"] == self.version:
+            if message.what not in ("choose", "switch", *self.commands):
+                raise DeformError(f"its rows have no command {message.what!r}.")
+            if message.version == self.version:
+                if message.index >= len(self.rows):
+                    raise DeformError(f"it has no row {message.index}.")
+                value = message.value if message.what in ("switch", "rename") else None
                 for callback in tuple(self._callbacks):
-                    callback(*act)
-        except Exception:  # it must not end the conversation with the front end
-            _LOG.exception("a callback of a list failed")
+                    callback(message.what, message.index, value)
         finally:
-            self.send(CommandDone(type="done"))
+            self.post(CommandDone())
 
-    def _checked(self, content: Any) -> tuple[str, int, Any] | None:
-        if not isinstance(content, dict) or content.get("type") != "act" or not is_whole(content.get("version")):
-            return None
-        what, index, value = content.get("what"), content.get("index"), content.get("value")
-        if not isinstance(what, str) or what not in ("choose", "switch", *self.commands):
-            return None
-        if not is_whole(index) or not isinstance(index, int) or index < 0:
-            return None
-        if content["version"] == self.version and index >= len(self.rows):
-            return None
-        needed = {"switch": bool, "rename": str}.get(what)
-        if needed is None:
-            return what, index, None
-        return (what, index, value) if isinstance(value, needed) and len(str(value)) <= LONGEST_NAME else None
+    def _refuse(self, refused: Refused) -> None:
+        self.post(CommandDone())
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

@@ -23,8 +23,9 @@ from deformnb.document.deformation import LOOPS
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.edit_messages import take_traits
+from deformnb.widgets.messages.traits import take_traits
 from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.worker import Worker
 
 FASTEST, SLOWEST = 20.0, 0.01
@@ -121,9 +122,6 @@ class Player(SyncedWidget):
 # How often a view that Python has to draw receives the time: its pictures are no faster.
 _PYTHON_MS = 60.0
 
-# Samples of a map along its longer side: those of a live view.
-_MAP_SIZE = 192
-
 
 class Playback:
     """The link of a player with a view.
@@ -201,6 +199,6 @@ class Playback:
 
 def _stacked(animation: Animation, grid: Grid, output: Grid | None) -> TimeMaps | None:
     try:
-        return animation.stack(grid, size=_MAP_SIZE, output=output)
+        return animation.stack(grid, size=MAP_SIZE, output=output)
     except DeformError:  # several steps, cuts, points in space: each moment is solved for
         return None

@@ -1,63 +1,34 @@
 """Table of control points: names, switches, locks, coordinates that can be edited.
 
-Python owns the points; the front end requests actions (PointsCommand of :mod:`deformnb.widgets.messages`), each of
-which is answered, and sets the trait ``selected``.
+Python owns the points; the front end requests actions (PointsCommand of :mod:`deformnb.widgets.messages.inputs`), each
+of which is answered, and sets the trait ``selected``.
 
 Points go to the front end as arrays, and only while the table is visible in one.
 """
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Callable, Collection
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.io.landmarks.formats import LONGEST_TABLE
 from deformnb.rbf.conditioning import LARGEST_SET
 from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.edit_messages import LONGEST_MESSAGE
 from deformnb.widgets.inputs.base import is_whole
-from deformnb.widgets.messages import PointsCommandDone
+from deformnb.widgets.messages.inputs import TABLE, PointsCommand, PointsCommandDone
+from deformnb.widgets.messages.record import Refused
 from deformnb.widgets.synced import SyncedWidget
 
 _LOG = logging.getLogger(__name__)
 
-FIELDS = ("name", "active", "locked", "source", "target", "weight", "radius")
-"""Fields of a point that can be edited."""
+_VIEWS = 16
 
-ACTS = ("cell", "add", "remove", "reset", "lock", "switch", "look", "paste", "undo", "redo", "seen")
-"""Actions that a front end may request."""
-
-_LONGEST_VIEW, _VIEWS = 40, 16
-_SWITCHES = ("active", "locked")
-
-
-@dataclass(frozen=True)
-class TableAct:
-    """Action requested by a user of the table.
-
-    Attributes
-    ----------
-    what : one of :data:`ACTS`; ids : the points that it is about.
-    field, axis : which part of a point a "cell" is, and which coordinate of a place.
-    value : True or False of a switch, else the text that was written.
-    """
-
-    what: str
-    ids: tuple[int, ...]
-    field: str
-    axis: int
-    value: Any
-
-
-ActCallback = Callable[[TableAct], str | None]
+ActCallback = Callable[[PointsCommand], str | None]
 """Does it and returns a report, or None if it was refused."""
 
 
@@ -79,6 +50,7 @@ class PointsTable(SyncedWidget):
 
     _esm = bundle("points_table.js")
     _css = bundle("points_table.css")
+    channel = TABLE
 
     ids = traitlets.List(traitlets.Int()).tag(sync=True)
     names = traitlets.List(traitlets.Unicode()).tag(sync=True)
@@ -95,7 +67,6 @@ class PointsTable(SyncedWidget):
         self._visibility_callback: Callable[[], None] = lambda: None
         self._seen: dict[str, bool] = {}
         super().__init__(**traits)
-        self.on_msg(self._received)
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -146,25 +117,22 @@ class PointsTable(SyncedWidget):
         """Call ``callback()`` when the table becomes visible in a front end."""
         self._visibility_callback = callback
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        envelope = _envelope(content)
-        if envelope is None:
-            _LOG.warning("a message to a table of points was dropped: %.200r", content)
-            return
-        view, seq = envelope
-        answer: str | None = None
+    def take_message(self, message: PointsCommand, buffers: Any = ()) -> None:
+        report: str | None = None
         try:
-            act = _checked(content)
-            if act is None:
-                _LOG.warning("an act in a table of points was dropped: %.200r", content)
-            elif act.what == "seen":
-                answer = self._take_visibility(view, act.value)
+            if message.what == "seen":
+                report = self._take_visibility(message.view, message.is_on)
             else:
-                answer = self._callback(act)
-        except Exception:  # it must not end the conversation with the front end
-            _LOG.exception("a callback of a table of points failed")
+                report = self._callback(message)
         finally:
-            self.send(PointsCommandDone(type="done", view=view, seq=seq, ok=answer is not None, text=answer or ""))
+            self._report(message.view, message.seq, report)
+
+    def _refuse(self, refused: Refused) -> None:
+        if refused.content:
+            self._report(refused.content["view"], refused.content["seq"], None)
+
+    def _report(self, view: str, seq: int, report: str | None) -> None:
+        self.post(PointsCommandDone(view=view, seq=seq, ok=report is not None, text=report or ""))
 
     def _take_visibility(self, view: str, is_seen: bool) -> str:
         was = self.is_seen
@@ -183,37 +151,3 @@ class PointsTable(SyncedWidget):
             super().set_state({"selected": given})
         else:
             _LOG.warning("a state of a table of points was dropped: %.80r", sync_data)
-
-
-def _envelope(content: Any) -> tuple[str, int] | None:
-    if not isinstance(content, dict) or content.get("type") != "act":
-        return None
-    view, seq = content.get("view"), content.get("seq")
-    if not isinstance(view, str) or len(view) > _LONGEST_VIEW or not isinstance(seq, int) or not is_whole(seq):
-        return None
-    return view, seq
-
-
-def _checked(content: dict[str, Any]) -> TableAct | None:
-    """The act of a message, None if anything is wrong with it."""
-    what, ids, value = content.get("what"), content.get("ids"), content.get("value")
-    field, axis = content.get("field", ""), content.get("axis", 0)
-    if what not in ACTS or not isinstance(ids, list) or len(ids) > LARGEST_SET:
-        return None
-    if not all(is_whole(i) and i >= 0 for i in ids) or not _is_value(what, field, value):
-        return None
-    if what == "cell" and (field not in FIELDS or len(ids) != 1 or not is_whole(axis) or not 0 <= axis <= 2):
-        return None
-    if what != "cell" and field != "":
-        return None
-    return TableAct(what, tuple(ids), field, axis, value)
-
-
-def _is_value(what: str, field: Any, value: Any) -> bool:
-    if what == "seen" or (what == "cell" and field in _SWITCHES):
-        return isinstance(value, bool)
-    if what == "paste":
-        return isinstance(value, str) and len(value) <= LONGEST_TABLE
-    if what in ("cell", "add"):
-        return isinstance(value, str) and len(json.dumps(value)) <= LONGEST_MESSAGE
-    return value is None

@@ -7,7 +7,6 @@ The style sheet of the head is that of the studio's whole layout.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable
 from dataclasses import replace
 from os import PathLike
@@ -21,11 +20,10 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.messages.inputs import HEAD, SaveRequest
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.studio.controls import Guard, file_stem
 from deformnb.widgets.synced import SyncedWidget
-
-_LOG = logging.getLogger(__name__)
 
 _EDITING = ["deformation", "index", "history"]
 _FILES = ["saved", "path"]
@@ -88,6 +86,7 @@ class StudioHead(SyncedWidget):
 
     _esm = bundle("studio_head.js")
     _css = bundle("studio_head.css")
+    channel = HEAD
 
     unsaved = traitlets.Bool(False).tag(sync=True)
     tip = traitlets.Unicode("").tag(sync=True)
@@ -113,7 +112,6 @@ class StudioHead(SyncedWidget):
         self._observer = weakly(self, StudioHead._update, lambda head: head.comm is not None)
         session.editing.observe(self._observer, _EDITING)
         session.files.observe(self._observer, _FILES)
-        self.on_msg(self._received)
         self._update()
 
     def press(self) -> None:
@@ -141,14 +139,8 @@ class StudioHead(SyncedWidget):
         self.history = dict(self._session.editing.history)
         self.tip = f"Save the session {'in ' + file.name if file else 'in a new file'} (Ctrl+S)"
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
-        if isinstance(content, dict) and content.get("type") == "save":
-            try:
-                self.press()
-            except Exception:  # it must not end the conversation with the front end
-                _LOG.exception("the session could not be saved")
-        else:
-            _LOG.warning("a message to the button of saving was dropped: %.200r", content)
+    def take_message(self, message: SaveRequest, buffers: Any = ()) -> None:
+        self.press()
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

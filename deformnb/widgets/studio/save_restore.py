@@ -2,12 +2,11 @@
 
 The bar at the top of the studio offers the edits that were lost when a kernel died, and reports that it has died just
 now. Python sends its offer and the time of the last autosave. The front end requests one of three actions
-(RestoreCommand of :mod:`deformnb.widgets.messages`); a request for an earlier offer is dropped.
+(RestoreCommand of :mod:`deformnb.widgets.messages.inputs`); a request for an earlier offer is dropped.
 """
 
 from __future__ import annotations
 
-import logging
 import threading
 import weakref
 from collections.abc import Callable
@@ -15,13 +14,12 @@ from typing import Any
 
 import traitlets
 
-from deformnb.session.autosave import RECOVERY_COMMANDS, Recovery
+from deformnb.session.autosave import Recovery
 from deformnb.session.session import Session
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.messages import CommandDone
+from deformnb.widgets.messages.inputs import RESTORE, CommandDone, RestoreCommand
+from deformnb.widgets.messages.record import Refused
 from deformnb.widgets.synced import SyncedWidget
-
-_LOG = logging.getLogger(__name__)
 
 
 class RestoreBar(SyncedWidget):
@@ -49,6 +47,7 @@ class RestoreBar(SyncedWidget):
 
     _esm = bundle("restore_bar.js")
     _css = bundle("restore_bar.css")
+    channel = RESTORE
 
     offer = traitlets.Unicode("").tag(sync=True)
     written = traitlets.Unicode("").tag(sync=True)
@@ -61,7 +60,6 @@ class RestoreBar(SyncedWidget):
         self._showing = threading.RLock()  # the thread that writes shows news as well as that of an edit
         super().__init__()
         self._guard = guard
-        self.on_msg(self._received)
         self._recovery = Recovery(session, show, _weakly_shown(self), **options)
         self.show()  # what was found before this line
 
@@ -81,17 +79,15 @@ class RestoreBar(SyncedWidget):
                 self.offer = self._recovery.offer
             self.written = self._recovery.written
 
-    def _received(self, _widget: Any, content: Any, _buffers: Any) -> None:
+    def take_message(self, message: RestoreCommand, buffers: Any = ()) -> None:
         try:
-            what = content.get("what") if isinstance(content, dict) and content.get("type") == "act" else None
-            if not isinstance(what, str) or what not in RECOVERY_COMMANDS:
-                _LOG.warning("a message to the bar of lost sessions was dropped: %.200r", content)
-            elif content.get("version") == self.version:
-                self._guard(lambda: self.recovery.act(what))
-        except Exception:  # it must not end the conversation with the front end
-            _LOG.exception("the bar of lost sessions failed")
+            if message.version == self.version:
+                self._guard(lambda: self.recovery.act(message.what))
         finally:
-            self.send(CommandDone(type="done"))
+            self.post(CommandDone())
+
+    def _refuse(self, refused: Refused) -> None:
+        self.post(CommandDone())
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

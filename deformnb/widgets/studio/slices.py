@@ -14,10 +14,10 @@ from deformnb.imaging.projection import project
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import parts_of_another
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.editor.space_slices import PANES
+from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.studio.view_sync import StudioLink
 from deformnb.widgets.worker import Worker
 
@@ -117,11 +117,11 @@ class StudioSlices:
         if session.pictures.slices.index(float(c)) != session.pictures.slices.index(session.pictures.depth):
             widget.cursor = session.editing.plane.from_plane([(a, b, session.pictures.depth)])[0].tolist()
 
-    def _preview(self, edit: EditMessage) -> None:
+    def _preview(self, edit: PointsEdit) -> None:
         if edit.phase == "move":
             self._worker.latest("slices", partial(weakly(self, StudioSlices._show, StudioSlices._is_open), edit))
 
-    def _show(self, edit: EditMessage) -> None:
+    def _show(self, edit: PointsEdit) -> None:
         try:
             field = self._link.field_on_the_way(edit)
         except DeformError:  # two points met on their way; the edit will report it if it ends so

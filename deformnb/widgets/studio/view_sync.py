@@ -17,7 +17,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
-from deformnb.widgets.edit_messages import EditMessage
+from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.textures import MOST_MAPS, count_maps
 from deformnb.widgets.worker import Worker
 
@@ -110,11 +110,11 @@ class StudioLink:
         if editor is not None:
             editor.on_edit(self._moved, details=True)
 
-    def _moved(self, edit: EditMessage) -> None:
+    def _moved(self, edit: PointsEdit) -> None:
         if edit.phase == "move":
             self._latest(lambda: self.field_on_the_way(edit))
 
-    def field_on_the_way(self, edit: EditMessage) -> AbstractField:
+    def field_on_the_way(self, edit: PointsEdit) -> AbstractField:
         """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
         session, parts = self._session, edit.with_part(self._session.editing.step.parts)
         if parts is session.editing.step.parts:

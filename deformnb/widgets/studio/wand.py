@@ -20,8 +20,8 @@ from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.volume.region_growing import connected_threshold
 from deformnb.volume.transfer import levels
-from deformnb.widgets.edit_messages import WandMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import WandRequest
 from deformnb.widgets.studio.controls import Guard
 from deformnb.widgets.studio.panels.labels import TakeRegions
 from deformnb.widgets.worker import Worker
@@ -43,7 +43,7 @@ class Wand:
 
     def __init__(self, session: Session, editor: Editor, worker: Worker, guard: Guard, take: TakeRegions) -> None:
         self._session, self._editor, self._worker, self._guard, self._take = session, editor, worker, guard, take
-        self._request: WandMessage | None = None
+        self._request: WandRequest | None = None
         self._region: Mask | None = None
 
         def is_open(_wand: Wand) -> bool:
@@ -68,7 +68,7 @@ class Wand:
             self._request = self._region = None
             self._show()
 
-    def _received(self, message: WandMessage) -> None:
+    def _received(self, message: WandRequest) -> None:
         if message.what == "preview":
             self._request = message
             self._worker.latest("wand", weakly(self, Wand._preview))
@@ -114,7 +114,7 @@ class Wand:
             self._show(region=region_to_data(region), words=words)
 
 
-def selected(session: Session, request: WandMessage, progress: Progress | None = None) -> tuple[Mask, str]:
+def selected(session: Session, request: WandRequest, progress: Progress | None = None) -> tuple[Mask, str]:
     """The region of a click on the picture, without its holes, and its range and size in words.
 
     Raises

@@ -28,7 +28,8 @@ from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, VolumeLike
 from deformnb.widgets.camera import turned
-from deformnb.widgets.edit_messages import EditMessage
+from deformnb.widgets.messages.editors import PointsEdit
+from deformnb.widgets.messages.views import FollowData
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
 
 if TYPE_CHECKING:
@@ -278,7 +279,7 @@ def check_map(field: AbstractField | None, index: int) -> None:
         raise DeformError(f"there is no map {index}; the extrusion has {count}.")
 
 
-def state_followed(editor: Any, index: int) -> dict[str, Any]:
+def state_followed(editor: Any, index: int) -> FollowData:
     """State of an editor of which a field is made, so that its front end knows whether it has gone on since."""
     shapes = ("cuts", "cut_rule", "parts")
     state = editor.get_state(["points", *shapes])
@@ -355,7 +356,7 @@ class Following:
         self._editor.on_edit(self._moved, remove=True)
         self._editor.unobserve(self._changed, _OBSERVED)
 
-    def _moved(self, edit: EditMessage) -> None:
+    def _moved(self, edit: PointsEdit) -> None:
         how = self._editor.fitting()
         parts = edit.with_part(how.parts)
         self._apply(edit.points, how if parts is how.parts else replace(how, parts=parts), edit.phase)

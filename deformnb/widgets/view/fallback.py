@@ -1,9 +1,7 @@
 """Server-side fallback of a live view for browsers that cannot draw it: a volume view without front ends of its own.
 
-Messages of such a front end: ``still`` (it cannot draw, and requests a server renderer) and ``drawn`` (say: the message
-that the front end of a volume view would send, see :mod:`deformnb.widgets.view.volume_view`). Messages to it: ``drawn``
-(a server renderer is there), ``info`` (of the box that is seen, as the trait ``volume_info`` of a volume view;
-``drawn`` has it too), and those of a volume view to its front ends.
+Such a front end sends StillRequest and ToServerRenderer of :mod:`deformnb.widgets.messages.views`, and gets
+DrawnByPython, VolumeInfo and the messages of a volume view to its front ends.
 """
 
 from __future__ import annotations
@@ -19,9 +17,9 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.cell_widgets import parts_of_another
-from deformnb.widgets.messages import DrawnByPython, VolumeInfo
+from deformnb.widgets.messages.views import DrawnByPython, StillRequest, ToServerRenderer, VolumeInfo
 from deformnb.widgets.synced import LocalComm
-from deformnb.widgets.view.live_front_ends import Post
+from deformnb.widgets.view.live_front_ends import Send
 
 SHARED = ("camera", "shows", "projection", "background", "show_folds", "clip")
 """Traits that the server renderer has in common with the view."""
@@ -55,7 +53,7 @@ class FallbackHost:
 
     Parameters
     ----------
-    post : sends a message to the front ends.
+    send : sends what a message contains to the front ends.
     state : returns what is shown now, or None before the first volume.
     changed : called with the name and the value of a trait of :data:`SHARED` that a user changes there.
     lock : held while the state is taken over.
@@ -65,20 +63,20 @@ class FallbackHost:
     --------
     >>> import threading
     >>> host = FallbackHost(lambda content, buffers: None, lambda: None, lambda name, value: None, threading.RLock())
-    >>> host.start("a", {}, [])  # there is nothing to draw
+    >>> host.start(StillRequest(view="a"))  # there is nothing to draw
     >>> host.is_running
     False
     """
 
     def __init__(
         self,
-        post: Post,
+        send: Send,
         state: Callable[[], RenderedState | None],
         changed: Callable[[str, Any], None],
         lock: AbstractContextManager[Any],
         **options: Any,
     ) -> None:
-        self._post, self._state, self._changed, self._lock, self._options = post, state, changed, lock, options
+        self._send, self._state, self._changed, self._lock, self._options = send, state, changed, lock, options
         self._view: Any = None
         self._volume: Volume | None = None  # that it has
         self._player: Any = None
@@ -89,18 +87,19 @@ class FallbackHost:
         """True if Python draws for some front end."""
         return self._view is not None
 
-    def start(self, view: str, _content: dict[str, Any], _buffers: list[Any]) -> None:
+    def start(self, message: StillRequest) -> None:
         """Take a front end that cannot draw."""
         if self._state() is not None:
             info = dict(self._running().volume_info)
-            self._post(DrawnByPython(type="drawn", view=view, info=info), [])
+            answer = DrawnByPython(view=message.view, info=info)
+            self._send(answer.content(), [])
 
-    def receive(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def receive(self, message: ToServerRenderer) -> None:
         """Take what such a front end sends to the renderer, which ends with the last of them."""
         if self._state() is None:
             return
         view = self._running()
-        view.receive(content.get("say"))
+        view.take_message(message.say)
         if not view.is_watched:
             self.close()
 
@@ -112,9 +111,9 @@ class FallbackHost:
             state = self._state()
             if self._view is None and state is not None:
                 with parts_of_another():
-                    comm = LocalComm(partial(_forward, self._post))
+                    comm = LocalComm(partial(_forward, self._send))
                     view = VolumeView(comm=comm, transfer=state.transfer, **state.looks, **self._options)
-                view.observe(lambda change: view.send(VolumeInfo(type="info", info=change["new"])), "volume_info")
+                view.observe(lambda change: view.post(VolumeInfo(info=change["new"])), "volume_info")
                 view.observe(lambda change: self._changed(change["name"], change["new"]), SHARED)
                 self._view = view
                 self.update()
@@ -168,7 +167,7 @@ class FallbackHost:
             view.close()
 
 
-def _forward(post: Post, data: dict[str, Any], buffers: list[bytes]) -> None:
+def _forward(send: Send, data: dict[str, Any], buffers: list[bytes]) -> None:
     """Send a message of the view that draws to the other view's front ends; they need none of its traits."""
     if data.get("method") == "custom":
-        post(data["content"], buffers)
+        send(data["content"], buffers)

@@ -12,10 +12,11 @@ import numpy as np
 from deformnb.document.animation import TimeMaps
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
-from deformnb.widgets.edit_messages import points_to_json, whole
-from deformnb.widgets.messages import FieldMaps
+from deformnb.widgets.messages.editors import Seen
+from deformnb.widgets.messages.points import points_to_json
+from deformnb.widgets.messages.views import FieldMaps, FollowData, MovedData
 from deformnb.widgets.packed_volume import PackedVolume
-from deformnb.widgets.textures import FieldTextures, field_textures, nodes_along, texture_frames
+from deformnb.widgets.textures import MAP_SIZE, FieldTextures, field_textures, nodes_along, texture_frames
 from deformnb.widgets.view.live_front_ends import Post
 from deformnb.widgets.view.space_points import QUICK_SIZE, plain_fit
 from deformnb.widgets.view.transport import Pacer
@@ -37,7 +38,7 @@ class ShownField:
 
     field: AbstractField | None = None
     output: Grid | None = None
-    followed: dict[str, Any] | None = None
+    followed: FollowData | None = None
     moments: TimeMaps | None = None
     is_quick: bool = False
     points_editor: Any = None
@@ -81,14 +82,14 @@ class FieldSender:
         post: Post,
         lock: AbstractContextManager[Any],
         *,
-        map_size: int = 192,
+        map_size: int = MAP_SIZE,
         space_size: int = 64,
     ) -> None:
         self._packed, self._post, self._lock = packed, post, lock
         self.map_size, self.space_size = int(map_size), int(space_size)
         self.shown = ShownField()
         self._maps: FieldTextures | None = None  # of the field, made when a front end requests them
-        self._moved: dict[str, Any] | None = None  # the points of which front ends make the field while they move
+        self._moved: MovedData | None = None  # the points of which front ends make the field while they move
         self._sent_cut: str | None = None  # whose distances all front ends have
         self._has_front_end = False
         self.pacer = Pacer(self._send)
@@ -109,9 +110,9 @@ class FieldSender:
         self._has_front_end = True
         self._send(0, view)
 
-    def seen(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def seen(self, message: Seen) -> None:
         """Take a front end's confirmation that it draws a field."""
-        self.pacer.seen(whole(content.get("seq"), 1, 2**53))
+        self.pacer.seen(message.seq)
 
     @property
     def moves_points(self) -> bool:
@@ -130,20 +131,13 @@ class FieldSender:
             if packed is None:
                 return
             maps = self._maps = self._maps or self._made(packed)
-        cut = (maps.content["planar"] or {}).get("cut")
+        cut = maps.content.planar and maps.content.planar["cut"]
         if number and cut and cut["id"] == self._sent_cut:
             maps = maps.without("distances")
         elif view is None:
             self._sent_cut = cut and cut["id"]
         self.sent_bytes += maps.size
-        message: FieldMaps = {
-            "type": "field",
-            "view": view,
-            "seq": number,
-            "follow": followed,
-            "moved": self._moved,
-            **maps.content,
-        }
+        message = FieldMaps(view=view, seq=number, follow=followed, moved=self._moved, **maps.fields())
         self._post(message, maps.buffers)
 
     def _made(self, packed: PackedVolume) -> FieldTextures:
@@ -156,7 +150,7 @@ class FieldSender:
         )
         points = None if shown.is_quick else plain_fit(shown.field, shown.points_editor)
         if points is not None:
-            lattice = made.content["space"]
+            lattice = made.content.space
             assert lattice is not None
             size = (np.asarray(lattice["shape"]) - 1) * lattice["spacing"]
             self._moved = {"points": points_to_json(points), "shape": nodes_along(size, quick).tolist()}

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
-from deformnb.widgets.edit_messages import measured, picture, text, whole
-from deformnb.widgets.messages import ScreenshotRequest
+from msgspec import UnsetType
 
-Post = Callable[[Mapping[str, Any], list[bytes]], None]
+from deformnb.errors import DeformError
+from deformnb.widgets.messages.record import Message
+from deformnb.widgets.messages.views import Measurements, PointsFollowed, Screenshot, ScreenshotRequest
+from deformnb.widgets.view.stills import checked_png
+
+Post = Callable[[Message, list[bytes]], None]
 """Sends a message with its buffers to the front ends."""
+
+Send = Callable[[dict[str, Any], list[bytes]], None]
+"""Sends what a message contains, with its buffers."""
 
 _WINDOWS = 16  # front ends whose windows are known
 
@@ -27,17 +34,21 @@ class Outbox:
     --------
     >>> sent = []
     >>> outbox = Outbox(lambda content, buffers: sent.append(content["type"]))
-    >>> outbox.post({"type": "screenshot"}, [])
+    >>> outbox.post(ScreenshotRequest(id=1), [])
     >>> sent, outbox.count
     (['screenshot'], 1)
     """
 
-    def __init__(self, send: Post) -> None:
+    def __init__(self, send: Send) -> None:
         self._send = send
         self.count = 0
 
-    def post(self, content: Mapping[str, Any], buffers: list[bytes]) -> None:
+    def post(self, message: Message, buffers: list[bytes]) -> None:
         """Send a message with its buffers."""
+        self.send(message.content(), buffers)
+
+    def send(self, content: dict[str, Any], buffers: list[bytes]) -> None:
+        """Send what a message of another widget contains."""
         self.count += 1
         self._send(content, buffers)
 
@@ -74,19 +85,18 @@ class LiveFrontEnds:
         self._drawing.pop(view, None)
         self._senders.pop(view, None)
 
-    def take_theme(self, content: dict[str, Any]) -> None:
+    def take_theme(self, background: str | UnsetType) -> None:
         """Take the background of the page around a front end, where its message has one."""
-        if content.get("background") in ("dark", "light"):
-            self.theme = content["background"]
+        self.theme = background or self.theme
 
-    def follow(self, view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def follow(self, message: PointsFollowed) -> None:
         """Take the sender of the edits of points in space in a front end's window."""
-        self._senders.pop(view, None)
-        self._senders = dict([*self._senders.items(), (view, text(content.get("sender")))][-_WINDOWS:])
+        self._senders.pop(message.view, None)
+        self._senders = dict([*self._senders.items(), (message.view, message.sender)][-_WINDOWS:])
 
-    def measure(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def measure(self, message: Measurements) -> None:
         """Take the measurements of a front end."""
-        self.stats = measured(content)
+        self.stats = message.numbers()
 
     def drawing(self, *, by_card: bool) -> str | None:
         """The newest front end that draws, one with a graphics card first; ``by_card``: only such a one."""
@@ -107,7 +117,7 @@ class Screenshots:
 
     Examples
     --------
-    >>> screenshots = Screenshots(lambda content, buffers: None)
+    >>> screenshots = Screenshots(lambda message, buffers: None)
     >>> asyncio.run(screenshots.request(0.01)) is None  # no front end
     True
     """
@@ -127,19 +137,19 @@ class Screenshots:
 
         self._waiting[number] = deliver
         try:
-            self._post(ScreenshotRequest(type="screenshot", id=number), [])
+            self._post(ScreenshotRequest(id=number), [])
             return await asyncio.wait_for(answer, timeout)
         except TimeoutError:
             return None
         finally:
             self._waiting.pop(number, None)
 
-    def receive(self, _view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        """Take a picture of a front end; ValueError if nobody waits for it."""
-        deliver = self._waiting.get(whole(content.get("id"), 1, 2**53))
+    def receive(self, message: Screenshot, png: Any) -> None:
+        """Take a picture of a front end; DeformError if nobody waits for it."""
+        deliver = self._waiting.get(message.id)
         if deliver is None:
-            raise ValueError("a picture that nobody waits for")
-        deliver(picture(buffers))
+            raise DeformError("nobody waits for this picture.")
+        deliver(checked_png(png))
 
 
 def _settle(answer: asyncio.Future[bytes], png: bytes) -> None:

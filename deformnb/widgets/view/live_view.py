@@ -4,21 +4,11 @@ The front end gets the voxels once, in packed pieces that it requests, and then 
 sample of a ray, as the paper does on its GPU. A live view can also play the moments of an animation by
 itself.
 
-Messages of the front end (each with ``view``, the front end's own name): ``hello`` (largest texture, voxels if the GPU
-has been found to hold no more, renderer, background: that of the page around), ``chunk`` (id, index: requests a piece),
-``seen`` (seq: that field is being drawn), ``follows`` (sender: of the edits of points in space in its window, which it
-fits itself while they move), ``screenshot`` (id, with a PNG), ``stats``, ``bye``, ``still`` and
-``drawn`` (see :mod:`~deformnb.widgets.view.fallback`), ``movie_piece`` and ``movie_failed`` (see
-:mod:`~deformnb.widgets.view.page_scene`). Messages to the front end: ``chunk`` (id, index, start, with gzip),
-``field`` (see :mod:`~deformnb.widgets.textures`; seq: to be confirmed unless 0; follow: the index of the map that an
-editor moves, and points, cuts and parts that the maps are of, or null; moved: the points in space whose fit it is, and
-the shape of the lattice for it while they move, or null), ``screenshot`` (id: requests one), and
-``drawn``. Messages of the front end are checked and dropped if they are wrong.
+The messages are those of :data:`deformnb.widgets.messages.views.LIVE`.
 """
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,9 +30,26 @@ from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import take_traits, text, whole
+from deformnb.widgets.messages.editors import Seen as FieldSeen
+from deformnb.widgets.messages.traits import take_traits
+from deformnb.widgets.messages.views import (
+    LIVE,
+    ChunkRequest,
+    Closed,
+    FollowData,
+    LiveHello,
+    LiveMessage,
+    Measurements,
+    MovieFailed,
+    MoviePiece,
+    PointsFollowed,
+    Screenshot,
+    StillRequest,
+    ToServerRenderer,
+)
+from deformnb.widgets.packed_volume import MOST_VOXELS_SENT
 from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.textures import count_maps, differ_only_in
+from deformnb.widgets.textures import MAP_SIZE, count_maps, differ_only_in
 from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
 from deformnb.widgets.view.fallback import SHARED, FallbackHost, RenderedState
 from deformnb.widgets.view.field_sender import FieldSender, ShownField
@@ -51,10 +58,6 @@ from deformnb.widgets.view.packed_source import PackedSource
 from deformnb.widgets.view.page_scene import MovieHost, PageGoneError, PageScene
 from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
-
-_LOG = logging.getLogger(__name__)
-
-_ANY = 2**53  # a number of voxels that no GPU limits
 
 OF_PAGE = frozenset(
     {"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"}
@@ -129,6 +132,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     _esm = bundle("live_view.js")
     _css = bundle("live_view.css")
+    channel = LIVE
 
     rest = 0.6
     """Seconds without another colour, after which the voxels may be sent in other levels."""
@@ -158,8 +162,8 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         volume: VolumeLike | None = None,
         *,
         transfer: TransferFunction | str = "specimen",
-        limit: int = 256**3,
-        map_size: int = 192,
+        limit: int = MOST_VOXELS_SENT,
+        map_size: int = MAP_SIZE,
         space_size: int = 64,
         **traits: Any,
     ) -> None:
@@ -169,25 +173,22 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.source = source = PackedSource(outbox.post, limit=limit, transfer=transfer)
         self.fields = fields = FieldSender(lambda: source.shown, outbox.post, self._lock, **sizes)
         self._front_ends, self._movies, self._screenshots = LiveFrontEnds(), MovieHost(), Screenshots(outbox.post)
-        self._fallback = FallbackHost(outbox.post, self._rendered, self.set_trait, self._lock, **sizes)
-        self._answers: dict[str, Callable[[str, dict[str, Any], list[Any]], None]] = {
-            "hello": self._hello,
-            "chunk": source.send,
-            "still": self._still,
-            "drawn": self._fallback.receive,
-            "seen": fields.seen,
-            "follows": self._front_ends.follow,
-            "screenshot": self._screenshots.receive,
-            "stats": self._front_ends.measure,
-            "bye": self._bye,
-            "movie_piece": self._movies.receive,
-            "movie_failed": self._movies.fail,
+        self._fallback = FallbackHost(outbox.send, self._rendered, self.set_trait, self._lock, **sizes)
+        self._answers: dict[type, Callable[[Any], None]] = {
+            LiveHello: self._hello,
+            ChunkRequest: source.send,
+            StillRequest: self._still,
+            ToServerRenderer: self._fallback.receive,
+            FieldSeen: fields.seen,
+            PointsFollowed: self._front_ends.follow,
+            Measurements: self._front_ends.measure,
+            Closed: self._bye,
+            MovieFailed: self._movies.fail,
         }
         self._preview: tuple[SceneDescription, bytes] | None = None
         self._sharpener: threading.Timer | None = None
         super().__init__(**traits)
         self.observe(self._fallback.set_look, SHARED)
-        self.on_msg(self._receive)
         if volume is not None:
             self.show(volume)
         close_earlier_of_this_cell(self)
@@ -246,7 +247,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._fallback.update()
 
     def _take(
-        self, deformation: Deformation | AbstractField | None, output: Grid | None, followed: dict[str, Any] | None
+        self, deformation: Deformation | AbstractField | None, output: Grid | None, followed: FollowData | None
     ) -> None:
         shown = self.source.ready()
         grid = shown.original if output is None else output
@@ -256,7 +257,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._hold(field, output, followed)
         self.fields.offer()
 
-    def _hold(self, field: AbstractField | None, output: Grid | None, followed: dict[str, Any] | None) -> None:
+    def _hold(self, field: AbstractField | None, output: Grid | None, followed: FollowData | None) -> None:
         self.fields.hold(ShownField(field, output, followed, is_quick=self.is_quick, points_editor=self.points_editor))
 
     def follow(
@@ -355,38 +356,34 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, OF_PAGE, super().set_state)
 
-    def _receive(self, _: Any, content: Any, buffers: list[Any]) -> None:
-        """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
-        try:
-            kind = content.get("type") if isinstance(content, dict) else None
-            answer = self._answers.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(text(content.get("view")), content, buffers or [])
-        except (ValueError, TypeError, KeyError, DeformError) as error:
-            _LOG.warning("a message of the front end was dropped: %s", error)
+    def take_message(self, message: LiveMessage, buffers: Any = ()) -> None:
+        if isinstance(message, Screenshot):
+            self._screenshots.receive(message, buffers[0])
+        elif isinstance(message, MoviePiece):
+            self._movies.receive(message, buffers[0])
+        else:
+            self._answers[type(message)](message)
 
-    def _hello(self, name: str, content: dict[str, Any], _buffers: list[Any]) -> None:
-        view: str | None = name
-        largest = whole(content.get("largest"), 0, 2**16)
-        self._front_ends.take_theme(content)
-        if largest == 0:
+    def _hello(self, message: LiveHello) -> None:
+        self._front_ends.take_theme(message.background)
+        if message.largest == 0:
             self.source.all_sent()
             return  # it cannot draw, and will request a server renderer
-        self._front_ends.add(name, has_card=content.get("software") is False)
+        self._front_ends.add(message.view, has_card=not message.software)
+        view: str | None = message.view
         with self._lock:
-            if self.source.restrict(largest, whole(content.get("voxels", _ANY), 1, _ANY)):
+            if self.source.restrict(message.largest, message.voxels):
                 self.repack(is_too_large=True)
                 view = None  # for all front ends: what they have is of a finer volume
         self.fields.answer(view)
 
-    def _still(self, view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        self._front_ends.take_theme(content)
-        self._fallback.start(view, content, buffers)
+    def _still(self, message: StillRequest) -> None:
+        self._front_ends.take_theme(message.background)
+        self._fallback.start(message)
 
-    def _bye(self, view: str, _content: dict[str, Any], _buffers: list[Any]) -> None:
-        self._front_ends.drop(view)
-        self._movies.drop(view)
+    def _bye(self, message: Closed) -> None:
+        self._front_ends.drop(message.view)
+        self._movies.drop(message.view)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from deformnb.errors import DeformError
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Volume
-from deformnb.widgets.edit_messages import whole
-from deformnb.widgets.messages import Chunk
+from deformnb.widgets.messages.views import Chunk, ChunkRequest
 from deformnb.widgets.packed_volume import (
     PackedVolume,
     Pieces,
@@ -47,7 +45,7 @@ class PackedSource:
 
     Examples
     --------
-    >>> source = PackedSource(lambda content, buffers: None, limit=4, transfer="bone")
+    >>> source = PackedSource(lambda message, buffers: None, limit=4, transfer="bone")
     >>> source.put(Volume.from_array(np.eye(3, dtype=np.uint8)[None]), None)
     >>> source.ready().volume.shape
     (1, 2, 2)
@@ -131,15 +129,17 @@ class PackedSource:
         table = function.table(*self.shown.window)  # alphas as they are: the front end fits them
         return function, np.ascontiguousarray(table, "<f4").tobytes()
 
-    def send(self, view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def send(self, message: ChunkRequest) -> None:
         """Send a front end the piece that it requests, if it is one of what is shown now."""
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
-        if pieces is None or content.get("id") != pieces.shown.id:
+        if pieces is None or message.id != pieces.shown.id:
             return  # of a volume that was shown before: the front end will notice
-        index = whole(content.get("index"), 0, pieces.shown.chunks - 1)
+        index = message.index
+        if index >= pieces.shown.chunks:
+            raise DeformError(f"the pieces of the volume are between 0 and {pieces.shown.chunks - 1}, not {index}.")
         start, packed = pieces[index]
         self.sent_bytes += len(packed)
-        self._post(Chunk(type="chunk", view=view, id=pieces.shown.id, index=index, start=start), [packed])
+        self._post(Chunk(view=message.view, id=pieces.shown.id, index=index, start=start), [packed])
         if index == pieces.shown.chunks - 1:
             self.all_sent()
 

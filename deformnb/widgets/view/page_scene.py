@@ -1,8 +1,6 @@
 """Pictures of a live view that its page draws for Python, one after the other: the frames of a movie.
 
-Messages to the front end: ``movie_frame`` (id, index, size, looks, with a field as in the message ``field``) and
-``movie_end`` (id). Messages of the front end: ``movie_piece`` (id, index, offset, size, with bytes of a PNG) and
-``movie_failed`` (id, message).
+The messages are MovieFrame, MovieEnd, MoviePiece and MovieFailed of :mod:`deformnb.widgets.messages.views`.
 """
 
 from __future__ import annotations
@@ -18,17 +16,14 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
 from deformnb.volume.volume import Grid
-from deformnb.widgets.edit_messages import picture, text, whole
-from deformnb.widgets.messages import FieldContent, MovieEnd, MovieFrame
+from deformnb.widgets.messages.views import MovieEnd, MovieFailed, MovieFrame, MoviePiece
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.view.live_front_ends import Post
-from deformnb.widgets.view.stills import from_png
+from deformnb.widgets.view.stills import checked_png, from_png
 
 # A frame takes a graphics card less than a second and a software renderer some seconds; before the first one the volume
 # is made ready. Where messages come between cells only, nothing comes while one runs.
 _PATIENCE = 30.0
-
-_MOST_BYTES = 2**26  # of a frame: eight times that of noise in 1600 x 1200
 
 _LOOKS = ("camera", "projection", "shows", "background", "clip", "show_folds", "ambient_occlusion")
 
@@ -85,16 +80,14 @@ class PageScene:
         with self._heard:
             self._pieces, self._wanted = {}, -1
             self._index += 1
-            content: FieldContent = self._field.content
-            message: MovieFrame = {
-                "type": "movie_frame",
-                "view": self.front_end,
-                "id": self._id,
-                "index": self._index,
-                "size": list(self._size),
-                "looks": self._looks,
-                **content,
-            }
+            message = MovieFrame(
+                view=self.front_end,
+                id=self._id,
+                index=self._index,
+                size=list(self._size),
+                looks=self._looks,
+                **self._field.fields(),
+            )
             self._post(message, self._field.buffers)
             while not self._why and sum(map(len, self._pieces.values())) != self._wanted:
                 if not self._heard.wait(self._patience):
@@ -103,32 +96,30 @@ class PageScene:
                 raise PageGoneError(self._why)
             png = b"".join(self._pieces[offset] for offset in sorted(self._pieces))
         try:
-            image = from_png(picture([png]))
+            image = from_png(checked_png(png))
         except (ValueError, OSError) as error:  # no PNG, or a torn one
             raise PageGoneError("the page has sent no picture") from error
         if image.shape[1::-1] != self._size:
             raise PageGoneError(f"the page has drawn {image.shape[1]} x {image.shape[0]} pixels")
         return image
 
-    def receive(self, content: dict[str, Any], buffers: list[Any]) -> None:
-        """Take a piece of a frame; ValueError if it is none of this one."""
-        if content.get("id") != self._id or content.get("index") != self._index:
-            raise ValueError("a piece of another movie or frame")
-        size = whole(content.get("size"), 1, _MOST_BYTES)
-        offset = whole(content.get("offset"), 0, size - 1)
-        (piece,) = buffers
+    def receive(self, message: MoviePiece, piece: Any) -> None:
+        """Take a piece of a frame; DeformError if it is none of this one."""
+        if message.id != self._id or message.index != self._index:
+            raise DeformError("it is a piece of another movie or frame.")
+        size, offset = message.size, message.offset
         with self._heard:
             there = sum(len(other) for start, other in self._pieces.items() if start != offset)
-            if self._wanted not in (-1, size) or there + memoryview(piece).nbytes > size:
-                raise ValueError("a piece that does not fit")
+            if offset >= size or self._wanted not in (-1, size) or there + memoryview(piece).nbytes > size:
+                raise DeformError("its piece does not fit.")
             self._wanted = size
             self._pieces[offset] = bytes(piece)
             self._heard.notify_all()
 
-    def fail(self, content: dict[str, Any]) -> None:
-        """Take what the front end says has gone wrong."""
-        if content.get("id") == self._id:
-            self.give_up(f"the page reports: {text(content.get('message'))[:200]}")
+    def fail(self, message: MovieFailed) -> None:
+        """Take what the front end reports."""
+        if message.id == self._id:
+            self.give_up(f"the page reports: {message.message[:200]}")
 
     def give_up(self, why: str) -> None:
         """Let whoever waits for a picture go on with an error."""
@@ -138,8 +129,7 @@ class PageScene:
 
     def close(self) -> None:
         """Let the front end give back what it holds."""
-        message: MovieEnd = {"type": "movie_end", "view": self.front_end, "id": self._id}
-        self._post(message, [])
+        self._post(MovieEnd(view=self.front_end, id=self._id), [])
 
 
 class MovieHost:
@@ -147,9 +137,10 @@ class MovieHost:
 
     Examples
     --------
-    >>> MovieHost().receive("a", {"type": "movie_piece"}, [])
+    >>> piece = MoviePiece(view="a", id="m", index=1, offset=0, size=1)
+    >>> MovieHost().receive(piece, b"")
     Traceback (most recent call last):
-    ValueError: a piece of no movie
+    deformnb.errors.DeformError: it is a piece of no movie.
     """
 
     def __init__(self) -> None:
@@ -160,18 +151,18 @@ class MovieHost:
         self._movie = weakref.ref(movie)
         return movie
 
-    def receive(self, _view: str, content: dict[str, Any], buffers: list[Any]) -> None:
-        """Take a piece of a frame; ValueError if no movie is drawn."""
+    def receive(self, message: MoviePiece, piece: Any) -> None:
+        """Take a piece of a frame; DeformError if no movie is drawn."""
         movie = self._movie()
         if movie is None:
-            raise ValueError("a piece of no movie")
-        movie.receive(content, buffers)
+            raise DeformError("it is a piece of no movie.")
+        movie.receive(message, piece)
 
-    def fail(self, _view: str, content: dict[str, Any], _buffers: list[Any]) -> None:
+    def fail(self, message: MovieFailed) -> None:
         """Take what the front end reports has gone wrong."""
         movie = self._movie()
         if movie is not None:
-            movie.fail(content)
+            movie.fail(message)
 
     def drop(self, view: str) -> None:
         """A front end is closed: its movie ends with an error."""

@@ -18,7 +18,7 @@ from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid
-from deformnb.widgets.edit_messages import EditMessage
+from deformnb.widgets.messages.editors import PointsEdit
 
 # Samples along the longest side of a displacement while points move: 0.4 MB, which a front end gets 30 times a second.
 # What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
@@ -84,7 +84,7 @@ class ShowsPoints(traitlets.HasTraits):
         def changed(change: Any) -> None:
             show(make, editor.points, "end")
 
-        def moved(edit: EditMessage) -> None:
+        def moved(edit: PointsEdit) -> None:
             show_moved(make, edit)
 
         names = ["points", "settings", "revision"]
@@ -97,7 +97,7 @@ class ShowsPoints(traitlets.HasTraits):
 
         return leave
 
-    def _show_moved(self, make: FieldOf, edit: EditMessage) -> None:
+    def _show_moved(self, make: FieldOf, edit: PointsEdit) -> None:
         """Show a movement; the end of an edit arrives as a change of the points."""
         if edit.phase == "move" and not self.is_moved_in_page(edit.sender):
             self._show_points(make, edit.points, edit.phase)

@@ -32,7 +32,8 @@ from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
-from deformnb.widgets.packed_volume import PackedVolume, factors_of, packed_volume
+from deformnb.widgets.packed_volume import MOST_VOXELS_SENT, PackedVolume, factors_of, packed_volume
+from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
@@ -237,6 +238,14 @@ def as_png(image: Image) -> bytes:
     return stream.getvalue()
 
 
+def checked_png(png: Any) -> bytes:
+    """The bytes of a picture that a front end has sent; DeformError if they are no PNG."""
+    data = bytes(png)
+    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
+        raise DeformError("the picture is no PNG.")
+    return data
+
+
 def from_png(png: bytes) -> Image:
     """The picture (height, width, 3) of a PNG."""
     from PIL import Image as Pillow
@@ -312,7 +321,7 @@ def runs_for_later_readers() -> bool:
 _QUICK_VOXELS = 96**3
 _QUICK_SHARE = 0.35
 
-_LIMIT, _LARGEST = 256**3, 2048
+_LIMIT, _LARGEST = MOST_VOXELS_SENT, 2048
 
 # A still of 1600 x 1200 takes the core 1 s for 96^3 voxels, and VTK without a GPU 5 s and 10 s more for its
 # shader. The core's time grows with the voxels, that of VTK with the pixels.
@@ -443,7 +452,7 @@ def make_scene(
     size: tuple[int, int],
     method: str = "auto",
     *,
-    map_size: int = 192,
+    map_size: int = MAP_SIZE,
     space_size: int = 64,
     **looks: Any,
 ) -> tuple[VtkScene | CoreScene, str]:

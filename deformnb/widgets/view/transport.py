@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Image
-from deformnb.widgets.messages import FrameSent
+from deformnb.widgets.messages.views import FrameSent
 from deformnb.widgets.view.stills import PREVIEW_SHARE, PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
@@ -72,7 +72,7 @@ class FrameSender:
             self._sent[number] = time.monotonic()
             self._last_bytes = sum(map(len, buffers))
             self._bytes += self._last_bytes
-        return FrameSent(type="frame", seq=number, full=frame.is_full, camera=camera, by=by), buffers
+        return FrameSent(seq=number, full=frame.is_full, camera=camera, by=by), buffers
 
     def seen(self, number: int, view: str = "") -> bool:
         """Record that a front end shows this frame. Returns whether a refused send may be made now."""

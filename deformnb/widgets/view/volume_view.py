@@ -4,10 +4,7 @@ One thread makes the window and does every call of VTK. The front end gets pictu
 position; the newest of all changes is drawn, at most two pictures are under way. The view records of each of its front
 ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
 
-Messages of a front end (each with ``view``, its own name): ``hello`` and ``size`` (width, height in pixels, background;
-origin, for pictures by trame), ``camera`` (camera, number), ``seen`` (seq), ``bye``. Messages to the front end:
-``frame`` (seq, full, camera: the newest number that it shows, with one JPEG, or two that are shown in turn), ``notice``
-and ``badge`` (text), ``trame`` (view, url: where a frame gets the pictures instead).
+The messages are those of :data:`deformnb.widgets.messages.views.SERVED`.
 """
 
 from __future__ import annotations
@@ -33,18 +30,28 @@ from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import dropping, take_traits, text, whole
-from deformnb.widgets.messages import Badge, Notice, TrameAddress
+from deformnb.widgets.messages.editors import Seen
+from deformnb.widgets.messages.traits import take_traits
+from deformnb.widgets.messages.views import (
+    LARGEST_SIDE,
+    SERVED,
+    AbstractSize,
+    Badge,
+    CameraMoved,
+    Closed,
+    Notice,
+    ServedHello,
+    ServedMessage,
+    TrameAddress,
+)
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
 from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import VIEW_METHODS, make_scene, with_png
 from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
-
-LARGEST = 4096
-"""Pixels along a side of a picture at most."""
 
 _MOST = 8  # of one view; an older one has been closed without a word
 
@@ -55,9 +62,9 @@ class FrontEnds:
     Examples
     --------
     >>> front_ends = FrontEnds()
-    >>> front_ends.put("a", {"width": 300, "height": 200, "background": "light"})
+    >>> front_ends.put("a", (300, 200))
     >>> front_ends.size((720, 540)), front_ends.theme, bool(front_ends)
-    ((300, 200), 'light', True)
+    ((300, 200), 'dark', True)
     """
 
     def __init__(self) -> None:
@@ -68,16 +75,13 @@ class FrontEnds:
     def __bool__(self) -> bool:
         return bool(self._sizes)
 
-    def put(self, name: str, content: dict[str, Any]) -> None:
-        """Store a front end's width and height in pixels and background; ValueError if they are wrong."""
-        size = (whole(content.get("width"), 1, LARGEST), whole(content.get("height"), 1, LARGEST))
+    def put(self, name: str, size: tuple[int, int]) -> None:
+        """Store a front end's width and height in pixels."""
         with self._lock:
             self._sizes.pop(name, None)
             self._sizes[name] = size
             while len(self._sizes) > _MOST:
                 del self._sizes[next(iter(self._sizes))]
-        if content.get("background") in ("dark", "light"):
-            self.theme = str(content["background"])
 
     def drop(self, name: str) -> None:
         """A front end is closed."""
@@ -176,6 +180,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     _esm = bundle("volume_view.js")
     _css = bundle("volume_view.css")
+    channel = SERVED
     draws_by_vtk = True
 
     badge = ""
@@ -186,8 +191,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     shows = ShowsTrait().tag(sync=True)
     camera = CameraTrait().tag(sync=True)
     clip = ClipTrait().tag(sync=True)
-    width = traitlets.Int(720, min=64, max=LARGEST).tag(sync=True)
-    height = traitlets.Int(540, min=64, max=LARGEST).tag(sync=True)
+    width = traitlets.Int(720, min=64, max=LARGEST_SIDE).tag(sync=True)
+    height = traitlets.Int(540, min=64, max=LARGEST_SIDE).tag(sync=True)
     fill = traitlets.Bool(False).tag(sync=True)
     label = traitlets.Unicode("Volume").tag(sync=True)
     show_folds = traitlets.Bool(True).tag(sync=True)
@@ -201,7 +206,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         *,
         transfer: TransferFunction | str = "specimen",
         method: str = "auto",
-        map_size: int = 192,
+        map_size: int = MAP_SIZE,
         space_size: int = 64,
         transport: str = "comm",
         **traits: Any,
@@ -226,7 +231,6 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.set_trait("transport", transport)
         if method not in VIEW_METHODS:
             raise DeformError(f"unknown method {method!r}; choose one of {', '.join(VIEW_METHODS)}.")
-        self.on_msg(lambda _view, content, _buffers: self.receive(content))
         self.observe(
             self._changed,
             ["camera", "clip", "shows", "projection", "background", "show_folds", "target_ms", "settle_ms"],
@@ -379,7 +383,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         text = "" if self.shows == "original" else scene.folding.remark
         if text != self.badge:
             self.badge = text
-            self.send(Badge(type="badge", text=text))
+            self.post(Badge(text=text))
 
     def _change(self, key: str, function: Callable[[Any], None]) -> None:
         if self._is_closed:  # a front end's mouse may go on for a moment
@@ -433,13 +437,13 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             frame = replace(frame, images=(compared(self.shows, original, deformed),))
         message, pictures = self._frames.pack(frame, camera=number, by=view)
         if self._carrier is None:
-            self.send(message, pictures)
+            self.post(message, pictures)
         else:
             self._carrier.deliver(message, pictures, frame)
 
     def _show_notice(self, notice: str) -> None:
         self._notice = notice
-        self.send(Notice(type="notice", text=notice))
+        self.post(Notice(text=notice))
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -447,31 +451,26 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Take the trait values that the front end sends, as far as they are right."""
         take_traits(sync_data, _OF_PAGE, super().set_state)
 
-    def receive(self, content: Any) -> None:
-        """Take a message of a front end: a wrong one is logged and dropped, never raised into the channel."""
-        with dropping("a message"):
-            kind = content.get("type") if isinstance(content, dict) else None
-            answers = {
-                "hello": self._resized,
-                "size": self._resized,
-                "camera": self._camera,
-                "seen": self._seen,
-                "bye": self._bye,
-            }
-            answer = answers.get(kind) if isinstance(kind, str) else None
-            if answer is None:
-                raise ValueError("unknown kind")
-            answer(text(content.get("view")), content)
+    def take_message(self, message: ServedMessage, buffers: Any = ()) -> None:
+        if isinstance(message, AbstractSize):
+            self._resized(message)
+        elif isinstance(message, CameraMoved):
+            self._turn(message)
+        elif isinstance(message, Seen):
+            self._go_on(self._frames.seen(message.seq, message.view))
+        else:
+            self._front_end_closed(message)
 
-    def _resized(self, view: str, content: dict[str, Any]) -> None:
-        self._front_ends.put(view, content)
-        if content["type"] == "hello":
-            self._carry(view, content.get("origin"))
+    def _resized(self, message: AbstractSize) -> None:
+        self._front_ends.put(message.view, (message.width, message.height))
+        self._front_ends.theme = message.background or self._front_ends.theme
+        if isinstance(message, ServedHello):
+            self._carry(message.view, message.origin or None)
         self._change_size()
-        if content["type"] == "hello" and self._notice:
-            self.send(Notice(type="notice", text=self._notice))
-        if content["type"] == "hello" and self.badge:
-            self.send(Badge(type="badge", text=self.badge))
+        if isinstance(message, ServedHello) and self._notice:
+            self.post(Notice(text=self._notice))
+        if isinstance(message, ServedHello) and self.badge:
+            self.post(Badge(text=self.badge))
 
     def _carry(self, view: str, origin: Any) -> None:
         """Send a front end the address from which its frame gets the pictures, if they take another way."""
@@ -479,7 +478,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if make is None:
             return
         self._carrier = self._carrier or make(self)
-        self._carrier.open(origin, lambda url: self.send(TrameAddress(type="trame", view=view, url=url)))
+        self._carrier.open(origin, lambda url: self.post(TrameAddress(view=view, url=url)))
 
     def draw_again(self) -> None:
         """A front end has come that was not there when the last picture was sent: none is on its way to it."""
@@ -492,23 +491,20 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         if carrier is not None:
             carrier.close()
 
-    def _bye(self, view: str, content: dict[str, Any]) -> None:
-        self._front_ends.drop(view)
-        self._go_on(self._frames.left(view))
+    def _front_end_closed(self, message: Closed) -> None:
+        self._front_ends.drop(message.view)
+        self._go_on(self._frames.left(message.view))
         if not self._front_ends and not self._has_guests:
             self._rest()
 
-    def _camera(self, view: str, content: dict[str, Any]) -> None:
-        camera, number = checked_camera(content.get("camera")), whole(content.get("number"), 0, 2**53)
+    def _turn(self, message: CameraMoved) -> None:
+        camera = checked_camera(message.camera.value())
 
         def turn(scene: Any) -> None:
             scene.set_camera(camera)
-            self._shown_camera = (view, number)
+            self._shown_camera = (message.view, message.number)
 
         self._change("camera", turn)
-
-    def _seen(self, view: str, content: dict[str, Any]) -> None:
-        self._go_on(self._frames.seen(whole(content.get("seq"), 1, 2**53), view))
 
     def _go_on(self, is_free: bool) -> None:
         """Draw what was held back while too many pictures were on their way."""

@@ -7,7 +7,6 @@ without folds is drawn by the same shader as ever.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.messages.views import PlanarData, SpaceData
 from deformnb.widgets.textures import FieldTextures
 
 RED = "red: where the map folds"
@@ -27,7 +27,7 @@ UNSEEN = "the map folds; this way of drawing does not show where"
 _NODES = 33
 
 # Changes of slope of the weights of several maps; of more than these a bound must do.
-_MOST_BENDS = 64
+MOST_BENDS = 64
 
 # VTK computes a colour in one place only: of a sample, or of the largest value at the end of a ray. Whether that one is
 # turned over must be known before.
@@ -70,7 +70,7 @@ def fold_glsl(has_cuts: bool) -> str:
 
 def fold_step(maps: FieldTextures, lattice: Grid) -> float:
     """Distance between look-ups of displacements: a length over which the samples show a slope."""
-    planar, space = maps.content["planar"], maps.content["space"]
+    planar, space = maps.content.planar, maps.content.space
     return max(
         min(lattice.spacing),
         min(planar["spacing"]) if planar is not None else 0.0,
@@ -94,11 +94,11 @@ def maps_fold(maps: FieldTextures) -> bool:
     >>> maps_fold(field_textures(field, frame_of(volume), None, 64, 16))
     True
     """
-    planar, space = maps.content["planar"], maps.content["space"]
+    planar, space = maps.content.planar, maps.content.space
     return (planar is not None and _planar_folds(planar, maps)) or (space is not None and _space_folds(space, maps))
 
 
-def _planar_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
+def _planar_folds(about: PlanarData, maps: FieldTextures) -> bool:
     count, rows, columns = about["shape"]
     regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
     samples = np.frombuffer(maps.buffer("maps"), "<f4").reshape(regions, count // regions, rows, columns, 2)
@@ -108,7 +108,7 @@ def _planar_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
         for a, b in zip(weights.T[:-1], weights.T[1:], strict=True):
             # Nothing is turned over by what moves less than the places that it moves lie apart.
             near = steep @ np.maximum(np.abs(a), np.abs(b)) >= 1
-            if near.any() and (weights.shape[1] > _MOST_BENDS or _turned_between(slopes[:, :, near], a, b)):
+            if near.any() and (weights.shape[1] > MOST_BENDS or _turned_between(slopes[:, :, near], a, b)):
                 return True
     return False
 
@@ -133,7 +133,7 @@ def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDAr
     return bool((~(least > 0)).any())
 
 
-def _space_folds(about: dict[str, Any], maps: FieldTextures) -> bool:
+def _space_folds(about: SpaceData, maps: FieldTextures) -> bool:
     samples = np.frombuffer(maps.buffer("space"), "<f4").reshape(*about["shape"][::-1], 3)
     return any(
         bool(((slopes**2).sum(axis=(0, 1)) >= 1).any() and (~(determinant(one_plus(slopes)) > 0)).any())

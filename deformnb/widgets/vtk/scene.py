@@ -382,8 +382,8 @@ class VtkScene:
 
     def _can(self, maps: FieldTextures) -> bool:
         """Check whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
-        has_cuts = bool((maps.content["planar"] or {}).get("cut"))
-        is_early = maps.content["coarse"] or bool((maps.content["space"] or {}).get("cut"))
+        has_cuts = maps.content.planar is not None and maps.content.planar["cut"] is not None
+        is_early = maps.content.coarse or (maps.content.space is not None and maps.content.space.get("cut") is not None)
         return not is_early and (self._is_trusted or not has_cuts or cuts_work())
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:

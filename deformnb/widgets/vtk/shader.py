@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid
 from deformnb.widgets.bundle import SHADERS
+from deformnb.widgets.messages.views import PlanarData, PlaneCutData, PlaneData, SpaceData
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.vtk.folds import REPLACED_FOR_FOLDS, fold_glsl, fold_step
 
@@ -412,8 +413,8 @@ class VolumeWarp:
         first : the maps' frame starts there, an index (i, j, k) of ``lattice``.
         """
         self._window.MakeCurrent()
-        planar = maps.content["planar"] if maps is not None else None
-        space = maps.content["space"] if maps is not None else None
+        planar = maps.content.planar if maps is not None else None
+        space = maps.content.space if maps is not None else None
         cut = planar["cut"] if planar is not None else None
         self._inject(
             "none" if planar is None else "same" if planar["isReplicated"] else "weighted",
@@ -435,7 +436,7 @@ class VolumeWarp:
             self._set_space(space, maps.buffer("space"), scale, shift)
         self._bind()
 
-    def _set_planar(self, about: dict[str, Any], given: FieldTextures, scale: Floats, shift: Floats) -> None:
+    def _set_planar(self, about: PlanarData, given: FieldTextures, scale: Floats, shift: Floats) -> None:
         count, rows, columns = about["shape"]
         regions = len(about["cut"]["sides"]) if about["cut"] is not None else 1
         maps = np.frombuffer(given.buffer("maps"), "<f4").reshape(count * rows, columns, 2)
@@ -457,9 +458,7 @@ class VolumeWarp:
         self._textures["dnb_maps"].load(maps)
         self._textures["dnb_weights"].load(weights[..., None])
 
-    def _set_cut(
-        self, about: dict[str, Any], samples: bytes, plane: dict[str, Any], scale: Floats, shift: Floats
-    ) -> None:
+    def _set_cut(self, about: PlaneCutData, samples: bytes, plane: PlaneData, scale: Floats, shift: Floats) -> None:
         count, rows, columns = about["shape"]
         if count * rows > self._textures["dnb_cuts"].largest:
             raise DeformError(f"{count} cuts are more than the GPU takes; use fewer.")
@@ -471,7 +470,7 @@ class VolumeWarp:
         u.SetUniform2f("dnb_cut_scale", [1 / (columns * da), 1 / (rows * db)])
         self._textures["dnb_cuts"].load(np.frombuffer(samples, "<f4").reshape(count * rows, columns, 1))
 
-    def _set_space(self, about: dict[str, Any], samples: bytes, scale: Floats, shift: Floats) -> None:
+    def _set_space(self, about: SpaceData, samples: bytes, scale: Floats, shift: Floats) -> None:
         n, spacing = np.asarray(about["shape"]), np.asarray(about["spacing"])
         values = np.zeros((*n[::-1], 4), np.float32)  # four: GPUs are slow with three
         values[..., :3] = np.frombuffer(samples, "<f4").reshape(*n[::-1], 3) / scale
@@ -487,7 +486,13 @@ class VolumeWarp:
 
 
 def _along(
-    plane: dict[str, Any], axis: str, scale: Floats, shift: Floats, start: float, length: float, offset: float = 0.0
+    plane: PlaneData,
+    axis: Literal["u", "v", "n"],
+    scale: Floats,
+    shift: Floats,
+    start: float,
+    length: float,
+    offset: float = 0.0,
 ) -> list[float]:
     """Four numbers that turn a texture coordinate of the volume into one of a raster over a plane."""
     w = np.asarray(plane[axis])

@@ -17,7 +17,7 @@ from typing import Any
 
 from deformnb.errors import DeformError
 from deformnb.widgets.camera import checked_camera
-from deformnb.widgets.edit_messages import text, whole
+from deformnb.widgets.messages.views import FrameSent
 from deformnb.widgets.vtk.render_loop import Frame
 from deformnb.widgets.web.guard import Answer, checked_origin
 from deformnb.widgets.web.remote_area import AREA, MouseCamera, Pictures, for_area
@@ -66,7 +66,7 @@ class TrameFrames:
                 served = self._served[allowed] = _Served(view, allowed)
         served.when_ready(notify)
 
-    def deliver(self, message: dict[str, Any], pictures: list[bytes], frame: Frame) -> None:
+    def deliver(self, message: FrameSent, pictures: list[bytes], frame: Frame) -> None:
         """A picture, by the thread that draws."""
         for served in list(self._served.values()):
             served.area.deliver(message, pictures, frame)
@@ -201,7 +201,7 @@ class _ViewArea:
         self._mouse.on_event(event, view.shown_box, view.shows)
 
     def _seen(self, number: Any, page: Any = "") -> None:
-        self._send_to_view({"type": "seen", "seq": whole(number, 1, 2**53)}, text(page))
+        self._send_to_view({"type": "seen", "seq": number}, page)
 
     def _look_from(self, side: Any) -> None:
         """Look from a side, by its name."""
@@ -220,14 +220,14 @@ class _ViewArea:
         if view is not None:
             view.camera = self._camera
 
-    def _send_to_view(self, content: dict[str, Any], page: str) -> None:
+    def _send_to_view(self, content: dict[str, Any], page: Any) -> None:
         view = self._view()
         if view is not None:
             view.receive({**content, "view": page})
 
     # -- for the view --------------------------------------------------------------------------------------------------
 
-    def deliver(self, message: dict[str, Any], pictures: list[bytes], frame: Frame) -> None:
+    def deliver(self, message: FrameSent, pictures: list[bytes], frame: Frame) -> None:
         """A picture of the view, or two that are shown in turn; called by the thread that draws."""
         view = self._view()
         if view is not None:
@@ -236,7 +236,7 @@ class _ViewArea:
                 frame.images,
                 pictures,
                 camera,
-                {"n": message["seq"], "full": frame.is_full, "shows": view.shows, "badge": view.badge},
+                {"n": message.seq, "full": frame.is_full, "shows": view.shows, "badge": view.badge},
             )
 
     def _push(self, jpeg: bytes, about: dict[str, Any]) -> None:

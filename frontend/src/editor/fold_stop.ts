@@ -1,6 +1,6 @@
 // The stop of drags before the map folds, for control points and for rigid parts.
 
-import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
 

@@ -1,5 +1,6 @@
 // The editor's tools for cuts, rigid parts and fixed sides: the pen that draws them, and edits of those that are there.
 
+import { LONGEST_KIND } from "../generated.ts";
 import { sidesKey } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { changed, cleanShapes, middleOf, sameShapes } from "../maths/points.ts";
@@ -262,7 +263,6 @@ function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: V
  */
 export type Offer = { parts: PartData[]; points: Point[]; kind: string };
 
-const LONGEST_KIND = 80; // characters of the name of an edit
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */

@@ -1,6 +1,6 @@
 // The line under the editor's picture: counts, the legend of the regions, folds, and remarks or advice.
 
-import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { NEARLY_FOLDED } from "../generated.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";

@@ -1,6 +1,7 @@
 // NIfTI-1 and NIfTI-2 in one file, by the rules of deformnb/io/volumes/nifti.py: the sform if its code is above 0, else the qform
 // if its code is above 0, else the voxel sizes alone. NIfTI is RAS: x and y change sign. Source: nifti1.h and nifti2.h.
 
+import { FIRST_VOXEL, LABEL_INTENT, MOST_EXTENSIONS } from "../generated.ts";
 import type { Axis } from "../maths/axes.ts";
 import { perAxis } from "../maths/axes.ts";
 import type { Vector2, Vector3, Vector4 } from "../types.ts";
@@ -30,10 +31,7 @@ const REFUSED: Record<number, string> = {
   2048: "complex numbers",
   2304: "colours",
 };
-const LABEL_INTENT = 1002;
 const UNITS = ["", "m", "mm", "\u00b5m"]; // by their codes
-const FIRST_VOXEL = 352,
-  MOST_EXTENSIONS = 2 ** 26;
 
 export interface Fields {
   dim: [axes: number, ...sizes: number[]];

@@ -1,21 +1,13 @@
 // NRRD in one file (.nrrd), by the rules of deformnb/io/volumes/nrrd.py. Source: the definition of the NRRD file format of Teem.
 
+import { HEADER_BYTES, MOST_SKIPPED } from "../generated.ts";
 import { perAxis } from "../maths/axes.ts";
 import { cross, mapVector } from "../maths/camera.ts";
 import type { Matrix3, Vector3, Vector4 } from "../types.ts";
 import { IDENTITY } from "../volume/grid.ts";
 import { commonUnit, statedUnit } from "../volume/units.ts";
 import type { VoxelType } from "./reading.ts";
-import {
-  ByteReader,
-  FileError,
-  floatsOfText,
-  HEADER_BYTES,
-  integerOf,
-  integersOf,
-  shownText,
-  volumeShape,
-} from "./reading.ts";
+import { ByteReader, FileError, floatsOfText, integerOf, integersOf, shownText, volumeShape } from "./reading.ts";
 import type { Header } from "./volume_files.ts";
 
 const TYPES: Record<VoxelType, string[]> = {
@@ -44,7 +36,6 @@ const SPACES: Record<string, Vector3> = {
   "3d-left-handed": [1, 1, 1],
 };
 const PLACES = ["domain", "space", "???", "none"]; // kinds of axes in space
-const MOST_SKIPPED = 2 ** 26;
 
 export type Texts = Record<string, string>;
 /** Fields of a header; the first four are in every one. */

@@ -1,15 +1,12 @@
 // Bytes of a file that a user has chosen, read in pieces: headers first, voxels only after all sizes are checked.
 
+import { MOST_PACKED } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
 
 /** A file that cannot be read, in a sentence for the user. */
 export class FileError extends Error {}
 
-/** Bytes of a header at most. */
-export const HEADER_BYTES = 2 ** 20;
-
 const MOST_BYTES = 2 ** 30; // of voxels as stored: a phone holds no more, and half of it is copied once
-const MOST_PACKED = 1040; // bytes of deflate's densest data for each packed one
 const MOST_BEHIND = 2 ** 22; // bytes behind the voxels that are looked at for the check sum of gzip
 
 export interface Work {

@@ -1,12 +1,12 @@
 // Depths of the key pictures as marks on a bar, of which one is selected.
 
+import { MOST_KEYS } from "../generated.ts";
 import type { Model, Vector2 } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
-const MOST_KEYS = 64;
 const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
 /** A drag of a key. */

@@ -3,6 +3,7 @@
 // Python owns the list. The front end requests a command for a row, with the state of the list ("version"), and waits
 // for the answer: a second click must not meet rows that have moved meanwhile.
 
+import { LONGEST_ROW_NAME } from "../generated.ts";
 import type { Model, Values } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.ts";
@@ -30,7 +31,6 @@ const ROW_BUTTONS = {
   remove: ["Delete (Del)", "M3.5 4.5h9M6.5 4.5v-2h3v2M5 4.5l.6 9h4.8l.6-9M7 7v4M9 7v4"],
 } as const;
 type RowCommand = keyof typeof ROW_BUTTONS;
-const LONGEST_NAME = 100;
 
 /** A time in the zone of the front end, which may be another than Python's, as the language around it writes it. */
 function timeOfDay(seconds: number, place: Element) {
@@ -261,7 +261,7 @@ class ItemListView {
       before = this.rows[k].name || "";
     const input = pageElement("input", "dnb-il-input", null, {
       type: "text",
-      maxlength: LONGEST_NAME,
+      maxlength: LONGEST_ROW_NAME,
       spellcheck: "false",
       "aria-label": "Name",
       placeholder: this.rows[k].title || "",

@@ -1,6 +1,7 @@
 // The camera: parallel projection along a direction, with an up vector and the height of the view.
 // Vectors are in space (LPS); the ray caster gets them in the volume's own frame.
 
+import { SMALLEST_SHARE, VIEW_AIR } from "../generated.ts";
 import type { Matrix3, Vector, Vector2, Vector3 } from "../types.ts";
 
 export const dot: (a: Vector3, b: Vector3) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -23,9 +24,7 @@ export const unitVector: (a: Vector3) => Vector3 | null = (a) => {
 const rotated: (a: Vector3, side: Vector3, angle: number) => Vector3 = (a, side, angle) =>
   added(scaled(a, Math.cos(angle)), scaled(side, Math.sin(angle)));
 
-const SEEN = 1.02; // a small margin around the box, as in the still pictures
 const LEAST_SEEN = 0.1; // share of the box, or of the view, that stays in view
-const SMALLEST_SHARE = 0.62; // of the box's diagonal: a thin view must still fit the frame after it is turned
 
 export class Camera {
   direction: Vector3;
@@ -92,7 +91,7 @@ export class Camera {
       b = Math.max(b, Math.abs(dot(corner, this.up)));
       far = Math.max(far, Math.hypot(...corner));
     }
-    return 2 * SEEN * Math.max(b, a / aspect, SMALLEST_SHARE * far * Math.min(1, 1 / aspect));
+    return 2 * VIEW_AIR * Math.max(b, a / aspect, SMALLEST_SHARE * far * Math.min(1, 1 / aspect));
   }
 
   /**

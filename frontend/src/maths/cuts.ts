@@ -1,8 +1,8 @@
 // Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
 // stop inside the body.
 
+import { MOST_SLITS } from "../generated.ts";
 import type { Fit, FitSettings, LayeredFit, Point, Raster, Region, Vector2, Vector4 } from "../types.ts";
-import { MOST_SLITS } from "./constants.ts";
 import { RbfError, rbfCheckPoints } from "./rbf.ts";
 import { regionOf } from "./regions.ts";
 import { fieldAt, fieldOnRaster, stagedFit } from "./rigid_stages.ts";

@@ -2,8 +2,8 @@
 //
 // det J is that of the backward map x + D(x): 1 keeps areas, 1/2 is tissue twice as large, and at 0 the map folds.
 
+import { NEARLY_FOLDED } from "../generated.ts";
 import type { Fit, LayeredFit, Numbers6, Raster, RbfFit, Vector2, Vector4 } from "../types.ts";
-import { NEARLY_FOLDED } from "./constants.ts";
 import { placeOf } from "./cuts.ts";
 import { forwardTargets } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";

@@ -2,6 +2,7 @@
 // x + F(x) = y, and for a place y of the result the place x of the input by Newton's method. A place is certain where
 // the residual vanishes to rounding and F does not fold at x.
 
+import { AIM, FOUND, MOST_NEWTON_STEPS, SEEDS, SEEDS_AROUND, SHORTEST_STEP, TRIED } from "../generated.ts";
 import type {
   Fit,
   FitSettings,
@@ -19,13 +20,6 @@ import { mapVector } from "./camera.ts";
 import { placeBetween } from "./points.ts";
 import { RBF_KERNELS, rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport } from "./rbf.ts";
 
-const AIM = 1e-12,
-  FOUND = 1e-9,
-  MOST_STEPS = 50,
-  SHORTEST_STEP = 1e-4; // as deformnb.rbf.forward has them
-const SEEDS = { 2: 64, 3: 16 } as const,
-  AROUND = 0.5,
-  TRIED = 4;
 const NEAR_STEP = 0.02; // of a pixel: a residual that one step of Newton's method squares
 
 /** Points with sources and targets exchanged. */
@@ -199,7 +193,7 @@ function latticeOf(fit: RbfFit, inverse: Inverse) {
   const { dim, sources, size } = inverse,
     n = SEEDS[dim as 2 | 3],
     sides = sources[0]!.map((_, k) => sideOf(sources, k));
-  const reach = AROUND * Math.max(Math.hypot(...sides), 1e-3 * size),
+  const reach = SEEDS_AROUND * Math.max(Math.hypot(...sides), 1e-3 * size),
     total = n ** dim;
   const low = sides.map((_, k) => sources.reduce((least, x) => Math.min(least, x[k]!), Infinity) - reach);
   const nodes = new Float64Array(dim * total),
@@ -224,7 +218,7 @@ const TRIAL = new Float64Array(3),
 function newton(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, tolerance: number, t: Numbers6) {
   const dim = y.length;
   let error = residual(fit, y, x, t);
-  for (let turn = 0; turn < MOST_STEPS && error > tolerance; turn++) {
+  for (let turn = 0; turn < MOST_NEWTON_STEPS && error > tolerance; turn++) {
     const det = adjugateOf(t, dim, ADJUGATE);
     if (!(Math.abs(det) > 0)) break;
     for (let i = 0; i < dim; i++) {

@@ -1,20 +1,6 @@
 // The fit of control points on a picture or in space, equal to deformnb.rbf.fitting.fit_rbf. All arithmetic is in
 // float64, as in the package; a test compares the two for every kernel and trend.
 
-import type {
-  FitSettings,
-  KernelTable,
-  Lattice,
-  Matrix,
-  Matrix2,
-  Point,
-  Raster,
-  RbfFit,
-  Vector,
-  Vector2,
-  Vector3,
-} from "../types.ts";
-import { difference, mapVector } from "./camera.ts";
 import {
   COLLAPSED,
   FAR_BEHIND,
@@ -39,7 +25,21 @@ import {
   THIN,
   THIN_BEND,
   TINY,
-} from "./constants.ts";
+} from "../generated.ts";
+import type {
+  FitSettings,
+  KernelTable,
+  Lattice,
+  Matrix,
+  Matrix2,
+  Point,
+  Raster,
+  RbfFit,
+  Vector,
+  Vector2,
+  Vector3,
+} from "../types.ts";
+import { difference, mapVector } from "./camera.ts";
 import { kernelMatrix } from "./kernel_matrix.ts";
 import { kernelOfTable } from "./kernel_table.ts";
 import { placeBetween } from "./points.ts";

@@ -8,8 +8,8 @@
 // A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
 // it (b points down), the same as everywhere in the package.
 
+import { LARGEST_SHAPE } from "../generated.ts";
 import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData, Vector2 } from "../types.ts";
-import { LARGEST_SHAPE } from "./constants.ts";
 
 // ---- masks ----------------------------------------------------------------------------------------------------------
 

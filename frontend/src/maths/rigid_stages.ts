@@ -1,6 +1,7 @@
 // Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
+import { MOST_STAGES, SAME_MOTION } from "../generated.ts";
 import type {
   Fit,
   FitSettings,
@@ -16,7 +17,6 @@ import type {
   Vector2,
   Vector3,
 } from "../types.ts";
-import { MOST_STAGES, SAME_MOTION } from "./constants.ts";
 import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
 import { placeBetween } from "./points.ts";
 import {

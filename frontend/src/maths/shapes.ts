@@ -27,7 +27,7 @@ export function withShape<S extends ShapeData>(shapes: S[], index: number, chang
 
 /**
  * The index of a shape after an edit of its list, or null: the same shape is the equal one, or the only one that was
- * changed. Python follows by the same rule (widgets/edit_messages.py).
+ * changed. Python follows by the same rule (widgets/messages/shapes.py).
  */
 export function followedShape(before: ShapeData[], after: ShapeData[], index: number) {
   if (before[index] === undefined) return null;

@@ -2,7 +2,7 @@
 // To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
 
 import { EditorDrawing, initialize } from "../editor/base.ts";
-import { NEARLY_FOLDED } from "../maths/constants.ts";
+import { NEARLY_FOLDED } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.ts";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";

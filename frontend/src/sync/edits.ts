@@ -11,7 +11,7 @@
 // There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
 // it.
 
-import { LONGEST_EDIT } from "../maths/constants.ts";
+import { LONGEST_EDIT } from "../generated.ts";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
 import type { Bus, Model, ModelHandler, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
 import { History } from "./undo_list.ts";

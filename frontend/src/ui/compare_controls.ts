@@ -6,9 +6,6 @@ import { OWN_KEYS, pageElement, setAttributes } from "./dom.ts";
 const STEP = 0.02,
   LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
 
-/** Modes that these controls belong to: names of SHOWS in deformnb/widgets/camera.py. */
-export const COMPARISONS = ["wipe", "fade"];
-
 export class CompareControls {
   moved: () => void;
   share: number;

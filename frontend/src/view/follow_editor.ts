@@ -1,6 +1,7 @@
 // The maps of a field as the ray caster takes them, with those that an editor makes put in. No DOM. Equal to
 // deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
+import { CUT_MARGIN, CUT_STEPS, MOST_REGIONS } from "../generated.ts";
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
 import { FIT_TRAITS, FollowedModel, pointsOf, settingsOf } from "../sync/bus.ts";
@@ -16,7 +17,7 @@ import type {
   Region,
   Values,
 } from "../types.ts";
-import { bitsOf, MOST_REGIONS } from "../webgl/region_bits.ts";
+import { bitsOf } from "../webgl/region_bits.ts";
 import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import type { Message } from "./volume_loader.ts";
@@ -28,8 +29,6 @@ export type KnownCuts = { id?: string; distances?: Float32Array };
 export type Shapes = Record<string, unknown>;
 export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>;
 
-const CUT_STEPS = 512,
-  CUT_MARGIN = 0.125; // nodes along the longer side, and how far beyond the maps they go
 const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are looked at
 
 /** The message "field" with its buffers in place; null if it builds on distances that `known` does not hold. */

@@ -2,6 +2,7 @@
 // their own, so that whoever turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
+import { MOVIE_PIECE } from "../generated.ts";
 import { type Clip, isClipped } from "../maths/clipping.ts";
 import type { Model, Values, Vector2 } from "../types.ts";
 import { picturesOf, type Shows } from "../ui/view_parts.ts";
@@ -13,8 +14,6 @@ import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import type { Message } from "./volume_loader.ts";
 import { floatsOf } from "./volume_loader.ts";
-
-const PIECE = 2 ** 18; // bytes in a message: proxies refuse large ones
 
 /** the live view whose volume and colours are drawn */
 export interface MovieSource {
@@ -128,9 +127,9 @@ export class MovieFrames {
       });
       if (!png) throw new Error("the browser made no picture");
       const bytes = await png.arrayBuffer();
-      for (let offset = 0; offset < bytes.byteLength; offset += PIECE) {
+      for (let offset = 0; offset < bytes.byteLength; offset += MOVIE_PIECE) {
         view.send({ type: "movie_piece", id, index, offset, size: bytes.byteLength }, [
-          bytes.slice(offset, offset + PIECE),
+          bytes.slice(offset, offset + MOVIE_PIECE),
         ]);
       }
     } catch (error) {

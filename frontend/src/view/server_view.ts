@@ -2,8 +2,8 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
+import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
 import type { Model, ModelHandler, Vector2 } from "../types.ts";
-import { COMPARISONS } from "../ui/compare_controls.ts";
 import { pageElement } from "../ui/dom.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { opened } from "../ui/view_parts.ts";
@@ -139,7 +139,7 @@ export class ServerVolumeView {
     const { background, theme } = this.elements;
     this.root.dataset.background = background;
     const { width, height } = this.elements.fit(),
-      within = (n: number) => Math.min(4096, Math.max(16, n));
+      within = (n: number) => Math.min(LARGEST_SIDE, Math.max(16, n));
     const now = {
       width: within(width),
       height: within(height),
@@ -236,7 +236,7 @@ export class ServerVolumeView {
       [, original] = this.layers;
     context.drawImage(bitmap, 0, 0, width, height);
     const { share } = this.elements.compare;
-    if (!original || !COMPARISONS.includes(this.shown)) return;
+    if (!original || !(COMPARISONS as readonly string[]).includes(this.shown)) return;
     const [part, opacity] = this.shown === "wipe" ? [share, 1] : [1, share];
     context.globalAlpha = opacity;
     context.drawImage(original, 0, 0, original.width * part, original.height, 0, 0, width * part, height);

@@ -1,6 +1,7 @@
 // The grid of a volume's voxels and the planes of pictures of it, as deformnb/volume/volume.py and plane.py have them.
 // Arrays are [z, y, x]; places are (x, y, z) in space (LPS).
 
+import { LARGEST_COORDINATE, ORTHONORMAL_TOLERANCE, SPACING_LIMITS } from "../generated.ts";
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, cross, difference, dot, mapVector, scaled, unitVector } from "../maths/camera.ts";
@@ -30,10 +31,6 @@ export type Plane = { origin: Vector3; u: Vector3; v: Vector3; n: Vector3 };
 /** A grid that cannot be. */
 export class GridError extends Error {}
 
-const ORTHONORMAL_TOLERANCE = 2e-4;
-const SPACINGS = [1e-12, 1e12] as const;
-const LARGEST_COORDINATE = 1e15;
-
 type AxisName = (typeof AXIS_NAMES)[number];
 
 /** Up of the picture for each viewing axis: the head, or in a picture along z the front of the patient. */
@@ -51,8 +48,10 @@ export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, d
   const all = [...spacing, ...origin, ...direction.flat()];
   if (!all.every(Number.isFinite)) throw new GridError("spacing, origin or direction are not finite.");
   if (Math.min(...spacing) <= 0) throw new GridError(`spacing must be positive, got ${spacing.join(", ")}.`);
-  if (Math.min(...spacing) < SPACINGS[0] || Math.max(...spacing) > SPACINGS[1]) {
-    throw new GridError(`spacing must be from ${SPACINGS[0]} to ${SPACINGS[1]}, got ${spacing.join(", ")}.`);
+  if (Math.min(...spacing) < SPACING_LIMITS[0] || Math.max(...spacing) > SPACING_LIMITS[1]) {
+    throw new GridError(
+      `spacing must be from ${SPACING_LIMITS[0]} to ${SPACING_LIMITS[1]}, got ${spacing.join(", ")}.`,
+    );
   }
   if (Math.max(...origin.map(Math.abs)) > LARGEST_COORDINATE) {
     throw new GridError(`the origin is ${origin.join(", ")}; coordinates must be below ${LARGEST_COORDINATE}.`);

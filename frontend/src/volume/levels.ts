@@ -3,19 +3,20 @@
 // to Python.
 
 import type { Values, Volume } from "../formats/volume_files.ts";
+import {
+  AIR_HU,
+  BINS,
+  BONE_HU,
+  FEW_VOXELS,
+  FINEST,
+  HISTOGRAM_SLICES,
+  NOTHING_HU,
+  OUTLIERS,
+  RESAMPLED,
+  STRETCH,
+} from "../generated.ts";
 import type { Vector2, Vector3, Vector4 } from "../types.ts";
 import { lengthsOf } from "./grid.ts";
-
-const BINS = 256,
-  SLICES = 64;
-const OUTLIERS = 1e-4,
-  STRETCH = 16,
-  FEW_VOXELS = 512;
-const AIR_HU = -700,
-  BONE_HU = 300,
-  NOTHING_HU = -1100,
-  RESAMPLED = 0.02;
-const FINEST = 8; // entries between neighbouring bytes
 
 /** air, the edges of tissue and of dense tissue, the densest value */
 export type Levels = Vector4;
@@ -64,7 +65,7 @@ function histogram(
   high: number,
 ) {
   const counts = new Float64Array(BINS),
-    every = Math.max(1, Math.floor(nz / SLICES)),
+    every = Math.max(1, Math.floor(nz / HISTOGRAM_SLICES)),
     size = ny * nx;
   for (let z = 0; z < nz; z += every) {
     for (let k = z * size; k < (z + 1) * size; k++) {

@@ -3,6 +3,15 @@
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
 import type { Values, Volume } from "../formats/volume_files.ts";
+import {
+  LEAVES,
+  MAP_SIZE,
+  METAL,
+  MOST_VOXELS_SENT,
+  PACKED_CHUNK_BYTES,
+  SATURATED,
+  WINDOWS_AROUND,
+} from "../generated.ts";
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, dot } from "../maths/camera.ts";
@@ -23,14 +32,7 @@ import {
 } from "./grid.ts";
 import type { Measured } from "./levels.ts";
 
-const MOST_VOXELS = 256 ** 3,
-  LONGEST = 1024;
-const CHUNK_BYTES = 2 ** 21;
-const MAP_SIZE = 192; // samples of a displacement map along its longer side
-const SATURATED = 0.005; // of the pixels are black, and as many of those brighter than black white
-const METAL = 3000; // Hounsfield units beyond enamel and cortical bone
-const AROUND = 16; // widths of the window on either side of it that the editor can show
-const LEAVES = 0.01; // of the edge, and a voxel, beyond which foreground leaves the box
+const LONGEST = 1024;
 
 /** Lets the page draw between two pieces of work. */
 const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
@@ -41,7 +43,7 @@ export function factorsOf(grid: Grid) {
   for (;;) {
     const left = perAxis((k) => Math.ceil(countAlong(grid, k) / factors[k])),
       isLong = perAxis((k) => left[k] > LONGEST);
-    if (!isLong.includes(true) && left[0] * left[1] * left[2] <= MOST_VOXELS) return factors;
+    if (!isLong.includes(true) && left[0] * left[1] * left[2] <= MOST_VOXELS_SENT) return factors;
     const can = isLong.includes(true) ? isLong : perAxis((k) => left[k] > 1);
     const sizes = perAxis((k) => (can[k] ? factors[k] * grid.spacing[k] : Infinity));
     factors[sizes.indexOf(Math.min(...sizes)) as Axis] += 1;
@@ -95,7 +97,7 @@ export async function bytesOfVolume(
 
 /** Pieces of whole slices, packed as those of a file. */
 export async function piecesOf(bytes: Uint8Array<ArrayBuffer>, [, ny, nx]: Vector3, signal?: AbortSignal) {
-  const size = Math.max(1, Math.floor(CHUNK_BYTES / (ny * nx))) * ny * nx,
+  const size = Math.max(1, Math.floor(PACKED_CHUNK_BYTES / (ny * nx))) * ny * nx,
     pieces = [];
   for (let start = 0; start < bytes.length; start += size) {
     signal?.throwIfAborted();
@@ -160,7 +162,7 @@ export function pictureWindow(
 /** The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean. */
 export function packedPicture(pixels: Values, window: Vector2) {
   const [black, white] = window,
-    margin = AROUND * (white - black);
+    margin = WINDOWS_AROUND * (white - black);
   let least = Infinity,
     most = -Infinity;
   for (const value of pixels) {

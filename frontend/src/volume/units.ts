@@ -1,7 +1,7 @@
 // Units of length, by the table and the rules of deformnb/volume/units.py.
 
 import { shownText } from "../formats/reading.ts";
-import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../maths/constants.ts";
+import { NO_UNITS, UNIT_LOWER_WORDS, UNIT_METRES, UNIT_WORDS } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
 
 const WORDS: Record<string, string> = UNIT_WORDS,

@@ -2,7 +2,7 @@
 // space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
 
 import CUT_CHOICE from "../../../deformnb/widgets/glsl/cut_choice.glsl";
-import { MOST_REGIONS } from "./region_bits.ts";
+import { MOST_REGIONS } from "../generated.ts";
 
 export const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map

@@ -1,5 +1,6 @@
 // Folds of a volume's displacement: looked for in its maps once, and shown by the shader where there are some.
 
+import { MOST_BENDS } from "../generated.ts";
 import { AXES } from "../maths/axes.ts";
 import type { Matrix2, Matrix3, Vector2, Vector3 } from "../types.ts";
 import type { PlanarField } from "./types.ts";
@@ -19,8 +20,6 @@ vec3 foldRed(vec3 rgb) {
   return mix(mix(rgb, vec3(.827, .184, .184), .72), vec3(1., .78, .78), .55 * stripe);
 }
 #endif`;
-
-const MOST_BENDS = 64; // of weights along the depth, beyond which a bound is taken
 
 /**
  * True if a planar field folds: a cell of its maps is turned over, seen at its upper left or at its lower right

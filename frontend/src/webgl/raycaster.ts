@@ -1,10 +1,10 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It has no widget and no pointer; all that comes in is arrays and numbers.
 
+import { AMBIENT_CELL } from "../generated.ts";
 import { perAxis } from "../maths/axes.ts";
 import { dot } from "../maths/camera.ts";
 import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
-import { AMBIENT_CELL } from "../maths/constants.ts";
 import type { Sides, Vector2, Vector3, Vector4 } from "../types.ts";
 import { blockPairs, CELL, emptyCells, QUICK_CELL, SpaceRanges } from "./empty_space.ts";
 import { planarFolds, spaceFolds } from "./fold_mesh.ts";

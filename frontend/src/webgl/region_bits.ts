@@ -1,8 +1,5 @@
 // How the shader is told which cuts the regions of the plane lie inside of.
 
-// A uniform of the shader has this many places; below 1024 numbers every GPU takes it.
-export const MOST_REGIONS = 32;
-
 /** The sides of a region as one number: bit c is set inside cut c. */
 export function bitsOf(sides: boolean[]) {
   return sides.reduce((sum, inside, c) => sum + (inside ? 2 ** c : 0), 0);

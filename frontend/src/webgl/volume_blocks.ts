@@ -1,8 +1,8 @@
 // Gradients, empty blocks, ambient light and steepness of a volume and its displacement, computed before it is drawn.
 // Pure arithmetic on arrays [z][y][x] of bytes; no DOM, no WebGL.
 
+import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../generated.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
-import { AMBIENT_AHEAD, AMBIENT_CELL, AMBIENT_EVEN, AMBIENT_FAR, AMBIENT_NEAR } from "../maths/constants.ts";
 
 import type { Vector2, Vector3 } from "../types.ts";
 import type { Extremes } from "./types.ts";

@@ -24,8 +24,9 @@ from deformnb.rbf.rigid import RigidInterpolant, RigidMotion, RigidPart
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp_picture
-from deformnb.widgets.edit_messages import MOST_PARTS, ShapesMessage, followed
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import ShapesEdit
+from deformnb.widgets.messages.shapes import MOST_PARTS, followed
 
 LINE = {"kind": "line", "vertices": [[20.0, 0.0], [22.0, 30.0]]}
 SQUARE = {"kind": "polygon", "vertices": [[3.0, 3.0], [6.0, 3.0], [6.0, 9.0], [3.0, 9.0]]}
@@ -133,7 +134,7 @@ def test_a_still_shows_the_gap(points: ControlPoints) -> None:
 
 def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
     editor = Editor(None, points)
-    heard: list[ShapesMessage] = []
+    heard: list[ShapesEdit] = []
     seen: list[Any] = []
     editor.on_shapes(heard.append)
     editor.observe(lambda change: seen.append(editor.edit_under_way), "cuts")
@@ -187,7 +188,7 @@ def test_what_is_wrong_in_a_message_of_shapes_is_said_and_changes_nothing(points
     editor = Editor(None, points, cuts=[Cut(HalfSpace((5, 5), (1, 0)))])
     before = editor.cuts
     error, done = said(editor, **changes)
-    assert error["message"].startswith("Python did not take these shapes: ")
+    assert error["message"].startswith("Python did not take this edit: ")
     assert done["type"] == "done"
     assert (editor.cuts, editor.parts, editor.seen) == (before, (), {"page": 1})
 
@@ -216,7 +217,7 @@ def test_shapes_that_an_observer_refuses_are_put_back(points: ControlPoints) -> 
 def test_a_callback_that_fails_is_said(points: ControlPoints, caplog: Any) -> None:
     editor = Editor(None, points)
 
-    def fail(edit: ShapesMessage) -> None:
+    def fail(edit: ShapesEdit) -> None:
         raise RuntimeError("broken")
 
     editor.on_shapes(fail)

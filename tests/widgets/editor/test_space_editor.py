@@ -27,8 +27,8 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.transfer import preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import SpaceEditor
-from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.editor.space_slices import PANES, Pane, SpacePictures, folding, shapes_on
+from deformnb.widgets.messages.points import points_to_json
 
 EDITS = ("ui/dom.ts", "maths/camera.ts", "maths/points.ts", "editor/handles.ts", "maths/space.ts")
 SHAPE, SPACING, ORIGIN = (24, 30, 36), (1.0, 1.5, 2.0), (5.0, -8.0, 3.0)
@@ -161,7 +161,7 @@ def test_points_on_a_picture_are_refused(editor: SpaceEditor, points: ControlPoi
         editor.points = ControlPoints.empty(2)
     receive(editor, edit([{"id": 0, "source": [1, 2], "target": [1, 2]}]))
     assert editor.points == points
-    assert "must be three numbers" in editor.messages[0][0]["message"]
+    assert "2 coordinates, and not 3" in editor.messages[0][0]["message"]
 
 
 def test_the_end_of_an_edit_sets_the_points_and_is_answered(editor: SpaceEditor, points: ControlPoints) -> None:

@@ -20,8 +20,8 @@ from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.widgets import CurveEditor
-from deformnb.widgets.edit_messages import LONGEST_MESSAGE
 from deformnb.widgets.inputs.curve_editor import Nodes, exact_nodes, few_nodes, fewest_values, values_of
+from deformnb.widgets.messages.record import LONGEST_MESSAGE
 
 TENT = [[0.0, 0.0], [0.25, 1.0], [1.0, -0.5]]
 Z = np.linspace(0, 1, 129)

@@ -13,7 +13,8 @@ from widgets.studio.panels.test_steps_history import Guarded
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.widgets.inputs.file_input import LARGEST_UPLOAD, PIECE, FileInput
+from deformnb.widgets.inputs.file_input import FileInput
+from deformnb.widgets.messages.inputs import LARGEST_UPLOAD, PIECE
 from deformnb.widgets.web.guard import LONGEST_REQUEST
 
 
@@ -56,7 +57,7 @@ def test_what_cannot_be_taken_is_refused_before_it_is_sent() -> None:
         ("a.nrrd", 0, "empty"),
         ("..", 3, "no name"),
         ("a.nrrd", LARGEST_UPLOAD + 1, "more than the 500 MB"),
-        ("a.nrrd", "5", "a size"),
+        ("a.nrrd", "5", "size: expected a whole number"),
     ):
         deliver(taken.input, {"type": "begin", "id": "x", "name": name, "size": size})
         assert words in taken.guard.errors[-1]

@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from front_end import deliver
 
-from deformnb.widgets.inputs.item_list import LONGEST_NAME, ItemList
+from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.messages.inputs import LONGEST_ROW_NAME
 
 
 def a_list() -> tuple[ItemList, list[tuple[str, int, Any]]]:
@@ -51,7 +52,7 @@ def test_what_is_asked_for_reaches_the_callback() -> None:
         {"what": "switch", "value": 1},
         {"what": "switch", "value": None},
         {"what": "rename", "value": 5},
-        {"what": "rename", "value": "x" * (LONGEST_NAME + 1)},
+        {"what": "rename", "value": "x" * (LONGEST_ROW_NAME + 1)},
         {"what": "choose", "version": "1"},
         {"what": "choose", "version": None},
         {"what": "choose", "type": "do"},

@@ -53,8 +53,8 @@ from deformnb.warping.warper import warp
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
-from deformnb.widgets.edit_messages import points_to_json
 from deformnb.widgets.inputs.preset_menu import PresetMenu
+from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.studio import last_step
 
 

@@ -24,7 +24,8 @@ from deformnb.rbf.regions import HalfSpace, Polygon
 from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.volume import Volume
 from deformnb.widgets import Studio
-from deformnb.widgets.edit_messages import points_to_json, shapes_to_json
+from deformnb.widgets.messages.points import points_to_json
+from deformnb.widgets.messages.shapes import shapes_to_json
 
 
 def buttons_of(box: Any) -> dict[str, ipw.Button]:

@@ -20,8 +20,9 @@ from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera, turned
-from deformnb.widgets.edit_messages import EditMessage, points_to_json
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import PointsEdit
+from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.view.base import AbstractView, ViewMeta
 
@@ -80,7 +81,7 @@ def test_a_view_of_ones_own_follows_an_editor() -> None:
     view, editor, middle = Mine(), Editor(None, points()), GRID.center
     view.follow(editor, extrusion(0.0), output=GRID)
     assert editor.live
-    deliver_edit(editor, EditMessage("a", 1, "move", "move", False, points(2.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=1, phase="move", kind="move", points=points(2.0)))
     assert view.gone(middle) == pytest.approx(2.0, abs=1e-6)
     assert view.output is GRID
     view.follow(editor, extrusion(1.0))  # the answer to an earlier edit
@@ -119,7 +120,7 @@ def test_a_view_of_ones_own_follows_in_the_box_that_was_named_last() -> None:
     view.follow(editor, extrusion(0.0), output=GRID)
     view.follow(editor, extrusion(1.0), output=larger)
     assert view.output == larger
-    deliver_edit(editor, EditMessage("a", 1, "move", "move", False, points(2.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=1, phase="move", kind="move", points=points(2.0)))
     assert view.output == larger
 
 
@@ -130,9 +131,9 @@ def test_a_studio_takes_a_view_of_ones_own_and_says_what_it_lacks() -> None:
     try:
         assert view.value == "other colours"
         added = studio.editor.points.add([5.0, 5.0], [5.0, 5.0])
-        deliver_edit(studio.editor, EditMessage("a", 1, "end", "add", False, added))
+        deliver_edit(studio.editor, PointsEdit(sender="a", seq=1, phase="end", kind="add", points=added))
         moved = added.move(added.ids[-1], [7.0, 5.0])
-        deliver_edit(studio.editor, EditMessage("a", 2, "move", "move", False, moved))
+        deliver_edit(studio.editor, PointsEdit(sender="a", seq=2, phase="move", kind="move", points=moved))
         assert view.gone(studio.session.editing.plane.from_plane([7.0, 5.0, 5.0])) == pytest.approx(2.0, abs=1e-6)
     finally:
         studio.close()

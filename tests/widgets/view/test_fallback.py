@@ -16,8 +16,8 @@ from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.view.live_view import LiveView
 
 GRID = Grid((20, 20, 20))
@@ -132,10 +132,10 @@ def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
     drawn_for(view)
     assert editor.live
     for k in range(1, 5):
-        deliver_edit(editor, EditMessage("a", k, "move", "move", False, moved(float(k))))
+        deliver_edit(editor, PointsEdit(sender="a", seq=k, phase="move", kind="move", points=moved(float(k))))
     view.seen(lambda content, image: column(image) > 0.56)
     assert editor.points == moved(0.0)  # the hand has not let go
-    deliver_edit(editor, EditMessage("a", 9, "move", "move", False, moved(0.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=9, phase="move", kind="move", points=moved(0.0)))
     view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
 
 

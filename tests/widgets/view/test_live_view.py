@@ -31,9 +31,10 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.views import ChunkRequest
 from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
-from deformnb.widgets.view import packed_source, stills
+from deformnb.widgets.view import stills
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.stills import as_png
@@ -174,35 +175,44 @@ def test_a_piece_that_does_not_exist_is_refused_and_one_of_an_old_volume_ignored
     assert caplog.text == ""
 
 
-def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_get_into_that(monkeypatch: Any) -> None:
+def test_a_piece_that_is_asked_for_while_a_cell_shows_another_volume_does_not_get_into_that() -> None:
     old, new = (Volume(np.full((6, 5, 4), value, np.uint8), Grid((6, 5, 4))) for value in (3, 7))
-    view, number = Recorded(old), packed_source.whole
+    view = Recorded(old)
     view.show(old, window=(0.0, 255.0))
-    id_of_old = view.volume_info["id"]
 
-    def whole(*args: Any) -> int:  # between what the page asks for and the answer
-        monkeypatch.setattr(packed_source, "whole", number)
-        cell = threading.Thread(target=lambda: view.show(new, window=(0.0, 255.0)))
-        cell.start()
-        cell.join(PATIENCE)
-        return number(*args)
+    class Requested(str):
+        """An id; when it is compared, which is between request and answer, a cell shows the other volume."""
 
-    monkeypatch.setattr(packed_source, "whole", whole)
+        __slots__ = ()
+        __hash__ = str.__hash__
+
+        def __ne__(self, other: object) -> bool:
+            cell = threading.Thread(target=lambda: view.show(new, window=(0.0, 255.0)))
+            cell.start()
+            cell.join(PATIENCE)
+            return str.__ne__(self, other)
+
     values = []
-    for name in (id_of_old, None):
-        ((content, (packed,)),) = view.say(
-            {"type": "chunk", "view": "a", "id": name or view.volume_info["id"], "index": 0}
-        )
-        assert content["id"] == (name or view.volume_info["id"])
+    for kind in (Requested, str):
+        name = kind(view.volume_info["id"])
+        before = len(view.__dict__.get("out", []))
+        view.take_message(ChunkRequest(view="a", id=name, index=0))
+        ((content, (packed,)),) = [
+            (content, buffers) for content, buffers in view.__dict__["out"][before:] if content["type"] == "chunk"
+        ]
+        assert content["id"] == str(name)
         values.append(set(gzip.decompress(packed)))
     assert values == [{3}, {7}]
 
 
 def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:
     view = Recorded(ball())
-    view.say({"type": "stats", "view": "a", "drag_ms": 12.5, "full_ms": "x", "scale": float("nan"), "evil": 1})
+    view.say({"type": "stats", "view": "a", "drag_ms": 12.5, "full_ms": None, "evil": 1})
     assert view.stats()["drag_ms"] == 12.5
     assert not {"full_ms", "scale", "evil"} & set(view.stats())
+    for wrong in ("x", float("nan"), True):
+        view.say({"type": "stats", "view": "a", "drag_ms": 99.0, "full_ms": wrong})
+        assert view.stats()["drag_ms"] == 12.5
 
 
 def test_a_smaller_card_gets_a_smaller_volume() -> None:
@@ -290,9 +300,9 @@ def test_values_become_bytes_by_the_window() -> None:
         packed_volume(volume, 100, 2048, window=(3.0, 3.0))
 
 
-def _at(content: dict[str, Any], maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
+def _at(content: Any, maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
     """What the card computes from the maps at places (n, 3) of its frame, by the formula of the shader."""
-    planar, plane = content["planar"], content["planar"]["plane"]
+    planar, plane = content.planar, content.planar["plane"]
     k, rows, columns = planar["shape"]
     grid = np.frombuffer(maps, "<f4").reshape(k, rows, columns, 2).astype(np.float64)
     table = np.frombuffer(weights, "<f4").reshape(k, -1)
@@ -332,7 +342,8 @@ def test_what_is_no_extrusion_is_sampled_in_space() -> None:
     rng = np.random.default_rng(3)
     field = DisplacementField(rng.normal(0, 1, (2, 2, 2, 3)), Grid((2, 2, 2), (20.0, 30.0, 25.0), (0.0, -20.0, 10.0)))
     content, (samples,) = (message := field_textures(field, shown, None, 64, 40)).content, message.buffers
-    about = content["space"]
+    about = content.space
+    assert about is not None
     nx, ny, nz = about["shape"]
     values = np.frombuffer(samples, "<f4").reshape(nz, ny, nx, 3)
     at = np.array([3, 7, 2])
@@ -341,7 +352,7 @@ def test_what_is_no_extrusion_is_sampled_in_space() -> None:
     np.testing.assert_allclose(values[at[2], at[1], at[0]], shown.frame @ field.displacement(x), atol=1e-5)  # float32
     low = np.asarray(about["origin"])
     high = low + (np.array([nx, ny, nz]) - 1) * about["spacing"]
-    np.testing.assert_allclose([low, high], [content["box"]["low"], content["box"]["high"]], atol=1e-9)
+    np.testing.assert_allclose([low, high], [content.box["low"], content.box["high"]], atol=1e-9)
 
 
 @pytest.mark.nightly
@@ -349,15 +360,15 @@ def test_of_a_composition_the_last_extrusion_stays_one() -> None:
     shown, plane = packed_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
     steps = [Deformation.on_picture(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
     both = field_textures(compose(*steps), shown, None, 64, 16)
-    assert both.content["planar"] is not None
-    assert both.content["space"] is not None
+    assert both.content.planar is not None
+    assert both.content.space is not None
     # The steps before are looked up at displaced places: they are known that far beyond the box.
-    assert both.content["space"]["origin"][0] < both.content["box"]["low"][0]
+    assert both.content.space["origin"][0] < both.content.box["low"][0]
     none: list[AbstractField | None] = [None, Identity(3)]
     for field in none:
         assert field_textures(field, shown, None, 64, 16).buffers == []
     odd = field_textures(Composed(steps[0], DisplacementField.sample(steps[1], GRID)), shown, None, 64, 16)
-    assert (odd.content["planar"], len(odd.buffers)) == (None, 1)
+    assert (odd.content.planar, len(odd.buffers)) == (None, 1)
 
 
 def test_only_fields_in_space_and_extrusions_to_be_edited() -> None:
@@ -845,7 +856,7 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
     shown = packed_volume(Volume(values, grid), 10**6, 2048)
     message = field_textures(field, shown, None, 128, 48)
     buffers = {
-        n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content["buffers"], message.buffers, strict=True)
+        n: np.frombuffer(b, "<f4").tolist() for n, b in zip(message.content.buffers, message.buffers, strict=True)
     }
     got = run_script(
         ("webgl/volume_blocks.ts", "webgl/region_bits.ts", "webgl/empty_space.ts"),
@@ -863,7 +874,7 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
             "values": values.ravel().tolist(),
             "shape": list(grid.shape[::-1]),
             "spacing": list(grid.spacing),
-            "box": message.content["box"],
+            "box": message.content.box,
             "alphas": np.where(np.arange(256) > 30, 0.1, 0.0).tolist(),
             "isLargest": is_largest,
             "voxels": voxels,
@@ -888,7 +899,7 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
 
 def _maps_for_cells(content: Any, buffers: dict[str, list[float]]) -> dict[str, Any]:
     """The fields of a message as the ray caster's own preparations leave them, as far as cells need them."""
-    planar, space, to_map = content["planar"], content["space"], None
+    planar, space, to_map = content.planar, content.space, None
     if planar:
         knots, (rows, columns) = len(buffers["weights"]), planar["shape"][1:]
         (a, b), (first, last) = planar["spacing"], planar["depth"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deformnb.session.exports import Seen
+from deformnb.widgets.messages.record import Message, Refused
+from deformnb.widgets.messages.views import LIVE, FieldContent, MovieFrame, MoviePiece
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.view.page_scene import PageGoneError, PageScene
 from deformnb.widgets.view.stills import as_png
@@ -23,16 +24,21 @@ class Page:
     def __init__(self, *pieces: tuple[int, int | None], png: bytes | None = None, **about: Any) -> None:
         self.png, self.pieces, self.about = png or as_png(SHADES), pieces, about
         self.refused: list[str] = []
-        nothing = FieldTextures({"box": {}, "planar": None, "space": None, "coarse": False, "buffers": []}, [])
+        nothing = FieldTextures(FieldContent(box={"low": [], "high": []}), [])
         self.scene = PageScene(self.take, "p", SIZE, Seen(), lambda field, output: nothing, patience=0.01)
 
-    def take(self, content: Mapping[str, Any], _buffers: list[bytes]) -> None:
-        if content["type"] != "movie_frame":
+    def take(self, message: Message, _buffers: list[bytes]) -> None:
+        if not isinstance(message, MovieFrame):
             return
         for offset, end in self.pieces:
-            about = {"id": content["id"], "index": content["index"], "size": len(self.png), "offset": offset}
+            about = {"id": message.id, "index": message.index, "size": len(self.png), "offset": offset, **self.about}
+            piece = LIVE.read({"type": "movie_piece", "view": "p", **about}, [self.png[offset:end]])
+            if isinstance(piece, Refused):
+                self.refused.append(piece.reason)
+                continue
+            assert isinstance(piece, MoviePiece)
             try:
-                self.scene.receive({**about, **self.about}, [self.png[offset:end]])
+                self.scene.receive(piece, self.png[offset:end])
             except ValueError as error:
                 self.refused.append(str(error))
 
@@ -49,10 +55,10 @@ def test_a_frame_is_put_together_of_its_pieces_also_if_one_comes_twice() -> None
     [
         ({"id": "another"}, "another movie"),
         ({"index": 7}, "or frame"),
-        ({"size": 2**40}, "not whole"),
-        ({"size": 1.5}, "not whole"),
-        ({"offset": -1}, "not whole"),
-        ({"offset": None}, "not whole"),
+        ({"size": 2**40}, "size: expected a whole number <="),
+        ({"size": 1.5}, "size: expected a whole number"),
+        ({"offset": -1}, "offset: expected a whole number >= 0"),
+        ({"offset": None}, "offset: expected a whole number"),
         ({"size": 20}, "does not fit"),
     ],
     ids=str,
@@ -67,7 +73,7 @@ def test_a_piece_that_does_not_fit_is_refused_and_the_wait_has_an_end(about: dic
 def test_pieces_that_overlap_never_hold_more_than_the_frame() -> None:
     page = Page((0, 90), (10, None), (90, None))
     np.testing.assert_array_equal(page.scene.render(), SHADES)
-    assert page.refused == ["a piece that does not fit"]
+    assert page.refused == ["its piece does not fit."]
 
 
 def test_a_picture_of_another_size_ends_the_movie() -> None:

@@ -23,7 +23,7 @@ from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import LiveView, SpaceEditor, VolumeView
-from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.space_points import MOST_FITTED, QUICK_SIZE
@@ -268,7 +268,7 @@ def test_the_page_makes_the_field_of_moving_points_as_python_does(
     )
     field = made.field(moved[2])
     maps = field_textures(field, packed_volume(volume, 10**6, 2048), None, 192, QUICK_SIZE)
-    content, values = maps.content["space"], np.frombuffer(maps.buffer("space"), "<f4")
+    content, values = maps.content.space, np.frombuffer(maps.buffer("space"), "<f4")
     space = result.pop("space")
     assert space["shape"] == content["shape"]
     np.testing.assert_allclose([space["origin"], space["spacing"]], [content["origin"], content["spacing"]], rtol=1e-12)
@@ -341,11 +341,11 @@ def page_body(volume: Volume, field: Any) -> dict[str, Any]:
     shown = packed_volume(volume, 10**6, 2048)
     maps = field_textures(field, shown, None, 192, 64)
     buffers = [np.frombuffer(b, "<f4").tolist() for b in maps.buffers]
-    content = {"box": maps.content["box"], "planar": None, "space": None}
-    if maps.content["planar"]:
-        content["planar"] = {**maps.content["planar"], "maps": buffers.pop(0), "weights": buffers.pop(0)}
-    if maps.content["space"]:
-        content["space"] = {**maps.content["space"], "values": buffers.pop(0)}
+    content = {"box": maps.content.box, "planar": None, "space": None}
+    if maps.content.planar:
+        content["planar"] = {**maps.content.planar, "maps": buffers.pop(0), "weights": buffers.pop(0)}
+    if maps.content.space:
+        content["space"] = {**maps.content.space, "values": buffers.pop(0)}
     table = [[1, 1, 1, 1.0 if value > 100 else 0.0] for value in range(256)]
     return {
         "info": shown.info(),

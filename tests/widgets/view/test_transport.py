@@ -34,7 +34,7 @@ def test_the_slowest_of_two_pages_sets_the_pace(clock: Any) -> None:
         sender.seen(1, page)
     for number in (2, 3):
         assert sender.may_send
-        assert sender.pack(FRAME)[0]["seq"] == number
+        assert sender.pack(FRAME)[0].seq == number
     assert not sender.may_send
     assert not sender.seen(3, "quick")  # nobody draws for that: the other has two to show yet
     assert not sender.may_send
@@ -71,7 +71,7 @@ def test_what_was_sent_to_nobody_does_not_hold_back_a_page_that_is_new(clock: An
     sender.lost()
     for _ in range(4):
         assert sender.may_send
-        sender.seen(sender.pack(FRAME)[0]["seq"], "new")
+        sender.seen(sender.pack(FRAME)[0].seq, "new")
 
 
 def test_a_page_cannot_confirm_what_was_not_sent(clock: Any) -> None:

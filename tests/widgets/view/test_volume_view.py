@@ -29,8 +29,8 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.edit_messages import EditMessage
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.view.base import AbstractView, PlanarFit, Refit
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.view.volume_view import TRANSPORTS, VolumeView
@@ -231,7 +231,7 @@ def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
     view.see_all()
     before = middle(picture(view.frames[-1][1][0]))
     for k in range(5):
-        deliver_edit(editor, EditMessage("a", k + 1, "move", "move", False, points(0.6 * (k + 1))))
+        deliver_edit(editor, PointsEdit(sender="a", seq=k + 1, phase="move", kind="move", points=points(0.6 * (k + 1))))
     view.see_all()
     assert middle(picture(view.frames[-1][1][0])) > before + 4
     view.follow(None, field)
@@ -257,21 +257,23 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
         return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
 
     view.follow(editor, answer(0.0))
-    deliver_edit(editor, EditMessage("a", 1, "end", "move", False, points(1.0)))
-    deliver_edit(editor, EditMessage("a", 2, "move", "move", False, points(3.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=1, phase="end", kind="move", points=points(1.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=2, phase="move", kind="move", points=points(3.0)))
     view.follow(editor, answer(1.0))  # it took its time
     assert shown() == pytest.approx(3.0, abs=1e-6)
     view.follow(editor, answer(1.0, extrusion="modulate", curve="0.5"))  # what else is new is seen
     assert shown() == pytest.approx(1.5, abs=1e-6)
     clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
-    deliver_edit(editor, EditMessage("a", 3, "move", "move", False, clash))
+    deliver_edit(editor, PointsEdit(sender="a", seq=3, phase="move", kind="move", points=clash))
     assert shown() == pytest.approx(1.5, abs=1e-6)  # the last good one stays
-    deliver_edit(editor, EditMessage("a", 4, "move", "move", False, points(1.0)))  # the drag is given up
+    deliver_edit(
+        editor, PointsEdit(sender="a", seq=4, phase="move", kind="move", points=points(1.0))
+    )  # the drag is given up
     view.follow(editor, answer(5.0))
     assert shown() == pytest.approx(5.0, abs=1e-6)
-    deliver_edit(editor, EditMessage("a", 5, "move", "move", False, points(3.0)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=5, phase="move", kind="move", points=points(3.0)))
     editor.observe(lambda change: view.follow(editor, answer(2.0)), "points")  # as a studio answers the end of a drag
-    deliver_edit(editor, EditMessage("a", 6, "end", "move", False, points(2.5)))
+    deliver_edit(editor, PointsEdit(sender="a", seq=6, phase="end", kind="move", points=points(2.5)))
     assert shown() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
     view.follow(editor, answer(2.0))
     assert shown() == pytest.approx(2.0, abs=1e-6)
@@ -558,7 +560,7 @@ class Carrier:
         tell("http://127.0.0.1:2/")
 
     def deliver(self, message: Any, pictures: list[bytes], frame: Any) -> None:
-        self.delivered.append((message["seq"], pictures[0][:2]))
+        self.delivered.append((message.seq, pictures[0][:2]))
 
     def close(self) -> None:
         self.closed += 1

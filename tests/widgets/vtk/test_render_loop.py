@@ -192,7 +192,7 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     sender = FrameSender()
     loop, _, frames, _ = opened(ready=lambda: sender.may_send, settle_ms=60000.0)
     frame = Frame((np.zeros((4, 4, 3), np.uint8),), is_full=False)
-    assert [sender.pack(frame)[0]["seq"] for _ in range(2)] == [1, 2]
+    assert [sender.pack(frame)[0].seq for _ in range(2)] == [1, 2]
     loop.change("grey", grey(1))
     wait_for(lambda: sender._was_full)
     assert frames == []

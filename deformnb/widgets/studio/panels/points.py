@@ -20,7 +20,8 @@ from deformnb.io.landmarks.formats import parsed_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
-from deformnb.widgets.inputs.points_table import PointsTable, TableAct
+from deformnb.widgets.inputs.points_table import PointsTable
+from deformnb.widgets.messages.inputs import PointsCommand
 from deformnb.widgets.studio.controls import Guard, Panel
 from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.landmarks import LandmarkFiles
@@ -123,14 +124,14 @@ class PointsPanel(Panel):
 
     # -- what is done --------------------------------------------------------------------------------------------------
 
-    def _act(self, act: TableAct) -> str | None:
+    def _act(self, act: PointsCommand) -> str | None:
         self._said = ""
         if act.what in ("undo", "redo"):
             what = getattr(self.session.editing, act.what)()
             return f"{'Undone' if act.what == 'undo' else 'Done again'}: {what}" if what else ""
         return self._said if self.guard(lambda: self._do(act)) else None
 
-    def _do(self, act: TableAct) -> None:
+    def _do(self, act: PointsCommand) -> None:
         points = self.session.editing.points
         known = [i for i in act.ids if i in set(points.ids)]
         if act.what == "look":
@@ -140,9 +141,9 @@ class PointsPanel(Panel):
         elif act.what == "cell":
             self._edit(_with_cell(points, known[0], act))
         elif act.what == "add":
-            self._add(act.value)
+            self._add(act.text)
         elif act.what == "paste":
-            self._paste(act.value)
+            self._paste(act.text)
         elif known:
             commands = {"remove": _removed, "reset": _reset, "lock": _locked, "switch": _switched}
             self._edit(commands[act.what](points, known))
@@ -201,14 +202,16 @@ def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:
     return bool((before.source[k] != after.source[j]).any() or (before.target[k] != after.target[j]).any())
 
 
-def _with_cell(points: ControlPoints, point: int, act: TableAct) -> ControlPoints:
+def _with_cell(points: ControlPoints, point: int, act: PointsCommand) -> ControlPoints:
     """The points with what was written into one cell."""
     k, field = points.index(point), act.field
-    if field in ("active", "locked"):
-        return points.edit(point, **{field: act.value})
+    if field == "active":
+        return points.edit(point, active=act.is_on)
+    if field == "locked":
+        return points.edit(point, locked=act.is_on)
+    text = act.text.strip()
     if field == "name":
-        return points.edit(point, name=act.value.strip())
-    text = act.value.strip()
+        return points.edit(point, name=text)
     if field == "radius" and not text:
         return points.edit(point, radius=float("nan"))
     if field in ("weight", "radius"):

@@ -22,8 +22,8 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, without_c
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import basic_widgets as basic
-from deformnb.widgets.edit_messages import followed
 from deformnb.widgets.inputs.item_list import ItemList
+from deformnb.widgets.messages.shapes import followed
 from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider, widget_of
 from deformnb.widgets.studio.panels.labels import LabelChooser
 

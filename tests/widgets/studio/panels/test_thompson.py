@@ -19,7 +19,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
 from deformnb.widgets import Studio, ThompsonPanel
-from deformnb.widgets.edit_messages import points_to_json
+from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.editors import make_editor
 from deformnb.widgets.studio.panels.thompson import in_words
 

@@ -1,0 +1,241 @@
+"""Messages of the editors of control points: on a picture and in space."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias, get_args
+
+from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec.structs import force_setattr
+
+from deformnb.rbf.rigid import RigidPart
+from deformnb.widgets.messages.points import Points
+from deformnb.widgets.messages.record import (
+    LARGEST_NUMBER,
+    LONGEST_EDIT,
+    Buffers,
+    Channel,
+    Counted,
+    Message,
+    Place2,
+    Place3,
+    View,
+    Views,
+    Whole,
+    Window,
+)
+from deformnb.widgets.messages.shapes import Motion, ShapeKind, Shapes, checked_shapes
+
+Kind: TypeAlias = Literal[
+    "move",
+    "nudge",
+    "add",
+    "remove",
+    "rename",
+    "switch",
+    "reset",
+    "undo",
+    "redo",
+    "several",
+    "lock",
+    "turn",
+    "scale",
+    "brush",
+    "open",
+]
+"""Kinds of edits of points; "several" is more than one of them, which a busy kernel gets as one."""
+
+KINDS = get_args(Kind)
+
+SliceProjection: TypeAlias = Literal["slice", "mip", "composite", "shaded"]
+"""What an editor in space shows in its three pictures."""
+
+WINDOWS_AROUND = 16
+"""Widths of the window on either side of it that an editor's picture resolves: 65536 / 33 leave it 2000 steps."""
+
+LONGEST_KIND = 80
+"""Characters that describe an edit of shapes at most."""
+
+_Words = Annotated[str, Meta(min_length=1, max_length=LONGEST_KIND)]
+
+
+class FromWindow(Message, frozen=True, kw_only=True):
+    """Any message of a window that shows the editor; ``seq`` counts those of a sender."""
+
+    sender: Window
+    seq: Counted
+
+
+class Greeting(FromWindow, frozen=True, kw_only=True, tag="greet"):
+    """A front end has opened; done answers it: Python receives."""
+
+
+class MovedPart(Struct, frozen=True, kw_only=True):
+    """A rigid part that is being dragged."""
+
+    index: Annotated[Whole, Meta(description="its place among the parts")]
+    motion: Annotated[Motion | None, Meta(description="null at rest")] = None
+
+
+class PointsEdit(FromWindow, frozen=True, kw_only=True, tag="edit"):
+    """Control points that are being dragged or were edited."""
+
+    phase: Annotated[Literal["move", "end"], Meta(description='"move" while something is dragged')]
+    kind: Annotated[Kind, Meta(description="what was done")]
+    joins: Annotated[bool, Meta(description="whether it is one step of an undo with the edit before it")] = False
+    next_id: Annotated[Whole, Meta(description="least id that was never given")] = 0
+    points: Annotated[Points, Meta(description="all points after the edit")]
+    part: Annotated[MovedPart | None, Meta(description="a rigid part that is being dragged")] = None
+    drawn: Annotated[
+        Any,
+        Meta(
+            description="hz, pictures per second of the drag that ends, and ms, milliseconds to a picture",
+            extra={"typescript": "Record<string, number>"},
+        ),
+    ] = None
+
+    def with_part(self, parts: tuple[RigidPart, ...]) -> tuple[RigidPart, ...]:
+        """The rigid parts, that which is being dragged with its motion of now."""
+        if self.part is None or self.part.index >= len(parts):
+            return parts
+        index, motion = self.part.index, self.part.motion
+        return (*parts[:index], replace(parts[index], motion=motion), *parts[index + 1 :])
+
+
+class ShapesEdit(FromWindow, frozen=True, kw_only=True, tag="shapes"):
+    """Cuts or rigid parts that were edited."""
+
+    what: ShapeKind
+    kind: Annotated[_Words, Meta(description='what was done, in words, such as "add cut"')]
+    shapes: Annotated[Shapes, Meta(description="all shapes of that sort")]
+    points: Annotated[Points | None, Meta(description="all points, where the edit has changed them")] = None
+    joins: Annotated[bool, Meta(description="whether such edits in quick succession are one step of an undo")] = False
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "shapes", Shapes(checked_shapes(self.what, self.shapes)))
+
+
+class ShapeChoice(FromWindow, frozen=True, kw_only=True, tag="choose"):
+    """A cut or rigid part that was chosen."""
+
+    what: Annotated[ShapeKind | None, Meta(description="null for none")]
+    index: Annotated[Whole, Meta(description="place in the front end's list")] = 0
+    shape: Annotated[
+        dict[str, Any],
+        Meta(description="the shape without the pixels of a mask: its place may be another one by now"),
+    ] = {}  # noqa: RUF012  # a Struct copies it
+
+
+class HistoryRequest(FromWindow, frozen=True, kw_only=True, tag="history"):
+    """A request to undo or redo, where Python owns the history."""
+
+    way: Literal["undo", "redo"]
+
+
+class EditDone(FromWindow, frozen=True, kw_only=True, tag="done"):
+    """A message was taken in, and all callbacks have run."""
+
+
+class EditRefused(Message, frozen=True, kw_only=True, tag="error"):
+    """Something was refused or has failed."""
+
+    message: Annotated[str, Meta(description="why")]
+
+
+class WandRequest(Message, frozen=True, kw_only=True, tag="wand"):
+    """The wand was used; the trait wand has the answer."""
+
+    what: Annotated[Literal["preview", "part", "cut", "stop"], Meta(description="what becomes of it")]
+    place: Annotated[Place2, Meta(description="that was clicked, of the original picture")]
+    tolerance: Annotated[float, Meta(ge=0, lt=1e300, description="in the unit of the picture's values")]
+    rule: Annotated[Literal["near", "brighter", "darker"], Meta(description="which values are selected")]
+    through: Annotated[bool, Meta(description="whether in the volume instead of in the picture")]
+
+
+class DrawShape(Message, frozen=True, kw_only=True, tag="draw"):
+    """Start drawing a shape."""
+
+    tool: Literal["cut", "part", "fixed"]
+
+
+class ProposedParts(Message, frozen=True, kw_only=True, tag="parts"):
+    """Other rigid parts that control points contradict: ask what becomes of those."""
+
+    parts: Annotated[list[dict[str, Any]], Meta(description="all parts", extra={"typescript": "PartData[]"})]
+    kind: Annotated[str, Meta(description="what is done, in words")]
+
+
+class ShowPoint(Message, frozen=True, kw_only=True, tag="look"):
+    """Bring a point into the middle."""
+
+    id: Annotated[Whole, Meta(description="of the point")]
+
+
+class PicturesWanted(Message, frozen=True, kw_only=True, tag="hello"):
+    """A front end has opened and needs all pictures."""
+
+    view: View
+
+
+class SlicesMoved(Message, frozen=True, kw_only=True, tag="look"):
+    """The place of the slices, or what they show, was changed."""
+
+    view: View
+    cursor: Annotated[Place3 | UnsetType, Meta(description="(x, y, z)")] = UNSET
+    projection: SliceProjection | UnsetType = UNSET
+    original: Annotated[bool | UnsetType, Meta(description="whether the volume is shown without deformation")] = UNSET
+    moving: Annotated[bool, Meta(description="whether it goes on: with fewer pixels")] = False
+
+
+class Seen(Message, frozen=True, kw_only=True, tag="seen"):
+    """What has this number is shown or being drawn, so that the next may come."""
+
+    view: View
+    seq: Annotated[int, Meta(ge=1, le=LARGEST_NUMBER, description="number")]
+
+
+class PaneContent(Struct, frozen=True, kw_only=True):
+    """One of the three pictures."""
+
+    index: Annotated[int, Meta(description="which")]
+    shape: Annotated[list[int], Meta(description="rows and columns", extra={"typescript": "[number, number]"})]
+    spacing: Annotated[list[float], Meta(extra={"typescript": "[number, number]"})]
+    origin: Annotated[list[float], Meta(extra={"typescript": "[number, number]"})]
+    channels: Annotated[int, Meta(description="1 for grey values, 3 for colours")]
+    hasDepths: Annotated[bool, Meta(description="whether a buffer with depths follows the pixels")]  # noqa: N815
+    shapes: Annotated[list[int] | None, Meta(description="rows and columns of the outlines' buffer")]
+
+
+class Pictures(Message, frozen=True, kw_only=True, tag="pictures"):
+    """The slices or projections that have changed."""
+
+    binary: ClassVar[Buffers] = Buffers("of each pane its pixels, and depths and outlines where it has some", None)
+
+    seq: Annotated[int, Meta(description="number, to be confirmed by seen unless it is 0")]
+    view: Views
+    panes: Annotated[list[dict[str, Any]], Meta(extra={"typescript": "PaneContent[]"})]
+    facts: Annotated[
+        dict[str, Any], Meta(description="note, isBad, and the folds of the map when nothing moves: folds, worst")
+    ]
+
+
+class WindowAddress(Struct, frozen=True):
+    """The fields by which an editor answers a message that it refuses."""
+
+    sender: Window
+    seq: Counted
+
+
+EditorMessage: TypeAlias = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest
+EDITOR: Channel[EditorMessage] = Channel(
+    ("Editor",),
+    EditorMessage,
+    (EditDone, EditRefused, DrawShape, ProposedParts, ShowPoint),
+    LONGEST_EDIT,
+    WindowAddress,
+)
+
+SpaceEditorMessage: TypeAlias = Greeting | PointsEdit | HistoryRequest | PicturesWanted | SlicesMoved | Seen
+SPACE_EDITOR: Channel[SpaceEditorMessage] = Channel(
+    ("SpaceEditor",), SpaceEditorMessage, (EditDone, EditRefused, ShowPoint, Pictures), LONGEST_EDIT, WindowAddress
+)

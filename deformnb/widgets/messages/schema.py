@@ -1,0 +1,187 @@
+"""Types of messages in words, for the documentation, and as TypeScript, for the front ends."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterator
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NotRequired, Required, Union, get_args, get_origin, get_type_hints
+
+from msgspec import NODEFAULT, Meta, Struct, UnsetType, structs
+
+from deformnb.widgets.messages.record import OBJECTS, Message
+
+_SCALARS = {
+    str: ("text", "string"),
+    int: ("whole number", "number"),
+    float: ("number", "number"),
+    bool: ("true or false", "boolean"),
+    NoneType: ("null", "null"),
+    Any: ("any JSON", "unknown"),
+}
+
+
+def fields(record: type) -> Iterator[tuple[str, Any, bool]]:
+    """Name and type of each field of a record, and whether it may be left out."""
+    hints = get_type_hints(record, include_extras=True)
+    if issubclass(record, Struct):
+        for field in structs.fields(record):
+            yield (
+                field.name,
+                hints[field.name],
+                field.default is not NODEFAULT or field.default_factory is not NODEFAULT,
+            )
+    else:
+        required: frozenset[str] = record.__required_keys__  # type: ignore[attr-defined]
+        for name, hint in hints.items():
+            yield name, hint, name not in required
+
+
+def metas(hint: Any) -> tuple[Any, tuple[Meta, ...]]:
+    """A type without its notes, and those."""
+    if get_origin(hint) is Annotated:
+        return metas(hint.__origin__)[0], (*metas(hint.__origin__)[1], *hint.__metadata__)
+    if get_origin(hint) in (NotRequired, Required):
+        return metas(get_args(hint)[0])
+    return hint, ()
+
+
+def meaning(hint: Any) -> str:
+    """What a field is, and its bounds."""
+    _, notes = metas(hint)
+    said = [note.description for note in notes if note.description]
+    return said[-1] if said else ""
+
+
+def bounds(hint: Any) -> str:
+    """Bounds of a type in words.
+
+    Examples
+    --------
+    >>> bounds(Annotated[int, Meta(ge=0, le=4)]), bounds(Annotated[str, Meta(max_length=40)])
+    ('0 to 4', 'at most 40 characters')
+    """
+    inner, notes = metas(hint)
+    if get_origin(inner) in (Union, UnionType):
+        return next((found for part in get_args(inner) if (found := bounds(part))), "")
+    said: dict[str, Any] = {}
+    for note in notes:
+        said |= {
+            name: value
+            for name in ("ge", "gt", "le", "lt", "min_length", "max_length")
+            if (value := getattr(note, name)) is not None
+        }
+    if "max_length" in said or "min_length" in said:
+        things = "characters" if inner is str else "items"
+        low, high = said.get("min_length"), said.get("max_length")
+        if low is not None and low == high:
+            return f"{low} {things}"
+        return f"at most {high} {things}" if not low else f"{low} to {high} {things}"
+    low, high = said.get("ge", said.get("gt")), said.get("le", said.get("lt"))
+    if high in (None, 1e300, 2**53 - 1):
+        return f"from {low}" if low in (0, 1) else ""
+    return f"{low} to {high}"
+
+
+def words(hint: Any) -> str:
+    """A type in words.
+
+    Examples
+    --------
+    >>> words(Literal["move", "end"] | None), words(list[float]), words(dict[str, Any])
+    ('"move" or "end" or null', 'list of numbers', 'object')
+    """
+    inner, _ = metas(hint)
+    kind, parts = get_origin(inner), get_args(inner)
+    if inner in OBJECTS:
+        return words(OBJECTS[inner][0])
+    if kind is Literal:
+        return " or ".join(json.dumps(value) for value in parts)
+    if kind in (Union, UnionType):
+        return " or ".join(words(part) for part in parts if part is not UnsetType)
+    if kind is list:
+        said = words(parts[0])
+        return f"list of {said}" if said.endswith("s") else f"list of {said}s"
+    if kind is tuple:
+        return f"{len(parts)} {words(parts[0])}s"
+    if kind is dict or _is_record(inner):
+        return inner.__name__ if _is_record(inner) else "object"
+    return _SCALARS[inner][0]
+
+
+def typescript(hint: Any) -> str:
+    """A type as TypeScript.
+
+    Examples
+    --------
+    >>> typescript(Literal["move", "end"] | None), typescript(list[float]), typescript(dict[str, Any])
+    ('"move" | "end" | null', 'number[]', 'Record<string, unknown>')
+    """
+    inner, notes = metas(hint)
+    given = [note.extra["typescript"] for note in notes if note.extra and "typescript" in note.extra]
+    if given:
+        return str(given[-1]) + (" | null" if NoneType in get_args(inner) else "")
+    kind, parts = get_origin(inner), get_args(inner)
+    if inner in OBJECTS:
+        return typescript(OBJECTS[inner][0])
+    if kind is Literal:
+        return " | ".join(json.dumps(value) for value in parts)
+    if kind in (Union, UnionType):
+        return " | ".join(typescript(part) for part in parts if part is not UnsetType)
+    if kind is list:
+        item = typescript(parts[0])
+        return f"({item})[]" if " | " in item else f"{item}[]"
+    if kind is tuple:
+        return f"[{', '.join(map(typescript, parts))}]"
+    if kind is dict:
+        return f"Record<string, {typescript(parts[1])}>"
+    return str(inner.__name__) if _is_record(inner) else _SCALARS[inner][1]
+
+
+def _is_record(inner: Any) -> bool:
+    return inspect.isclass(inner) and (issubclass(inner, Struct) or hasattr(inner, "__required_keys__"))
+
+
+def interface(record: type, is_received: bool = False) -> str:
+    """The interface of a record.
+
+    Parameters
+    ----------
+    is_received : whether Python receives it, so that a field with a default may be left out.
+    """
+    lines = [
+        f"/** {inspect.cleandoc(record.__doc__ or '').splitlines()[0]} */",
+        f"export interface {record.__name__} {{",
+    ]
+    config = getattr(record, "__struct_config__", None)
+    if (
+        config is not None
+        and config.tag is not None
+        and (not issubclass(record, Message) or config.tag != record.__name__)
+    ):
+        lines.append(f"  {config.tag_field}: {json.dumps(config.tag)};")
+    for name, hint, has_default in fields(record):
+        about = "; ".join(part for part in (meaning(hint), bounds(hint)) if part)
+        if about:
+            lines.append(f"  /** {about[:1].upper()}{about[1:]}. */")
+        may_miss = has_default and (
+            is_received or UnsetType in get_args(metas(hint)[0]) or not issubclass(record, Struct)
+        )
+        lines.append(f"  {name}{'?' if may_miss else ''}: {typescript(hint)};")
+    return "\n".join([*lines, "}"])
+
+
+def records_in(hint: Any) -> Iterator[type]:
+    """All records that a type needs, those first that others need."""
+    inner, _ = metas(hint)
+    if inner in OBJECTS:
+        yield from records_in(OBJECTS[inner][0])
+    elif _is_record(inner):
+        for _, part, _ in fields(inner):
+            yield from records_in(part)
+        yield inner
+    else:
+        for part in get_args(inner):
+            if not isinstance(part, str):
+                yield from records_in(part)
