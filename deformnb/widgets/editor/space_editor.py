@@ -404,6 +404,7 @@ class SpaceEditor(EditedPoints):
 
     def close(self) -> None:
         """End the widget and its thread."""
+        self._pacer.close()
         self.worker.close()
         super().close()
 

@@ -300,6 +300,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """Leave the front ends, and end what draws for those that cannot."""
         if self._sharpener is not None:
             self._sharpener.cancel()
+        self.fields.pacer.close()
         self._fallback.close()
         super().close()
 

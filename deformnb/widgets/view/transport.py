@@ -156,6 +156,7 @@ class Pacer:
         self._number = self._seen = 0
         self._sent = 0.0
         self._timer: threading.Timer | None = None
+        self._is_closed = False
 
     @property
     def is_waiting(self) -> bool:
@@ -171,6 +172,8 @@ class Pacer:
     def offer(self) -> None:
         """Offer a newer state: it is sent now, or as soon as the front end is ready."""
         with self._lock:
+            if self._is_closed:
+                return
             wait = self._sent + self.patience - time.monotonic() if self._number > self._seen else 0.0
             if wait <= 0:
                 self._go()
@@ -186,14 +189,22 @@ class Pacer:
             if self._timer is not None and self._seen == self._number:
                 self._go()
 
+    def close(self) -> None:
+        """Send nothing more, nor what waits: the widget is closed. What is being sent is not waited for."""
+        self._is_closed = True
+        timer, self._timer = self._timer, None
+        if timer is not None:
+            timer.cancel()
+
     def _late(self) -> None:
         with self._lock:
-            if self._timer is not threading.current_thread():
+            if self._is_closed or self._timer is not threading.current_thread():
                 return  # it was sent meanwhile
             try:
                 self._go()
             except Exception:  # in a thread of its own nothing else would report it
-                _LOG.exception("a deformation could not be sent to its front ends")
+                if not self._is_closed:
+                    _LOG.exception("a deformation could not be sent to its front ends")
 
     def _go(self) -> None:
         if self._timer is not None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import logging
 import random
+import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from example_messages import example, mutated
+from waiting import Threads
 
 from deformnb.imaging.projection import project
 from deformnb.rbf.points import ControlPoints
@@ -84,14 +86,19 @@ MAKERS: dict[str, Callable[[], SyncedWidget]] = {
 
 
 class Records(logging.Handler):
-    """The lines of the log."""
+    """The lines of the log: those of the thread that made this, and what has failed in others."""
 
     def __init__(self) -> None:
         super().__init__()
         self.lines: list[logging.LogRecord] = []
+        self.failures: list[str] = []
+        self._own = threading.get_ident()
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.lines.append(record)
+        if record.thread == self._own:
+            self.lines.append(record)
+        elif record.levelno >= logging.ERROR:
+            self.failures.append(self.format(record))
 
 
 def state(widget: SyncedWidget) -> dict[str, Any]:
@@ -109,6 +116,7 @@ def test_every_widget_that_receives_messages_is_tried() -> None:
 @pytest.mark.parametrize("run", range(RUNS))
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_mutated_message_raises_nothing_and_where_it_is_refused_changes_nothing(name: str, run: int) -> None:
+    threads = Threads()
     widget, log = MAKERS[name](), Records()
     channel = widget.channel
     assert channel is not None
@@ -132,6 +140,9 @@ def test_a_mutated_message_raises_nothing_and_where_it_is_refused_changes_nothin
                 assert after == before or not is_refused, message
                 before = after
         assert refused > PER_RUN / 4
+        widget.close()
+        threads.wait()  # what they log belongs to this widget
+        assert log.failures == []
     finally:
         logger.removeHandler(log)
         widget.close()

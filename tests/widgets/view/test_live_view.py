@@ -720,6 +720,19 @@ def test_a_page_that_confirms_nothing_gets_the_newest_field_all_the_same(monkeyp
     assert sent == [1, 2]
 
 
+def test_what_waits_is_not_sent_once_its_widget_is_closed() -> None:
+    sent: list[int] = []
+    pacer = Pacer(sent.append, patience=60.0)
+    pacer.offer()
+    pacer.offer()
+    assert pacer.is_waiting
+    pacer.close()
+    assert not pacer.is_waiting
+    pacer.seen(1)
+    pacer.offer()
+    assert sent == [1]
+
+
 def test_a_field_says_which_points_its_maps_are_of() -> None:
     view, plane = Recorded(ball()), Plane.along(GRID, "+y")
     given = points(GRID, plane)
