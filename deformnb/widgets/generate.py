@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from deformnb import checks
 from deformnb.analysis import folds
@@ -40,7 +40,7 @@ from deformnb.widgets import camera, packed_volume, textures
 from deformnb.widgets.bundle import SOURCES
 from deformnb.widgets.messages import editors, inputs, record, shapes, traits, views
 from deformnb.widgets.messages.record import Channel, Message
-from deformnb.widgets.messages.schema import bounds, fields, interface, meaning, records_in, words
+from deformnb.widgets.messages.schema import bounds, fields, interface, meaning, records_in, typescript, words
 from deformnb.widgets.parameters import PARAMETERS, Number
 from deformnb.widgets.parameters import as_markdown as parameters_page
 from deformnb.widgets.vtk import folds as vtk_folds
@@ -171,6 +171,10 @@ def _messages() -> Iterator[str]:
     for kind in _records():
         yield ""
         yield interface(kind, is_received=issubclass(kind, Message) and kind not in sent)
+    for name, union in UNIONS.items():
+        yield ""
+        yield f"/** {' or '.join(part.__name__ for part in get_args(union))}. */"
+        yield f"export type {name} = {typescript(union)};"
     for channel in views.CHANNELS:
         for way, messages in (("ToPython", channel.received), ("ToFrontEnd", channel.to_front_end)):
             if messages:
@@ -178,6 +182,9 @@ def _messages() -> Iterator[str]:
                 yield f"/** Any message of {', '.join(channel.widgets)}. */"
                 yield f"export type {channel.widgets[0]}{way} = {' | '.join(m.__name__ for m in messages)};"
 
+
+UNIONS: dict[str, Any] = {"RegionData": shapes.RegionData}
+"""Names of unions that the front end needs, besides those of all messages of a widget."""
 
 # Shapes of what fields hold that are plain dictionaries on their way out.
 _ALSO: tuple[Any, ...] = (

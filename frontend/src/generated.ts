@@ -197,9 +197,9 @@ export interface PointData {
   /** At most 200 characters. */
   name: string;
   /** 2 to 3 items. */
-  source: number[];
+  source: [number, number, ...number[]];
   /** 2 to 3 items. */
-  target: number[];
+  target: [number, number, ...number[]];
   /** Whether it takes part in the fit. */
   active: boolean;
   /** How much it counts where the fit smooths. */
@@ -213,7 +213,7 @@ export interface PointData {
 /** A forward motion y = matrix x + shift. */
 export interface MotionData {
   /** Two rows; 2 items. */
-  matrix: [number, number][];
+  matrix: [[number, number], [number, number]];
   shift: [number, number];
 }
 
@@ -269,7 +269,7 @@ export interface LineData {
   kind: "line";
   vertices: [number, number][];
   /** Whether a cut along it stops at its first and at its last vertex; left out for neither; 2 items. */
-  stops?: boolean[];
+  stops?: [boolean, boolean];
 }
 
 /** A half plane; the normal points out of it. */
@@ -283,9 +283,9 @@ export interface HalfSpaceData {
 export interface MaskData {
   kind: "mask";
   /** Rows and columns; 2 to 3 items. */
-  shape: number[];
-  spacing: number[];
-  origin: number[];
+  shape: [number, number];
+  spacing: [number, number];
+  origin: [number, number];
   direction?: number[];
   /** Base64 of zlib of eight pixels to a byte, the first in the highest bit. */
   bits: string;
@@ -337,7 +337,7 @@ export interface ShapeChoice {
   /** Place in the front end's list; from 0. */
   index?: number;
   /** The shape without the pixels of a mask: its place may be another one by now. */
-  shape?: Record<string, unknown>;
+  shape?: object;
 }
 
 /** The wand was used; the trait wand has the answer. */
@@ -800,7 +800,7 @@ export interface PlaneCutData {
   sides: boolean[][];
   /** A name of CUT_RULES. */
   rule: string;
-  regions: Record<string, unknown>[];
+  regions: RegionData[];
   /** Of the distances, which seldom change. */
   id: string;
 }
@@ -846,7 +846,7 @@ export interface SpaceData {
   shape: [number, number, number];
   origin: [number, number, number];
   spacing: [number, number, number];
-  cut: SpaceCutData | null;
+  cut?: SpaceCutData | null;
 }
 
 /** Moments of an animation. */
@@ -863,7 +863,7 @@ export interface FollowData {
   /** That the maps are of. */
   points: PointData[];
   /** That they are of. */
-  shapes: { cuts: CutData[]; parts: PartData[] };
+  shapes?: { cuts: CutData[]; parts: PartData[] };
 }
 
 /** Points in space whose fit a field is. */
@@ -1006,7 +1006,7 @@ export interface PaneContent {
   /** Whether a buffer with depths follows the pixels. */
   hasDepths: boolean;
   /** Rows and columns of the outlines' buffer. */
-  shapes: number[] | null;
+  shapes: [number, number] | null;
 }
 
 /** A cut: what lies in the region is deformed by its own points alone. */
@@ -1016,6 +1016,9 @@ export interface CutData {
   enabled: boolean;
   region: PolygonData | LineData | HalfSpaceData | MaskData;
 }
+
+/** PolygonData or LineData or HalfSpaceData or MaskData. */
+export type RegionData = PolygonData | LineData | HalfSpaceData | MaskData;
 
 /** Any message of Editor. */
 export type EditorToPython = Greeting | PointsEdit | HistoryRequest | ShapesEdit | ShapeChoice | WandRequest;

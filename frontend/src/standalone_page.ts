@@ -2,6 +2,7 @@
 // written by deformnb/widgets/standalone.py, or made of a file that a user has chosen: traits, packed voxels, the message
 // "field", the document.
 
+import type { EditDone, EditorToPython } from "./generated.ts";
 import { ClipSliders } from "./inputs/clip_sliders.ts";
 import { clipOf, isClipped } from "./maths/clipping.ts";
 import { PlainModel } from "./sync/host_model.ts";
@@ -100,13 +101,18 @@ function bytesOfText(text: string) {
  * editor gets its points first, then which of its messages they include, then that the message is done.
  */
 function editorAnswers(model: () => PlainModel): (message: Values) => void {
-  return ({ type, sender, seq, phase, points, what, shapes, next_id: next = 0 }) =>
+  return (content) =>
     queueMicrotask(() => {
-      const m = model();
-      if (type === "shapes") m.update({ [what]: shapes });
-      if (type === "edit" && phase === "end") m.update({ points, next_id: Math.max(next, m.get("next_id")) });
-      if (phase !== "move") m.update({ seen: { ...m.get("seen"), [sender]: seq } });
-      m.receive({ type: "done", sender, seq });
+      const m = model(),
+        message = content as EditorToPython;
+      if (message.type === "wand") return; // which needs Python
+      const { sender, seq } = message,
+        isMove = message.type === "edit" && message.phase === "move";
+      if (message.type === "shapes") m.update({ [message.what]: message.shapes });
+      if (message.type === "edit" && !isMove)
+        m.update({ points: message.points, next_id: Math.max(message.next_id ?? 0, m.get("next_id")) });
+      if (!isMove) m.update({ seen: { ...m.get("seen"), [sender]: seq } });
+      m.receive({ type: "done", sender, seq } satisfies EditDone);
     });
 }
 

@@ -1,14 +1,20 @@
-// Shapes of the data that several modules share, as Python sends them and as the documents hold them.
+// Shapes of the data that several modules share. What messages and documents hold is described in generated.ts.
 
 import type { AnyModel } from "@anywidget/types";
+import type { BoxData, CutData, LineData, MotionData, PartData, PointData, PolygonData } from "./generated.ts";
 import type { PlayClock } from "./inputs/player.ts";
 import type { Sender } from "./sync/edits.ts";
+
+export type { CutData, HalfSpaceData, LineData, MaskData, PartData, PolygonData, RegionData } from "./generated.ts";
 
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
 export type Model = AnyModel;
 
 /** Values by their names, as Python sends and takes them: traits of a model, or the content of a message. */
 export type Values = Record<string, any>;
+
+/** A message without the fields that are added where all messages of a widget are sent. */
+export type Without<Message, Field extends PropertyKey> = Message extends unknown ? Omit<Message, Field> : never;
 
 /** A function that a model calls at an event; what it is given depends on the event. */
 export type ModelHandler = Parameters<Model["on"]>[1];
@@ -43,73 +49,12 @@ export type Matrix3 = [Vector3, Vector3, Vector3];
 export type Matrix = [Vector, Vector, ...Vector[]];
 
 /** A control point of a picture (two coordinates) or of a volume (three). */
-export interface Point {
-  id: number;
-  name: string;
-  source: Vector;
-  target: Vector;
-  active: boolean;
-  weight: number;
-  locked?: boolean;
-  /** A support radius of its own, or null. */
-  radius: number | null;
-}
-
-/** The region within a closed outline. */
-export interface PolygonData {
-  kind: "polygon";
-  vertices: Vector2[];
-}
-
-/** The region on the left of an open line, which continues without end. */
-export interface LineData {
-  kind: "line";
-  vertices: Vector2[];
-  /** Whether a cut along it stops at its first and at its last vertex; left out where it stops at neither. */
-  stops?: [boolean, boolean];
-}
-
-/** A half plane; the normal points out of it. */
-export interface HalfSpaceData {
-  kind: "half_space";
-  vertices?: undefined;
-  point: Vector2;
-  normal: Vector2;
-}
-
-/** The pixels of a region: base64 of zlib of eight pixels to a byte, the first in the highest bit. */
-export interface MaskData {
-  kind: "mask";
-  vertices?: undefined;
-  shape: Vector2;
-  spacing: Vector2;
-  origin: Vector2;
-  bits: string;
-}
+export type Point = PointData;
 
 export type OutlineData = PolygonData | LineData;
 
-/** A region of a picture. */
-export type RegionData = OutlineData | HalfSpaceData | MaskData;
-
-/** A cut: what lies in the region is deformed by its own points alone. */
-export interface CutData {
-  name: string;
-  enabled: boolean;
-  region: RegionData;
-}
-
-/** A forward motion y = matrix x + shift; null is at rest. */
-export type Motion = { matrix: Matrix2; shift: Vector2 } | null;
-
-/** A rigid part. */
-export interface PartData extends CutData {
-  weight: string;
-  reach: number | null;
-  motion: Motion;
-  /** The place about which it is turned, before its motion; null is the middle of its region. */
-  pivot?: Vector2 | null;
-}
+/** A forward motion; null is at rest. */
+export type Motion = MotionData | null;
 
 /** A cut or a rigid part. */
 export type ShapeData = CutData | PartData;
@@ -297,10 +242,7 @@ export interface Mirror {
 }
 
 /** A box, or the sides of one, along the axes of a volume. */
-export interface Sides {
-  low: Vector3;
-  high: Vector3;
-}
+export type Sides = BoxData;
 
 /** The detail of the event "deformnb:points" of a bus. */
 export interface PointsDetail {

@@ -122,7 +122,10 @@ class ShapeChoice(FromWindow, frozen=True, kw_only=True, tag="choose"):
     index: Annotated[Whole, Meta(description="place in the front end's list")] = 0
     shape: Annotated[
         dict[str, Any],
-        Meta(description="the shape without the pixels of a mask: its place may be another one by now"),
+        Meta(
+            description="the shape without the pixels of a mask: its place may be another one by now",
+            extra={"typescript": "object"},
+        ),
     ] = {}  # noqa: RUF012  # a Struct copies it
 
 
@@ -203,7 +206,10 @@ class PaneContent(Struct, frozen=True, kw_only=True):
     origin: Annotated[list[float], Meta(extra={"typescript": "[number, number]"})]
     channels: Annotated[int, Meta(description="1 for grey values, 3 for colours")]
     hasDepths: Annotated[bool, Meta(description="whether a buffer with depths follows the pixels")]  # noqa: N815
-    shapes: Annotated[list[int] | None, Meta(description="rows and columns of the outlines' buffer")]
+    shapes: Annotated[
+        list[int] | None,
+        Meta(description="rows and columns of the outlines' buffer", extra={"typescript": "[number, number]"}),
+    ]
 
 
 class Pictures(Message, frozen=True, kw_only=True, tag="pictures"):

@@ -33,9 +33,13 @@ def fields(record: type) -> Iterator[tuple[str, Any, bool]]:
                 field.default is not NODEFAULT or field.default_factory is not NODEFAULT,
             )
     else:
-        required: frozenset[str] = record.__required_keys__  # type: ignore[attr-defined]
         for name, hint in hints.items():
-            yield name, hint, name not in required
+            yield name, hint, _may_miss(hint)
+
+
+def _may_miss(hint: Any) -> bool:
+    """Whether a key of a dictionary is marked; its own list of keys knows no annotations that are text."""
+    return get_origin(hint) is NotRequired or (get_origin(hint) is Annotated and _may_miss(hint.__origin__))
 
 
 def metas(hint: Any) -> tuple[Any, tuple[Meta, ...]]:
@@ -117,6 +121,8 @@ def typescript(hint: Any) -> str:
     --------
     >>> typescript(Literal["move", "end"] | None), typescript(list[float]), typescript(dict[str, Any])
     ('"move" | "end" | null', 'number[]', 'Record<string, unknown>')
+    >>> typescript(Annotated[list[float], Meta(min_length=2, max_length=3)])
+    '[number, number, ...number[]]'
     """
     inner, notes = metas(hint)
     given = [note.extra["typescript"] for note in notes if note.extra and "typescript" in note.extra]
@@ -131,7 +137,10 @@ def typescript(hint: Any) -> str:
         return " | ".join(typescript(part) for part in parts if part is not UnsetType)
     if kind is list:
         item = typescript(parts[0])
-        return f"({item})[]" if " | " in item else f"{item}[]"
+        rest = f"({item})[]" if " | " in item else f"{item}[]"
+        least = max((note.min_length or 0 for note in notes), default=0)
+        is_fixed = any(note.max_length == least for note in notes)
+        return f"[{', '.join([item] * least + [f'...{rest}'] * (not is_fixed))}]" if least else rest
     if kind is tuple:
         return f"[{', '.join(map(typescript, parts))}]"
     if kind is dict:

@@ -53,9 +53,12 @@ class HalfSpaceData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ha
 class MaskData(Struct, frozen=True, kw_only=True, tag_field="kind", tag="mask"):
     """The pixels of a region."""
 
-    shape: Annotated[list[int], Meta(min_length=2, max_length=3, description="rows and columns")]
-    spacing: list[Finite]
-    origin: list[Finite]
+    shape: Annotated[
+        list[int],
+        Meta(min_length=2, max_length=3, description="rows and columns", extra={"typescript": "[number, number]"}),
+    ]
+    spacing: Annotated[list[Finite], Meta(extra={"typescript": "[number, number]"})]
+    origin: Annotated[list[Finite], Meta(extra={"typescript": "[number, number]"})]
     direction: list[Finite] | UnsetType = UNSET
     bits: Annotated[str, Meta(description="base64 of zlib of eight pixels to a byte, the first in the highest bit")]
 

@@ -269,7 +269,7 @@ class PlaneCutData(TypedDict):
     spacing: Vector2
     sides: Annotated[list[list[bool]], Meta(description="of each region, whether it lies inside of each cut")]
     rule: Annotated[str, Meta(description="a name of CUT_RULES")]
-    regions: list[dict[str, Any]]
+    regions: Annotated[list[dict[str, Any]], Meta(extra={"typescript": "RegionData[]"})]
     id: Annotated[str, Meta(description="of the distances, which seldom change")]
 
 

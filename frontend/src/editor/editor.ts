@@ -2,6 +2,7 @@
 // Messages to Python: edit and history, by sync/edits.js. Messages from Python: done (sender, seq), error (message),
 // draw (tool), parts (parts, kind), look (id).
 
+import type { EditorToFrontEnd } from "../generated.ts";
 import { mapVector } from "../maths/camera.ts";
 import { layeredFit, placeOf } from "../maths/cuts.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
@@ -12,17 +13,7 @@ import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
 import { RestingTrait } from "../sync/edits.ts";
-import type {
-  FitSettings,
-  LayeredFit,
-  Model,
-  PartData,
-  Point,
-  PointsDetail,
-  Shapes,
-  Vector2,
-  Vector4,
-} from "../types.ts";
+import type { FitSettings, LayeredFit, Model, Point, PointsDetail, Shapes, Vector2, Vector4 } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
@@ -40,7 +31,7 @@ import { bytesOf, colourTable, decodePicture, drawGrid, Painter } from "./painte
 import { PartTools } from "./part_tools.ts";
 import { PointTools } from "./point_tools.ts";
 import { Gestures } from "./pointer.ts";
-import { PEN_WORDS, Pen, ShapeTools } from "./shape_tools.ts";
+import { Pen, ShapeTools } from "./shape_tools.ts";
 import { StatusLine } from "./status_line.ts";
 import { Wand } from "./wand_tool.ts";
 import { WindowTool } from "./window_tool.ts";
@@ -376,16 +367,11 @@ export class EditorView extends EditorDrawing {
     this.changed(true);
   }
 
-  message(
-    message:
-      | { type: string; message?: string; tool?: string; id?: number; parts?: PartData[]; kind?: string }
-      | undefined,
-  ) {
-    const { type, message: text, tool = "", id, parts, kind = "" } = message ?? {};
-    if (type === "error") this.showMessage(String(text), true);
-    if (type === "draw" && tool in PEN_WORDS && this.pen.draft?.tool !== tool) this.setPen(tool);
-    if (type === "parts" && parts && !this.isDragging) this.partTools.propose(parts, kind);
-    if (type === "look" && id !== undefined) this.lookAt(id);
+  message(message: EditorToFrontEnd) {
+    if (message.type === "error") this.showMessage(message.message, true);
+    if (message.type === "draw" && this.pen.draft?.tool !== message.tool) this.setPen(message.tool);
+    if (message.type === "parts" && !this.isDragging) this.partTools.propose(message.parts, message.kind);
+    if (message.type === "look") this.lookAt(message.id);
   }
 
   set(name: string, value: unknown) {

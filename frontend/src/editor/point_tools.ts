@@ -1,5 +1,6 @@
 // The editor's tools for points: drags and single edits, the mirror, the grid, turning, locks, and strokes of brushes.
 
+import type { PointsEdit } from "../generated.ts";
 import { Stroke } from "../maths/brushes.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
@@ -97,7 +98,7 @@ export class PointTools {
    * @param kind the name of the edit
    * @param join edits with the same one in quick succession are undone as one
    */
-  edit(points: Point[], kind: string = "move", join: string | null = null) {
+  edit(points: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     const { editor } = this;
     if (editor.isLocked || samePoints(points, editor.points)) return false;
     if (!editor.error && !this.accepts(points)) return false;
@@ -110,7 +111,7 @@ export class PointTools {
   }
 
   /** The same with its mirror image, if the mirror is on. */
-  change(points: Point[], kind: string, join: string | null = null) {
+  change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.edit(this.symmetric(this.editor.points, points, 0, kind === "add"), kind, join);
   }
 
@@ -195,7 +196,7 @@ export class PointTools {
     this.editor.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
-  endDrag(isCancelled: boolean, kind: string = "move") {
+  endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
     const { editor, drag0 } = this,
       { points } = editor;
     this.drag0 = null;

@@ -343,7 +343,7 @@ function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
   const room = what === "parts" ? (LEAST_ROOM / SMALL) * extentOf(region) : Infinity;
   const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)),
     n = corners.length;
-  const edges = corners.slice(0, !region.vertices ? 0 : region.kind === "polygon" ? n : n - 1);
+  const edges = corners.slice(0, region.kind === "polygon" ? n : region.kind === "line" ? n - 1 : 0);
   return [
     ...corners.map((place, i) => {
       const isTip = what === "cuts" ? stopsAt(region, i) : null,

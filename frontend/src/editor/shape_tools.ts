@@ -12,6 +12,7 @@ import {
   fixedSideThrough,
   followedShape,
   insertedCorner,
+  isOutline,
   MOST_SHAPES,
   motionOf,
   motionWords,
@@ -696,8 +697,8 @@ export class ShapeTools {
 
 /** A region with another corner in the middle of edge k. */
 function withMiddle(region: RegionData, k: number) {
+  if (!isOutline(region)) return region;
   const { vertices } = region;
-  if (!vertices) return region;
   const p = vertices[k]!,
     q = vertices[(k + 1) % vertices.length]!;
   return insertedCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);

@@ -2,6 +2,7 @@
 // bar with the range and what becomes of it.
 // Messages to Python: wand (what, place, tolerance, rule, through). The trait "wand" has the answer: region, words, share.
 
+import type { WandRequest } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
@@ -172,16 +173,16 @@ export class Wand {
     this.editor.focusStage();
   }
 
-  #send(what: "preview" | "part" | "cut" | "stop") {
+  #send(what: WandRequest["what"]) {
     const { place, tolerance } = this;
     this.editor.model.send({
       type: "wand",
       what,
       place: place ?? [0, 0],
       tolerance,
-      rule: this.rule.value,
+      rule: this.rule.value as WandRequest["rule"],
       through: this.through.checked,
-    });
+    } satisfies WandRequest);
     this.editor.invalidate();
   }
 

@@ -1,6 +1,7 @@
 // The base of small widgets whose value the user edits: their link to Python, theme and messages.
 // To Python: edit (seq, view, phase, value). From Python: done (seq, view), error (view, message).
 
+import type { CurveEditorToFrontEnd } from "../generated.ts";
 import { EditLink } from "../sync/edits.ts";
 import type { Handlers, Model, ModelHandler, Values, Vector2 } from "../types.ts";
 import { pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
@@ -44,7 +45,7 @@ export class InputView {
 
   constructor(model: Model, el: HTMLElement, name: string) {
     this.model = model;
-    this.link = new EditLink((message: object) => model.send(message));
+    this.link = new EditLink((message) => model.send(message));
     this.handlers = [];
     this.frame = 0;
     this.isHeld = false;
@@ -128,10 +129,10 @@ export class InputView {
   /** Take over the value of the trait `shown`. */
   adopt(_shown: Values) {}
 
-  message(message: Values | null) {
-    if (message?.view && message.view !== this.link.id) return; // another view of the same model
-    if (message?.type === "error") this.showMessage(String(message.message));
-    if (message?.type === "done") this.link.done(message.seq);
+  message(message: CurveEditorToFrontEnd) {
+    if (message.view && message.view !== this.link.id) return; // another view of the same model
+    if (message.type === "error") this.showMessage(message.message);
+    if (message.type === "done") this.link.done(message.seq);
   }
 
   move(value: object) {

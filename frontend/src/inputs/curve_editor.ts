@@ -1,8 +1,9 @@
 // The curve editor: f(z) over the depth, drawn by hand or given by a formula.
 
+import type { CurveEditorToFrontEnd } from "../generated.ts";
 import type { Node, NodeRules } from "../maths/curves.ts";
 import { shownNumber } from "../maths/curves.ts";
-import type { Model, Values, Vector2 } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { CurvePlot } from "./curve_plot.ts";
 
@@ -92,12 +93,12 @@ class CurveEditorView extends CurvePlot {
     this.end({ formula });
   }
 
-  message(message: Values | null) {
+  override message(message: CurveEditorToFrontEnd) {
     super.message(message);
-    const isOurs = !message?.view || message.view === this.link.id;
-    const isRefused = message?.type === "error" && isOurs && this.sent !== undefined;
+    const isOurs = !message.view || message.view === this.link.id;
+    const isRefused = message.type === "error" && isOurs && this.sent !== undefined;
     if (isRefused) this.isTyping = true; // stays for correction
-    const isAnswered = message?.type === "done" && isOurs && message.seq === this.link.last;
+    const isAnswered = message.type === "done" && isOurs && message.seq === this.link.last;
     if (isAnswered && this.alert.hidden) this.sent = undefined;
     this.invalidate();
   }

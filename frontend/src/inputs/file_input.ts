@@ -1,7 +1,8 @@
 // A button that uploads files, and a drop on the studio around it: one file after the other, in pieces that Python
 // requests. Messages to Python: begin, piece, cancel. Messages from Python: next, reading, done.
 
-import type { Model, Values } from "../types.ts";
+import type { FileInputToFrontEnd, UploadBegin, UploadCancel, UploadPiece } from "../generated.ts";
+import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
@@ -21,7 +22,7 @@ class FileInputView {
   bar: HTMLProgressElement;
   stop: HTMLButtonElement;
   veil: HTMLDivElement;
-  receive: (content: Values) => Promise<void>;
+  receive: (content: FileInputToFrontEnd) => Promise<void>;
   draw: () => void;
 
   /** Files that wait for the one under way. */
@@ -68,7 +69,7 @@ class FileInputView {
       { signal },
     );
     if (model.get("drops")) this.#takeDrops(signal);
-    this.receive = (content: Values) => this.#receive(content);
+    this.receive = (content: FileInputToFrontEnd) => this.#receive(content);
     this.draw = () => this.#draw();
     model.on("msg:custom", this.receive);
     for (const name of ["label", "accept", "tip"]) model.on(`change:${name}`, this.draw);
@@ -156,30 +157,32 @@ class FileInputView {
     }
     this.current = { id: crypto.getRandomValues(new Uint32Array(4)).join("-"), file };
     this.#show(`Uploading ${file.name} (${size(file.size)})`, 0);
-    this.model.send({ type: "begin", id: this.current.id, name: file.name, size: file.size });
+    this.model.send({ type: "begin", id: this.current.id, name: file.name, size: file.size } satisfies UploadBegin);
   }
 
   cancel() {
     this.waiting = [];
-    if (this.current) this.model.send({ type: "cancel", id: this.current.id });
+    if (this.current) this.model.send({ type: "cancel", id: this.current.id } satisfies UploadCancel);
   }
 
-  async #receive({ type, id, offset, length, share }: Values) {
-    const { current } = this;
+  async #receive(content: FileInputToFrontEnd) {
+    const { current } = this,
+      { id } = content;
     if (!current || current.id !== id) return; // of another page
     const { file } = current;
-    if (type === "next") {
+    if (content.type === "next") {
+      const { offset, length } = content;
       this.#show(`Uploading ${file.name} (${size(file.size)})`, offset / file.size);
       try {
         const piece = await file.slice(offset, offset + length).arrayBuffer();
-        this.model.send({ type: "piece", id, offset }, undefined, [piece]);
+        this.model.send({ type: "piece", id, offset } satisfies UploadPiece, undefined, [piece]);
       } catch {
         // a folder, or a file that has been changed since it was chosen
-        this.model.send({ type: "cancel", id });
+        this.model.send({ type: "cancel", id } satisfies UploadCancel);
         this.#end(`${file.name} cannot be read by the browser; choose a file that is no folder.`);
       }
-    } else if (type === "reading") this.#show(`Reading ${file.name}`, share);
-    else if (type === "done") this.#end();
+    } else if (content.type === "reading") this.#show(`Reading ${file.name}`, content.share);
+    else if (content.type === "done") this.#end();
   }
 
   #end(message: string = "") {

@@ -1,6 +1,7 @@
 // A text for the clipboard or a file for the downloads, from Python; reports what it has done.
 
-import type { Model, Values } from "../types.ts";
+import type { FileTransferToFrontEnd } from "../generated.ts";
+import type { Model } from "../types.ts";
 
 import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
 
@@ -38,13 +39,13 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
   root.append(line, area);
   el.append(root);
 
-  const receive = async (content: Values, buffers: DataView<ArrayBuffer>[]) => {
+  const receive = async (content: FileTransferToFrontEnd, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
       const isCopied = await copied(content.text);
       const lines = content.text.trimEnd().split("\n").length;
       line.textContent = isCopied
-        ? `Copied ${lines} lines of Python. ${content.note ?? ""}`.trim()
-        : `${content.note ?? ""} Press Ctrl+C to copy:`.trim();
+        ? `Copied ${lines} lines of Python. ${content.note}`.trim()
+        : `${content.note} Press Ctrl+C to copy:`.trim();
       area.hidden = false;
       area.value = content.text;
       area.rows = Math.min(12, lines);

@@ -3,8 +3,9 @@
 // Python owns the list. The front end requests a command for a row, with the state of the list ("version"), and waits
 // for the answer: a second click must not meet rows that have moved meanwhile.
 
+import type { ItemListToFrontEnd, RowCommand as RowMessage } from "../generated.ts";
 import { LONGEST_ROW_NAME } from "../generated.ts";
-import type { Model, Values } from "../types.ts";
+import type { Model } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
@@ -50,7 +51,7 @@ class ItemListView {
   body: HTMLTableSectionElement;
   empty: HTMLDivElement;
   draw: () => void;
-  answered: (content: Values) => void;
+  answered: (content: ItemListToFrontEnd) => void;
   theme: ThemeObserver;
   sized: ResizeObserver;
 
@@ -68,7 +69,7 @@ class ItemListView {
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
     this.draw = () => this.#draw();
-    this.answered = (content: Values) => {
+    this.answered = (content: ItemListToFrontEnd) => {
       if (content.type !== "done") return;
       this.isChoosing = false;
       this.#wait(false);
@@ -103,14 +104,14 @@ class ItemListView {
   }
 
   /** @param what the command */
-  act(what: string, index: number, value: string | boolean | null = null) {
+  act(what: RowMessage["what"], index: number, value: string | boolean | null = null) {
     const isKnown = what === "choose" || what === "switch" || this.commands.some((command) => command === what);
     if ((this.isWaiting && what !== "rename") || !this.rows[index] || !isKnown) return;
     if ((what === "up" && index === 0) || (what === "down" && index === this.rows.length - 1)) return;
     this.current = index + Number(what === "down" || what === "double") - Number(what === "up");
     this.isChoosing = what === "choose"; // wherever its row will be then
     this.#wait(true);
-    this.model.send({ type: "act", what, index, value, version: this.model.get("version") });
+    this.model.send({ type: "act", what, index, value, version: this.model.get("version") } satisfies RowMessage);
   }
 
   #wait(isWaiting: boolean) {

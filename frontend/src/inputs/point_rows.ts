@@ -1,5 +1,6 @@
 // The rows of the table of control points: the data that Python sends, columns, order, texts. Pure functions; no DOM.
 
+import type { PointsCommand } from "../generated.ts";
 import type { Model } from "../types.ts";
 
 /** The names of the axes of a picture or of a volume. */
@@ -31,7 +32,7 @@ export interface Column {
   /** the index in a row of numbers */
   at?: number;
   /** the field of a point, where it is not the key */
-  field?: string;
+  field?: PointsCommand["field"];
   /** the index in this field */
   axis?: number;
 }
@@ -59,7 +60,7 @@ export function pointColumns(dim: number): Column[] {
     },
     ...axes.map((axis, k) => ({
       key: `source_${axis}`,
-      field: "source",
+      field: "source" as const,
       axis: k,
       title: `from ${axis}`,
       kind: number,
@@ -69,7 +70,7 @@ export function pointColumns(dim: number): Column[] {
     })),
     ...axes.map((axis, k) => ({
       key: `target_${axis}`,
-      field: "target",
+      field: "target" as const,
       axis: k,
       title: `to ${axis}`,
       kind: number,

@@ -4,8 +4,9 @@
 // edits: {type: "act", view, seq, what, ids, field, axis, value}, and is answered {type: "done", view, seq, ok}.
 // While the editor drags points, their rows follow it without Python (sync/bus.js).
 
+import type { PointsCommand, PointsTableToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
-import type { Bus, Handlers, Model, PointsDetail, Values } from "../types.ts";
+import type { Bus, Handlers, Model, PointsDetail } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 import type { Column, TableRow } from "./point_rows.ts";
@@ -600,7 +601,12 @@ class PointsTableView {
       const text = input.value.trim();
       this.draw();
       if (!isTaken || text === before) return;
-      this.act("cell", [id], { field: column.field ?? key, axis: column.axis ?? 0, value: text }, key);
+      this.act(
+        "cell",
+        [id],
+        { field: column.field ?? (key as PointsCommand["field"]), axis: column.axis ?? 0, value: text },
+        key,
+      );
     };
     input.addEventListener("keydown", (event) => this.#writingKey(event, end, id, key));
     input.addEventListener("blur", () => end(true));
@@ -733,7 +739,7 @@ class PointsTableView {
     const at = this.#cellAt(event),
       box = event.target;
     if (!at || !(box instanceof HTMLInputElement) || !box.classList.contains("dnb-pt-box")) return;
-    this.act("cell", [at.id], { field: at.key, axis: 0, value: box.checked }, at.key);
+    this.act("cell", [at.id], { field: at.key as PointsCommand["field"], axis: 0, value: box.checked }, at.key);
     box.checked = !box.checked; // as Python holds it, until it answers
   }
 
@@ -744,7 +750,7 @@ class PointsTableView {
     else if (name === "copy") this.#copyNow();
     else if (name === "paste" || name === "drop") this.#openPasting(name === "paste" && Boolean(this.pasting.hidden));
     else if (name === "take") this.act("paste", [], { value: this.text.value }, "text");
-    else this.act(name, this.chosenIds());
+    else this.act(name as PointsCommand["what"], this.chosenIds());
   }
 
   #openPasting(isOpen: boolean) {
@@ -758,18 +764,27 @@ class PointsTableView {
    * @param key the place of a refusal: a column, "place" or "text"
    */
   act(
-    what: string,
+    what: PointsCommand["what"],
     ids: number[] = [],
-    { field = "", axis = 0, value = null }: { field?: string; axis?: number; value?: string | boolean | null } = {},
+    { field = "", axis = 0, value = null }: Pick<PointsCommand, "field" | "axis" | "value"> = {},
     key: string = "",
   ) {
     this.seq += 1;
     if (what !== "seen") this.showMessage("");
     this.waiting.set(this.seq, { what, ids, key });
-    this.model.send({ type: "act", view: this.view, seq: this.seq, what, ids, field, axis, value });
+    this.model.send({
+      type: "act",
+      view: this.view,
+      seq: this.seq,
+      what,
+      ids,
+      field,
+      axis,
+      value,
+    } satisfies PointsCommand);
   }
 
-  #answered({ type, view, seq, ok, text }: Values) {
+  #answered({ type, view, seq, ok, text }: PointsTableToFrontEnd) {
     const request = this.waiting.get(seq);
     if (type !== "done" || view !== this.view || !request) return;
     this.waiting.delete(seq);

@@ -4,12 +4,13 @@
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was
 // started again. Other hosts signal nothing.
 
-import type { Model, Values } from "../types.ts";
+import type { RestoreBarToFrontEnd, RestoreCommand } from "../generated.ts";
+import type { Model } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
 /** command, text, tip */
-const RESTORE_BUTTONS: [string, string, string][] = [
+const RESTORE_BUTTONS: [RestoreCommand["what"], string, string][] = [
   ["restore", "Restore", "Go on with it; can be undone"],
   ["skip", "Skip", "Don't show again; it stays under History"],
   ["delete", "Delete", "Remove its file"],
@@ -34,7 +35,7 @@ class RestoreBarView {
   text: HTMLSpanElement;
   buttons: HTMLButtonElement[];
   draw: () => void;
-  answered: (content: Values) => void;
+  answered: (content: RestoreBarToFrontEnd) => void;
   died: () => void;
   changed: StatusSlot;
   kernel: StatusSignal | undefined;
@@ -58,7 +59,7 @@ class RestoreBarView {
       return button;
     });
     this.draw = () => this.#draw();
-    this.answered = (content: Values) => {
+    this.answered = (content: RestoreBarToFrontEnd) => {
       if (content.type === "done") this.#wait(false);
     };
     this.died = () => this.#gone("restarting");
@@ -82,7 +83,7 @@ class RestoreBarView {
     this.root.remove();
   }
 
-  #act(what: string, button: HTMLButtonElement) {
+  #act(what: RestoreCommand["what"], button: HTMLButtonElement) {
     if (this.isWaiting) return;
     if (what === "delete" && button.textContent !== SURE) {
       button.textContent = SURE;
@@ -90,7 +91,7 @@ class RestoreBarView {
       return;
     }
     this.#wait(true);
-    this.model.send({ type: "act", what, version: this.model.get("version") });
+    this.model.send({ type: "act", what, version: this.model.get("version") } satisfies RestoreCommand);
   }
 
   #wait(isWaiting: boolean) {

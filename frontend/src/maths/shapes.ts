@@ -48,6 +48,11 @@ export function shapeRecord(shape: ShapeData) {
 
 // ---- the corners that the user drags --------------------------------------------------------------------------------
 
+/** Whether a region has corners. */
+export function isOutline(region: RegionData): region is OutlineData {
+  return region.kind === "polygon" || region.kind === "line";
+}
+
 /**
  * The corners of a region. Of a half plane they are two places on its line, `reach` away from its point. A mask has
  * none.
@@ -61,7 +66,7 @@ export function cornersOf(region: RegionData, reach: number): Vector2[] {
       [a + nb * reach, b - na * reach],
     ];
   }
-  return region.vertices ?? [];
+  return isOutline(region) ? region.vertices : [];
 }
 
 /** The region with corner k at a place. */
@@ -85,13 +90,13 @@ export function movedCorner(region: RegionData, k: number, place: Vector2, reach
 
 /** The region with a new corner between corner k and the next one. */
 export function insertedCorner(region: RegionData, k: number, place: Vector2): RegionData {
-  if (!region.vertices) return region;
+  if (!isOutline(region)) return region;
   return { ...region, vertices: [...region.vertices.slice(0, k + 1), place, ...region.vertices.slice(k + 1)] };
 }
 
 /** The region without corner k; null where too few would be left. */
 export function removedCorner(region: RegionData, k: number): OutlineData | null {
-  if (!region.vertices || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
+  if (!isOutline(region) || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
   return { ...region, vertices: region.vertices.filter((_, i) => i !== k) };
 }
 
@@ -361,7 +366,7 @@ function stopWords([first, last]: [boolean, boolean]) {
 /** The label of a shape for screen readers. */
 export function shapeLabel(shape: ShapeData, what: ShapeKind, index: number) {
   const { region } = shape,
-    corners = region.vertices ? ` with ${region.vertices.length} corners` : "";
+    corners = isOutline(region) ? ` with ${region.vertices.length} corners` : "";
   const sort = SHAPE_NAMES[what],
     name = shape.name ? ` ${shape.name}` : "";
   const stops = region.kind === "line" && region.stops ? stopWords(region.stops) : "";

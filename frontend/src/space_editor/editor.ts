@@ -2,6 +2,7 @@
 // To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
 
 import { EditorDrawing, initialize } from "../editor/base.ts";
+import type { Pictures, PicturesWanted, PointsEdit, Seen, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { NEARLY_FOLDED } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.ts";
@@ -14,7 +15,7 @@ import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, 
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
 import { Toolbar } from "../ui/toolbar.ts";
-import type { Line, PaneData } from "./pane.ts";
+import type { Line } from "./pane.ts";
 import { SpacePane } from "./pane.ts";
 import { SpacePointTools } from "./point_tools.ts";
 import { PaneGestures, spaceKey } from "./pointer.ts";
@@ -92,7 +93,7 @@ const SPACE_MORE: ToolEntry[][] = [
 export type Facts = { folds?: [number, number] | null; worst?: Vector3 | null; note?: string; isBad?: boolean };
 
 /** A request for other pictures. */
-export type ViewRequest = { cursor?: Vector3; projection?: string; original?: boolean };
+export type ViewRequest = Pick<SlicesMoved, "cursor" | "projection" | "original">;
 
 export class SpaceEditorView extends EditorDrawing {
   host: HTMLElement;
@@ -194,7 +195,7 @@ export class SpaceEditorView extends EditorDrawing {
       this.layout();
       this.showWaiting();
     });
-    model.send({ type: "hello", view: this.id });
+    model.send({ type: "hello", view: this.id } satisfies PicturesWanted);
     this.#expectPictures();
   }
 
@@ -235,7 +236,7 @@ export class SpaceEditorView extends EditorDrawing {
       handler: (event: HTMLElementEventMap[K]) => void,
     ) =>
       target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), { signal });
-    listen(this.chooser, "change", () => this.look({ projection: this.chooser.value }));
+    listen(this.chooser, "change", () => this.look({ projection: this.chooser.value as SlicesMoved["projection"] }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
       event.preventDefault();
@@ -391,7 +392,7 @@ export class SpaceEditorView extends EditorDrawing {
    * Make an edit. Returns whether there is one.
    * @param join edits with the same are undone as one
    */
-  edit(points: Point[], kind: string = "move", join: string | null = null) {
+  edit(points: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
       this.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
@@ -418,7 +419,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.invalidate();
   }
 
-  endDrag(isCancelled: boolean, kind: string = "move") {
+  endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
     const before = this.drag0,
       points = this.points;
     this.drag0 = null;
@@ -579,15 +580,15 @@ export class SpaceEditorView extends EditorDrawing {
 
   // ---- data from Python ---------------------------------------------------------------------------------------------
 
-  message(message: any, buffers: (DataView | ArrayBuffer)[]) {
-    if (message?.type === "error") this.showMessage(String(message.message), true);
-    if (message?.type === "look") this.lookAt(message.id);
-    const isOurs = !message?.view || message.view === this.id;
-    if (message?.type === "pictures" && isOurs) this.receivePictures(message, buffers);
+  message(message: SpaceEditorToFrontEnd, buffers: (DataView | ArrayBuffer)[]) {
+    if (message.type === "error") this.showMessage(message.message, true);
+    if (message.type === "look") this.lookAt(message.id);
+    if (message.type === "pictures" && (!message.view || message.view === this.id))
+      this.receivePictures(message, buffers);
   }
 
   receivePictures(
-    { seq, panes, facts }: { seq?: number; panes: PaneData[]; facts: Facts },
+    { seq, panes, facts }: Pick<Pictures, "seq" | "panes" | "facts">,
     buffers: (DataView | ArrayBuffer)[],
   ) {
     const parts = buffers.map((b) =>
@@ -607,7 +608,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.facts = { folds: this.facts.folds, worst: this.facts.worst, ...facts };
     this.shownCount += 1;
     this.drawNow();
-    if (seq) this.model.send({ type: "seen", view: this.id, seq });
+    if (seq) this.model.send({ type: "seen", view: this.id, seq } satisfies Seen);
     this.waitingSince = -Infinity;
     this.#sendLook();
   }
@@ -739,7 +740,7 @@ export class SpaceEditorView extends EditorDrawing {
     } = this;
     if (cursor) looked.add(JSON.stringify(cursor));
     for (const oldest of [...looked].slice(0, -20)) looked.delete(oldest);
-    this.model.send({ type: "look", view: this.id, ...this.pendingLook });
+    this.model.send({ type: "look", view: this.id, ...this.pendingLook } satisfies SlicesMoved);
     this.pendingLook = null;
   }
 

@@ -1,6 +1,7 @@
 // One of the three pictures: its pixels, the cross-hair of the other two, and the points in it.
 
 import { Handles, ToolMarks } from "../editor/handles.ts";
+import type { PaneContent } from "../generated.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { clearness, flatPoint, fromPane, inPane, spaceLabel, spaceTip } from "../maths/space.ts";
 import type { FlatPoint, PaneInfo, Point, Raster, Vector2, Vector3 } from "../types.ts";
@@ -17,13 +18,6 @@ export const LINES = ["v", "h"] as const;
 export type Line = (typeof LINES)[number];
 
 /** A picture of Python: pixels of one or three channels, and the shape of a mask of parts and cuts. */
-export type PaneData = Raster & {
-  index: number;
-  channels: number;
-  hasDepths: boolean;
-  shapes: [number, number] | null;
-};
-
 function makeCanvas(width: number, height: number) {
   return Object.assign(document.createElement("canvas"), { width, height });
 }
@@ -245,7 +239,7 @@ export class SpacePane {
    * @param shares of parts and of cuts in each pixel
    */
   take(
-    { shape: [height, width], spacing, origin, channels, shapes }: PaneData,
+    { shape: [height, width], spacing, origin, channels, shapes }: PaneContent,
     pixels: Uint8Array,
     depths: Float32Array | null,
     shares: Uint8Array | null,

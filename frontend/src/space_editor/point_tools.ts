@@ -1,6 +1,7 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
+import type { PointsEdit } from "../generated.ts";
 import { added, difference, dot, scaled } from "../maths/camera.ts";
 import { shownLength } from "../maths/numbers.ts";
 import {
@@ -37,7 +38,7 @@ export class SpacePointTools {
    * An edit, and the same on the other side of the mirror if there is one.
    * @param join edits with the same are undone as one
    */
-  change(points: Point[], kind: string, join: string | null = null) {
+  change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
     return this.editor.edit(this.symmetric(this.editor.points, points), kind, join);
   }
 

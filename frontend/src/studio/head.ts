@@ -3,6 +3,7 @@
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
 import type { EditorView } from "../editor/editor.ts";
+import type { SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText, svgElement, viewOf } from "../ui/dom.ts";
 import { showInLanguage } from "../ui/words.ts";
@@ -122,7 +123,7 @@ class StudioHead {
   }
 
   save() {
-    this.model.send({ type: "save" });
+    this.model.send({ type: "save" } satisfies SaveRequest);
   }
 
   /** Open a menu and close the others; an open one is closed. */

@@ -11,14 +11,22 @@
 // There is one Sender for each editor and window: it lives on the bus (sync/bus.js), and all views of the editor share
 // it.
 
+import type {
+  EditorToPython,
+  Greeting,
+  MovedPart,
+  PointsEdit,
+  ShapeChoice,
+  ValueEdit,
+  WandRequest,
+} from "../generated.ts";
 import { LONGEST_EDIT } from "../generated.ts";
 import { cleanPoints, cleanShapes, nextId, samePoints, sameShapes } from "../maths/points.ts";
-import type { Bus, Model, ModelHandler, Motion, Point, ShapeData, ShapeKind, Shapes } from "../types.ts";
+import type { Bus, Model, ModelHandler, Point, ShapeData, ShapeKind, Shapes, Without } from "../types.ts";
 import { History } from "./undo_list.ts";
 
 export type State = { points: Point[]; shapes: Shapes };
 export type Change = "points" | "status" | "history";
-export type MovedPart = { index: number; motion: Motion };
 export type Clock = { now: () => number; later: (f: () => void, ms: number) => number; cancel: (id: number) => void };
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
@@ -52,12 +60,12 @@ export class Sender {
   waiting: Record<"move" | "end", Set<number>>;
   pending: {
     move: { points: Point[]; part?: MovedPart } | null;
-    end: { kind: string; joins: boolean; points: Point[] } | null;
+    end: { kind: PointsEdit["kind"]; joins: boolean; points: Point[] } | null;
   };
   status: string;
   isAnswered: boolean;
   isCut: boolean;
-  drawn: object | null;
+  drawn: PointsEdit["drawn"] | null;
   steps: { seq: number; what: string }[];
 
   #isFilled = false; // whether points have been received
@@ -184,7 +192,7 @@ export class Sender {
    * Send the points after an edit; edits that share `join` in quick succession are undone as one.
    * @param kind of the edit, for the history
    */
-  edit(points: Point[], kind: string, join: string | null = null) {
+  edit(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
     const joins = this.history.record(this.state, join);
     this.#leave(points, kind, joins);
   }
@@ -204,7 +212,7 @@ export class Sender {
   }
 
   /** Send the shape that is chosen; with a copy of it, for Python's lists may have changed meanwhile. */
-  choose(chosen: { what: ShapeKind; index: number; shape: object } | null) {
+  choose(chosen: Pick<ShapeChoice, "what" | "index" | "shape"> | null) {
     this.flush();
     this.last = this.seq + 1;
     this.#send("end", { type: "choose", what: null, ...chosen });
@@ -280,7 +288,7 @@ export class Sender {
     this.#send("end", { type: "edit", phase: "end", next_id: this.nextId, ...end, ...(drawn && { drawn }) });
   }
 
-  #leave(points: Point[], kind: string, joins: boolean) {
+  #leave(points: Point[], kind: PointsEdit["kind"], joins: boolean) {
     const waits = this.pending.end;
     this.pending.move = null;
     this.pending.end = waits
@@ -326,7 +334,7 @@ export class Sender {
     }
   }
 
-  #send(group: "move" | "end", content: object) {
+  #send(group: "move" | "end", content: Without<Exclude<EditorToPython, WandRequest>, "sender" | "seq">) {
     this.seq += 1;
     this.waiting[group].add(this.seq);
     this.clock.cancel(this.#timer);
@@ -373,7 +381,7 @@ export class Sender {
     if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
     this.#isGreeted = true;
     try {
-      this.model?.send({ type: "greet", sender: this.id, seq: 0 });
+      this.model?.send({ type: "greet", sender: this.id, seq: 0 } satisfies Greeting);
     } catch {
       this.isCut = true;
     }
@@ -459,7 +467,7 @@ export function senderOf(bus: Bus, model: Model) {
 
 /** A value of one view on its way to Python, such as a curve. */
 export class EditLink {
-  post: (message: object) => void;
+  post: (message: ValueEdit) => void;
   now: () => number;
   id: string;
   seq: number;
@@ -472,7 +480,7 @@ export class EditLink {
   #pending: object | null = null;
 
   /** @param now milliseconds */
-  constructor(send: (message: object) => void, now: () => number = () => performance.now()) {
+  constructor(send: (message: ValueEdit) => void, now: () => number = () => performance.now()) {
     this.post = send;
     this.now = now;
     this.id = newId();

@@ -47,7 +47,7 @@ export class Theme {
     this.observer = new ThemeObserver(pageElement("span", "dnb-paper", root, { hidden: "" }), changed);
   }
 
-  get name() {
+  get name(): "dark" | "light" {
     const attribute = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
     return (attribute === undefined ? this.observer.isDark : attribute === "false") ? "dark" : "light";
   }

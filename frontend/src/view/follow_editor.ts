@@ -1,6 +1,7 @@
 // The maps of a field as the ray caster takes them, with those that an editor makes put in. No DOM. Equal to
 // deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
+import type { FieldMaps } from "../generated.ts";
 import { CUT_MARGIN, CUT_STEPS, MOST_REGIONS } from "../generated.ts";
 import { layeredFit, layersOnRaster } from "../maths/cuts.ts";
 import { RbfError, rbfKernelOf } from "../maths/rbf.ts";
@@ -20,7 +21,6 @@ import type {
 import { bitsOf } from "../webgl/region_bits.ts";
 import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
-import type { Message } from "./volume_loader.ts";
 import { bytesOf, floatsOf } from "./volume_loader.ts";
 
 /** distances to the cuts that came last */
@@ -31,27 +31,36 @@ export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsD
 
 const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are looked at
 
-/** The message "field" with its buffers in place; null if it builds on distances that `known` does not hold. */
-export function fieldOf(content: Message, buffers: Bytes[], known: KnownCuts): Field | null {
-  const isHalf = (name: string) => content.space?.cut && (name === "space" || name === "depths");
-  const names: string[] = content.buffers;
+/** What messages about a field have in common. */
+export type FieldContent = Pick<FieldMaps, "box" | "planar" | "space" | "coarse" | "buffers">;
+
+/** The content of a field with its buffers in place; null if it builds on distances that `known` does not hold. */
+export function fieldOf(content: FieldContent, buffers: Bytes[], known: KnownCuts): Field | null {
+  const { box, coarse, planar, space, buffers: names } = content;
+  const isHalf = (name: string) => space?.cut && (name === "space" || name === "depths");
   const parts: Values = Object.fromEntries(
     names.map((name, k) => [
       name,
       isHalf(name) ? new Uint16Array(bytesOf(buffers[k]!).slice().buffer) : floatsOf(buffers[k]!),
     ]),
   );
-  const planar = content.planar && { ...content.planar, maps: parts.maps, weights: parts.weights };
-  if (planar?.cut) {
-    if (parts.distances) {
-      known.id = planar.cut.id;
-      known.distances = parts.distances;
-    }
-    if (known.id !== planar.cut.id) return null;
-    planar.cut = { ...planar.cut, distances: known.distances };
+  const cut = planar?.cut ?? null;
+  if (cut && parts.distances) {
+    known.id = cut.id;
+    known.distances = parts.distances;
   }
-  const space = content.space && { ...content.space, values: parts.space, depths: parts.depths };
-  return { box: content.box, coarse: content.coarse, planar, space };
+  if (cut && known.id !== cut.id) return null;
+  return {
+    box,
+    coarse,
+    planar: planar && {
+      ...planar,
+      maps: parts.maps,
+      weights: parts.weights,
+      cut: cut && { ...cut, distances: known.distances! },
+    },
+    space: space && { ...space, values: parts.space, depths: parts.depths },
+  };
 }
 
 /**

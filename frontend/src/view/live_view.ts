@@ -2,8 +2,16 @@
 // To Python: hello, chunk, still, drawn, follows, screenshot, seen, stats, bye. From Python: chunk, field, drawn, info, screenshot.
 // Frames of movies: see movie_frames.js.
 
+import type {
+  Chunk,
+  FieldMaps,
+  LiveViewToFrontEnd,
+  LiveViewToPython,
+  MovieFrame,
+  ScreenshotRequest,
+} from "../generated.ts";
 import { clipOf, isClipped } from "../maths/clipping.ts";
-import type { Model, ModelHandler, Vector2, Vector3 } from "../types.ts";
+import type { Model, ModelHandler, Vector2, Vector3, Without } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { measuredBy, opened, picturesOf, remarksOn } from "../ui/view_parts.ts";
@@ -21,7 +29,6 @@ import { SpacePoints } from "./space_points.ts";
 import type { Bytes, Field, VolumeInfo } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import { ViewElements, ViewMessages } from "./view_elements.ts";
-import type { Message } from "./volume_loader.ts";
 import { floatsOf, VolumeLoader } from "./volume_loader.ts";
 
 const FEWEST = 32 ** 3; // voxels that are still worth a look
@@ -342,7 +349,7 @@ export class LiveVolumeView {
 
   // -- messages and traits -------------------------------------------------------------------------------------------
 
-  send(content: Message, buffers?: ArrayBuffer[]) {
+  send(content: Without<LiveViewToPython, "view">, buffers?: ArrayBuffer[]) {
     this.messages.send(content, buffers);
   }
 
@@ -376,13 +383,14 @@ export class LiveVolumeView {
     for (const name of ["width", "height", "fill"]) this.on(`change:${name}`, () => this.size());
   }
 
-  receive(content: Message, buffers: Bytes[]) {
-    if (content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
+  /** Takes a message of Python, or the picture of a page without Python. */
+  receive(content: LiveViewToFrontEnd | { type: "still" }, buffers: Bytes[]) {
+    if ("view" in content && content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.receiveChunk(content, buffers[0]!);
     if (content.type === "field") return this.receiveField(content, buffers);
     if (content.type === "still") return this.receiveStill(buffers[0]!);
-    if (content.type === "drawn") return this.still?.drawn(content.info);
-    if (content.type === "info") return this.still?.inform(content.info);
+    if (content.type === "drawn") return this.still?.drawn(content.info as unknown as VolumeInfo);
+    if (content.type === "info") return this.still?.inform(content.info as unknown as VolumeInfo);
     if (content.type === "screenshot") return this.screenshot(content);
     if (content.type === "movie_frame") return this.movieFrame(content, buffers);
     if (content.type === "movie_end") return this.endMovie();
@@ -431,7 +439,7 @@ export class LiveVolumeView {
     this.still?.receive(png);
   }
 
-  async receiveChunk(content: Message, packed: Bytes) {
+  async receiveChunk(content: Chunk, packed: Bytes) {
     const { loader } = this;
     if (!loader || loader.id !== content.id) return;
     this.sent.received += packed.byteLength;
@@ -481,11 +489,11 @@ export class LiveVolumeView {
     this.touch();
   }
 
-  receiveField(content: Message, buffers: Bytes[]) {
+  receiveField(content: FieldMaps, buffers: Bytes[]) {
     this.sent.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
     this.times.drop();
     const field = content.frames
-      ? this.times.take(content, buffers as [Bytes, Bytes])
+      ? this.times.take(content, content.frames, buffers as [Bytes, Bytes])
       : fieldOf(content, buffers, this.cuts);
     if (!field) {
       this.hello();
@@ -569,12 +577,12 @@ export class LiveVolumeView {
     });
   }
 
-  async screenshot({ id }: Message) {
+  async screenshot({ id }: ScreenshotRequest) {
     const blob = this.still ? null : await this.picture();
     if (blob) this.messages.send({ type: "screenshot", id }, [await blob.arrayBuffer()]);
   }
 
-  movieFrame(content: Message, buffers: Bytes[]) {
+  movieFrame(content: MovieFrame, buffers: Bytes[]) {
     if (this.movie?.id !== content.id) {
       this.endMovie();
       try {

@@ -2,9 +2,10 @@
 // their own, so that whoever turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
+import type { LiveViewToPython, MovieFrame } from "../generated.ts";
 import { MOVIE_PIECE } from "../generated.ts";
 import { type Clip, isClipped } from "../maths/clipping.ts";
-import type { Model, Values, Vector2 } from "../types.ts";
+import type { Model, Values, Vector2, Without } from "../types.ts";
 import { picturesOf, type Shows } from "../ui/view_parts.ts";
 import { type Background, RayCaster } from "../webgl/raycaster.ts";
 import type { VolumeData } from "../webgl/types.ts";
@@ -12,7 +13,6 @@ import { fieldOf } from "./follow_editor.ts";
 import { FrameLoop } from "./render_loop.ts";
 import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
-import type { Message } from "./volume_loader.ts";
 import { floatsOf } from "./volume_loader.ts";
 
 /** the live view whose volume and colours are drawn */
@@ -20,7 +20,7 @@ export interface MovieSource {
   model: Model;
   info: VolumeInfo | null;
   values: Uint8Array | null;
-  send: (content: Message, buffers?: ArrayBuffer[]) => void;
+  send: (content: Without<LiveViewToPython, "view">, buffers?: ArrayBuffer[]) => void;
   about: (info: VolumeInfo) => VolumeData;
 }
 
@@ -36,7 +36,7 @@ interface MovieLooks {
 
 export class MovieFrames {
   view: MovieSource;
-  id: unknown;
+  id: string;
   looks: MovieLooks;
   canvas: HTMLCanvasElement;
   caster: RayCaster;
@@ -53,8 +53,9 @@ export class MovieFrames {
   isReady: Promise<void>;
 
   /** @param first the first request for a frame: its size and looks are those of all */
-  constructor(view: MovieSource, { id, size, looks }: Message) {
-    const [width, height]: Vector2 = size;
+  constructor(view: MovieSource, { id, size, looks: given }: MovieFrame) {
+    const [width, height] = size,
+      looks = given as unknown as MovieLooks;
     this.view = view;
     this.id = id;
     this.looks = looks;
@@ -68,7 +69,7 @@ export class MovieFrames {
       pixels: [width, height],
       pointer: { isBusy: false },
       field: null,
-      model: { get: (name: string) => (looks as Values)[name] },
+      model: { get: (name: string) => (given as Values)[name] },
     };
     this.seen = like;
     this.camera = new ViewCamera(like as unknown as VolumeViewLike);
@@ -109,7 +110,7 @@ export class MovieFrames {
   }
 
   /** Draws a frame and sends its PNG in pieces. */
-  async draw(content: Message, buffers: Bytes[]) {
+  async draw(content: MovieFrame, buffers: Bytes[]) {
     const { view, id, caster, camera } = this,
       { index } = content;
     try {

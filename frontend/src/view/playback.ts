@@ -3,11 +3,11 @@
 // The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
 // here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
 
+import type { FieldMaps, FramesData } from "../generated.ts";
 import { FollowedModel } from "../sync/bus.ts";
 import type { Bus, Model, TimeDetail } from "../types.ts";
 import type { PlanarField } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
-import type { Message } from "./volume_loader.ts";
 import { floatsOf } from "./volume_loader.ts";
 
 /** maps of all moments */
@@ -63,8 +63,14 @@ export class TimeLink {
   /**
    * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
    */
-  take({ box, planar, frames: { count, duration } }: Message, [maps, weights]: [Bytes, Bytes]): Field {
-    this.frames = { count, duration, maps: floatsOf(maps), planar: { ...planar, weights: floatsOf(weights) } };
+  take({ box, planar }: FieldMaps, { count, duration }: FramesData, [maps, weights]: [Bytes, Bytes]): Field {
+    const all = floatsOf(maps);
+    this.frames = {
+      count,
+      duration,
+      maps: all,
+      planar: { ...planar!, cut: null, maps: all, weights: floatsOf(weights) },
+    };
     return { box, planar: planarAt(this.frames, this.time), space: null };
   }
 

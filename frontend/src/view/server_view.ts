@@ -2,8 +2,16 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
+import type {
+  FrameSent,
+  LiveViewToPython,
+  ToServerRenderer,
+  TrameAddress,
+  VolumeViewToFrontEnd,
+  VolumeViewToPython,
+} from "../generated.ts";
 import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
-import type { Model, ModelHandler, Vector2 } from "../types.ts";
+import type { Model, ModelHandler, Vector2, Without } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { opened } from "../ui/view_parts.ts";
@@ -12,7 +20,6 @@ import { SpacePoints } from "./space_points.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import { ViewElements, ViewMessages } from "./view_elements.ts";
-import type { Message } from "./volume_loader.ts";
 import { bytesOf } from "./volume_loader.ts";
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
@@ -114,7 +121,7 @@ export class ServerVolumeView {
     this.messages.on(name, handler);
   }
 
-  send(content: Message) {
+  send(content: Without<VolumeViewToPython, "view">) {
     this.messages.send(content);
   }
 
@@ -169,7 +176,7 @@ export class ServerVolumeView {
     return this.model.get("transport") === "trame";
   }
 
-  frame({ view, url }: Message) {
+  frame({ view, url }: TrameAddress) {
     if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
     this.inner = pageElement("iframe", "dnb-inner", this.root, {
@@ -197,7 +204,7 @@ export class ServerVolumeView {
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
-  receive(content: Message, buffers: Bytes[]) {
+  receive(content: VolumeViewToFrontEnd, buffers: Bytes[]) {
     if (content.type === "notice") {
       this.showMessage(String(content.text));
       if (!this.drawn) this.wait("");
@@ -207,7 +214,7 @@ export class ServerVolumeView {
     return content.type === "frame" ? this.receiveFrame(content, buffers) : undefined;
   }
 
-  async receiveFrame({ seq, full, camera, by }: Message, buffers: Bytes[]) {
+  async receiveFrame({ seq, full, camera, by }: FrameSent, buffers: Bytes[]) {
     if (by === this.messages.id) this.#answer(camera);
     try {
       const made = await Promise.all(
@@ -327,7 +334,7 @@ export interface UndrawnView {
   messages: ViewMessages;
   elements: ViewElements;
   root: HTMLElement;
-  send: (content: Message) => void;
+  send: (content: Without<LiveViewToPython, "view">) => void;
 }
 
 /**
@@ -384,7 +391,7 @@ export class StillPicture {
       on: (name: string, call: ModelHandler) => model.on(name, call),
       off: (name, call) => model.off(name, call),
       widget_manager: model.widget_manager,
-      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content }),
+      send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content } satisfies ToServerRenderer),
     };
     view.root.hidden = true;
     this.pictures = new ServerVolumeView(part, view.elements.host);

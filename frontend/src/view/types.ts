@@ -1,5 +1,6 @@
 // Shapes of what the front ends of a view share.
 
+import type { CameraData } from "../generated.ts";
 import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
 import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import type { RayCaster } from "../webgl/raycaster.ts";
@@ -19,11 +20,7 @@ export interface ViewDirection {
 }
 
 /** The trait "camera". */
-export interface CameraTrait extends Partial<ViewDirection> {
-  pan?: Vector2;
-  zoom?: number;
-  perspective?: boolean;
-}
+export type CameraTrait = CameraData;
 
 /** The trait "volume_info". That of a view of pictures has neither voxels nor facts about them. */
 export interface VolumeInfo {

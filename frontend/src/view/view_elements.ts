@@ -1,6 +1,7 @@
 // What a view of a volume has, whoever draws it: elements around the picture, and its messages.
 
-import type { Handlers, Model, ModelHandler } from "../types.ts";
+import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
+import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
@@ -8,7 +9,6 @@ import { Theme } from "../ui/theme.ts";
 import { aboutShown, captionsOf, Flicker, Frames, listen, type Shows, sized, type ViewName } from "../ui/view_parts.ts";
 import type { Background } from "../webgl/raycaster.ts";
 import type { ViewCamera } from "./view_camera.ts";
-import type { Message } from "./volume_loader.ts";
 
 const SCREENSHOT = "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0";
 const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
@@ -159,7 +159,7 @@ export class ViewMessages {
     this.handlers = [];
   }
 
-  send(content: Message, buffers?: ArrayBuffer[]) {
+  send(content: Without<LiveViewToPython | VolumeViewToPython, "view">, buffers?: ArrayBuffer[]) {
     this.model.send({ view: this.id, ...content }, undefined, buffers);
   }
 

@@ -1,10 +1,8 @@
 // Loading of the voxels from Python: packed pieces are requested, unpacked and put together.
 
-import type { Values, Vector3 } from "../types.ts";
+import type { Chunk } from "../generated.ts";
+import type { Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
-
-/** a message of Python's, or one to Python */
-export type Message = Values & { type: string; view?: string };
 
 const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
 const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
@@ -70,7 +68,7 @@ export class VolumeLoader {
    * Takes a piece; returns the values once all are here, else null. With a `lag` it holds differences from the voxels so
    * far before.
    */
-  async receive({ id, index, start, lag = 0 }: Message, packed: Bytes) {
+  async receive({ id, index, start, lag = 0 }: Chunk, packed: Bytes) {
     if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
     let voxels = null;
     try {

@@ -1,6 +1,7 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
 // It has no widget and no pointer; all that comes in is arrays and numbers.
 
+import type { PlaneData } from "../generated.ts";
 import { AMBIENT_CELL } from "../generated.ts";
 import { perAxis } from "../maths/axes.ts";
 import { dot } from "../maths/camera.ts";
@@ -15,7 +16,6 @@ import type {
   CastSpace,
   CastVolume,
   ColorTable,
-  FramePlane,
   Picture,
   PlanarField,
   PlaneCut,
@@ -92,7 +92,7 @@ export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
 }
 
 /** From places in the volume's frame to texture coordinates over a plane. */
-function toTextures({ origin, u, v, n }: FramePlane, starts: Vector3, lengths: Vector3): ToTexture {
+function toTextures({ origin, u, v, n }: PlaneData, starts: Vector3, lengths: Vector3): ToTexture {
   const axes = [u, v, n] as const,
     scale = perAxis((i) => (lengths[i] > 0 ? 1 / lengths[i] : 0));
   return {
@@ -404,7 +404,7 @@ export class RayCaster {
     };
   }
 
-  #castCut(cut: PlaneCut, plane: FramePlane): NonNullable<CastPlanar["cut"]> {
+  #castCut(cut: PlaneCut, plane: PlaneData): NonNullable<CastPlanar["cut"]> {
     const gl = this.gl,
       { origin, distances } = cut,
       [count, rows, columns] = cut.shape,

@@ -1,6 +1,7 @@
 // Shapes of what the ray caster is given and what it makes of that. Lengths are physical, along the index axes of the
 // volume, from its first voxel (its own frame).
 
+import type { PlanarData, PlaneCutData, SpaceData } from "../generated.ts";
 import type { Matrix3, Sides, Vector2, Vector3 } from "../types.ts";
 import type { SpaceRanges } from "./empty_space.ts";
 
@@ -44,25 +45,11 @@ export interface ColorTable {
   step: number;
 }
 
-/** A plane in the volume's frame. */
-export interface FramePlane {
-  origin: Vector3;
-  u: Vector3;
-  v: Vector3;
-  n: Vector3;
-}
-
 /** The cuts of a planar field. */
-export interface PlaneCut {
-  /** [cuts, rows, columns] of the distances. */
-  shape: Vector3;
-  origin: Vector2;
-  spacing: Vector2;
+export interface PlaneCut extends Omit<PlaneCutData, "rule" | "id" | "regions"> {
   /** Signed distances to each cut, negative inside. */
   distances: Float32Array;
-  /** Of each region, whether it lies inside of each cut. */
-  sides: boolean[][];
-  /** A name of the CUT_RULES of Python; it may be missing of cuts that have just been drawn. */
+  /** It may be missing of cuts that have just been drawn. */
   rule?: string;
   /** What names the distances that Python has sent. */
   id?: string;
@@ -72,41 +59,17 @@ export interface PlaneCut {
 }
 
 /** Backward displacement by maps over a plane, [layer][row][column][2]. */
-export interface PlanarField {
+export interface PlanarField extends Omit<PlanarData, "cut"> {
   maps: Float32Array;
-  /** [layers, rows, columns]; the layers of a region come one after the other. */
-  shape: Vector3;
-  /** The place of the maps' first node in the plane. */
-  origin: Vector2;
-  spacing: Vector2;
-  /** The first and the last depth that the weights are for. */
-  depth: Vector2;
   /** [map of a region][knot] */
   weights: Float32Array;
-  plane: FramePlane;
-  /** Whether the weights are 1 at every depth. */
-  isReplicated: boolean;
-  /** The width of the ramp of opacity at a cut. */
-  softness: number;
   cut: PlaneCut | null;
 }
 
-/** The cuts of earlier steps, sampled in space. */
-export interface SpaceCut {
-  regions: number;
-  rule: string;
-  softness: number;
-  slope: number;
-}
-
 /** Backward displacement sampled in space, [z][y][x][3]; at cuts in half precision, see RayCaster.setSpace. */
-export interface SpaceField {
-  shape: Vector3;
-  origin: Vector3;
-  spacing: Vector3;
+export interface SpaceField extends SpaceData {
   values: Float32Array | Uint16Array;
   depths?: Float32Array | Uint16Array;
-  cut?: SpaceCut | null;
 }
 
 /** Where texture coordinates come from: a matrix, column by column, and an offset. */
