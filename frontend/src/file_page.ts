@@ -283,13 +283,15 @@ class FilePage extends StandalonePage {
 
   /** Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken. */
   displacements(places: [number, number][]) {
-    const { fit } = this.#editorView;
+    const {
+      map: { fit },
+    } = this.#editorView;
     return fit && places.map(([a, b]) => fieldAt(fit, a, b));
   }
 
   async #savePicture() {
     const editor = this.#editorView,
-      { source } = editor.painter;
+      { source } = editor.picture.painter;
     if (!source) return;
     const {
       raster: {
@@ -303,9 +305,9 @@ class FilePage extends StandalonePage {
     const painter = new Painter(document.createElement("canvas")),
       width = (a1 - a0) * k,
       height = (b1 - b0) * k;
-    Object.assign(painter, { source, colours: editor.painter.colours });
+    Object.assign(painter, { source, colours: editor.picture.painter.colours });
     painter.resize(width, height, 1);
-    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.layered, {
+    painter.paint({ k, x: -a0 * k, y: -b0 * k, width, height, ratio: 1 }, editor.map.layered, {
       isMoving: false,
       paper: "#000000",
     });

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { DrawRate } from "../src/editor/base.ts";
+import { DrawRate } from "../src/editor/frames.ts";
 import { Sender } from "../src/sync/edits.ts";
 
 function measured(events) {

@@ -22,16 +22,16 @@ PATIENCE = 60_000  # milliseconds, on a busy machine
 
 _DRAWN = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb, live = document.querySelector('.dnb-view')?.deformnb;
-  return Boolean(editor?.painter.source && live?.caster?.isReady && live.field);
+  return Boolean(editor?.picture.painter.source && live?.caster?.isReady && live.field);
 }"""
 _VOLUME = """() => {
   const page = document.querySelector('.dnb-view').deformnb;
-  document.querySelector('.dnb-editor').deformnb.drawNow(); // which says where its points are
+  document.querySelector('.dnb-editor').deformnb.frames.drawNow(); // which says where its points are
   page.loop.drawNow(1);
   return page.canvas.toDataURL('image/png').split(',')[1];
 }"""
 _PICTURE = """() => {
-  document.querySelector('.dnb-editor').deformnb.drawNow();
+  document.querySelector('.dnb-editor').deformnb.frames.drawNow();
   return document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1];
 }"""
 
@@ -134,7 +134,7 @@ class Tab:
         eventually(lambda: count() == (points, moved))
         self.page.wait_for_function(
             """([count, moved]) => {
-          const points = document.querySelector('.dnb-editor')?.deformnb?.points ?? [];
+          const points = document.querySelector('.dnb-editor')?.deformnb?.points.list ?? [];
           return points.length === count && points.filter(({ source, target }) =>
             Math.hypot(source[0] - target[0], source[1] - target[1]) > 1e-6).length === moved; }""",
             arg=[points, moved],
@@ -181,7 +181,7 @@ class Tab:
 
     def picture(self) -> NDArray[np.float64]:
         """What is drawn of the picture, without its grid, once nothing moves any more."""
-        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.isMoving", timeout=PATIENCE)
+        self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.frames.isMoving", timeout=PATIENCE)
         return self._image(_PICTURE)
 
     def point(self, k: int) -> tuple[float, float]:

@@ -59,8 +59,9 @@ class EditorOnPage(LivePage):
     def settled(self) -> None:
         """Until the picture is there, and all views of the editor are drawn as they will stay."""
         self.wait(
-            f"({PAGE}.painter.source || !{PAGE}.model.get('image').byteLength) && "
-            "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: e }) => !e.isMoving && !e.frame)"
+            f"({PAGE}.picture.painter.source || !{PAGE}.model.get('image').byteLength) && "
+            "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: { frames } }) => "
+            "!frames.isMoving && !frames.request)"
         )
 
     @property
@@ -79,7 +80,7 @@ class EditorOnPage(LivePage):
 
     def on_screen(self, place: Any) -> tuple[float, float]:
         """CSS pixels of the window where a place of the picture is."""
-        v, box = self.js(f"({PAGE}.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
+        v, box = self.js(f"({PAGE}.viewport.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
         return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
 
     def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
@@ -103,7 +104,7 @@ class EditorOnPage(LivePage):
 
     def raster(self) -> Raster:
         """Where the pixels of the canvas are on the picture's plane."""
-        v = self.js(f"({PAGE}.view)")
+        v = self.js(f"({PAGE}.viewport.view)")
         shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
         return Raster(
             (shape[0], shape[1]), (d, d), ((0.5 / v["ratio"] - v["x"]) / v["k"], (0.5 / v["ratio"] - v["y"]) / v["k"])

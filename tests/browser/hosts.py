@@ -330,7 +330,7 @@ def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
 AT_REST = """() => {
   const editor = document.querySelector('.dnb-editor')?.deformnb;
   const loop = document.querySelector('.dnb-view')?.deformnb.loop;
-  return Boolean(editor && !editor.isMoving && !editor.frame && loop && !loop.isRequested && !loop.rush
+  return Boolean(editor && !editor.frames.isMoving && !editor.frames.request && loop && !loop.isRequested && !loop.rush
     && loop.drawn[loop.layer] === `full${loop.layer}`);
 }"""
 """Whether picture and volume of a studio in a page are drawn in full."""

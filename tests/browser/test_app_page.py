@@ -129,9 +129,10 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.app.settled()
     before = tab.volume()
     tab.page.locator(".dnb-ed-shape-inside").wait_for(state="attached")
-    k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.view.k")
+    k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.viewport.view.k")
     corner = tab.page.evaluate("""() => { const page = document.querySelector('.dnb-editor').deformnb;
-        const box = page.stage.getBoundingClientRect(), [a, b] = page.onView(page.shapes.parts[0].region.vertices[0]);
+        const box = page.stage.element.getBoundingClientRect(), { region } = page.points.shapes.parts[0];
+        const [a, b] = page.viewport.onView(region.vertices[0]);
         return [box.left + a, box.top + b]; }""")
     x, y = np.array(corner) + 0.3 * k * reach
     tab.page.mouse.click(x, y)
@@ -224,7 +225,7 @@ def test_another_side_shows_another_picture(tab: Tab) -> None:
     tab.page.locator(".dnb-pane-head").get_by_label("Side").select_option("from above (-z)")
     tab.page.wait_for_function(
         """(before) => {
-        const { painter, model } = document.querySelector('.dnb-editor').deformnb;
+        const { picture: { painter }, model } = document.querySelector('.dnb-editor').deformnb;
         return model.get('raster').shape[0] !== before[0] && painter.source?.raster.shape[0] !== before[0]; }""",
         arg=before,
         timeout=PATIENCE,
@@ -379,9 +380,9 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
     fresh.application.thread.call(lambda: fresh.session.editing.edit_points(moved)).result(30)
     tab = Tab(browser, fresh)
     tab.has(4, 4)
-    assert tab.page.evaluate("document.querySelector('.dnb-editor').deformnb.points[0].target[0]") == pytest.approx(
-        float(moved.target[0, 0])
-    )
+    assert tab.page.evaluate(
+        "document.querySelector('.dnb-editor').deformnb.points.list[0].target[0]"
+    ) == pytest.approx(float(moved.target[0, 0]))
     tab.close()
 
 
@@ -471,7 +472,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
     stage = page.locator(".dnb-ed-stage").first.bounding_box()
 
     def look() -> None:
-        page.evaluate("() => document.querySelector('.dnb-editor').deformnb.drawNow()")
+        page.evaluate("() => document.querySelector('.dnb-editor').deformnb.frames.drawNow()")
         notes = page.locator(".dnb-ed-notes").first
         seen.add(notes.inner_text())
         assert notes.evaluate("(e) => e.scrollHeight <= e.clientHeight + 1"), notes.inner_text()
@@ -480,7 +481,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
     try:
         look()
         for command in ("add", "select", "move", "grow", "wand", "part", "cut", "fixed"):
-            page.evaluate("(c) => document.querySelector('.dnb-editor').deformnb.run(c, null)", command)
+            page.evaluate("(c) => document.querySelector('.dnb-editor').deformnb.commands.run(c, null)", command)
             look()
         page.keyboard.press("Escape")
         for what, region in (
@@ -490,7 +491,7 @@ def test_the_status_line_has_room_for_its_advice_and_moves_nothing(browser: Any,
         ):
             page.evaluate(
                 """([what, region]) =>
-                document.querySelector('.dnb-editor').deformnb.shapeTools.add(what, region)""",
+                document.querySelector('.dnb-editor').deformnb.tools.shapes.add(what, region)""",
                 [what, region],
             )
             look()

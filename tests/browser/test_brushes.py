@@ -24,7 +24,7 @@ def brush(page: EditorOnPage, key: str) -> float:
     """Takes a brush by its key; its radius in units of the picture."""
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press(key)
-    return float(page.js(f"{PAGE}.brush.radius"))
+    return float(page.js(f"{PAGE}.tools.brush.radius"))
 
 
 def beside(da: float) -> NDArray[np.float64]:
@@ -124,7 +124,7 @@ def test_strokes_over_one_place_do_not_pile_up_points(opened: Any, picture: Pict
     assert counts[-1] - counts[0] <= 8
     assert nearest(page.points) > 0.2 * radius
     assert page.page.locator("[role=alert]").is_hidden()
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
     page.page.keyboard.press("Escape")  # and they are points as all others
     last = page.points.ids[-1]
     page.page.locator(f"[data-id='{last}']").focus()
@@ -143,7 +143,7 @@ def test_a_long_stroke_leaves_moved_points_on_its_way_and_does_not_fold(opened: 
     assert on_it.sum() >= 4
     assert np.ptp(page.points.target[on_it, 0]) > 2 * radius
     assert (way[on_it, 0] > 0).all()
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
 
 
 @pytest.mark.nightly
@@ -153,7 +153,7 @@ def test_wild_strokes_end_before_the_picture_folds(opened: Any, picture: Picture
     for k in range(4):
         turn = np.array([np.cos(2.5 * k), np.sin(2.5 * k)])
         stroke(page, MIDDLE + 0.4 * radius * turn, MIDDLE - 1.4 * radius * turn, steps=12)
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
     assert len(page.points) > len(points)
 
 
@@ -182,18 +182,18 @@ def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
 def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     radius = brush(page, "s")
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.move(*page.on_screen(MIDDLE))
     page.page.keyboard.press("]")
     page.settled()
     circle = page.page.locator(".dnb-ed-circle-line")
     assert float(circle.get_attribute("r")) == pytest.approx(1.1 * radius * k, abs=0.1)
     assert (float(circle.get_attribute("cx")), float(circle.get_attribute("cy"))) == pytest.approx(
-        (k * MIDDLE[0] + page.js(f"{PAGE}.view.x"), k * MIDDLE[1] + page.js(f"{PAGE}.view.y")), abs=1
+        (k * MIDDLE[0] + page.js(f"{PAGE}.viewport.view.x"), k * MIDDLE[1] + page.js(f"{PAGE}.viewport.view.y")), abs=1
     )
     page.page.mouse.wheel(0, 120)
-    page.wait(f"{PAGE}.brush.radius < {1.05 * radius}")
-    assert page.js(f"{PAGE}.view.k") == k
+    page.wait(f"{PAGE}.tools.brush.radius < {1.05 * radius}")
+    assert page.js(f"{PAGE}.viewport.view.k") == k
     slider = page.page.get_by_role("slider", name="radius of the brush")
     slider.focus()
     page.page.keyboard.press("End")
@@ -202,14 +202,14 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     page.settled()
     assert page.editor.brush_radius == pytest.approx(400 / k)
     page.page.get_by_role("button", name="put the brush away").click()
-    assert page.js(f"{PAGE}.brush.isOn") is False
+    assert page.js(f"{PAGE}.tools.brush.isOn") is False
     page.settled()
     assert circle.is_hidden()
 
 
 def test_keys_alone_make_a_stroke(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points.remove(4)))
-    radius, k = brush(page, "s"), page.js(f"{PAGE}.view.k")
+    radius, k = brush(page, "s"), page.js(f"{PAGE}.viewport.view.k")
     for _ in range(3):
         page.page.keyboard.press("ArrowLeft")
     page.page.keyboard.press("Enter")
@@ -221,7 +221,7 @@ def test_keys_alone_make_a_stroke(opened: Any, picture: Picture, points: Control
     assert len(page.points) > len(points)
     assert moved(page.editor, start)[0] == pytest.approx([0, 20 / k], abs=0.05 * radius)
     page.page.keyboard.press("Escape")
-    assert page.js(f"{PAGE}.brush.isOn") is False
+    assert page.js(f"{PAGE}.tools.brush.isOn") is False
 
 
 def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
@@ -236,7 +236,7 @@ def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
     page.page.keyboard.press("Escape")
     mouse.up()
     assert page.points == points
-    assert page.js(f"{PAGE}.points.length") == len(points)
+    assert page.js(f"{PAGE}.points.list.length") == len(points)
     page.page.mouse.click(*page.on_screen(MIDDLE))
     assert page.points == points
     assert page.js("models.editor.sent.filter((m) => m.phase === 'end').length") == 0
@@ -255,7 +255,7 @@ def test_a_locked_point_stays_under_a_brush(opened: Any, picture: Picture, point
 
 def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points.remove(4)))
-    radius, k = brush(page, "s"), page.js(f"{PAGE}.view.k")
+    radius, k = brush(page, "s"), page.js(f"{PAGE}.viewport.view.k")
     fingers = page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
@@ -279,7 +279,7 @@ def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: Co
     touch("touchEnd")
     page.settled()
     assert page.points == after
-    assert page.js(f"{PAGE}.view.k") > 1.5 * k
+    assert page.js(f"{PAGE}.viewport.view.k") > 1.5 * k
 
 
 def test_names_are_shown_where_a_point_is_selected(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -295,5 +295,5 @@ def test_names_are_shown_where_a_point_is_selected(opened: Any, picture: Picture
     page.page.mouse.move(0, 0)  # a name is shown under the pointer too
     page.page.wait_for_function(f"({names})().length === 0")
     chosen = page.points.ids[page.points.names.index("middle")]
-    page.js(f"{PAGE}.select([{chosen}])")
+    page.js(f"{PAGE}.points.select([{chosen}])")
     page.page.wait_for_function(f"({names})().join() === 'middle'")

@@ -41,7 +41,7 @@ def test_a_drag_that_folds_is_told_and_unfolded(lab: Lab, tab: Any) -> None:
     tab.on("pageerror", lambda error: errors.append(str(error)))
     lab.open_notebook(tab, [SETUP, "told"])
     tab.wait_for_selector(".told", timeout=120_000)
-    tab.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+    tab.wait_for_function(f"{EDITOR}.picture.painter.source", timeout=120_000)
     _unfold_in(tab)
     assert errors == []
 
@@ -50,11 +50,11 @@ def _unfold_in(page: Any) -> None:
     def at(a: float, b: float) -> tuple[float, float]:
         page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
         box = resting(page.locator(".dnb-ed-stage"))
-        x, y, k = page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        x, y, k = page.evaluate(f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]")
         return box["x"] + x + k * a, box["y"] + y + k * b
 
     page.mouse.dblclick(*at(18, 30))
-    page.wait_for_function(f"{EDITOR}.points.length === 5")
+    page.wait_for_function(f"{EDITOR}.points.list.length === 5")
     page.mouse.move(*at(18, 30))
     page.mouse.down()
     page.mouse.move(*at(57, 47), steps=8)

@@ -60,12 +60,14 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     page = opened(editor)
     assert editor.beyond == []
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
-    before = page.js(f"({PAGE}.view.k)")
+    before = page.js(f"({PAGE}.viewport.view.k)")
     assert session.results.fit_output()
     show_step(editor, session)
     page.settled()
-    assert page.js(f"({PAGE}.view.k)") < before  # all of it is seen
-    assert page.js(f"({PAGE}.box)") == pytest.approx(editor.picture.raster.box)  # and the grid stays where it was
+    assert page.js(f"({PAGE}.viewport.view.k)") < before  # all of it is seen
+    assert page.js(f"({PAGE}.picture.box)") == pytest.approx(
+        editor.picture.raster.box
+    )  # and the grid stays where it was
     off = beyond(page, editor.picture)
     shown = page.canvas()[..., 0]
     result = replace(project(session.results.volume(), session.editing.plane), window=editor.picture.window)
@@ -85,7 +87,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     session.editing.output = None
     show_step(editor, session)
     page.settled()
-    assert page.js(f"({PAGE}.view.k)") == pytest.approx(before)
+    assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
 
 
@@ -93,12 +95,12 @@ def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
     session = Session(a_block(), view="+y")
     editor = make_editor(session, 420)
     page = opened(editor)
-    page.js(f"{PAGE}.zoomAt(2, 200, 150)")
-    before = page.js(f"({PAGE}.view.k)")
+    page.js(f"{PAGE}.viewport.zoomAt(2, 200, 150)")
+    before = page.js(f"({PAGE}.viewport.view.k)")
     session.results.grow(20.0)
     show_step(editor, session)
     page.settled()
-    assert page.js(f"({PAGE}.view.k)") == pytest.approx(before)
+    assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
 
 
 def test_points_and_their_drags_stay_where_they_are(opened: Any) -> None:
@@ -107,6 +109,6 @@ def test_points_and_their_drags_stay_where_they_are(opened: Any) -> None:
     editor = make_editor(session, 420)
     page = opened(editor)
     corner = session.editing.points.target[0]
-    k = page.js(f"({PAGE}.view.k)")
+    k = page.js(f"({PAGE}.viewport.view.k)")
     page.drag(corner, (-30, 12))  # out of the picture
     assert page.points.target[0] - corner == pytest.approx(np.array([-30, 12]) / k, abs=1.5 / k)

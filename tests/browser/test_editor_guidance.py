@@ -113,7 +113,7 @@ def test_nothing_is_edited_while_python_makes_another_picture(
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("Enter")
     assert page.points == moved
-    assert page.js(f"{PAGE}.points.map((p) => p.target)") == moved.target.tolist()
+    assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == moved.target.tolist()
     assert page.page.locator("[data-command=undo]").get_attribute("aria-disabled") == "true"
     editor.waiting = ""
     page.wait("document.querySelector('.dnb-ed-waiting') === null")
@@ -136,10 +136,13 @@ def test_waiting_ends_a_drag_and_a_name_as_escape_does(opened: Any, picture: Pic
     editor.waiting = "Another picture"
     page.wait("document.querySelector('.dnb-ed-waiting') !== null")
     page.page.mouse.move(x + 60, y + 30, steps=3)
-    assert page.js(f"[{PAGE}.pointTools.drag0, {PAGE}.points.map((p) => p.target)]") == [None, points.target.tolist()]
+    assert page.js(f"[{PAGE}.tools.points.drag0, {PAGE}.points.list.map((p) => p.target)]") == [
+        None,
+        points.target.tolist(),
+    ]
     page.page.mouse.up()
     assert page.points == points
-    assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()
+    assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
     page.wait("models.editor.sent.at(-1).points[4].target[0] === 70")
     assert {phase for phase, _ in seen} == {"move"}
     editor.waiting = ""
@@ -163,13 +166,13 @@ def test_points_that_turn_without_a_fold_are_not_said_to_fold(opened: Any, pictu
     editor = Editor(picture, ControlPoints.from_arrays(source, target))
     page = opened(editor)
     assert not any("fold" in note for note in editor.fit().notes)
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
     assert "fold" not in notes(page)
     assert "no folds" in page.page.locator(".dnb-ed-folds").inner_text()
     corners = np.array([[20.0, -20], [120, -20], [120, 70], [20, 70]])
     editor.points = ControlPoints.from_arrays([*corners, [40, 20], [90, 25]], [*corners, [90.5, 25], [90, 25]])
     page.settled()
-    assert page.js(f"{PAGE}.folds.least") < 0
+    assert page.js(f"{PAGE}.map.folds.least") < 0
     assert notes(page) == "control points 4 and 5 are pulled past each other: the map folds there"
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
     editor.points = ControlPoints.from_arrays(line, line + np.array([[0, 0], [3, 2], [0, 0]]))
@@ -193,8 +196,8 @@ def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: 
 
 def test_a_band_around_points_says_nothing(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.drag([15, 40], (70 * page.js(f"{PAGE}.view.k"), 30 * page.js(f"{PAGE}.view.k")))
-    assert page.js(f"[...{PAGE}.selected]") == [3]
+    page.drag([15, 40], (70 * page.js(f"{PAGE}.viewport.view.k"), 30 * page.js(f"{PAGE}.viewport.view.k")))
+    assert page.js(f"[...{PAGE}.points.selected]") == [3]
     assert page.js(HINT) == ""
 
 

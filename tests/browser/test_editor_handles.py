@@ -29,7 +29,7 @@ def numbers(page: EditorOnPage, element: str) -> NDArray[np.float64]:
 
 
 def on_stage(page: EditorOnPage, place: Any) -> NDArray[np.float64]:
-    return np.array(page.js(f"{PAGE}.onView([{place[0]}, {place[1]}])"))
+    return np.array(page.js(f"{PAGE}.viewport.onView([{place[0]}, {place[1]}])"))
 
 
 # ---- the arrow ------------------------------------------------------------------------------------------------------
@@ -67,7 +67,7 @@ def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(opened: Any, 
     page.page.mouse.move(x + 60, y + 25, steps=3)
     page.wait("document.querySelector('.dnb-ed-arrow-head').getAttribute('d') !== ''")
     at = on_stage(page, (70, 25)) + np.array([60, 25])
-    page.wait(f"!{PAGE}.frame")
+    page.wait(f"!{PAGE}.frames.request")
     assert numbers(page, ".dnb-ed-arrow-head")[0] == pytest.approx(at - 7.5 * np.array([60, 25]) / 65, abs=0.05)
     page.page.mouse.up()
 
@@ -91,7 +91,7 @@ def test_the_circle_is_where_a_point_ceases_to_move_anything(opened: Any, pictur
     page, at = opened(editor), np.array([74.0, 27])
     ((cx, cy, r),) = circles(page)
     assert (cx, cy) == pytest.approx(on_stage(page, at), abs=0.06)
-    assert r == pytest.approx(30 * page.js(f"{PAGE}.view.k"), abs=0.06)
+    assert r == pytest.approx(30 * page.js(f"{PAGE}.viewport.view.k"), abs=0.06)
     rim = at + 30 * np.array([[1, 0], [-1, 0], [0, 1], [0, -1], [0.6, 0.8]])
     assert np.abs(editor.fit().displacement(at + 1.001 * (rim - at))).max() == 0
     assert np.abs(editor.fit().displacement(at + 0.9 * (rim - at))).min() > 0
@@ -104,7 +104,7 @@ def test_a_point_with_a_radius_of_its_own_shows_that(opened: Any, picture: Pictu
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("r")
     page.settled()
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert sorted(r for *_, r in circles(page)) == pytest.approx([17 * k, 40 * k, 40 * k, 40 * k], abs=0.06)
     page.page.mouse.click(*page.on_screen(points.target[1]))
     page.settled()
@@ -179,9 +179,9 @@ def test_regions_differ_by_form_as_well_as_by_colour(opened: Any, picture: Pictu
     page.editor.points = points
     page.settled()
     forms = page.js(f"""[0, 1, 2, 3, 4, 5, 6, 7].map((k) => {{
-        const parts = {PAGE}.handles.byId.get(k);
-        {PAGE}.shapeTools.markOf = (p) => p.id;
-        {PAGE}.drawNow();
+        const parts = {PAGE}.layers.handles.byId.get(k);
+        {PAGE}.tools.shapes.markOf = (p) => p.id;
+        {PAGE}.frames.drawNow();
         return parts.form.getAttribute("d"); }})""")
     assert len(set(forms)) == 8  # the first is the plain disc
     assert forms[0] == ""

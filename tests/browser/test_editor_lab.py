@@ -52,14 +52,14 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
     page = tab
     lab.open_notebook(page, CELLS)
     page.wait_for_selector("[data-id='3']", timeout=60_000)
-    page.wait_for_function(f"{PAGE}.painter.source")
+    page.wait_for_function(f"{PAGE}.picture.painter.source")
     page.locator(".dnb-editor").scroll_into_view_if_needed()
     x, y = middle(page, 3)
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 40, y + 25, steps=8)
     page.mouse.up()
-    k = page.evaluate(f"() => {PAGE}.view.k")
+    k = page.evaluate(f"() => {PAGE}.viewport.view.k")
     targets, _, ends = settled(lab, page, lambda _, ids, ends: ends == 1)
     assert targets[3] == pytest.approx([30 + 40 / k, 18 + 25 / k], abs=1e-6)
     assert ends == 1
@@ -68,7 +68,7 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
     cells = page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length")
     for key in ("o", "o", "d", "d", "x"):
         page.keyboard.press(key)
-    assert page.evaluate(f"() => {PAGE}.pen.draft.tool") == "cut"
+    assert page.evaluate(f"() => {PAGE}.tools.pen.draft.tool") == "cut"
     page.keyboard.press("Escape")
     page.locator("[data-id='3']").focus()
     for key in ("ArrowRight", "Delete"):
@@ -85,13 +85,13 @@ def test_the_editor_works_in_jupyterlab(lab: Lab, tab: Any) -> None:
     assert (undone, ids) == (targets, [0, 1, 2, 3])
     page.wait_for_function(f"!{PAGE}.sender.isBehind()")
     assert json.loads(lab.run(page, STATE))[:2] == [targets, [0, 1, 2, 3]]
-    assert page.evaluate(f"() => {PAGE}.points.map((p) => p.target)") == targets
+    assert page.evaluate(f"() => {PAGE}.points.list.map((p) => p.target)") == targets
 
     lab.run(page, "editor.points = editor.points.move(0, [14, 12])")
-    page.wait_for_function(f"{PAGE}.points[0].target[0] === 14")
+    page.wait_for_function(f"{PAGE}.points.list[0].target[0] === 14")
     page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
     page.wait_for_function(
         "document.querySelectorAll('.dnb-editor').length === 1 && "
-        f"{PAGE}.points[0].target[0] === 10 && {PAGE}.painter.source",
+        f"{PAGE}.points.list[0].target[0] === 10 && {PAGE}.picture.painter.source",
         timeout=60_000,
     )

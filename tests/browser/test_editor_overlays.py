@@ -101,9 +101,9 @@ def test_a_drag_that_folds_nothing_paints_nothing(opened: Any, picture: Picture,
 def test_the_fold_stays_with_the_picture_when_zoomed(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     page.drag(points.target[4], OVER)
-    page.js(f"{PAGE}.zoomAt(2.7, 640, 300)")
+    page.js(f"{PAGE}.viewport.zoomAt(2.7, 640, 300)")
     assert_red_where_it_folds(page, picture)
-    page.js(f"{PAGE}.panBy(-60, 40)")
+    page.js(f"{PAGE}.viewport.panBy(-60, 40)")
     assert_red_where_it_folds(page, picture)
 
 
@@ -127,7 +127,7 @@ def test_the_ring_is_where_the_determinant_is_least(opened: Any, picture: Pictur
     box = page.page.locator(".dnb-ed-worst-ring").bounding_box()
     stage = page.page.locator(".dnb-ed-stage").bounding_box()
     middle = np.array([box["x"] + box["width"] / 2 - stage["x"], box["y"] + box["height"] / 2 - stage["y"]])
-    assert middle == pytest.approx(np.array([column, row]) / page.js(f"{PAGE}.view.ratio"), abs=3)
+    assert middle == pytest.approx(np.array([column, row]) / page.js(f"{PAGE}.viewport.view.ratio"), abs=3)
     told = page.page.locator(".dnb-ed-folds").get_attribute("title")
     assert f"min det J {det[seen].min():.2f}" in told.replace("\u2212", "-")
 

@@ -59,7 +59,7 @@ def test_a_drag_moves_the_point_and_the_picture_as_the_core_does(
 ) -> None:
     page = opened(Editor(picture, points, show_grid=False))
     page.drag(points.target[4], by)
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array(by) / k, abs=1e-9)
     assert np.array_equal(page.points.source, points.source)
     assert_alike(page, picture)
@@ -122,7 +122,7 @@ def test_colours_follow_too(opened: Any, picture: Picture, points: ControlPoints
 def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, density=8))
     page.drag(points.target[4], (60, 40))
-    lines = page.js(f"{PAGE}.grid.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
+    lines = page.js(f"{PAGE}.layers.grid.last.lines.flatMap((l) => l.runs.flatMap((r) => Array.from(r)))")
     at = np.array(lines).reshape(-1, 2)
     a0, a1, b0, b1 = picture.raster.box
     back = (at + page.editor.fit().displacement(at) - [a0, b0]) * 8 / max(a1 - a0, b1 - b0)
@@ -132,7 +132,7 @@ def test_the_grid_shows_where_features_went(opened: Any, picture: Picture, point
     assert off.max() < 0.01
     assert len(at) > 200
     # At rest grid and folds are of the fit itself, and not of the nodes that the picture of a drag is warped with.
-    assert page.js(f"{PAGE}.grid.key[0] === {PAGE}.layered && !{PAGE}.folds.isRough")
+    assert page.js(f"{PAGE}.layers.grid.last.key[0] === {PAGE}.map.layered && !{PAGE}.map.folds.isRough")
 
 
 def test_before_shows_the_picture_as_it_was(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -157,7 +157,7 @@ def test_a_double_click_takes_hold_without_moving_anything(
     added = page.points
     assert added.ids == (0, 1, 2, 3, 4, 5)
     # Playwright rounds nothing, the browser hands whole CSS pixels of a mouse: less than a pixel of the screen.
-    assert added.target[5] == pytest.approx(place, abs=1.01 / page.js(f"{PAGE}.view.k"))
+    assert added.target[5] == pytest.approx(place, abs=1.01 / page.js(f"{PAGE}.viewport.view.k"))
     seen = added.target[5] + Editor(picture, points).fit().displacement(added.target[5])
     assert added.source[5] == pytest.approx(seen, abs=1e-9)
     assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 1
@@ -243,7 +243,7 @@ def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(opened: Any, pictu
     page.answered()
     assert page.js("document.querySelectorAll('.dnb-ed-target[tabindex=\"0\"]').length") == 1
     press("Enter")
-    assert page.js(f"[...{PAGE}.selected]") == [198]
+    assert page.js(f"[...{PAGE}.points.selected]") == [198]
     page.page.locator("[data-command=fit]").focus()
     press("Control+ArrowRight")
     assert page.js("document.activeElement.dataset.command") == "fit"  # among buttons it means nothing
@@ -276,7 +276,7 @@ def test_no_other_way_to_a_menu_deletes(opened: Any, picture: Picture, points: C
 
 def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.drag([15, 40], (70 * page.js(f"{PAGE}.view.k"), 30 * page.js(f"{PAGE}.view.k")))
+    page.drag([15, 40], (70 * page.js(f"{PAGE}.viewport.view.k"), 30 * page.js(f"{PAGE}.viewport.view.k")))
     page.wait("models.editor.get('selected').length")
     assert page.editor.selected == [3]
     x, y = page.on_screen(points.target[2])
@@ -285,14 +285,14 @@ def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Pic
     page.page.keyboard.up("Shift")
     page.drag(points.target[3], (20, -15))
     shift = page.points.target - points.target
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert shift == pytest.approx(np.array([[0, 0], [0, 0], [20 / k, -15 / k], [20 / k, -15 / k], [0, 0]]), abs=1e-9)
 
 
 def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, points: ControlPoints) -> None:
     moved = points.move(4, [90, 40])
     page = opened(Editor(picture, moved))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(moved.source[4], (-10, 5))
     assert page.points.source[4] == pytest.approx(points.source[4] + np.array([-10, 5]) / k, abs=1e-9)
     assert np.array_equal(page.points.target, moved.target)
@@ -320,8 +320,8 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
 ) -> None:
     page = opened(Editor(picture, points))
     page.js(
-        f"{PAGE}.pointTools.edit({PAGE}.points.map((p) => "
-        f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points[2].target] }} : p))"
+        f"{PAGE}.tools.points.edit({PAGE}.points.list.map((p) => "
+        f"p.id === 3 ? {{ ...p, target: [...{PAGE}.points.list[2].target] }} : p))"
     )
     assert "control point 2 and control point 3 are at the same place" in page.page.locator("[role=alert]").inner_text()
     assert page.points == points
@@ -350,19 +350,19 @@ def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture)
 
 def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, show_grid=False))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.move(*page.on_screen(points.target[4]))
     page.page.evaluate("document.body.style.height = '4000px'")
     page.page.mouse.wheel(0, 300)
     page.wait("window.scrollY > 50")
     page.settled()
-    assert page.js(f"{PAGE}.view.k") == k
+    assert page.js(f"{PAGE}.viewport.view.k") == k
     page.page.evaluate("window.scrollTo(0, 0)")
     page.wait("window.scrollY === 0")
     page.page.locator(".dnb-ed-stage").focus()
     held = page.on_screen(points.target[4])
     page.page.mouse.wheel(0, -300)
-    page.wait(f"{PAGE}.view.k > {1.3 * k}")
+    page.wait(f"{PAGE}.viewport.view.k > {1.3 * k}")
     assert page.on_screen(points.target[4]) == pytest.approx(held, abs=1)
     assert_alike(page, picture)
     page.page.keyboard.down(" ")
@@ -372,12 +372,12 @@ def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture,
     assert page.points == points
     page.page.keyboard.press("0")
     page.settled()
-    assert page.js(f"{PAGE}.view.k") == pytest.approx(k)
+    assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(k)
 
 
 def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    k, fingers = page.js(f"{PAGE}.view.k"), page.page.context.new_cdp_session(page.page)
+    k, fingers = page.js(f"{PAGE}.viewport.view.k"), page.page.context.new_cdp_session(page.page)
 
     def touch(kind: str, *places: Any) -> None:
         fingers.send(
@@ -392,14 +392,16 @@ def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, p
         touch("touchMove", (x - spread, y), (x + spread, y))
     touch("touchEnd")
     page.settled()
-    assert page.js(f"{PAGE}.view.k") == pytest.approx(2 * k, rel=0.02)
+    assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(2 * k, rel=0.02)
     x, y = page.on_screen(points.target[4])
     touch("touchStart", (x, y))
     touch("touchMove", (x + 10, y + 10))
     touch("touchMove", (x + 30, y - 20))
     touch("touchEnd")
     page.settled()
-    assert page.points.displacement[4] == pytest.approx(np.array([-30, 20]) / page.js(f"{PAGE}.view.k"), abs=1e-6)
+    assert page.points.displacement[4] == pytest.approx(
+        np.array([-30, 20]) / page.js(f"{PAGE}.viewport.view.k"), abs=1e-6
+    )
 
 
 def test_a_point_beyond_the_view_waits_at_the_rim(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -440,7 +442,7 @@ def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Pictu
     page.page.mouse.up()
     page.settled()
     assert page.points.target[0].tolist() == [40, 0]
-    assert page.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.view.k"), 0])
+    assert page.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.viewport.view.k"), 0])
 
 
 def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -458,12 +460,15 @@ def test_the_page_hears_of_every_movement_without_python(opened: Any, picture: P
 def test_two_views_of_one_editor_agree(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, height=250, show_grid=False), draws=2)
     page.drag(points.target[4], (30, 20))
-    page.wait("[...document.querySelectorAll('.dnb-editor')].every((e) => !e.deformnb.isMoving && !e.deformnb.frame)")
+    page.wait(
+        "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: { frames } }) => "
+        "!frames.isMoving && !frames.request)"
+    )
     first, second = page.js("[...document.querySelectorAll('.dnb-ed-canvas')].map((c) => c.toDataURL())")
     assert first == second
     page.page.keyboard.press("Control+z")
     assert page.points == points  # one edit, recorded once
-    both = page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points[4].target[0])")
+    both = page.js("[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb.points.list[4].target[0])")
     assert both == [70, 70]
 
 
@@ -509,7 +514,7 @@ def test_points_that_are_only_shown_stay(opened: Any, picture: Picture, points: 
     page.drag(points.target[4], (20, 10))
     page.page.keyboard.press("Delete")
     page.page.mouse.dblclick(*page.on_screen([50, 50]))
-    assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()
+    assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
 
 
 def test_everything_has_a_name_and_a_role(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -574,7 +579,9 @@ def test_in_a_row_the_editor_takes_what_its_neighbour_leaves(
     assert page.page.locator(".dnb-editor").bounding_box()["width"] == pytest.approx(800, abs=1)
     assert page.page.locator(".dnb-ed-stage").bounding_box()["height"] == 480
     page.drag(points.target[4], (40, 10))
-    assert page.points.displacement[4] == pytest.approx(np.array([-40, -10]) / page.js(f"{PAGE}.view.k"), abs=1e-9)
+    assert page.points.displacement[4] == pytest.approx(
+        np.array([-40, -10]) / page.js(f"{PAGE}.viewport.view.k"), abs=1e-9
+    )
     page.js("{ document.getElementById('root').lastChild.firstChild.style.width = '900px'; }")
     page.wait("document.querySelector('.dnb-editor').clientWidth < 400")
     assert page.page.locator(".dnb-editor").bounding_box()["width"] == pytest.approx(380, abs=1)

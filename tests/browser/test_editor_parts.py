@@ -71,7 +71,7 @@ def assert_motion(part: RigidPart, motion: RigidMotion, tolerance: float = 1e-6)
 
 def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(INSIDE, (40, -25))
     page.answered()
     assert page.editor.parts == (BONE,)  # what is not chosen is not moved
@@ -85,7 +85,7 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y - 25, steps=4)
-    page.wait(f"{PAGE}.layered.fit.rigid[0].back.isStill === false")
+    page.wait(f"{PAGE}.map.layered.fit.rigid[0].back.isStill === false")
     assert page.page.locator(".dnb-ed-hint").inner_text() == f"moved {40 / k:.1f}, {-25 / k:.1f}"
     assert page.editor.parts == (BONE,)  # on its way it is no edit
     page.answered()
@@ -147,7 +147,7 @@ def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(opened: Any, p
 def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: Any, picture: Picture) -> None:
     motion = RigidMotion.turn(90, MIDDLE, (20, 0))
     page = opened(Editor(picture, frame(), parts=[RigidPart(Polygon(CORNERS), motion, name="bone")]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     at = motion(CORNERS[0])
     choose(page, (motion(CORNERS[0]) * 0.7 + motion(CORNERS[1]) * 0.3))
     page.drag(at, (30, -12))
@@ -167,7 +167,7 @@ def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: 
 )
 def test_every_kind_of_region_is_moved_by_its_inside(opened: Any, picture: Picture, region: Any) -> None:
     page = opened(Editor(picture, ControlPoints.from_arrays([[15.0, -25], [150, -25]]), parts=[RigidPart(region)]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.click(*page.on_screen((60.0, 30.0)))
     page.drag((60.0, 30.0), (-24, 18))
     page.answered()
@@ -191,7 +191,7 @@ def test_a_drag_of_a_part_stops_before_the_picture_folds(opened: Any, picture: P
     (part,) = page.editor.parts
     assert part.motion is not None
     assert 5 < np.degrees(np.arctan2(*part.motion.matrix[1])) < 70
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
 
 
 def test_the_inside_of_a_part_takes_points_and_no_right_click(opened: Any, picture: Picture) -> None:
@@ -219,7 +219,7 @@ def test_escape_gives_a_drag_of_a_part_up(opened: Any, picture: Picture) -> None
     page.page.mouse.up()
     page.answered()
     assert page.editor.parts == (BONE,)
-    page.wait(f"{PAGE}.shapes.parts[0].motion === null && {PAGE}.layered.fit.rigid[0].back.isStill")
+    page.wait(f"{PAGE}.points.shapes.parts[0].motion === null && {PAGE}.map.layered.fit.rigid[0].back.isStill")
 
 
 # ---- keys and fingers -----------------------------------------------------------------------------------------------
@@ -257,14 +257,14 @@ def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, p
 
 def test_a_finger_moves_the_chosen_part(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, frame(), parts=[BONE]))
-    fingers, k = Fingers(page.page), page.js(f"{PAGE}.view.k")
+    fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
     fingers.tap(page.on_screen(INSIDE))
     page.page.locator(".dnb-ed-motion").wait_for(state="visible")
-    before = page.js(f"[{PAGE}.view.x, {PAGE}.view.y]")
+    before = page.js(f"[{PAGE}.viewport.view.x, {PAGE}.viewport.view.y]")
     fingers.drag(page.on_screen(INSIDE), (36, 24))
     page.answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(0, MIDDLE, (36 / k, 24 / k)), 0.3)
-    assert page.js(f"[{PAGE}.view.x, {PAGE}.view.y]") == before  # the view stays
+    assert page.js(f"[{PAGE}.viewport.view.x, {PAGE}.viewport.view.y]") == before  # the view stays
 
 
 # ---- points in a part -----------------------------------------------------------------------------------------------
@@ -289,7 +289,7 @@ def test_points_that_a_part_carries_go_with_it(opened: Any, picture: Picture) ->
 def test_a_part_laid_over_points_asks_once_what_becomes_of_them(opened: Any, picture: Picture, how: str) -> None:
     points = frame().add([104.0, 20.0], [104.0, 20.0]).add([106.0, 30.0], [106.0, 30.0])
     page = opened(Editor(picture, points, parts=[BONE]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     choose(page)
     page.drag(INSIDE, (26 * k, 0))
     page.answered()

@@ -78,7 +78,7 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     page.answered()
     opacity = assert_as_the_core(page, picture, 100_000)
     row = opacity[opacity.shape[0] // 2]
-    gap = np.nansum(1 - row) / page.js(f"{PAGE}.view.ratio")
+    gap = np.nansum(1 - row) / page.js(f"{PAGE}.viewport.view.ratio")
     assert gap == pytest.approx(90, abs=1.0)
     columns = np.flatnonzero(row < 0.5)
     middle = page.on_screen((71, 0))[0] - page.page.locator(".dnb-ed-stage").bounding_box()["x"]
@@ -169,7 +169,7 @@ def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened:
     assert line.kind == "line"
     assert 5 < len(line.vertices) < 25
     assert np.abs(Line(line.vertices).signed_distance(stroke)).max() < 1.0
-    assert page.js(f"{PAGE}.pen.isOn") is False
+    assert page.js(f"{PAGE}.tools.pen.isOn") is False
 
 
 def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None:
@@ -190,7 +190,7 @@ def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None
 def test_the_grid_is_split_at_a_cut(opened: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
     page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))], density=8))
-    runs = page.js(f"{PAGE}.grid.lines.map((l) => l.runs.map((r) => Array.from(r)))")
+    runs = page.js(f"{PAGE}.layers.grid.last.lines.map((l) => l.runs.map((r) => Array.from(r)))")
     across = [line for line in runs if len(line) == 2]
     assert len(across) == 8  # the lines from left to right, 7 cells high
     for left, right in across:
@@ -256,7 +256,7 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     np.testing.assert_allclose(editor.parts[0].region.vertices, corners, atol=0.1)
     part = RigidPart(Polygon(editor.parts[0].region.vertices))
     assert editor.points == without_conflicts(points, [part], how) != points
-    assert page.js(f"{PAGE}.shapeTools.chosenShape.region.vertices.length") == 4
+    assert page.js(f"{PAGE}.tools.shapes.choice.shape.region.vertices.length") == 4
     editor.fit()
     page.page.locator("[data-command=undo]").click()  # one edit
     page.answered()
@@ -280,7 +280,7 @@ def test_the_fixed_side_is_the_half_that_bears_its_name_until_the_sides_are_swap
         label = page.page.locator(".dnb-ed-shape-name").bounding_box()
         stage = page.page.locator(".dnb-ed-stage").bounding_box()
         x, y = label["x"] + label["width"] / 2 - stage["x"], label["y"] + label["height"] / 2 - stage["y"]
-        return page.js(f"{PAGE}.placeAt([{x}, {y}])")
+        return page.js(f"{PAGE}.viewport.placeAt([{x}, {y}])")
 
     assert fixed.signed_distance([names_half()])[0] < 0
     for press in (
@@ -310,7 +310,7 @@ def test_the_side_of_what_was_dragged_is_not_the_fixed_one(opened: Any, picture:
 def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> None:
     start = [(71.0, -20.0), (75.0, 20.0), (71.0, 70.0)]
     page = opened(Editor(picture, two_sides(), cuts=[Cut(Line(start))]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.click(*page.on_screen((73, 0)))  # choose it by its line
     page.drag((75, 20), (30, 10))
     vertices = np.array(start) + np.array([[0, 0], [30 / k, 10 / k], [0, 0]])
@@ -342,7 +342,7 @@ def test_a_double_click_on_an_end_lets_a_cut_stop_there(opened: Any, picture: Pi
     page.answered()
     (cut,) = page.editor.cuts
     tip = cut.region.vertices[1]
-    assert tip == pytest.approx((71, 15 + 30 / page.js(f"{PAGE}.view.k")), abs=1e-6)
+    assert tip == pytest.approx((71, 15 + 30 / page.js(f"{PAGE}.viewport.view.k")), abs=1e-6)
     pull(page, two_sides(), [0], (-40, 0))
     pull(page, two_sides(), [3], (50, 0))
     page.answered()
@@ -368,7 +368,7 @@ def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Pi
     draw(page, "x", [(30, -10), (60, 60), (110, 0), (20, 20)])
     assert "Draw it without a loop" in page.page.locator(".dnb-ed-alert").inner_text()
     assert len(page.editor.cuts) == 1
-    assert page.js(f"{PAGE}.pen.draft.places.length") == 4  # and can be mended
+    assert page.js(f"{PAGE}.tools.pen.draft.places.length") == 4  # and can be mended
     page.page.keyboard.press("Backspace")
     page.page.keyboard.press("Enter")
     page.answered()
@@ -413,7 +413,7 @@ def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture)
     assert asked == ["undo"]
     editor.cuts = []
     page.settled()
-    assert page.js(f"{PAGE}.shapes.cuts.length") == 0
+    assert page.js(f"{PAGE}.points.shapes.cuts.length") == 0
     assert editor.edit_under_way is None
 
 
@@ -426,7 +426,7 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
     def names() -> tuple[str, str]:
         """The chosen shape in the page, and in Python."""
         chosen = editor.chosen_shape
-        name = page.js(f"{PAGE}.shapeTools.chosenShape?.name ?? ''")
+        name = page.js(f"{PAGE}.tools.shapes.choice.shape?.name ?? ''")
         return name, editor.parts[chosen["index"]].name if chosen else ""
 
     page.page.mouse.click(*page.on_screen((60.0, 15.0)))
@@ -459,7 +459,7 @@ def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> No
     editor.observe(refuse, "cuts")
     page = opened(editor)
     draw(page, "x", [(71, -25), (71, 75)])
-    page.wait(f"{PAGE}.shapes.cuts.length === 0")
+    page.wait(f"{PAGE}.points.shapes.cuts.length === 0")
     assert "no cuts today." in page.page.locator(".dnb-ed-alert").inner_text()
     assert editor.cuts == ()
 
@@ -469,7 +469,7 @@ def test_shapes_that_python_refuses_go_back(opened: Any, picture: Picture) -> No
 
 def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, two_sides()))
-    press, k = page.page.keyboard.press, page.js(f"{PAGE}.view.k")
+    press, k = page.page.keyboard.press, page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     press("x")
     for _ in range(10):
@@ -551,8 +551,9 @@ def test_the_quick_picture_of_a_drag_is_the_full_one_but_for_corners_of_cuts(
     page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[cut], cut_rule=rule))
     pull(page, two_sides(), [0, 1, 2], (-33, 12))
     full = page.canvas()
-    page.js(f"""(() => {{ const page = {PAGE}; page.painter.cost = 0; // or it would draw fewer pixels
-        page.painter.paint(page.view, page.layered, {{ isMoving: true, paper: page.colours.stage }});
-        page.painter.drawFrame(page.view, page.box); }})()""")
+    page.js(f"""(() => {{ const {{ map, picture: {{ box, painter }}, theme, viewport: {{ view }} }} = {PAGE};
+        painter.cost = 0; // or it would draw fewer pixels
+        painter.paint(view, map.layered, {{ isMoving: true, paper: theme.colours.stage }});
+        painter.drawFrame(view, box); }})()""")
     quick = page.canvas()
     assert (np.abs(quick - full).max(axis=-1) > 6).mean() < 1e-3

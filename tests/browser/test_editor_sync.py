@@ -75,13 +75,13 @@ def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, po
     page.page.locator(".dnb-ed-notes").click()  # nothing there takes the focus by itself
     page.page.keyboard.press("Control+z")
     page.answered()
-    assert page.js(f"{PAGE}.points.length") == len(editor.points) == 5
+    assert page.js(f"{PAGE}.points.list.length") == len(editor.points) == 5
     button.click()  # and a button keeps the focus
     page.page.keyboard.press("Control+y")
     page.page.keyboard.press("Control+z")
     page.answered()
     assert editor.points == points
-    assert page.js(f"{PAGE}.points.map((p) => p.target)") == points.target.tolist()
+    assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
     ways = [m["way"] for m in page.js("models.editor.sent") if m["type"] == "history"]
     assert ways == ["undo", "undo", "redo", "undo"]
     page.page.keyboard.press("?")
@@ -199,7 +199,7 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
     x, y = page.on_screen(points.target[4])
     page.page.mouse.move(x + 50, y - 30, steps=5)
     page.page.mouse.up()
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.displacement[4] == pytest.approx(np.array([-50, 30]) / k, abs=1e-9)
 
 
@@ -242,7 +242,7 @@ def test_edits_that_cannot_be_sent_stay_and_are_said(opened: Any, picture: Pictu
     page.page.mouse.up()
     page.page.wait_for_selector(TIP)
     assert page.page.locator(TIP).inner_text().startswith("The kernel was restarted or is gone")
-    assert page.js(f"{PAGE}.points[4].target[0]") != 70
+    assert page.js(f"{PAGE}.points.list[4].target[0]") != 70
     assert page.editor.points == points
     assert all("could not be sent" in error for error in page.errors)
     page.errors.clear()
@@ -275,7 +275,7 @@ def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Pi
     assert wanted[2] != points.target[2].tolist()
     third = opened(editor)
     for page in (first, second, third):
-        assert page.js(f"{PAGE}.points.map((p) => p.target)") == wanted
+        assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == wanted
     assert set(editor.seen) == {page.js(f"{PAGE}.sender.id") for page in (first, second)}
 
 

@@ -98,21 +98,21 @@ def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
 ) -> None:
     page = opened(Editor(picture, points))
     tall(page.page)
-    fingers, place, view = Fingers(page.page), page.on_screen([52, 40]), page.js(f"({{...{PAGE}.view}})")
+    fingers, place, view = Fingers(page.page), page.on_screen([52, 40]), page.js(f"({{...{PAGE}.viewport.view}})")
     fingers.swipe(place, (0, -150))
     page.wait("scrollY > 100")
-    assert page.js(f"({{...{PAGE}.view}})") == view
+    assert page.js(f"({{...{PAGE}.viewport.view}})") == view
     assert page.js("document.activeElement === document.body")
     page.js("scrollTo(0, 0)")
     fingers.drag(place, (60, 0))  # across, which scrolls nothing
-    assert page.js(f"({{...{PAGE}.view}})") == view
+    assert page.js(f"({{...{PAGE}.viewport.view}})") == view
     assert page.js(HINT) == "Tap the picture first, then a finger moves it"
     fingers.tap(place)
     page.wait("document.activeElement.className === 'dnb-ed-stage'")
     fingers.swipe(place, (0, -60))
-    page.wait(f"{PAGE}.view.y < {view['y'] - 30}")
+    page.wait(f"{PAGE}.viewport.view.y < {view['y'] - 30}")
     assert page.js("scrollY") == 0
-    assert page.js(f"{PAGE}.view.k") == view["k"]
+    assert page.js(f"{PAGE}.viewport.view.k") == view["k"]
 
 
 def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Picture, points: ControlPoints) -> None:
@@ -120,7 +120,7 @@ def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Pi
     tall(page.page)
     Fingers(page.page).drag(page.on_screen(points.target[4]), (6, -60))
     page.settled()
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array([6, -60]) / k, abs=1e-6)
     assert page.js("scrollY") == 0
 
@@ -132,7 +132,7 @@ def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, pi
     page.js(f"{PAGE}.layout()")
     assert page.js("getComputedStyle(document.querySelector('.dnb-ed-stage')).touchAction") == "none"
     Fingers(page.page).drag(page.on_screen([52, 40]), (40, 0))
-    page.wait(f"!{PAGE}.isFitted")
+    page.wait(f"!{PAGE}.viewport.isFitted")
 
 
 # ---- several points -------------------------------------------------------------------------------------------------
@@ -143,30 +143,30 @@ def test_fingers_select_several_points_by_taps_and_by_a_band(
 ) -> None:
     page = opened(Editor(picture, points))
     fingers, button = Fingers(page.page), page.page.locator("[data-command=select]")
-    selected = f"[...{PAGE}.selected].sort().join()"
+    selected = f"[...{PAGE}.points.selected].sort().join()"
     fingers.tap(page.on_screen(points.target[0]))
     fingers.tap(page.on_screen(points.target[1]))
     assert page.js(selected) == "1"  # without the tool a tap selects one
     fingers.tap((button.bounding_box()["x"] + 8, button.bounding_box()["y"] + 8))
-    page.wait(f"{PAGE}.isSelecting")
+    page.wait(f"{PAGE}.tools.modes.isSelecting")
     page.wait("document.querySelector('[data-command=select]').getAttribute('aria-pressed') === 'true'")
     fingers.tap(page.on_screen(points.target[0]))
     assert page.js(selected) == "0,1"
     low, high = page.on_screen([20, 40]), page.on_screen([115, 65])
     fingers.drag(low, (high[0] - low[0], high[1] - low[1]))
     assert page.js(selected) == "0,1,2,3"
-    assert page.js(f"{PAGE}.isFitted")  # the view stays
+    assert page.js(f"{PAGE}.viewport.isFitted")  # the view stays
     fingers.tap(page.on_screen(points.target[0]))
     fingers.tap(page.on_screen([52, 30]))  # beside all: nothing is lost
     assert page.js(selected) == "1,2,3"
     fingers.drag(page.on_screen(points.target[2]), (12, 20))
     page.settled()
-    by = np.array([12, 20]) / page.js(f"{PAGE}.view.k")
+    by = np.array([12, 20]) / page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[1:4] == pytest.approx(points.target[1:4] + by, abs=1e-6)
     assert np.array_equal(page.points.target[[0, 4]], points.target[[0, 4]])
     page.wait("models.editor.get('selected').length === 3")
     page.page.keyboard.press("Escape")
-    assert not page.js(f"{PAGE}.isSelecting")
+    assert not page.js(f"{PAGE}.tools.modes.isSelecting")
     assert page.js(selected) == "1,2,3"
     fingers.tap(page.on_screen([52, 30]))
     assert page.js(selected) == ""
@@ -174,21 +174,21 @@ def test_fingers_select_several_points_by_taps_and_by_a_band(
 
 def test_two_fingers_end_a_band_and_move_the_view(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    fingers, k = Fingers(page.page), page.js(f"{PAGE}.view.k")
+    fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("b")
     x, y = page.on_screen([20, 40])
     fingers.touch("touchStart", (x, y))
     fingers.touch("touchMove", page.on_screen([60, 65]))
-    assert page.js(f"[...{PAGE}.selected]") == [3]
+    assert page.js(f"[...{PAGE}.points.selected]") == [3]
     x, y = page.on_screen([60, 65])
     fingers.touch("touchStart", (x, y), (x + 80, y))
-    assert page.js(f"[...{PAGE}.selected]") == []
+    assert page.js(f"[...{PAGE}.points.selected]") == []
     for gap in (100, 130, 160):
         fingers.touch("touchMove", (x, y), (x + gap, y))
     fingers.touch("touchEnd")
     page.settled()
-    assert page.js(f"{PAGE}.view.k") == pytest.approx(2 * k, rel=0.02)
+    assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(2 * k, rel=0.02)
     assert page.page.locator(".dnb-ed-band").get_attribute("visibility") == "hidden"
 
 
@@ -198,14 +198,16 @@ def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints
     page.page.locator(".dnb-ed-stage").focus()
     for key in ("a", "s", "x"):
         press("b")
-        assert page.js(f"[{PAGE}.isSelecting, {PAGE}.isAdding, {PAGE}.brush.isOn, {PAGE}.pen.isOn]") == [
+        assert page.js(
+            f"(({{ modes, brush, pen }}) => [modes.isSelecting, modes.isAdding, brush.isOn, pen.isOn])({PAGE}.tools)"
+        ) == [
             True,
             False,
             False,
             False,
         ]
         press(key)
-        assert not page.js(f"{PAGE}.isSelecting"), key
+        assert not page.js(f"{PAGE}.tools.modes.isSelecting"), key
     page.page.mouse.dblclick(*page.on_screen([52, 30]))
     page.page.keyboard.press("Escape")
     press("b")
@@ -218,11 +220,11 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
     opened: Any, picture: Picture, points: ControlPoints
 ) -> None:
     page = opened(Editor(picture, points, cuts=[Cut(Line([(55, -20), (55, 70)]))]))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([55, 15], (30 * k, 20 * k))
-    assert page.js(f"[{PAGE}.shapeTools.chosen, [...{PAGE}.selected]]") == [None, [4]]
+    assert page.js(f"[{PAGE}.tools.shapes.choice.chosen, [...{PAGE}.points.selected]]") == [None, [4]]
     page.page.mouse.click(*page.on_screen([55, 15]))
-    assert page.js(f"{PAGE}.shapeTools.chosen") == {"what": "cuts", "index": 0}
+    assert page.js(f"{PAGE}.tools.shapes.choice.chosen") == {"what": "cuts", "index": 0}
     page.drag([55, 5], (4 * k, 0))  # now that it is chosen
     page.answered()
     assert page.editor.cuts[0].region.vertices[0] == pytest.approx([59, -20], abs=0.6)
@@ -237,7 +239,7 @@ def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Pictur
         "(() => { window.kinds = new Set(); document.querySelector('.dnb-ed-svg').addEventListener('pointerdown', "
         "(e) => kinds.add(e.pointerType)); })()"
     )
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     pen(page, page.on_screen(points.target[4]), (24, -18))
     assert page.js("[...kinds]") == ["pen"]
@@ -245,12 +247,12 @@ def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Pictur
     assert moved.target[4] == pytest.approx(points.target[4] + np.array([24, -18]) / k, abs=1e-6)
     pen(page, page.on_screen(points.target[3]), (2, 0))  # a hand that trembles: a press, no drag
     assert page.points == moved
-    assert page.js(f"[...{PAGE}.selected]") == [3]
+    assert page.js(f"[...{PAGE}.points.selected]") == [3]
     pen(page, page.on_screen([90, -20]), (40 * k, 30 * k))
-    assert page.js(f"[...{PAGE}.selected]") == [1]  # by a band, while a finger would move the view
-    assert page.js(f"{PAGE}.isFitted")
+    assert page.js(f"[...{PAGE}.points.selected]") == [1]  # by a band, while a finger would move the view
+    assert page.js(f"{PAGE}.viewport.isFitted")
     page.page.keyboard.press("s")
-    pen(page, page.on_screen([50, 20]), (0.4 * page.js(f"{PAGE}.brush.radius") * k, 0), steps=6)
+    pen(page, page.on_screen([50, 20]), (0.4 * page.js(f"{PAGE}.tools.brush.radius") * k, 0), steps=6)
     assert len(page.points) > 5  # the brush has set points of its own
 
 

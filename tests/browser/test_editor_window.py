@@ -24,7 +24,7 @@ SLICES = {"count": 9, "first": -8.0, "spacing": 2.0}
 
 
 def shown_pixels(page: EditorOnPage) -> Any:
-    return np.array(page.js(f"[...{PAGE}.painter.source.levels[0].pixels]"))
+    return np.array(page.js(f"[...{PAGE}.picture.painter.source.levels[0].pixels]"))
 
 
 def wanted(picture: Picture | None) -> Any:
@@ -75,7 +75,7 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     assert page.points == points
     page.page.keyboard.press("ArrowUp")
     page.page.keyboard.press("ArrowLeft")
-    page.wait(f"!{PAGE}.windowTool.trait.isAhead")
+    page.wait(f"!{PAGE}.tools.window.trait.isAhead")
     a, b = page.editor.window
     assert b - a < high - low
     assert a + b > low + high
@@ -85,14 +85,14 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     np.testing.assert_array_equal(page.canvas(), before)
     page.page.keyboard.press("ArrowRight")
     page.page.get_by_role("button", name="automatic window").click()
-    page.wait(f"!{PAGE}.windowTool.trait.isAhead")
+    page.wait(f"!{PAGE}.tools.window.trait.isAhead")
     assert page.editor.window == []
     assert page.points == points
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("Escape")
-    assert page.js(f"{PAGE}.windowTool.isOn") is False
+    assert page.js(f"{PAGE}.tools.window.isOn") is False
     page.page.keyboard.press("w")
-    assert page.js(f"{PAGE}.windowTool.isOn") is True
+    assert page.js(f"{PAGE}.tools.window.isOn") is True
 
 
 def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
@@ -102,7 +102,7 @@ def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
     bar = page.page.locator(".dnb-ed-colours")
     assert bar.is_hidden()
     page.editor.colour_map = "viridis"
-    page.wait(f"{PAGE}.hasColours")
+    page.wait(f"{PAGE}.picture.hasColours")
     page.settled()
     table = {tuple(colour) for colour in colour_table("viridis").tolist()}
     seen = np.unique(page.canvas()[200:400, 300:500].reshape(-1, page.canvas().shape[-1])[:, :3], axis=0)
@@ -135,7 +135,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
 
     def shown(shows: str) -> Any:
         page.editor.shows = shows
-        page.wait(f"{PAGE}.compare.shows === '{shows}'")
+        page.wait(f"{PAGE}.picture.compare.shows === '{shows}'")
         page.settled()
         return page.canvas().astype(float)
 
@@ -148,9 +148,9 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
         assert difference.max() <= 8  # the lattice of the map begins at the line
         assert difference.mean() < 0.2
     assert np.abs(deformed - original)[:, near].max() > 8
-    assert page.js(f"{PAGE}.fitAt([10, 10])") is None
-    nodes = page.js(f"""(() => {{ const editor = {PAGE}; editor.moving(); editor.draw();
-        return editor.painter.sampled.fit.sampled.raster; }})()""")  # of grid and folds while something moves
+    assert page.js(f"{PAGE}.map.fitAt([10, 10])") is None
+    nodes = page.js(f"""(() => {{ const editor = {PAGE}; editor.frames.moving(); editor.draw();
+        return editor.picture.painter.sampled.fit.sampled.raster; }})()""")  # of grid and folds while something moves
     ends = nodes["origin"][0] + np.array([0, nodes["spacing"][0] * (nodes["shape"][1] - 1)])
     assert np.allclose(ends, picture.raster.box[:2], atol=nodes["spacing"][0])  # also below the original
     page.settled()
@@ -159,7 +159,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
     np.testing.assert_array_equal(page.canvas(), deformed)
     shown("fade")
     page.page.locator(".dnb-fade input").fill("0.25")
-    page.wait(f"!{PAGE}.isMoving")
+    page.wait(f"!{PAGE}.frames.isMoving")
     page.settled()
     assert np.abs(page.canvas() - (0.25 * original + 0.75 * deformed)).max() <= 2
     assert page.points == page.editor.points
@@ -193,10 +193,10 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
     page.page.evaluate("window.scrollTo(0, 0)")
     page.wait("window.scrollY === 0")
     page.page.mouse.click(*page.on_screen((90, 10)))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.wheel(0, 100)
     page.wait(f"{PAGE}.model.get('slice') === 4")
-    assert page.js(f"{PAGE}.view.k") == k
+    assert page.js(f"{PAGE}.viewport.view.k") == k
     page.page.keyboard.press("PageUp")
     page.page.keyboard.press("PageUp")
     page.settled()
@@ -205,7 +205,7 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
     page.page.keyboard.down("Control")
     page.page.mouse.wheel(0, -100)
     page.page.keyboard.up("Control")
-    page.wait(f"{PAGE}.view.k > {k}")
+    page.wait(f"{PAGE}.viewport.view.k > {k}")
     assert page.editor.slice == 2
 
 

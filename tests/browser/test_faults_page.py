@@ -32,7 +32,7 @@ def test_a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged(
     page.page.mouse.move(*there, steps=4)
     page.page.mouse.up()
     moved = page.points.target[4] - points.target[4]
-    step = 1 / page.js(f"{PAGE}.view.k")
+    step = 1 / page.js(f"{PAGE}.viewport.view.k")
     assert np.abs(moved - [3.0, -2.0]).max() <= 1.5 * step
     assert page.js("document.documentElement.scrollWidth <= window.innerWidth")  # nothing to scroll to sideways
     assert page.errors == []

@@ -112,9 +112,9 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[
     page = opened()
     page.open(path)
     page.wait(f"{VIEW}.caster?.isReady && {VIEW}.field")
-    a0, a1, b0, b1 = page.js(f"({EDITOR}.painter.source.box)")
+    a0, a1, b0, b1 = page.js(f"({EDITOR}.picture.painter.source.box)")
     middle = (a0 + a1) / 2, (b0 + b1) / 2
-    view, box = page.js(f"({EDITOR}.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
+    view, box = page.js(f"({EDITOR}.viewport.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
     page.page.mouse.dblclick(box["x"] + view["k"] * middle[0] + view["x"], box["y"] + view["k"] * middle[1] + view["y"])
     page.wait(f"{MODELS}.editor.get('points').length === 5")
     page.drag(middle, (30, -20))
@@ -137,7 +137,7 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[
     page.js(f"{MODELS}.editor.update({{ cuts: [] }})")
     # Tissue that leaves the box is reported.
     page.js(
-        f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+        f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
         "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
     )
     page.settled()
@@ -162,7 +162,7 @@ def test_a_picture_is_deformed_by_a_finger_on_a_phone(opened: Callable[..., File
     page = opened((390, 844), has_touch=True)
     page.open(path)
     assert page.js("document.documentElement.scrollWidth <= innerWidth")
-    view, box = page.js(f"({EDITOR}.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
+    view, box = page.js(f"({EDITOR}.viewport.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
     corner = box["x"] + view["k"] * 79 + view["x"], box["y"] + view["k"] * 59 + view["y"]
     Fingers(page.page).drag(corner, (-60, -40))
     page.settled()

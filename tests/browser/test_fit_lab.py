@@ -51,7 +51,7 @@ def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
     page = browser.new_page(viewport={"width": 1280, "height": 1100})
     lab.open_notebook(page, [SETUP, "told"])
     page.wait_for_selector(".told", timeout=120_000)
-    page.wait_for_function(f"{EDITOR}.painter.source", timeout=120_000)
+    page.wait_for_function(f"{EDITOR}.picture.painter.source", timeout=120_000)
     choose(page, "Match to another picture")
     yield lab, page
     page.close()
@@ -75,7 +75,7 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
         "(image) => image.offsetParent && image.src !== first)",
         arg=first,
     )
-    shown_to_the_hand = page.evaluate(f"() => {EDITOR}.points.filter((p) => p.locked).length")
+    shown_to_the_hand = page.evaluate(f"() => {EDITOR}.points.list.filter((p) => p.locked).length")
     assert shown_to_the_hand == 4
     page.locator(".dnb-ed-stage").focus()
     page.keyboard.press("Control+z")

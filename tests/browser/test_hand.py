@@ -151,7 +151,7 @@ def test_the_rim_goes_with_its_pin(opened: Any, picture: Picture, points: Contro
     select(page, 4)
     page.page.keyboard.press("Shift+.")
     rim = page.points
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(points.target[4], (24, 18))
     assert page.points.target[4:] == pytest.approx(rim.target[4:] + np.array([24, 18]) / k, abs=1e-9)
     page.page.locator("[data-id='4']").focus()
@@ -290,7 +290,7 @@ def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Pictu
     mouse.move(x + 13, y + 9, steps=3)
     mouse.up()
     page.page.keyboard.up("Alt")
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[3] == pytest.approx(before + np.array([13, 9]) / k, abs=1e-9)
     page.editor.snap = 10.0  # a step in the picture's unit
     page.drag(page.points.target[2], (21, -13))
@@ -307,7 +307,7 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
     stopped = page.points.target[4]
     status = page.page.locator(".dnb-ed-notes").inner_text()
     assert status.startswith("Stopped before the picture folds")
-    assert 0.04 < page.js(f"{PAGE}.folds.least") < 0.12
+    assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
     way = np.array(page.on_screen(stopped)) - far
     assert np.cross([*way, 0], [330, 60, 0])[2] == pytest.approx(0, abs=1e-6 * 330 * 330)
     assert 0.1 < np.linalg.norm(way) / np.hypot(330, 60) < 0.95
@@ -316,7 +316,7 @@ def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, poi
     page.answered()
     assert not editor.stop_at_folds
     page.drag(stopped, (330 - way[0], 60 - way[1]), steps=6)
-    assert page.js(f"{PAGE}.folds.least") < 0
+    assert page.js(f"{PAGE}.map.folds.least") < 0
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
@@ -329,25 +329,25 @@ def test_a_drop_keeps_the_fit_of_the_last_move(
     page.page.mouse.move(*at)
     page.page.mouse.down()
     page.page.mouse.move(at[0] + 9, at[1] + 5, steps=3)
-    page.wait(f"{PAGE}.pointTools.drag0 && !{PAGE}.isMoving && !{PAGE}.frame")
-    page.js(f"{{ window.moved = {PAGE}.layered; }}")
+    page.wait(f"{PAGE}.tools.points.drag0 && !{PAGE}.frames.isMoving && !{PAGE}.frames.request")
+    page.js(f"{{ window.moved = {PAGE}.map.layered; }}")
     page.page.mouse.up()
     assert np.linalg.norm(page.points.target[4] - points.target[4]) > 1
-    assert page.js(f"window.moved === {PAGE}.layered")
+    assert page.js(f"window.moved === {PAGE}.map.layered")
 
 
 def test_folds_in_air_stop_no_drag(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, stop_at_folds=True, air=float(picture.values.max())))  # nothing but air
     page.drag([70, 25], (330, 60), steps=12)
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
-    assert page.js(f"{PAGE}.folds.air") > 0
+    assert page.js(f"{PAGE}.map.folds.air") > 0
     assert np.array(page.on_screen(page.points.target[4])) - page.on_screen([70, 25]) == pytest.approx([330, 60], abs=1)
 
 
 def test_what_is_folded_already_can_be_moved_back(opened: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points.move(4, [125, 40]), stop_at_folds=True)
     page = opened(editor)
-    assert page.js(f"{PAGE}.folds.least") < 0
-    k = page.js(f"{PAGE}.view.k")
+    assert page.js(f"{PAGE}.map.folds.least") < 0
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([125, 40], (-45 * k, -10 * k), steps=6)
     assert page.points.target[4] == pytest.approx([80, 30], abs=1)

@@ -90,7 +90,7 @@ class Shown:
         """Until picture and volume are drawn, and nothing moves any more."""
         self.page.wait_for_selector(".told", timeout=60_000)
         self.page.wait_for_function(
-            f"{EDITOR}.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar", timeout=60_000
+            f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar", timeout=60_000
         )
         self.page.locator(".dnb-editor").first.scroll_into_view_if_needed()
         resting(self.page.locator(".dnb-view").first)
@@ -126,7 +126,7 @@ class Shown:
     @property
     def scale(self) -> float:
         """CSS pixels of a millimetre on the picture."""
-        return float(self.page.evaluate(f"() => {EDITOR}.view.k"))
+        return float(self.page.evaluate(f"() => {EDITOR}.viewport.view.k"))
 
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""

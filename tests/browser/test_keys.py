@@ -36,7 +36,7 @@ def told(table: str) -> set[str]:
 @pytest.mark.parametrize(
     ("scripts", "table"),
     [
-        (("editor/pointer.ts", "editor/shape_tools.ts", "editor/brush_tool.ts"), "EDITOR_KEYS"),
+        (("editor/editor_keys.ts", "editor/shape_tools.ts", "editor/brush_tool.ts"), "EDITOR_KEYS"),
         (("space_editor/pointer.ts",), "SPACE_EDITOR_KEYS"),
         (("view/pointer.ts",), "VIEW_KEYS"),
     ],
@@ -55,12 +55,12 @@ def test_no_key_has_two_meanings_and_every_command_is_run(table: str) -> None:
     commands = [(key, about["command"]) for _, _, about in rows if "command" in about for key in about["keys"]]
     assert len({key for key, _ in commands}) == len(commands)
     assert all(what and shown for shown, what, _ in rows)
-    scripts = "editor/editor.ts"
+    scripts = "editor/commands.ts"
     if table != "EDITOR_KEYS":
         scripts = "space_editor/editor.ts space_editor/pointer.ts"
     text = "".join((SOURCES / name).read_text(encoding="utf-8") for name in scripts.split())
     for command in {command for _, command in commands} - {"rotate", "scale", "brush-radius", "zoom"}:
-        assert re.search(rf'[{{,\s]"?{command}"?: \((?:editor|tools)?(?:, ids)?\) =>', text), command
+        assert re.search(rf'[{{,\s]"?{command}"?: \((?:editor|shapes)?(?:, ids)?\) =>', text), command
 
 
 @pytest.mark.needs_browser

@@ -39,7 +39,7 @@ def _press_until(page: Any, key: str, condition: str, most: int = 150) -> None:
 def _move(page: Any, k: int, axis: int, to: float, key: str) -> None:
     """Move the point that has the focus by an arrow key until it has come as far."""
     sign = 1 if key in ("ArrowRight", "ArrowDown") else -1
-    place = f"{sign} * {LAST}.points[{k}].target[{axis}]"
+    place = f"{sign} * {LAST}.points.list[{k}].target[{axis}]"
     _press_until(page, f"Shift+{key}", f"{place} >= {sign * to} - 10")
     _press_until(page, key, f"{place} >= {sign * to} - 2")
 
@@ -64,7 +64,7 @@ def test_a_lesson_is_done_by_the_keyboard_alone(browser: Any, lab: Lab) -> None:
             keys.insert_text(ANSWERS[cell])
         keys.press("Shift+Enter")
     page.wait_for_function(
-        f"document.querySelectorAll('.dnb-editor').length === 2 && {LAST}.painter.source", timeout=120_000
+        f"document.querySelectorAll('.dnb-editor').length === 2 && {LAST}.picture.painter.source", timeout=120_000
     )
     assert page.locator(".jp-OutputArea-output", has_text="Richtig.").count() == len(ANSWERS)
 

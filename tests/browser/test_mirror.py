@@ -58,7 +58,7 @@ def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(
     line, (x, _) = page.page.locator(".dnb-ed-axis-line"), page.on_screen([MIDDLE, 0])
     box = line.bounding_box()
     assert box["x"] + box["width"] / 2 == pytest.approx(x, abs=1)
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(points.target[0], (-25, 31))
     assert page.points.target[0] == pytest.approx(points.target[0] + np.array([-25, 31]) / k, abs=1e-9)
     assert page.points.target[1] == pytest.approx(points.target[1] + np.array([25, 31]) / k, abs=1e-9)
@@ -89,7 +89,7 @@ def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(
     assert len(page.points) == 8
     assert page.points.target[7, 0] == MIDDLE
     page.drag(points.target[2], (40, 22))
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[2] == pytest.approx([MIDDLE, 22 / k], abs=1e-9)
     assert_symmetric(page.points)
 
@@ -129,7 +129,7 @@ def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(
     page.page.keyboard.press("Control+a")
     page.drag(points.target[0], (-18, 12))
     assert_symmetric(page.points)
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[0] == pytest.approx(points.target[0] + np.array([-18, 12]) / k, abs=1e-9)
     page.page.keyboard.press("Control+z")
     page.page.keyboard.press("Escape")
@@ -150,7 +150,7 @@ def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) ->
     mouse.down()
     mouse.move(x, y - 30, steps=3)
     mouse.up()
-    at = 23.75 - 30 / page.js(f"{PAGE}.view.k")
+    at = 23.75 - 30 / page.js(f"{PAGE}.viewport.view.k")
     page.wait(f"Math.abs(models.editor.get('mirror').at - {at}) < 1e-6")
     assert page.editor.mirror["at"] == pytest.approx(at, abs=1e-9)
     page.page.mouse.dblclick(*page.on_screen([40, 0]))
@@ -170,7 +170,7 @@ def test_brushes_and_turns_work_on_both_sides(
 ) -> None:
     page = with_mirror(opened, picture, points)
     page.page.keyboard.press(key)
-    radius, k = page.js(f"{PAGE}.brush.radius"), page.js(f"{PAGE}.view.k")
+    radius, k = page.js(f"{PAGE}.tools.brush.radius"), page.js(f"{PAGE}.viewport.view.k")
     start = np.array([48.0, 20])
     x, y = page.on_screen(start)
     mouse = page.page.mouse
@@ -180,7 +180,7 @@ def test_brushes_and_turns_work_on_both_sides(
     mouse.up()
     assert len(page.points) > 20
     assert_symmetric(page.points)
-    assert page.js(f"{PAGE}.folds.least") > 0
+    assert page.js(f"{PAGE}.map.folds.least") > 0
     page.page.keyboard.press("Escape")
     page.page.locator("[data-id='3'] .dnb-ed-hit").click()
     page.page.keyboard.press("Shift+.")
@@ -222,7 +222,7 @@ def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(
         assert added.target[k] + fit.displacement(added.target[k]) == pytest.approx(added.source[k], abs=1e-4)
     assert np.abs(added.target[6] - mirrored(added.target[5])).max() > 3
     assert np.quantile(np.abs(page.canvas() - before), 0.999) <= 1
-    k = page.js(f"{PAGE}.view.k")
+    k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(added.target[5], (14, 10))  # from here on both sides do the same
     assert page.points.target[5] == pytest.approx(added.target[5] + np.array([14, 10]) / k, abs=1e-9)
     assert page.points.target[6] == pytest.approx(mirrored(page.points.target[5]), abs=1e-9)

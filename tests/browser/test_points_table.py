@@ -88,7 +88,7 @@ def table(browser: Any) -> Any:
 
 def pixel(table: TableOnPage, canvas: np.ndarray, a: float, b: float) -> np.ndarray:
     """What is seen at a place of the picture."""
-    view = table.on_page.js(f"({PAGE}.view)")
+    view = table.on_page.js(f"({PAGE}.viewport.view)")
     x, y = view["k"] * a + view["x"], view["k"] * b + view["y"]
     return canvas[round(view["ratio"] * y), round(view["ratio"] * x)]
 
@@ -140,10 +140,10 @@ def test_a_locked_point_says_so_and_takes_no_coordinates(table: TableOnPage) -> 
 
 
 def test_the_button_of_a_row_brings_its_point_to_the_middle(table: TableOnPage) -> None:
-    before = table.on_page.js(f"({PAGE}.view)")
+    before = table.on_page.js(f"({PAGE}.viewport.view)")
     table.cell(3, "go").locator("button").click()
     table.answered()
-    table.on_page.wait(f"{PAGE}.view.k > {2 * before['k']}")
+    table.on_page.wait(f"{PAGE}.viewport.view.k > {2 * before['k']}")
     box = table.page.locator(".dnb-ed-stage").bounding_box()
     x, y = table.on_page.on_screen((35.0, 55.0))
     assert abs(x - box["x"] - box["width"] / 2) < 2
@@ -165,7 +165,7 @@ def test_rows_and_picture_share_the_selection(table: TableOnPage) -> None:
 
 def test_rows_follow_a_drag_before_python_has_heard_of_it(table: TableOnPage) -> None:
     x, y = table.on_page.on_screen((70.0, 25.0))
-    k = table.on_page.js(f"{PAGE}.view.k")
+    k = table.on_page.js(f"{PAGE}.viewport.view.k")
     table.page.mouse.move(x, y)
     table.page.mouse.down()
     table.page.mouse.move(x + 30, y, steps=4)
@@ -381,7 +381,7 @@ def test_a_point_in_space_comes_into_the_middle_of_pictures_that_are_zoomed_in(p
         page.wait(f"{space}.shownCount > 0")
         page.page.evaluate(f"() => {{ for (const pane of {space}.pictures) pane.zoomAt(6, 10, 10); }}")
         editor.look_at(1)
-        page.wait(f"{space}.cursor.join() === '20,20,15' && !{space}.frame")
+        page.wait(f"{space}.cursor.join() === '20,20,15' && !{space}.frames.request")
         for k in range(3):
             pane = f"{space}.pictures[{k}]"
             middle = page.page.evaluate(f"() => {pane}.toPlane([{pane}.view.width / 2, {pane}.view.height / 2])")
@@ -397,7 +397,7 @@ def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_s
     table.on_page.wait("true")
     assert table.editor.selected == [1]
     assert table.on_page.held == [("selected", [1])]
-    chosen = "{ %s.select([3]); models.editor.fromPython('selected', [1]); return [...%s.selected]; }"
+    chosen = "{ %s.points.select([3]); models.editor.fromPython('selected', [1]); return [...%s.points.selected]; }"
     assert table.on_page.js(chosen % (PAGE, PAGE)) == [3]
     table.on_page.held = None
     table.on_page.wait(f"[...{TABLE}.selected].join() === '3'")
@@ -424,4 +424,4 @@ def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(
     table.page.wait_for_timeout(300)  # longer than the rest of the editor
     assert table.editor.selected == [1]
     assert table.panel.table.selected == [1]
-    assert table.on_page.js(f"[...{PAGE}.selected]") == [1]
+    assert table.on_page.js(f"[...{PAGE}.points.selected]") == [1]

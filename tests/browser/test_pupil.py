@@ -59,7 +59,7 @@ class Pupil:
         return text
 
 
-STUDIO = "[...document.querySelectorAll('.dnb-editor')].find((e) => e.deformnb?.points?.length === 12)"
+STUDIO = "[...document.querySelectorAll('.dnb-editor')].find((e) => e.deformnb?.points.list?.length === 12)"
 
 
 def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, browser: Any, tmp_path: Path) -> None:
@@ -77,7 +77,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     stage, text = tab.locator(".dnb-ed-stage").last, ""
     text = pupil.read_score(text)
     for source, target in zip(goal.source, goal.target, strict=True):
-        view, box = tab.evaluate(f"{STUDIO}.deformnb.view"), resting(stage)
+        view, box = tab.evaluate(f"{STUDIO}.deformnb.viewport.view"), resting(stage)
         corner = np.array([box["x"] + view["x"], box["y"] + view["y"]])
         assert box["y"] > 0, "picture and score are on the screen together"
         pupil.drag(corner + view["k"] * source, corner + view["k"] * target)
@@ -113,7 +113,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
         phone.loaded()
         assert phone.js("document.documentElement.scrollWidth <= innerWidth")
         assert len(phone.points()) == count
-        view, box = phone.js(f"({EDITOR}.view)"), phone.page.locator(".dnb-ed-stage").bounding_box()
+        view, box = phone.js(f"({EDITOR}.viewport.view)"), phone.page.locator(".dnb-ed-stage").bounding_box()
         before = phone.points()
         place = before.target[0]
         at = box["x"] + view["k"] * place[0] + view["x"], box["y"] + view["k"] * place[1] + view["y"]
@@ -123,7 +123,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
         np.testing.assert_allclose(way[0], np.array([30, 20]) / view["k"], atol=0.5)
         assert not way[1:].any()
         phone.js(
-            f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+            f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
             "({ ...p, target: [p.source[0], p.source[1] - 100] })) })"
         )
         phone.settled()

@@ -27,16 +27,16 @@ def at(page: Any, a: float, b: float) -> tuple[float, float]:
     """Where a place of the picture, in millimetres, is on the screen."""
     page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
     box = resting(page.locator(".dnb-ed-stage"))
-    x, y, k = page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+    x, y, k = page.evaluate(f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]")
     return box["x"] + x + k * a, box["y"] + y + k * b
 
 
 def ready(page: Any) -> None:
-    page.wait_for_function(f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source", timeout=120_000)
+    page.wait_for_function(f"document.querySelector('.dnb-editor') && {EDITOR}.picture.painter.source", timeout=120_000)
 
 
 def points(page: Any) -> Any:
-    return page.evaluate(f"() => {EDITOR}.points.map(({{ source, target }}) => [source, target])")
+    return page.evaluate(f"() => {EDITOR}.points.list.map(({{ source, target }}) => [source, target])")
 
 
 @pytest.mark.nightly
@@ -60,7 +60,7 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     bar = page.locator(".dnb-restore")
     assert not bar.is_visible()
     page.mouse.dblclick(*at(page, 20, 20))
-    page.wait_for_function(f"{EDITOR}.points.length === 5")
+    page.wait_for_function(f"{EDITOR}.points.list.length === 5")
     page.mouse.move(*at(page, 20, 20))
     page.mouse.down()
     page.mouse.move(*at(page, 26, 23), steps=5)
@@ -88,7 +88,7 @@ def test_what_a_killed_kernel_held_comes_back(lab: Lab, browser: Any) -> None:
     assert "was not saved (5 points, 1 step)." in bar.inner_text()
     assert len(points(page)) == 4
     page.get_by_role("button", name="Restore").click()
-    page.wait_for_function(f"{EDITOR}.points.length === 5", timeout=60_000)
+    page.wait_for_function(f"{EDITOR}.points.list.length === 5", timeout=60_000)
     assert points(page) == edited
     bar.wait_for(state="hidden")
     page.evaluate("() => { jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart(); }")
@@ -110,7 +110,7 @@ def test_an_unsaved_notebook_can_be_loaded_again_twice(lab: Lab, browser: Any) -
         lab.run_all(page)  # the notebook's file has no outputs; the kernel has the widgets of the cells before
         ready(page)
         page.mouse.dblclick(*at(page, 20, 20))
-        page.wait_for_function(f"{EDITOR}.points.length === 5")
+        page.wait_for_function(f"{EDITOR}.points.list.length === 5")
         assert page.get_by_text("Failed to initialize model").count() == 0
         end = time.monotonic() + 60
         while lab.run(page, "print(len(studio.editor.points))").strip() != "5":

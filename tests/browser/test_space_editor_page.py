@@ -56,8 +56,8 @@ class Opened:
         self.settled()
 
     def settled(self) -> None:
-        self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frame && !{PAGE}.pendingLook")
-        self.page.wait(f"!{PAGE}.frame")
+        self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frames.request && !{PAGE}.pendingLook")
+        self.page.wait(f"!{PAGE}.frames.request")
 
     def picture(self, pane: int) -> np.ndarray:
         """Grey values of one of the pictures, as they came from Python."""
@@ -283,7 +283,7 @@ def test_many_points_off_the_slice_keep_their_distances_to_themselves(opened: Ca
     assert not label.is_visible()
     here.page.page.locator(".dnb-sp-pane0 .dnb-sp-far[data-id]").first.focus()
     here.page.page.keyboard.press("Enter")
-    here.page.wait(f"{PAGE}.selected.size === 1 && !{PAGE}.frame")
+    here.page.wait(f"{PAGE}.selected.size === 1 && !{PAGE}.frames.request")
     assert here.page.page.locator(".dnb-sp-pane0 .dnb-ed-selected .dnb-ed-name").is_visible()
 
 

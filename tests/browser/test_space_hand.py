@@ -314,7 +314,7 @@ def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs
       let painted = 0;
       context.fillRect = (...box) => {{ painted += 1; fill(...box); }};
       handles.update = (points, ...given) => {{ flat.push([...points]); return update(points, ...given); }};
-      const counts = [], count = () => {{ editor.drawNow(); counts.push(painted); }};
+      const counts = [], count = () => {{ editor.frames.drawNow(); counts.push(painted); }};
       count();
       editor.points = editor.points.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 1) }}));
       count();

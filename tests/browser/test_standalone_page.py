@@ -101,7 +101,8 @@ class Opened:
 
     def settled(self) -> None:
         self.wait(
-            f"document.querySelector('.dnb-editor') && {EDITOR}.painter.source && !{EDITOR}.isMoving && !{EDITOR}.frame"
+            f"document.querySelector('.dnb-editor') && {EDITOR}.picture.painter.source && "
+            f"!{EDITOR}.frames.isMoving && !{EDITOR}.frames.request"
         )
 
     def loaded(self) -> None:
@@ -111,7 +112,7 @@ class Opened:
 
     def drag(self, place: Any, by: tuple[float, float]) -> None:
         """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
-        v, box = self.js(f"({EDITOR}.view)"), self.page.locator(".dnb-ed-stage").bounding_box()
+        v, box = self.js(f"({EDITOR}.viewport.view)"), self.page.locator(".dnb-ed-stage").bounding_box()
         x, y = box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
         self.page.mouse.move(x, y)
         self.page.mouse.down()
@@ -205,7 +206,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     assert (middle(moved) - middle(start) > 3).all()  # pixels to the right and down, as the hand went
     # The picture too, exactly as the core warps it at the canvas's pixels.
     editor.points = page.points()
-    v, raster = page.js(f"({EDITOR}.view)"), editor.picture.raster  # type: ignore[union-attr]
+    v, raster = page.js(f"({EDITOR}.viewport.view)"), editor.picture.raster  # type: ignore[union-attr]
     bent = page.picture()
     d = 1 / (v["k"] * v["ratio"])
     on_canvas = type(raster)(
@@ -229,7 +230,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     # Far to the right and up tissue leaves the box, beyond the same sides as the core finds.
     assert page.js(SIDES) == []
     page.js(
-        f"{MODELS}.editor.update({{ points: {EDITOR}.points.map((p) => "
+        f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
         "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
     )
     page.settled()
@@ -248,7 +249,7 @@ def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened
     page = opened(editor, view)
     page.loaded()
     start = page.volume()
-    box, v = page.page.locator(".dnb-ed-stage").bounding_box(), page.js(f"({EDITOR}.view)")
+    box, v = page.page.locator(".dnb-ed-stage").bounding_box(), page.js(f"({EDITOR}.viewport.view)")
     x, y = (box[c] + v["k"] * editor.points.target[4][k] + v[c] for k, c in enumerate("xy"))
     page.page.mouse.move(x, y)
     page.page.mouse.down()
@@ -295,7 +296,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     menu.select_option("thin_plate")
     page.page.locator("input[name=density]").fill("9")
     page.settled()
-    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('density')]") == ["thin_plate", 9]
+    assert page.js(f"[{EDITOR}.map.fit.kernel, {EDITOR}.model.get('density')]") == ["thin_plate", 9]
     with page.page.expect_download() as waiting:
         page.page.get_by_role("button", name="Download points").click()
     waiting.value.save_as(tmp_path / "points.json")
@@ -306,7 +307,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     page.page.get_by_role("button", name="Reset", exact=True).click()
     page.settled()
     assert np.abs(page.volume() - start).mean() < 0.3
-    assert page.js(f"[{EDITOR}.fit.kernel, {EDITOR}.model.get('settings').strength]") == ["wendland_c2", 1]
+    assert page.js(f"[{EDITOR}.map.fit.kernel, {EDITOR}.model.get('settings').strength]") == ["wendland_c2", 1]
 
 
 def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callable[..., Opened]) -> None:
@@ -347,7 +348,7 @@ def test_a_kernel_of_ones_own_works_in_the_page(opened: Callable[..., Opened], m
     for kernel in ("bell", "gaussian", "wendland_c2", "bell"):
         page.page.locator("select[name=kernel]").select_option(kernel)
         page.settled()
-        assert page.js(f"{EDITOR}.fit.kernel") == kernel
+        assert page.js(f"{EDITOR}.map.fit.kernel") == kernel
         seen.setdefault(kernel, []).append((page.picture(), page.volume()))
     for k, least in enumerate((1.0, 0.3)):  # of the picture, and of the volume
         own, again, built_in, other = (shown[k] for name in ("bell", "gaussian", "wendland_c2") for shown in seen[name])
@@ -443,7 +444,7 @@ def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], s
 
 def test_the_downloaded_document_is_plain_json_without_a_plane_of_its_own(opened: Callable[..., Opened]) -> None:
     page = opened(Editor(None, ControlPoints.from_arrays([[0, 0], [50, 0], [20, 40]])))
-    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frame")
+    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frames.request")
     text = json.loads(page.js(f"JSON.stringify({MODELS}.document())"))
     assert [p["target"] for p in text["points"]] == [[0, 0], [50, 0], [20, 40]]
     assert text["kernel"] == "wendland_c2"
@@ -454,10 +455,10 @@ def test_stages_locks_and_radii_come_back_with_the_points(opened: Callable[..., 
     editor.points = editor.points.edit(1, locked=True).edit(2, radius=31.5)
     editor.stages = 4
     page = opened(editor)
-    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frame")
+    page.wait(f"document.querySelector('.dnb-editor') && !{EDITOR}.frames.request")
     (step,) = from_json(page.js(f"JSON.stringify({MODELS}.document())")).steps
     assert step.points == editor.points
-    assert (step.stages, page.js(f"{EDITOR}.fit.stages.length")) == (4, 4)
+    assert (step.stages, page.js(f"{EDITOR}.map.fit.stages.length")) == (4, 4)
 
 
 @pytest.mark.nightly

@@ -59,7 +59,7 @@ class StudioInLab:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         host.open_notebook(self.page, [SETUP, "told"])
         self.page.wait_for_selector(".told", timeout=120_000)
-        self.page.wait_for_function(f"{EDITOR}.painter.source && {VIEW}.caster?.isReady", timeout=120_000)
+        self.page.wait_for_function(f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady", timeout=120_000)
         self.host.run(self.page, "studio.view.set_camera((0, 1, 0))")
         self.page.locator(".dnb-studio").scroll_into_view_if_needed()
 
@@ -72,17 +72,19 @@ class StudioInLab:
         """Where a place of the picture, in millimetres, is on the screen."""
         self.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
         box = resting(self.page.locator(".dnb-ed-stage"))
-        x, y, k = self.page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        x, y, k = self.page.evaluate(
+            f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]"
+        )
         return box["x"] + x + k * a, box["y"] + y + k * b
 
     def add(self, a: float, b: float) -> None:
         """A point, by a double-click."""
         count = len(self.points())
         self.page.mouse.dblclick(*self.at(a, b))
-        self.page.wait_for_function(f"{EDITOR}.points.length === {count + 1}")
+        self.page.wait_for_function(f"{EDITOR}.points.list.length === {count + 1}")
 
     def points(self) -> list[Any]:
-        return list(self.page.evaluate(f"() => {EDITOR}.points"))
+        return list(self.page.evaluate(f"() => {EDITOR}.points.list"))
 
     def drag(self, source: tuple[float, float], target: tuple[float, float]) -> None:
         """With the real mouse."""
@@ -98,7 +100,9 @@ class StudioInLab:
     def row(self) -> NDArray[np.bool_]:
         """Where the ball is seen on the picture, along x through its middle: one value a voxel."""
         image = self.pixels(".dnb-ed-stage")
-        x, y, k = self.page.evaluate(f"() => [{EDITOR}.view.x, {EDITOR}.view.y, {EDITOR}.view.k]")
+        x, y, k = self.page.evaluate(
+            f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]"
+        )
         return np.array([image[int(y + k * 29.5), int(x + k * a)].min() > 190 for a in range(60)])
 
     def pixels(self, part: str) -> NDArray[np.uint8]:
@@ -126,7 +130,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page = shown.page
     shown.tab("Rigid parts and cuts")
     page.get_by_role("button", name="Draw cut").click()
-    page.wait_for_function(f"{EDITOR}.pen.isOn")
+    page.wait_for_function(f"{EDITOR}.tools.pen.isOn")
     page.mouse.click(*shown.at(29.5, 52))
     page.mouse.click(*shown.at(29.5, 6))
     page.keyboard.press("Enter")
@@ -172,7 +176,7 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
     state = shown.told(lambda state: len(state["steps"]) == 2)
     assert [step["view"] for step in state["steps"]] == ["+y", "-z"]
-    page.wait_for_function(f"{EDITOR}.points.length === 4 && !{EDITOR}.model.get('waiting')")
+    page.wait_for_function(f"{EDITOR}.points.list.length === 4 && !{EDITOR}.model.get('waiting')")
     right, left = (40.0, 30.0) if state["u"] > 0 else (19.0, 29.0)  # from above a patient's left is on the other side
     shown.add(right, 20.0)
     shown.drag((right, 20.0), (left, 20.0))

@@ -27,7 +27,10 @@ points = studio.editor.points.add(studio.editor.points.target.mean(axis=0))
 studio.editor.points = points.move(points.ids[-1], points.target[-1] + [8.0, 5.0])
 studio
 """
-READY = "document.querySelector('.dnb-editor')?.deformnb?.painter.source && document.querySelector('.dnb-view canvas')"
+READY = (
+    "document.querySelector('.dnb-editor')?.deformnb?.picture.painter.source && "
+    "document.querySelector('.dnb-view canvas')"
+)
 NARROW = "(width) => { document.querySelector('.dnb-studio').style.maxWidth = width ? `${width}px` : ''; }"
 PAPER = """getComputedStyle(document.querySelector('.dnb-studio')).backgroundColor.match(/[0-9.]+/g).slice(0, 3).reduce(
   (sum, part) => sum + Number(part), 0) / 3 < 110"""
@@ -149,13 +152,13 @@ def test_a_menu_opens_under_its_button_and_closes_by_escape_and_by_a_press_besid
 
 def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> None:
     editor = "document.querySelector('.dnb-studio-panes .dnb-editor').deformnb"
-    before = window.evaluate(f"() => JSON.stringify({editor}.points)")
+    before = window.evaluate(f"() => JSON.stringify({editor}.points.list)")
     window.locator(".dnb-head").get_by_role("button", name="Examples", exact=True).click()
     window.locator(".dnb-menu-examples").get_by_role("button", name="Thompson's fish").click()
     window.locator(".dnb-menu-examples").wait_for(state="hidden")  # the pictures are not covered by it
-    window.wait_for_function(f"{editor}.points.length === 56")
+    window.wait_for_function(f"{editor}.points.list.length === 56")
     window.locator(".dnb-head button[title^='Undo: example']").click()
-    window.wait_for_function(f"(before) => JSON.stringify({editor}.points) === before", arg=before)
+    window.wait_for_function(f"(before) => JSON.stringify({editor}.points.list) === before", arg=before)
 
 
 @pytest.fixture(scope="module")

@@ -42,10 +42,10 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.set_viewport_size({"width": 1280, "height": 1000})
     lab.open_notebook(tab, [SETUP, "told"])
     tab.wait_for_selector(".told", timeout=120_000)
-    tab.wait_for_function("document.querySelector('.dnb-editor')?.deformnb.painter.source", timeout=120_000)
+    tab.wait_for_function("document.querySelector('.dnb-editor')?.deformnb.picture.painter.source", timeout=120_000)
     assert tab.evaluate(f"() => {VIEWS}.length") == 1
     choose(tab, "Thompson's grids and your own")
-    tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].gridNodes.nodes.length === 49", timeout=60_000)
+    tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].layers.nodes.nodes.length === 49", timeout=60_000)
     node = tab.locator(".dnb-th-after [data-node='16']")
     node.scroll_into_view_if_needed()
     box = resting(node)
@@ -53,14 +53,16 @@ def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any
     tab.mouse.move(x, y)
     tab.mouse.down()
     tab.mouse.move(x + 20, y - 12, steps=5)
-    tab.wait_for_function(f"{VIEWS}[0].points.length === 5 && {VIEWS}[2].points.length === 5")  # while the mouse moves
+    tab.wait_for_function(
+        f"{VIEWS}[0].points.list.length === 5 && {VIEWS}[2].points.list.length === 5"
+    )  # while the mouse moves
     tab.mouse.up()
     names, source, target = points_of_kernel(tab, 5)
-    k = tab.evaluate(f"() => {VIEWS}[2].view.k")
+    k = tab.evaluate(f"() => {VIEWS}[2].viewport.view.k")
     assert names[-1] == "grid 2,2"
     assert source[-1] == pytest.approx([-0.5 + 20, -0.5 + 20])
     assert target[-1] == pytest.approx([19.5 + 20 / k, 19.5 - 12 / k])
-    tab.wait_for_function(f"{VIEWS}.every((v) => v.points.at(-1).name === 'grid 2,2')")
+    tab.wait_for_function(f"{VIEWS}.every((v) => v.points.list.at(-1).name === 'grid 2,2')")
     for kind in ("SVG", "PDF", "PNG"):
         tab.get_by_role("button", name=kind, exact=True).click()
         tab.wait_for_function(f"document.body.innerText.includes('Wrote ball_grids.{kind.lower()}')", timeout=120_000)

@@ -28,7 +28,7 @@ def three(opened: Any, picture: Picture, points: ControlPoints) -> EditorOnPage:
     """The main editor above, the original and the grid below."""
     page = opened(Editor(picture, points, density=CELLS, height=240), size=(900, 900), draws=3)
     page.js(SIDES)
-    page.wait(f"{VIEWS}.every((view) => !view.isMoving && !view.frame)")
+    page.wait(f"{VIEWS}.every((view) => !view.frames.isMoving && !view.frames.request)")
     return page
 
 
@@ -53,17 +53,17 @@ def drag_node(page: EditorOnPage, n: int, by: tuple[float, float], view: int = 0
 
 
 def scale(page: EditorOnPage, view: int = 0) -> float:
-    return float(page.js(f"{VIEWS}[{view}].view.k"))
+    return float(page.js(f"{VIEWS}[{view}].viewport.view.k"))
 
 
 def test_nodes_are_there_only_where_they_can_be_dragged(three: EditorOnPage) -> None:
-    assert three.js(f"{VIEWS}.map((v) => v.gridNodes.side)") == ["", "before", "after"]
-    assert three.js(f"{VIEWS}.map((v) => v.gridNodes.nodes.length)") == [0, 0, 49]
+    assert three.js(f"{VIEWS}.map((v) => v.layers.nodes.side)") == ["", "before", "after"]
+    assert three.js(f"{VIEWS}.map((v) => v.layers.nodes.nodes.length)") == [0, 0, 49]
     three.editor.drag_grid = True
-    three.wait(f"{VIEWS}[0].gridNodes.nodes.length === 49")
-    assert three.js(f"{VIEWS}[1].gridNodes.nodes.length") == 0
+    three.wait(f"{VIEWS}[0].layers.nodes.nodes.length === 49")
+    assert three.js(f"{VIEWS}[1].layers.nodes.nodes.length") == 0
     three.editor.show_grid = False
-    three.wait(f"{VIEWS}[2].gridNodes.nodes.length === 0")
+    three.wait(f"{VIEWS}[2].layers.nodes.nodes.length === 0")
 
 
 def test_a_dragged_node_becomes_a_point_from_its_place_to_where_it_was_dropped(
@@ -76,7 +76,7 @@ def test_a_dragged_node_becomes_a_point_from_its_place_to_where_it_was_dropped(
     assert points.target[-1] == pytest.approx(node_of(picture, 3, 2) + np.array([26, -14]) / scale(three, 2), abs=1e-9)
     ends = three.js("models.editor.sent.filter((m) => m.phase === 'end').map((m) => m.points.length)")
     assert ends == [6]  # one edit, and so one step of undo
-    shown = three.js(f"{VIEWS}.map((v) => v.points.at(-1).name)")
+    shown = three.js(f"{VIEWS}.map((v) => v.points.list.at(-1).name)")
     assert shown == ["grid 3,2"] * 3
     gone = three.page.locator(".dnb-th-after " + NODE.format(17)).get_attribute("class")
     assert "dnb-ed-node-gone" in gone  # the point stands for it
@@ -87,16 +87,16 @@ def test_pictures_and_grids_follow_while_the_mouse_moves_but_for_the_original(th
     looks = "[...document.querySelectorAll('.dnb-ed-canvas:not(.dnb-ed-overlay)')].map((c) => c.toDataURL())"
     before = three.js(looks)
     drag_node(three, 17, (30, 10), 2, drop=False)
-    three.wait(f"!{VIEWS}.some((v) => v.isMoving || v.frame)")
+    three.wait(f"!{VIEWS}.some((v) => v.frames.isMoving || v.frames.request)")
     during = three.js(looks)
     assert [a != b for a, b in zip(before, during, strict=True)] == [True, False, True]
     assert three.js("models.editor.sent.filter((m) => m.phase === 'end').length") == 0
-    at = three.js(f"{VIEWS}.map((v) => v.points.length)")
+    at = three.js(f"{VIEWS}.map((v) => v.points.list.length)")
     assert at[0] == at[2] == 6
     three.page.keyboard.press("Escape")
     three.page.mouse.up()
-    three.wait(f"!{VIEWS}.some((v) => v.isMoving || v.frame)")
-    assert three.js(f"{VIEWS}.map((v) => v.points.length)") == [5, 5, 5]
+    three.wait(f"!{VIEWS}.some((v) => v.frames.isMoving || v.frames.request)")
+    assert three.js(f"{VIEWS}.map((v) => v.points.list.length)") == [5, 5, 5]
     assert three.js("models.editor.sent.filter((m) => m.phase === 'end').length") == 0
     assert len(three.points) == 5
 
@@ -148,7 +148,7 @@ def test_with_the_keyboard_a_node_is_found_held_and_moved(three: EditorOnPage, p
 
 def test_a_finger_drags_a_node(three: EditorOnPage, picture: Picture) -> None:
     x, y = middle(three, 17, 2)
-    three.js(f"""(() => {{ const node = {VIEWS}[2].gridNodes.nodes[17].root, group = node.parentElement;
+    three.js(f"""(() => {{ const node = {VIEWS}[2].layers.nodes.nodes[17].root, group = node.parentElement;
       group.setPointerCapture = group.releasePointerCapture = () => {{}};
       const say = (type, dx, dy) => node.dispatchEvent(new PointerEvent(type, {{ bubbles: true, pointerId: 7,
         pointerType: "touch", button: 0, clientX: {x} + dx, clientY: {y} + dy }}));
@@ -168,7 +168,7 @@ def test_magnified_a_node_stays_under_the_mouse(three: EditorOnPage, picture: Pi
     assert source + strength * (target - source) == pytest.approx(wanted, abs=1e-9)
     box = three.page.locator(".dnb-th-after [data-id='5'] .dnb-ed-disc").bounding_box()
     stage = three.page.locator(".dnb-th-after .dnb-ed-stage").bounding_box()
-    v = three.js(f"{VIEWS}[2].view")
+    v = three.js(f"{VIEWS}[2].viewport.view")
     on_screen = [stage["x"] + v["k"] * wanted[0] + v["x"], stage["y"] + v["k"] * wanted[1] + v["y"]]
     assert [box["x"] + box["width"] / 2, box["y"] + box["height"] / 2] == pytest.approx(on_screen, abs=1.0)
 
@@ -185,9 +185,9 @@ def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
     drag_node(three, 17, (45, 0), 2)
     three.page.keyboard.press("Escape")
     three.editor.strength = 3.0
-    three.wait(f"{VIEWS}[2].folds && {VIEWS}[2].folds.least <= 0")
+    three.wait(f"{VIEWS}[2].map.folds && {VIEWS}[2].map.folds.least <= 0")
     three.settled()
-    three.js(f"{VIEWS}[2].select([])")
+    three.js(f"{VIEWS}[2].points.select([])")
     three.wait(
         "document.querySelector('.dnb-th-after .dnb-ed-notes').textContent === "
         "'Magnified 3 times the map folds: magnify less'"
@@ -197,7 +197,7 @@ def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
 
 def test_nothing_can_be_dragged_on_the_original(three: EditorOnPage, points: ControlPoints) -> None:
     stage = three.page.locator(".dnb-th-before .dnb-ed-stage").bounding_box()
-    v = three.js(f"{VIEWS}[1].view")
+    v = three.js(f"{VIEWS}[1].viewport.view")
     x, y = stage["x"] + v["k"] * 70 + v["x"], stage["y"] + v["k"] * 25 + v["y"]
     three.page.mouse.move(x, y)
     three.page.mouse.down()

@@ -2,9 +2,14 @@
 
 import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Vector2 } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { PointTools } from "./point_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
 const BRUSH_HINTS: Record<string, string> = {
@@ -16,9 +21,22 @@ const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
+/** What the brush uses of the editor. */
+export interface BrushEditor {
+  model: Model;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  picture: ShownPicture;
+  tools: {
+    points: Pick<PointTools, "beginStroke" | "paintStroke" | "endDrag">;
+  };
+}
+
 /** A brush in use, its circle and its bar. */
 export class Brush {
-  editor: EditorView;
+  editor: BrushEditor;
   tool: string | null;
   at: Vector2 | null;
   from: Vector2;
@@ -31,7 +49,7 @@ export class Brush {
   value: HTMLSpanElement;
   done: HTMLButtonElement;
 
-  constructor(editor: EditorView) {
+  constructor(editor: BrushEditor) {
     this.editor = editor;
     this.tool = null;
     /** The place of the circle in CSS pixels. */
@@ -40,7 +58,11 @@ export class Brush {
     this.stroke = null;
     this.isByKeys = false;
     this.timer = 0;
-    this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Brush" });
+    this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
+      hidden: "",
+      role: "group",
+      "aria-label": "Brush",
+    });
     this.title = pageElement("span", "", this.bar);
     this.slider = pageElement("input", "", this.bar, {
       type: "range",
@@ -57,15 +79,15 @@ export class Brush {
     });
     this.done.textContent = "Done";
     this.slider.addEventListener("input", () =>
-      editor.guard(() =>
+      editor.frames.guard(() =>
         this.setRadius(this.#limits[0]! * (this.#limits[1]! / this.#limits[0]!) ** (Number(this.slider.value) / 100)),
       ),
     );
-    this.slider.addEventListener("change", () => editor.guard(() => editor.focusStage()));
+    this.slider.addEventListener("change", () => editor.frames.guard(() => editor.stage.focus()));
     this.done.addEventListener("click", () =>
-      editor.guard(() => {
+      editor.frames.guard(() => {
         this.stop();
-        editor.focusStage();
+        editor.stage.focus();
       }),
     );
   }
@@ -75,12 +97,12 @@ export class Brush {
   }
 
   get #diagonal() {
-    const [a0, a1, b0, b1] = this.editor.box;
+    const [a0, a1, b0, b1] = this.editor.picture.box;
     return Math.hypot(a1 - a0, b1 - b0);
   }
 
   get #limits() {
-    return BRUSH_PIXELS.map((pixels) => pixels / this.editor.view.k);
+    return BRUSH_PIXELS.map((pixels) => pixels / this.editor.viewport.view.k);
   }
 
   /** In units of the picture. */
@@ -93,7 +115,7 @@ export class Brush {
     this.editor.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
     clearTimeout(this.timer); // a slider moves pixel by pixel
     this.timer = setTimeout(() => this.editor.model.save_changes(), 200);
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   /** Notches of the wheel or presses of a key. */
@@ -106,19 +128,19 @@ export class Brush {
     const { editor } = this;
     this.tool = tool;
     this.isByKeys = false;
-    editor.stage.classList.add("dnb-ed-brushing");
-    editor.hint(BRUSH_HINTS[tool]!, 8000);
-    editor.announce(`${BRUSH_WORDS[tool]} brush: arrows move it, Enter presses and lifts it, Escape ends`);
-    editor.invalidate();
+    editor.stage.element.classList.add("dnb-ed-brushing");
+    editor.messages.hint(BRUSH_HINTS[tool]!, 8000);
+    editor.messages.announce(`${BRUSH_WORDS[tool]} brush: arrows move it, Enter presses and lifts it, Escape ends`);
+    editor.frames.invalidate();
   }
 
   stop() {
     if (!this.isOn) return false;
     this.lift(true);
     this.tool = null;
-    this.editor.stage.classList.remove("dnb-ed-brushing");
-    this.editor.hideHint(Object.values(BRUSH_HINTS));
-    this.editor.invalidate();
+    this.editor.stage.element.classList.remove("dnb-ed-brushing");
+    this.editor.messages.hideHint(Object.values(BRUSH_HINTS));
+    this.editor.frames.invalidate();
     return true;
   }
 
@@ -136,16 +158,14 @@ export class Brush {
   hover(at: Vector2 | null) {
     this.at = at;
     this.isByKeys = false;
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   press(at: Vector2) {
-    const {
-      editor,
-      editor: { pointTools },
-    } = this;
+    const { editor } = this,
+      { points: pointTools } = editor.tools;
     this.at = this.from = at;
-    const stroke = this.tool ? pointTools.beginStroke(editor.placeAt(at), this.radius, this.tool) : null;
+    const stroke = this.tool ? pointTools.beginStroke(editor.viewport.placeAt(at), this.radius, this.tool) : null;
     if (!stroke) return;
     this.stroke = stroke;
     pointTools.paintStroke(stroke);
@@ -154,12 +174,12 @@ export class Brush {
   drag(at: Vector2) {
     this.at = at;
     const { stroke, editor } = this;
-    editor.invalidate();
+    editor.frames.invalidate();
     if (!stroke) return;
     const was = { points: stroke.points, middle: stroke.middle, swell: stroke.swell };
-    if (stroke.tool === "move") stroke.move(editor.placeAt(at));
+    if (stroke.tool === "move") stroke.move(editor.viewport.placeAt(at));
     else stroke.grow((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
-    if (editor.pointTools.paintStroke(stroke)) return;
+    if (editor.tools.points.paintStroke(stroke)) return;
     Object.assign(stroke, was); // no further: it would fold, or enter what is rigid
   }
 
@@ -168,8 +188,8 @@ export class Brush {
     const { stroke } = this;
     this.stroke = null;
     const isIdle = stroke.tool === "move" ? stroke.done === 0 : stroke.swell === 0;
-    this.editor.pointTools.endDrag(isCancelled || isIdle, "brush");
-    if (!isCancelled && !isIdle) this.editor.announce(`${stroke.name} done`);
+    this.editor.tools.points.endDrag(isCancelled || isIdle, "brush");
+    if (!isCancelled && !isIdle) this.editor.messages.announce(`${stroke.name} done`);
   }
 
   // ---- keys ---------------------------------------------------------------------------------------------------------
@@ -180,7 +200,7 @@ export class Brush {
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      middle = [editor.view.width / 2, editor.view.height / 2];
+      middle = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
     if (key === "[" || key === "]") {
       this.grow(key === "]" ? 1 : -1);
       return true;
@@ -197,20 +217,20 @@ export class Brush {
       if (this.stroke) this.drag(next);
       else this.at = next as Vector2;
       this.isByKeys = true;
-      editor.announce(
-        `brush at ${editor
+      editor.messages.announce(
+        `brush at ${editor.viewport
           .placeAt(next as Vector2)
           .map(shownLength)
           .join(", ")}`,
       );
-      editor.invalidate();
+      editor.frames.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (this.stroke) this.lift();
     else {
       this.press((this.at ?? middle) as Vector2);
-      editor.announce(this.stroke ? "brush pressed" : "no stroke here");
+      editor.messages.announce(this.stroke ? "brush pressed" : "no stroke here");
     }
     return true;
   }

@@ -2,8 +2,12 @@
 
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { Frames } from "./frames.ts";
 import { context2d } from "./painter.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
+import type { WindowTool } from "./window_tool.ts";
 import { shownValue, windowStep } from "./window_tool.ts";
 
 const ROWS = 256;
@@ -12,8 +16,19 @@ const KEY_STEPS = [0.01, 0.1]; // of the bar, of an arrow key, and with Shift
 const LEAST_HEIGHT = 60,
   MARGIN = 56; // CSS pixels
 
+/** What the bar uses of the editor. */
+export interface ColourBarEditor {
+  frames: Frames;
+  stage: Stage;
+  viewport: Viewport;
+  picture: ShownPicture;
+  tools: {
+    window: Pick<WindowTool, "window" | "isOn" | "from" | "put" | "keep" | "reset">;
+  };
+}
+
 export class ColourBar {
-  editor: EditorView;
+  editor: ColourBarEditor;
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
@@ -28,9 +43,9 @@ export class ColourBar {
 
   drawn = "";
 
-  constructor(editor: EditorView) {
+  constructor(editor: ColourBarEditor) {
     this.editor = editor;
-    this.root = pageElement("div", "dnb-ed-colours", editor.stage, {
+    this.root = pageElement("div", "dnb-ed-colours", editor.stage.element, {
       hidden: "",
       role: "group",
       "aria-label": "Colour bar",
@@ -48,14 +63,14 @@ export class ColourBar {
         ...OWN_KEYS,
       });
       const on = (type: string, handler: (event: any) => void) =>
-        handle.addEventListener(type, (event) => editor.guard(() => handler(event)));
+        handle.addEventListener(type, (event) => editor.frames.guard(() => handler(event)));
       on("pointerdown", (event) => this.#hold(event, k));
       on("pointermove", (event) => this.#drag(event));
       for (const type of ["pointerup", "pointercancel"]) on(type, () => this.#drop());
       on("keydown", (event) => this.#key(event, k));
       on("dblclick", (event) => {
         event.stopPropagation();
-        editor.windowTool.reset();
+        editor.tools.window.reset();
       });
       return handle;
     });
@@ -64,12 +79,16 @@ export class ColourBar {
   /** Show the bar beside grey values in colours, and while their window is changed. */
   update() {
     const { editor, held } = this,
-      { windowTool, view, painter } = editor,
+      {
+        tools: { window: windowTool },
+        viewport: { view },
+        picture: { painter },
+      } = editor,
       grey = painter.source?.grey,
       { window } = windowTool;
     const height = view.height - 2 * MARGIN;
     const isShown = Boolean(
-      grey && window && (windowTool.isOn || windowTool.from || held !== null || editor.hasColours),
+      grey && window && (windowTool.isOn || windowTool.from || held !== null || editor.picture.hasColours),
     );
     this.root.hidden = !isShown || height < LEAST_HEIGHT;
     if (this.root.hidden || !grey || !window) return;
@@ -104,7 +123,9 @@ export class ColourBar {
       context,
       ends: [first, last],
       editor: {
-        painter: { colours },
+        picture: {
+          painter: { colours },
+        },
       },
     } = this;
     const image = context.createImageData(1, ROWS),
@@ -129,18 +150,18 @@ export class ColourBar {
     const { top, height } = this.canvas.getBoundingClientRect(),
       [first, last] = this.ends as Vector2;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
-    this.editor.windowTool.put(this.#moved(this.held, last + (first - last) * share));
+    this.editor.tools.window.put(this.#moved(this.held, last + (first - last) * share));
   }
 
   #drop() {
     if (this.held === null) return;
     this.held = null;
-    this.editor.windowTool.keep();
+    this.editor.tools.window.keep();
   }
 
   #key(event: KeyboardEvent, k: number) {
     const ways = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1 },
-      { windowTool } = this.editor;
+      windowTool = this.editor.tools.window;
     const way = ways[event.key as keyof typeof ways],
       { window } = windowTool;
     if (event.key === "Tab" || event.key === "Escape") return;
@@ -159,7 +180,10 @@ export class ColourBar {
 
   /** The window with one of its values moved, black below white. */
   #moved(k: number, value: number): Vector2 {
-    const { windowTool, painter } = this.editor,
+    const {
+        tools: { window: windowTool },
+        picture: { painter },
+      } = this.editor,
       step = windowStep(painter.source?.grey?.range ?? [0, 1]);
     const [low, high] = (windowTool.window ?? [0, 1]) as Vector2,
       rounded = Number((Math.round(value / step) * step).toPrecision(15));

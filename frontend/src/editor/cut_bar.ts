@@ -4,26 +4,51 @@
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
-import type { RegionData, Vector2 } from "../types.ts";
+import type { Sender } from "../sync/edits.ts";
+import { setTrait } from "../sync/edits.ts";
+import type { Model, RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { PointTools } from "./point_tools.ts";
+import type { ShapeTools } from "./shape_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
-
-import type { EditorView } from "./editor.ts";
 
 const CLOSED_POINTS = 16,
   OPEN_POINTS = 9; // along a line that was traced
 const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
 
+/** What the bar uses of the editor. */
+export interface CutBarEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  points: EditedPoints;
+  picture: ShownPicture;
+  tools: {
+    brush: { readonly isOn: boolean };
+    pen: { readonly isOn: boolean };
+    wand: { readonly isOn: boolean };
+    points: Pick<PointTools, "seenAt" | "edit">;
+    shapes: Pick<ShapeTools, "choice" | "stopAtEnds" | "remove">;
+  };
+}
+
 export class CutBar {
-  editor: EditorView;
+  editor: CutBarEditor;
   bar: HTMLDivElement;
   stops: HTMLInputElement;
   front: HTMLInputElement;
   pull: HTMLButtonElement;
 
-  constructor(editor: EditorView) {
+  constructor(editor: CutBarEditor) {
     this.editor = editor;
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage, {
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage.element, {
       hidden: "",
       role: "group",
       "aria-label": "Chosen cut",
@@ -31,12 +56,12 @@ export class CutBar {
     this.stops = this.#box(
       "Stop at the ends",
       "The cut stops at both ends; else it goes on straight to the border",
-      (isOn) => editor.shapeTools.stopAtEnds(isOn),
+      (isOn) => editor.tools.shapes.stopAtEnds(isOn),
     );
     this.front = this.#box(
       "Front only",
       "The front of the volume comes apart, and the back stays as it is; " + "the group Depth has the curve",
-      (isOn) => editor.set("front_only", isOn),
+      (isOn) => setTrait(editor.model, "front_only", isOn),
     );
     this.pull = this.#button(
       "Pull open",
@@ -58,7 +83,7 @@ export class CutBar {
       ...OWN_KEYS,
     });
     button.textContent = words;
-    button.addEventListener("click", () => this.editor.guard(act));
+    button.addEventListener("click", () => this.editor.frames.guard(act));
     return button;
   }
 
@@ -66,18 +91,18 @@ export class CutBar {
     const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title });
     const input = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
     pageElement("span", "", label).textContent = words;
-    input.addEventListener("change", () => this.editor.guard(() => act(input.checked)));
+    input.addEventListener("change", () => this.editor.frames.guard(() => act(input.checked)));
     return input;
   }
 
   /** The line of the chosen cut; null where it is closed, or none is chosen. */
   get #line(): RegionData | null {
-    return this.editor.shapeTools.canStop ? (this.editor.shapeTools.chosenShape?.region ?? null) : null;
+    return this.editor.tools.shapes.choice.canStop ? (this.editor.tools.shapes.choice.shape?.region ?? null) : null;
   }
 
   /** The chosen cut if it is a line, open or closed. */
   get #outline(): LineRegion | null {
-    const { chosen, chosenShape } = this.editor.shapeTools,
+    const { chosen, shape: chosenShape } = this.editor.tools.shapes.choice,
       region = chosen?.what === "cuts" ? chosenShape?.region : null;
     return region?.kind === "line" || region?.kind === "polygon" ? region : null;
   }
@@ -86,7 +111,12 @@ export class CutBar {
     const { editor } = this,
       region = this.#line,
       isFront = editor.model.get("front_only");
-    const isBusy = editor.pen.isOn || editor.brush.isOn || editor.wand.isOn || editor.isLocked || editor.isBefore;
+    const isBusy =
+      editor.tools.pen.isOn ||
+      editor.tools.brush.isOn ||
+      editor.tools.wand.isOn ||
+      editor.points.isLocked ||
+      editor.picture.isBefore;
     this.bar.hidden = !this.#outline || isBusy;
     const isOpen = region?.kind === "line";
     for (const part of [this.stops.parentElement, this.pull]) part?.toggleAttribute("hidden", !isOpen);
@@ -97,13 +127,11 @@ export class CutBar {
   }
 
   #makePoints() {
-    const {
-        editor,
-        editor: { pointTools, shapeTools },
-      } = this,
+    const { editor } = this,
+      { points: pointTools, shapes: shapeTools } = editor.tools,
       region = this.#outline;
     if (!region) return;
-    const made = [...editor.points],
+    const made = [...editor.points.list],
       isClosed = region.kind === "polygon";
     let id = nextId(made, editor.sender.nextId),
       count = 0;
@@ -113,37 +141,35 @@ export class CutBar {
     }
     if (!pointTools.edit(made, "add")) return;
     shapeTools.remove();
-    editor.announce(`${count} points along the line, in its place`);
-    editor.hint("Drag the points; Undo brings the line back", 4000);
+    editor.messages.announce(`${count} points along the line, in its place`);
+    editor.messages.hint("Drag the points; Undo brings the line back", 4000);
   }
 
   #pullOpen() {
-    const {
-        editor,
-        editor: { pointTools },
-      } = this,
+    const { editor } = this,
+      { points: pointTools } = editor.tools,
       region = this.#line,
-      [a0, a1, b0, b1] = editor.box;
+      [a0, a1, b0, b1] = editor.picture.box;
     if (region?.kind !== "line") return;
-    const { pulled, held } = openingPlaces(region.vertices, editor.box),
+    const { pulled, held } = openingPlaces(region.vertices, editor.picture.box),
       near = NEAR * Math.hypot(a1 - a0, b1 - b0);
-    const made = [...editor.points];
+    const made = [...editor.points.list];
     let id = nextId(made, editor.sender.nextId);
     for (const { from, to } of pulled) {
       const source = pointTools.seenAt(from as Vector2);
       if (source === null) {
-        editor.hint("It is open already: drag its points to pull further", 4000);
+        editor.messages.hint("It is open already: drag its points to pull further", 4000);
         return;
       }
       made.push(newPoint(id++, source, to));
     }
     for (const place of held) {
       const source = pointTools.seenAt(place as Vector2);
-      const isNear = editor.points.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
+      const isNear = editor.points.list.some(({ target: [a, b] }) => Math.hypot(a - place[0], b - place[1]) < near);
       if (source !== null && !isNear) made.push(newPoint(id, source, place, `hold ${id++}`));
     }
     if (!pointTools.edit(made, "open")) return;
-    editor.announce("pulled open by two points");
-    editor.hint("Drag the two points to open it further", 4000);
+    editor.messages.announce("pulled open by two points");
+    editor.messages.hint("Drag the two points to open it further", 4000);
   }
 }

@@ -3,23 +3,32 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
-
-import type { Point, Shapes, Vector2 } from "../types.ts";
-import type { EditorView } from "./editor.ts";
+import type { Model, Point, Shapes, Vector2 } from "../types.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { ShownPicture } from "./shown_picture.ts";
 /** what a map is fitted to */
 export type MapState = { points: Point[]; shapes: Shapes };
 
 const HOLD_WORK = 6e4,
   HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 
+/** What the stop uses of the editor. */
+export interface FoldStopEditor {
+  model: Model;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+}
+
 /** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {
-  editor: EditorView;
+  editor: FoldStopEditor;
   note: string;
   least0: number | null;
   start: MapState;
 
-  constructor(editor: EditorView) {
+  constructor(editor: FoldStopEditor) {
     this.editor = editor;
     this.note = ""; // the reason why a drag was stopped
     /** The smallest det J before the drag. */
@@ -30,7 +39,7 @@ export class FoldStop {
 
   /** A drag begins. */
   begin() {
-    const { points, shapes } = this.editor;
+    const { list: points, shapes } = this.editor.points;
     Object.assign(this, { note: "", least0: null, start: { points, shapes } });
   }
 
@@ -38,10 +47,16 @@ export class FoldStop {
   #leastOf({ points, shapes }: MapState) {
     const { editor } = this;
     try {
-      const layered = editor.fitOf(points, shapes);
+      const layered = editor.map.fitOf(points, shapes);
       const [few, many] = HOLD_NODES as Vector2;
       const nodes = Math.max(few, Math.min(many, Math.floor(Math.sqrt(HOLD_WORK / (layered.count + 1)))));
-      return foldsOf(layered, editor.box, nodes, probesOf(layered, HOLD_WORK / 4), editor.tissueTest(layered)).least;
+      return foldsOf(
+        layered,
+        editor.picture.box,
+        nodes,
+        probesOf(layered, HOLD_WORK / 4),
+        editor.map.tissueTest(layered),
+      ).least;
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       return -Infinity;

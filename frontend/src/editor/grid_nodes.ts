@@ -6,9 +6,19 @@
 
 import { newPoint, nextId, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
-import type { LayeredFit, Point, Vector2 } from "../types.ts";
+import type { Sender } from "../sync/edits.ts";
+import type { LayeredFit, Model, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Modes } from "./modes.ts";
+import type { PointTools } from "./point_tools.ts";
+import type { Gestures } from "./pointer.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
 export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
 /** id: of the new point. */
@@ -25,17 +35,38 @@ const NODE_STEPS: Record<string, Vector2> = {
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
+/** What the nodes use of the editor. */
+export interface NodesEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+  layers: {
+    handles: { readonly arrows: SVGGElement };
+  };
+  tools: {
+    pen: { readonly isOn: boolean };
+    modes: Pick<Modes, "isAdding">;
+    gestures: Pick<Gestures, "isSpaceDown" | "pointers">;
+    points: Pick<PointTools, "beginDrag" | "drag" | "endDrag" | "edit" | "present">;
+  };
+}
+
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {
-  editor: EditorView;
+  editor: NodesEditor;
   nodes: NodeParts[];
   made: { key: unknown[]; places: GridPlaces } | null;
   current: number;
   drag: NodeDrag | null;
   group: SVGGElement;
-  closing: AbortController;
 
-  constructor(editor: EditorView) {
+  constructor(editor: NodesEditor) {
     this.editor = editor;
     this.nodes = [];
     /** Places of the nodes, and what they were made of. */
@@ -43,49 +74,42 @@ export class GridNodes {
     this.current = 0; // the node at which Tab stops
     this.drag = null;
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
-    editor.svg.insertBefore(this.group, editor.handles.arrows); // under the points
-    this.closing = new AbortController();
-    const {
-      group,
-      closing: { signal },
-    } = this;
-    group.addEventListener("pointerdown", (e) => editor.guard(() => this.#down(e)), { signal });
-    group.addEventListener("pointermove", (e) => editor.guard(() => this.#move(e)), { signal });
-    group.addEventListener("pointerup", (e) => editor.guard(() => this.#up(e, false)), { signal });
+    editor.stage.svg.insertBefore(this.group, editor.layers.handles.arrows); // under the points
+    const { group } = this,
+      { signal } = editor.stage.closing;
+    group.addEventListener("pointerdown", (e) => editor.frames.guard(() => this.#down(e)), { signal });
+    group.addEventListener("pointermove", (e) => editor.frames.guard(() => this.#move(e)), { signal });
+    group.addEventListener("pointerup", (e) => editor.frames.guard(() => this.#up(e, false)), { signal });
     for (const name of ["pointercancel", "lostpointercapture"] as const) {
-      group.addEventListener(name, (e) => editor.guard(() => this.#up(e, true)), { signal });
+      group.addEventListener(name, (e) => editor.frames.guard(() => this.#up(e, true)), { signal });
     }
     group.addEventListener(
       "dblclick",
       (e) => {
         e.stopPropagation();
-        editor.guard(() => this.#take(this.#at(e)));
+        editor.frames.guard(() => this.#take(this.#at(e)));
       },
       { signal },
     );
-    group.addEventListener("keydown", (e) => editor.guard(() => this.#keyDown(e)), { signal });
-    editor.root.addEventListener(
+    group.addEventListener("keydown", (e) => editor.frames.guard(() => this.#keyDown(e)), { signal });
+    editor.stage.root.addEventListener(
       "keydown",
       (e) => {
         const { drag } = this;
         if (drag && e.key === "Escape") {
           e.stopPropagation();
-          editor.guard(() => this.#end(drag, true));
+          editor.frames.guard(() => this.#end(drag, true));
         }
       },
       { signal, capture: true },
     );
   }
 
-  close() {
-    this.closing.abort();
-  }
-
   // ---- the kind of this view ----------------------------------------------------------------------------------------
 
   /** "before", "after", or "" in a view that stands for itself. */
   get side() {
-    const around = this.editor.root.closest(".dnb-th-before, .dnb-th-after");
+    const around = this.editor.stage.root.closest(".dnb-th-before, .dnb-th-after");
     return !around ? "" : around.classList.contains("dnb-th-before") ? "before" : "after";
   }
 
@@ -97,7 +121,7 @@ export class GridNodes {
 
   /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
   get pull() {
-    const strength = this.editor.strength;
+    const strength = this.editor.map.strength;
     return !this.isOn ? 1 : Math.abs(strength) < LEAST_STRENGTH ? 0 : 1 / strength;
   }
 
@@ -105,7 +129,7 @@ export class GridNodes {
    * The points where they take what they hold: beside the nodes they must lie on the grid, however drags are magnified.
    */
   shown(points: Point[]) {
-    const { strength } = this.editor;
+    const strength = this.editor.map.strength;
     if (strength === 1 || !this.isOn) return points;
     return points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
   }
@@ -116,7 +140,7 @@ export class GridNodes {
 
   /** A warning about drags that are magnified until the map folds, or "". */
   warning(folds: { least: number }) {
-    const { strength } = this.editor,
+    const strength = this.editor.map.strength,
       isBeyond = strength < 0 || strength > 1;
     if (!this.isOn || !isBeyond || folds.least > 0) return "";
     return `Magnified ${Number(strength.toFixed(2))} times the map folds: magnify less`;
@@ -127,7 +151,11 @@ export class GridNodes {
   /** Places of the nodes under a fit, found once for each. */
   placesOf(layered: LayeredFit) {
     const {
-        editor: { model, box, view },
+        editor: {
+          model,
+          picture: { box },
+          viewport: { view },
+        },
         made,
       } = this,
       cells = model.get("density") || 12;
@@ -147,8 +175,8 @@ export class GridNodes {
     }
     const { columns, rows, target, isSeen } = this.placesOf(layered),
       held = this.#held();
-    const { k, x, y } = this.editor.view;
-    const [a0, a1] = this.editor.box,
+    const { k, x, y } = this.editor.viewport.view;
+    const [a0, a1] = this.editor.picture.box,
       reach = Math.max(5, Math.min(11, (0.42 * k * (a1 - a0)) / (columns - 1)));
     this.#trim(columns * rows);
     for (let n = 0; n < columns * rows; n++) {
@@ -195,7 +223,11 @@ export class GridNodes {
 
   /** The numbers of the nodes that are control points. */
   #held() {
-    const { box, points, model } = this.editor,
+    const {
+        picture: { box },
+        points: { list: points },
+        model,
+      } = this.editor,
       [a0, a1, b0, b1] = box;
     const [across, down] = gridShape(box, model.get("density")) as Vector2;
     const near = NODE_SAME * Math.hypot(a1 - a0, b1 - b0),
@@ -223,19 +255,19 @@ export class GridNodes {
   /** The points with one more at a node, which goes where the node is: nothing moves by it. */
   #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this,
-      id = nextId(editor.points, editor.sender.nextId);
+      id = nextId(editor.points.list, editor.sender.nextId);
     const [x, y] = [source[2 * n]!, source[2 * n + 1]!],
       from: Vector2 = [x, y];
     const to: Vector2 = [x + pull * (target[2 * n]! - x), y + pull * (target[2 * n + 1]! - y)];
     const name = `grid ${n % columns},${Math.floor(n / columns)}`;
-    return { id, points: [...editor.points, newPoint(id, from, to, name)] };
+    return { id, points: [...editor.points.list, newPoint(id, from, to, name)] };
   }
 
   /** Whether nodes can be dragged now; a hint if their drags would come to nothing. */
   #isFree() {
     const { editor } = this;
-    if (editor.isLocked) return false;
-    if (this.pull === 0) editor.hint(STILL_GRID, 5000);
+    if (editor.points.isLocked) return false;
+    if (this.pull === 0) editor.messages.hint(STILL_GRID, 5000);
     return this.pull !== 0;
   }
 
@@ -245,11 +277,11 @@ export class GridNodes {
     if (
       event.button !== 0 ||
       n === null ||
-      editor.isLocked ||
-      editor.pen.isOn ||
-      editor.isAdding ||
-      editor.gestures.isSpaceDown ||
-      editor.gestures.pointers.size
+      editor.points.isLocked ||
+      editor.tools.pen.isOn ||
+      editor.tools.modes.isAdding ||
+      editor.tools.gestures.isSpaceDown ||
+      editor.tools.gestures.pointers.size
     )
       return; // the others' business
     event.stopPropagation();
@@ -261,21 +293,18 @@ export class GridNodes {
     this.drag = {
       n,
       pointer: event.pointerId,
-      from: editor.gestures.place(event),
+      from: editor.stage.placeOf(event),
       id: null,
       slack: slackOf(event.pointerType),
     };
   }
 
   #move(event: PointerEvent) {
-    const {
-      drag,
-      editor,
-      editor: { pointTools },
-    } = this;
+    const { drag, editor } = this,
+      { points: pointTools } = editor.tools;
     if (!drag || event.pointerId !== drag.pointer) return;
     event.stopPropagation();
-    const at = editor.gestures.place(event),
+    const at = editor.stage.placeOf(event),
       by: Vector2 = [at[0] - drag.from[0], at[1] - drag.from[1]];
     if (drag.id === null) {
       if (Math.hypot(by[0], by[1]) < drag.slack || !this.made) return;
@@ -285,7 +314,7 @@ export class GridNodes {
         this.drag = null;
         return;
       }
-      editor.select([id], false);
+      editor.points.select([id], false);
     }
     pointTools.drag([drag.id], by, "target", drag.id, event.shiftKey);
   }
@@ -301,24 +330,22 @@ export class GridNodes {
     this.drag = null;
     if (this.group.hasPointerCapture(drag.pointer)) this.group.releasePointerCapture(drag.pointer);
     if (drag.id === null) {
-      if (!isCancelled) editor.hint(NODE_HINT, 4000);
+      if (!isCancelled) editor.messages.hint(NODE_HINT, 4000);
       return;
     }
     const before = editor.sender.points; // of which the new point is none yet
-    editor.pointTools.endDrag(isCancelled);
+    editor.tools.points.endDrag(isCancelled);
     if (isCancelled || editor.sender.points === before) {
-      editor.select([]);
+      editor.points.select([]);
       return;
     }
-    editor.pointTools.present(drag.id, "holds the grid");
+    editor.tools.points.present(drag.id, "holds the grid");
   }
 
   /** Hold a node where it is. */
   #take(n: number | null) {
     if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
-    const {
-        editor: { pointTools },
-      } = this,
+    const { points: pointTools } = this.editor.tools,
       { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");
   }

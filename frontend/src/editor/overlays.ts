@@ -3,12 +3,22 @@
 import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
-import type { LayeredFit, Raster, Vector2, Vector4 } from "../types.ts";
+import { setTrait } from "../sync/edits.ts";
+import type { LayeredFit, Model, Raster, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
-import type { EditorView, Folds } from "./editor.ts";
-import type { GridPlaces } from "./grid_nodes.ts";
+import type { Toolbar } from "../ui/toolbar.ts";
+import type { EditorTheme } from "./base.ts";
+import type { Folds } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { GridLayer } from "./grid_layer.ts";
+import type { GridNodes, GridPlaces } from "./grid_nodes.ts";
+import type { Messages } from "./messages.ts";
 import type { View } from "./painter.ts";
 import { bytesOf, context2d, drawGrid } from "./painter.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 export type StrainArm = { from: Vector2; to: Vector2; grows: boolean };
 export type UncertaintyLegend = [level: number, text: string][];
 export type FoldPieces = ReturnType<typeof foldPieces>;
@@ -101,22 +111,30 @@ function strainKey(parent: HTMLElement, gain: number, cell: number) {
 
 export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
+/** What the ghost uses of the editor. */
+export interface GhostEditor {
+  model: Model;
+  stage: Stage;
+  viewport: Viewport;
+  picture: ShownPicture;
+}
+
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
-  editor: EditorView;
+  editor: GhostEditor;
   image: HTMLImageElement;
   bytes: DataView<ArrayBuffer> | null;
   url: string;
 
-  constructor(editor: EditorView) {
+  constructor(editor: GhostEditor) {
     this.editor = editor;
-    this.image = pageElement("img", "dnb-ed-ghost", editor.stage, {
+    this.image = pageElement("img", "dnb-ed-ghost", editor.stage.element, {
       alt: "",
       "aria-hidden": "true",
       draggable: "false",
       hidden: "",
     });
-    editor.svg.before(this.image);
+    editor.stage.svg.before(this.image);
     this.bytes = null;
     this.url = "";
   }
@@ -125,8 +143,12 @@ export class Ghost {
   draw() {
     const {
       model,
-      view: { k, x, y },
-      box: [a0, a1, b0, b1],
+      viewport: {
+        view: { k, x, y },
+      },
+      picture: {
+        box: [a0, a1, b0, b1],
+      },
     } = this.editor;
     const bytes = model.get("ghost"),
       opacity = Number(model.get("ghost_opacity")) || 0;
@@ -184,9 +206,28 @@ const KEY_CORNERS = [
 ]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
+/** What the overlay uses of the editor. */
+export interface OverlayEditor {
+  model: Model;
+  frames: Frames;
+  messages: Messages;
+  theme: EditorTheme;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  picture: ShownPicture;
+  layers: {
+    grid: Pick<GridLayer, "isOn" | "last">;
+    nodes: Pick<GridNodes, "placesOf">;
+  };
+  panels: {
+    toolbar: Pick<Toolbar, "buttons">;
+  };
+}
+
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {
-  editor: EditorView;
+  editor: OverlayEditor;
   canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
   small: HTMLCanvasElement;
@@ -200,15 +241,23 @@ export class Overlay {
   gain: string;
   select: HTMLSelectElement;
 
-  constructor(editor: EditorView) {
+  constructor(editor: OverlayEditor) {
     this.editor = editor;
-    this.canvas = pageElement("canvas", "dnb-ed-overlay", editor.stage, { "aria-hidden": "true" });
+    this.canvas = pageElement("canvas", "dnb-ed-overlay", editor.stage.element, { "aria-hidden": "true" });
     this.context = context2d(this.canvas);
     this.small = document.createElement("canvas"); // for an image that is magnified
     this.hatch = hatchPattern(this.context);
-    this.worst = svgElement("g", { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" }, editor.svg);
+    this.worst = svgElement(
+      "g",
+      { class: "dnb-ed-worst", visibility: "hidden", "aria-hidden": "true" },
+      editor.stage.svg,
+    );
     for (const name of ["case", "ring"]) svgElement("circle", { r: 9, class: `dnb-ed-worst-${name}` }, this.worst);
-    this.key = pageElement("div", "dnb-ed-key", editor.stage, { role: "img", "aria-label": "legend", hidden: "" });
+    this.key = pageElement("div", "dnb-ed-key", editor.stage.element, {
+      role: "img",
+      "aria-label": "legend",
+      hidden: "",
+    });
     /** The values that the canvas was drawn from. */
     this.drawn = null;
     /** The folds that are drawn, in places of the picture. */
@@ -216,13 +265,13 @@ export class Overlay {
     this.isUsed = false; // whether there is anything on the canvas
     this.described = ""; // the values that the legend was made from
     this.gain = ""; // the same of the strains
-    editor.svg.before(this.canvas); // the handles lie over it
-    const menus = editor.toolbar.buttons.get("compare")?.button.parentElement ?? null;
+    editor.stage.svg.before(this.canvas); // the handles lie over it
+    const menus = editor.panels.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
     for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
       pageElement("option", "", this.select, { value, title: title! }).textContent = label!;
     }
-    this.select.addEventListener("change", () => editor.guard(() => this.choose(this.select.value)));
+    this.select.addEventListener("change", () => editor.frames.guard(() => this.choose(this.select.value)));
   }
 
   get kind(): string {
@@ -231,15 +280,15 @@ export class Overlay {
   }
 
   choose(kind: string) {
-    this.editor.set("overlay", kind);
-    this.editor.announce(`overlay: ${OVERLAYS[kind]![1]}`);
+    setTrait(this.editor.model, "overlay", kind);
+    this.editor.messages.announce(`overlay: ${OVERLAYS[kind]![1]}`);
   }
 
   next() {
     const names = Object.keys(OVERLAYS),
       kind = names[(names.indexOf(this.kind) + 1) % names.length]!;
     this.choose(kind);
-    this.editor.hint(`${OVERLAYS[kind]![0]}: ${OVERLAYS[kind]![1]}`);
+    this.editor.messages.hint(`${OVERLAYS[kind]![0]}: ${OVERLAYS[kind]![1]}`);
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -257,7 +306,11 @@ export class Overlay {
   }
 
   #lay(layered: LayeredFit | null, known: LayeredFit | null, kind: string, folds: Folds | null, isMoving: boolean) {
-    const { view, model, box, sheet } = this.editor;
+    const {
+      viewport: { view },
+      model,
+      picture: { box, sheet },
+    } = this.editor;
     const key = [
       layered,
       kind,
@@ -282,9 +335,7 @@ export class Overlay {
   }
 
   #clear() {
-    const {
-        view: { width, height, ratio },
-      } = this.editor,
+    const { width, height, ratio } = this.editor.viewport.view,
       { canvas, context: c } = this;
     const w = Math.max(1, Math.round(width * ratio)),
       h = Math.max(1, Math.round(height * ratio));
@@ -297,8 +348,12 @@ export class Overlay {
   /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
   #visible(): Vector4 | null {
     const {
-      view: { k, x, y, width, height },
-      sheet: [a0, a1, b0, b1],
+      viewport: {
+        view: { k, x, y, width, height },
+      },
+      picture: {
+        sheet: [a0, a1, b0, b1],
+      },
     } = this.editor;
     const [left, right] = [Math.max(a0, -x / k), Math.min(a1, (width - x) / k)];
     const [top, bottom] = [Math.max(b0, -y / k), Math.min(b1, (height - y) / k)];
@@ -309,7 +364,9 @@ export class Overlay {
     const {
         kind,
         editor: {
-          view: { k },
+          viewport: {
+            view: { k },
+          },
         },
       } = this,
       [a0, a1, b0, b1] = part,
@@ -337,7 +394,7 @@ export class Overlay {
   #drawFolds({ fill, edge }: FoldPieces, isInAir: boolean) {
     if (!fill.length) return;
     const { context: c } = this,
-      { k, x, y, ratio } = this.editor.view,
+      { k, x, y, ratio } = this.editor.viewport.view,
       red = new Path2D(),
       rim = new Path2D();
     for (const polygon of fill) {
@@ -376,16 +433,25 @@ export class Overlay {
       out[at + 3] = 255;
     }
     this.#spread(image, raster, AREA_ALPHA, part);
-    const { grid, view, colours, model } = this.editor; // the grid lies under the colours, and would hardly be seen
+    const {
+      layers: {
+        grid: { last: grid },
+      },
+      viewport: { view },
+      theme: { colours },
+      model,
+    } = this.editor; // the grid lies under the colours, and would hardly be seen
     if (grid && model.get("show_grid") && model.get("density") > 0)
       drawGrid(this.context, view, grid.lines, colours.grid);
   }
 
   #drawStrain(layered: LayeredFit) {
     const {
-        gridNodes,
-        view,
-        box: [a0, a1],
+        layers: { nodes: gridNodes },
+        viewport: { view },
+        picture: {
+          box: [a0, a1],
+        },
       } = this.editor,
       places = gridNodes.placesOf(layered);
     const cell = (a1 - a0) / (places.columns - 1),
@@ -407,7 +473,7 @@ export class Overlay {
     [left, right, top, bottom]: Vector4,
   ) {
     const { context: c } = this,
-      { k, x, y, ratio } = this.editor.view,
+      { k, x, y, ratio } = this.editor.viewport.view,
       { width, height } = image;
     Object.assign(this.small, { width, height }); // which clears it
     context2d(this.small).putImageData(image, 0, 0);
@@ -434,7 +500,7 @@ export class Overlay {
     if (!given || !width || given.byteLength !== width * height) return;
     const values = bytesOf(given);
     const image = new ImageData(width, height),
-      [a0, a1, b0, b1] = this.editor.box;
+      [a0, a1, b0, b1] = this.editor.picture.box;
     const da = (a1 - a0) / width,
       db = (b1 - b0) / height;
     for (let n = 0; n < values.length; n++)
@@ -442,7 +508,7 @@ export class Overlay {
     const raster: Pick<Raster, "spacing" | "origin"> = { spacing: [da, db], origin: [a0 + da / 2, b0 + db / 2] };
     this.#spread(image, raster, 1, part);
     const { context: c } = this,
-      { k, x, y, ratio } = this.editor.view,
+      { k, x, y, ratio } = this.editor.viewport.view,
       lines = new Path2D();
     for (const [level] of legend) {
       for (const [u, v, p, q] of contourOf(values, [height, width], level)) {
@@ -467,7 +533,7 @@ export class Overlay {
     const place = folds && folds.least <= 0 ? (folds.place as Vector2) : null;
     setAttributes(this.worst, { visibility: place ? "visible" : "hidden" });
     if (!place) return;
-    const [x, y] = this.editor.onView(place);
+    const [x, y] = this.editor.viewport.onView(place);
     setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
@@ -475,13 +541,15 @@ export class Overlay {
   #placeKey(isMoving: boolean) {
     if (this.key.hidden || isMoving) return;
     const {
-        view: { width, height },
-        points,
+        viewport: {
+          view: { width, height },
+        },
+        points: { list: points },
       } = this.editor,
       air = 22; // CSS pixels: a disc, and from it to the edge
     const wide = this.key.offsetWidth + air,
       high = this.key.offsetHeight + air;
-    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.onView(at as Vector2));
+    const places = points.flatMap((p) => [p.target, p.source]).map((at) => this.editor.viewport.onView(at as Vector2));
     const hidden = ([row, column]: string[]) =>
       places.filter(
         ([x, y]) => (column === "left" ? x < wide : x > width - wide) && (row === "top" ? y < high : y > height - high),

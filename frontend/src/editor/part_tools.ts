@@ -15,10 +15,20 @@ import {
   turnAndShift,
   withShape,
 } from "../maths/shapes.ts";
-import type { PartData, Point, Shapes, Vector2 } from "../types.ts";
-import type { EditorView } from "./editor.ts";
+import type { Sender } from "../sync/edits.ts";
+import type { Model, PartData, Point, Shapes, Vector2 } from "../types.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { FoldStop } from "./fold_stop.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Modes } from "./modes.ts";
 import type { PartHandle } from "./motion_handles.ts";
 import { MotionHandles } from "./motion_handles.ts";
+import type { ShapeTools } from "./shape_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 
 /**
  * A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
@@ -41,37 +51,56 @@ const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag wit
 const ALONE = "nothing holds what is around it: add points there, or a fixed side";
 const VERBS: Record<PartHandle, string> = { move: "move", turn: "turn", pivot: "move the pivot of" };
 
+/** What the tools use of the editor. */
+export interface PartEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+  tools: {
+    foldStop: Pick<FoldStop, "begin" | "limit">;
+    modes: Pick<Modes, "isAdding" | "isSelecting">;
+    shapes: Pick<ShapeTools, "choice" | "edit" | "handles">;
+  };
+}
+
 export class PartTools {
-  editor: EditorView;
+  editor: PartEditor;
   handles: MotionHandles;
   drag0: PartDrag | null;
   isLive: boolean;
   isSent: boolean;
 
-  constructor(editor: EditorView) {
+  constructor(editor: PartEditor) {
     this.editor = editor;
-    this.handles = new MotionHandles(editor.svg, editor.shapeTools.handles.grips);
+    this.handles = new MotionHandles(editor.stage.svg, editor.tools.shapes.handles.grips);
     this.drag0 = null;
     this.isLive = false; // whether the part has moved since Python was told
     this.isSent = false; // whether Python has been told anything of this drag
+    editor.points.draggers.push(this);
   }
 
   /** The part that is chosen and switched on, and its place in the list. */
   get #own() {
-    const { chosen, chosenShape: shape } = this.editor.shapeTools;
+    const { chosen, shape } = this.editor.tools.shapes.choice;
     return chosen && shape?.enabled && "motion" in shape ? { part: shape, index: chosen.index } : null;
   }
 
   /** Whether there is a part to move. */
   get isOn() {
-    return this.#own !== null && !this.editor.isLocked;
+    return this.#own !== null && !this.editor.points.isLocked;
   }
 
   /** Draw the handles. True if the focus was on one that is gone. */
   draw() {
     const { editor } = this,
-      own = this.isOn && !editor.isAdding && !editor.isSelecting ? this.#own : null;
-    return this.handles.update(own?.part ?? null, own?.index ?? 0, editor.view);
+      own = this.isOn && !editor.tools.modes.isAdding && !editor.tools.modes.isSelecting ? this.#own : null;
+    return this.handles.update(own?.part ?? null, own?.index ?? 0, editor.viewport.view);
   }
 
   /**
@@ -79,7 +108,7 @@ export class PartTools {
    */
   #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[]; shapes: Shapes }): PartState {
     const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) },
-      { strength } = this.editor;
+      strength = this.editor.map.strength;
     const points = carriedPoints(start.points, before, after);
     const held = heldPoints(points, shapes.parts, strength).map(({ point }) => point.id);
     return { shapes, points, held };
@@ -88,37 +117,35 @@ export class PartTools {
   /** Take other parts that Python proposes, after a question about the points that contradict them. */
   propose(proposed: PartData[], kind: string) {
     const { editor } = this,
-      before = editor.shapes.parts,
+      before = editor.points.shapes.parts,
       parts = cleanShapes(proposed, "parts", before);
-    let { points } = editor;
+    let points = editor.points.list;
     parts.forEach((part, k) => {
       const was = before[k];
       if (was && sameShapes(was.region, part.region)) points = carriedPoints(points, was, part);
     });
-    editor.shapeTools.edit("parts", parts, kind, { wasFine: true, points });
+    editor.tools.shapes.edit("parts", parts, kind, { wasFine: true, points });
   }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /** Begin a drag at a place of the view. */
   beginDrag(handle: PartHandle, from: Vector2) {
-    const {
-        editor,
-        editor: { points, shapes },
-      } = this,
+    const { editor } = this,
+      { list: points, shapes } = editor.points,
       own = this.#own;
-    if (editor.isLocked || !own) return;
+    if (editor.points.isLocked || !own) return;
     this.drag0 = {
       ...own,
       handle,
       points,
       shapes,
-      wasFine: !editor.error,
-      start: editor.placeAt(from),
+      wasFine: !editor.map.error,
+      start: editor.viewport.placeAt(from),
       now: { points, shapes, held: [] },
     };
     this.isSent = false;
-    editor.foldStop.begin();
+    editor.tools.foldStop.begin();
   }
 
   /**
@@ -129,22 +156,22 @@ export class PartTools {
     const { editor, drag0 } = this;
     if (!drag0) return;
     const { part, index, handle } = drag0,
-      to = editor.placeAt(at);
+      to = editor.viewport.placeAt(at);
     const make =
       handle === "pivot"
         ? this.#pivoting(part, drag0.start, to)
         : handle === "turn"
           ? turning(part, drag0.start, to, isStepped)
           : moving(part, drag0.start, to);
-    drag0.now = editor.foldStop.limit((share) => {
+    drag0.now = editor.tools.foldStop.limit((share) => {
       const state = this.#stateOf(part, make(share), index, drag0);
       return { ...state, points: without(state.points, state.held) };
     });
-    Object.assign(editor, { points: drag0.now.points, shapes: drag0.now.shapes });
+    Object.assign(editor.points, { list: drag0.now.points, shapes: drag0.now.shapes });
     const shown = drag0.now.shapes.parts[index]!;
-    editor.hint(this.#words(shown, handle, drag0.now.held.length));
+    editor.messages.hint(this.#words(shown, handle, drag0.now.held.length));
     this.isLive = true;
-    editor.changed(true);
+    editor.map.changed(true);
   }
 
   /** Send the part on its way, if Python follows the drag. */
@@ -167,9 +194,7 @@ export class PartTools {
    */
   #words(part: PartData, handle: PartHandle, held: number) {
     if (handle === "pivot") return `pivot at ${placeMoved(part.motion, pivotOf(part)).map(shownLength).join(", ")}`;
-    const {
-        editor: { layered },
-      } = this,
+    const { layered } = this.editor.map,
       words = motionWords(part) || "where it was";
     const isAlone = (layered?.fits ?? []).every(({ fit }) => fit.count === 0 && (fit.rigid?.length ?? 0) < 2);
     return [words, held ? `${held === 1 ? "1 point" : `${held} points`} in the way` : "", isAlone ? ALONE : ""]
@@ -182,13 +207,13 @@ export class PartTools {
     this.drag0 = null;
     if (!drag0) return;
     const { handle, part, index, now, points, shapes, wasFine } = drag0;
-    Object.assign(editor, { points, shapes });
+    Object.assign(editor.points, { list: points, shapes });
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`,
       after = now.shapes.parts[index];
     if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
-    Object.assign(editor, { points: editor.sender.points, shapes: editor.sender.shapes });
-    editor.changed();
-    if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
+    Object.assign(editor.points, { list: editor.sender.points, shapes: editor.sender.shapes });
+    editor.map.changed();
+    if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now
   }
 
   #edit(
@@ -199,9 +224,12 @@ export class PartTools {
     { wasFine, join }: { wasFine?: boolean; join?: string | null } = {},
   ) {
     const { editor } = this,
-      { shapes, points } = this.#stateOf(before, after, index, editor);
-    const isDone = editor.shapeTools.edit("parts", shapes.parts, kind, { wasFine, points, join });
-    if (isDone) editor.announce(`${shapeName(after, "parts", index)} ${motionWords(after) || "where it was"}`);
+      { shapes, points } = this.#stateOf(before, after, index, {
+        points: editor.points.list,
+        shapes: editor.points.shapes,
+      });
+    const isDone = editor.tools.shapes.edit("parts", shapes.parts, kind, { wasFine, points, join });
+    if (isDone) editor.messages.announce(`${shapeName(after, "parts", index)} ${motionWords(after) || "where it was"}`);
     return isDone;
   }
 
@@ -212,38 +240,38 @@ export class PartTools {
     const { editor } = this,
       own = this.#own,
       [du, dv] = editor.model.get("raster").spacing;
-    if (!own || editor.isLocked) return;
+    if (!own || editor.points.isLocked) return;
     const { part, index } = own,
       by: Vector2 = [dx * pixels * du, dy * pixels * dv];
     const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by as Vector2)(1);
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
     this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
-    editor.drawNow();
+    editor.frames.drawNow();
   }
 
   /** Turn the part by one step, clockwise for 1. */
   turnKey(way: number, isLarge: boolean) {
     const { editor } = this,
       own = this.#own;
-    if (!own || editor.isLocked) return;
+    if (!own || editor.points.isLocked) return;
     const { part, index } = own,
       { angle, shift } = turnAndShift(part);
     const after = partTurned(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0]! * Math.PI) / 180, shift);
     this.#edit(part, after, index, `turn ${part.name || SHAPE_NAMES.parts}`, { join: `turn part ${index}` });
-    editor.drawNow();
+    editor.frames.drawNow();
   }
 
   /** Put the part back to where it was: it is fixed again. */
   reset() {
     const own = this.#own;
-    if (!own || this.editor.isLocked || !own.part.motion) return;
+    if (!own || this.editor.points.isLocked || !own.part.motion) return;
     const { part, index } = own;
     this.#edit(part, { ...part, motion: null }, index, `put back ${part.name || SHAPE_NAMES.parts}`);
   }
 
   /** The part with its pivot on the way from one place to another, held to the picture. Its motion stays. */
   #pivoting(part: PartData, from: Vector2, to: Vector2) {
-    const [a0, a1, b0, b1] = this.editor.sheet,
+    const [a0, a1, b0, b1] = this.editor.picture.sheet,
       [a, b] = placeMoved(part.motion, pivotOf(part));
     return (share: number): PartData => {
       const at: Vector2 = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];

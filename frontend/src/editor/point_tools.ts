@@ -8,7 +8,6 @@ import {
   freeIds,
   lockedPoints,
   middleOf,
-  mirroredEdit,
   mirrorSide,
   movedPoints,
   newPoint,
@@ -28,12 +27,23 @@ import {
 } from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
-import { placeSeen } from "../maths/warp_map.ts";
+import type { Sender } from "../sync/edits.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { LayeredFit, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
+import type { LayeredFit, Model, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { FoldStop } from "./fold_stop.ts";
+import type { Frames } from "./frames.ts";
+import type { Handles } from "./handles.ts";
 import { pointLabel } from "./handles.ts";
+import type { Messages } from "./messages.ts";
+import { PointMirror } from "./mirror.ts";
+import type { NamePrompt } from "./name_prompt.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import { SnapGrid } from "./snap_grid.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 /** the places of points that a drag moves */
 export type Moved = "target" | "source" | "both";
 /** points, ids of those that turn, the centre */
@@ -74,21 +84,51 @@ function allowedMove(
   return { points: between(low), held };
 }
 
+/** What the tools use of the editor. */
+export interface PointEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+  layers: {
+    handles: Pick<Handles<Point>, "blink" | "focus" | "lock">;
+    nodes: { readonly pull: number };
+  };
+  panels: {
+    names: NamePrompt;
+  };
+  tools: {
+    brush: { readonly radius: number };
+    foldStop: Pick<FoldStop, "begin" | "limit" | "refuses">;
+    parts: { sendMove(): void };
+  };
+}
+
 /** Edits of the control points. */
 export class PointTools {
-  editor: EditorView;
+  editor: PointEditor;
   drag0: Point[] | null;
   isLive: boolean;
   isSent: boolean;
   strokeSide: number;
+  mirror: PointMirror;
+  snap: SnapGrid;
 
-  constructor(editor: EditorView) {
+  constructor(editor: PointEditor) {
     this.editor = editor;
     /** The points before a drag, null while there is none. */
     this.drag0 = null;
     this.isLive = false; // whether points on their way have not been sent yet
     this.isSent = false; // whether points of this drag have been sent
     this.strokeSide = 0; // the side of the mirror on which the stroke of a brush began
+    this.mirror = new PointMirror(editor);
+    this.snap = new SnapGrid(editor);
+    editor.points.draggers.push(this);
   }
 
   // ---- edits --------------------------------------------------------------------------------------------------------
@@ -100,10 +140,10 @@ export class PointTools {
    */
   edit(points: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     const { editor } = this;
-    if (editor.isLocked || samePoints(points, editor.points)) return false;
-    if (!editor.error && !this.accepts(points)) return false;
+    if (editor.points.isLocked || samePoints(points, editor.points.list)) return false;
+    if (!editor.map.error && !this.accepts(points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      editor.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
+      editor.messages.show("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }
     editor.sender.edit(points, kind, join); // which notifies all views, this one too
@@ -112,19 +152,19 @@ export class PointTools {
 
   /** The same with its mirror image, if the mirror is on. */
   change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
-    return this.edit(this.symmetric(this.editor.points, points, 0, kind === "add"), kind, join);
+    return this.edit(this.mirror.edit(this.editor.points.list, points, 0, kind === "add"), kind, join);
   }
 
   /** Whether a fit is possible; if not, the reason is shown. */
-  accepts(points: Point[], shapes: Partial<Shapes> = this.editor.shapes) {
+  accepts(points: Point[], shapes: Partial<Shapes> = this.editor.points.shapes) {
     const { editor } = this;
     try {
-      editor.fitOf(points, shapes);
+      editor.map.fitOf(points, shapes);
     } catch (error) {
       if (!(error instanceof RbfError)) throw error;
       const { message } = error;
-      editor.showMessage(message, true);
-      editor.handles.blink(points.filter((p) => message.includes(rbfLabel(p))).map((p) => p.id));
+      editor.messages.show(message, true);
+      editor.layers.handles.blink(points.filter((p) => message.includes(rbfLabel(p))).map((p) => p.id));
       return false;
     }
     return true;
@@ -133,12 +173,12 @@ export class PointTools {
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   /** Begin a drag of these points, which may have one more than the editor. */
-  beginDrag(points: Point[] = this.editor.points) {
+  beginDrag(points: Point[] = this.editor.points.list) {
     const { editor } = this;
-    if (editor.isLocked) return false;
-    editor.points = points;
+    if (editor.points.isLocked) return false;
+    editor.points.list = points;
     Object.assign(this, { drag0: points, isSent: false });
-    editor.foldStop.begin();
+    editor.tools.foldStop.begin();
     return true;
   }
 
@@ -154,10 +194,10 @@ export class PointTools {
       this.hintLocked([id]);
       return;
     }
-    const f = (what === "target" ? editor.gridNodes.pull : 1) / editor.view.k;
+    const f = (what === "target" ? editor.layers.nodes.pull : 1) / editor.viewport.view.k;
     const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose),
-      lead = this.#sideOf(id);
-    this.#show(drag0, (t) => this.symmetric(drag0, movedPoints(drag0, ids, t * way[0]!, t * way[1]!, what), lead));
+      lead = this.mirror.sideOf(id);
+    this.#show(drag0, (t) => this.mirror.edit(drag0, movedPoints(drag0, ids, t * way[0]!, t * way[1]!, what), lead));
   }
 
   /**
@@ -165,18 +205,18 @@ export class PointTools {
    */
   #show(drag0: Point[], make: (share: number) => Point[]) {
     const { editor } = this,
-      { shapes } = editor;
-    const { points: wanted } = editor.foldStop.limit((share) => ({ points: make(share), shapes }));
-    const { points, held } = allowedMove(drag0, wanted, editor.shapes.parts, editor.strength);
-    editor.handles.lock(held.map(({ point }) => point.id));
+      shapes = editor.points.shapes;
+    const { points: wanted } = editor.tools.foldStop.limit((share) => ({ points: make(share), shapes }));
+    const { points, held } = allowedMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
+    editor.layers.handles.lock(held.map(({ point }) => point.id));
     if (held.length) this.#hintHeld(held[0]!);
-    editor.rate.moved(performance.now());
+    editor.frames.rate.moved(performance.now());
     this.#follow(points);
   }
 
   #follow(points: Point[]) {
-    this.editor.points = points;
-    this.editor.changed(true);
+    this.editor.points.list = points;
+    this.editor.map.changed(true);
     this.isLive = true;
   }
 
@@ -184,44 +224,44 @@ export class PointTools {
   sendMove() {
     const { editor } = this;
     if (this.drag0 && this.isLive && editor.model.get("live")) {
-      editor.sender.move(editor.points);
+      editor.sender.move(editor.points.list);
       this.isSent = true;
     }
     this.isLive = false;
-    editor.partTools.sendMove();
+    editor.tools.parts.sendMove();
   }
 
   #hintHeld({ point, part }: Held) {
     const why = part.motion ? "has a motion of its own" : "is fixed";
-    this.editor.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
+    this.editor.messages.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
 
   endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
     const { editor, drag0 } = this,
-      { points } = editor;
+      points = editor.points.list;
     this.drag0 = null;
-    editor.sender.drawn = editor.rate.taken();
-    editor.handles.lock([]);
+    editor.sender.drawn = editor.frames.rate.taken();
+    editor.layers.handles.lock([]);
     if (!drag0) return;
-    editor.points = drag0;
+    editor.points.list = drag0;
     if (!isCancelled && this.edit(points, kind)) return;
-    editor.points = editor.sender.points; // Python may have moved them meanwhile
-    editor.changed();
-    if (this.isSent) editor.sender.move(editor.points); // Python has followed the drag, which is void now
+    editor.points.list = editor.sender.points; // Python may have moved them meanwhile
+    editor.map.changed();
+    if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now
   }
 
   // ---- single edits -------------------------------------------------------------------------------------------------
 
   /** Those that may be changed, with the rims that go along; a hint if there are none. */
   freed(ids: number[]) {
-    const free = freeIds(this.editor.points, withRims(this.editor.points, ids));
+    const free = freeIds(this.editor.points.list, withRims(this.editor.points.list, ids));
     if (ids.length && !free.length) this.hintLocked(ids);
     return free;
   }
 
   hintLocked([id]: number[]) {
-    const p = this.editor.pointOf(id!);
-    if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    const p = this.editor.points.withId(id!);
+    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   /**
@@ -229,17 +269,21 @@ export class PointTools {
    */
   nudge(focused: number | null, [dx, dy]: Vector2, pixels: number, what: Moved) {
     const { editor } = this,
-      ids = editor.idsAt(focused);
+      ids = editor.points.idsAt(focused);
     if (ids.length === 0) {
-      editor.panBy(-dx * pixels * 4, -dy * pixels * 4);
+      editor.viewport.panBy(-dx * pixels * 4, -dy * pixels * 4);
       return;
     }
-    if (focused !== null && !editor.selected.has(focused)) editor.select([focused]);
+    if (focused !== null && !editor.points.selected.has(focused)) editor.points.select([focused]);
     const [du, dv] = editor.model.get("raster").spacing,
       free = this.freed(ids);
-    this.change(movedPoints(editor.points, free, dx * pixels * du, dy * pixels * dv, what), "nudge", `nudge ${ids}`);
-    const p = editor.pointOf(ids[0]!);
-    if (p && ids.length === 1) editor.announce(pointLabel(p));
+    this.change(
+      movedPoints(editor.points.list, free, dx * pixels * du, dy * pixels * dv, what),
+      "nudge",
+      `nudge ${ids}`,
+    );
+    const p = editor.points.withId(ids[0]!);
+    if (p && ids.length === 1) editor.messages.announce(pointLabel(p));
   }
 
   /**
@@ -247,7 +291,7 @@ export class PointTools {
    * magnified by the strength, a feature must come from target + D / strength to be seen at the target.
    */
   #sourcesOf(layered: LayeredFit | null): (target: Vector) => Vector2 | null {
-    const strength = this.editor.strength || 1;
+    const strength = this.editor.map.strength || 1;
     return (target) => {
       const [da, db, opacity] = layered ? placeOf(layered, target[0], target[1], 1e-9) : ([0, 0, 1] as const);
       return opacity < 0.5 ? null : [target[0] + da / strength, target[1] + db / strength];
@@ -257,7 +301,7 @@ export class PointTools {
   /** The place of the original picture that is seen at a place, null in a gap. */
   seenAt([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
-      layered = editor.isComparing ? null : editor.layered;
+      layered = editor.picture.isComparing ? null : editor.map.layered;
     const [da, db, opacity] = layered ? placeOf(layered, a, b, 1e-9) : ([0, 0, 1] as const);
     return opacity < 0.5 ? null : [a + da, b + db];
   }
@@ -270,184 +314,85 @@ export class PointTools {
    */
   addAt([x, y]: Vector2, isLoose = false): number | null {
     const { editor } = this,
-      [near] = editor.points
+      [near] = editor.points.list
         .map((p) => {
-          const [px, py] = editor.onView(p.target as Vector2);
+          const [px, py] = editor.viewport.onView(p.target as Vector2);
           return { id: p.id, away: Math.hypot(px - x, py - y) };
         })
         .sort((p, q) => p.away - q.away);
     if (near && near.away < NEAR) {
-      editor.select([near.id]);
-      editor.handles.focus(near.id);
+      editor.points.select([near.id]);
+      editor.layers.handles.focus(near.id);
       return near.id;
     }
-    const place = editor.placeAt([x, y]),
-      target = isLoose ? place : this.#snappedPlace(place);
-    const source = this.#sourcesOf(editor.fitAt([x, y]))(target);
+    const place = editor.viewport.placeAt([x, y]),
+      target = isLoose ? place : this.snap.placeOf(place);
+    const source = this.#sourcesOf(editor.map.fitAt([x, y]))(target);
     if (source === null) {
-      editor.hint("This is a gap: there is nothing here to take hold of");
+      editor.messages.hint("This is a gap: there is nothing here to take hold of");
       return null;
     }
-    const id = nextId(editor.points, editor.sender.nextId);
-    if (!this.change([...editor.points, newPoint(id, source, target)], "add")) return id;
+    const id = nextId(editor.points.list, editor.sender.nextId);
+    if (!this.change([...editor.points.list, newPoint(id, source, target)], "add")) return id;
     this.present(id, "added");
     return id;
   }
 
   addInMiddle() {
-    this.addAt([this.editor.view.width / 2, this.editor.view.height / 2]);
+    this.addAt([this.editor.viewport.view.width / 2, this.editor.viewport.view.height / 2]);
   }
 
   /** Select a point, give it the focus, and describe it to a screen reader. */
   present(id: number, remark: string) {
     const { editor } = this,
-      p = editor.pointOf(id);
-    editor.select([id]);
-    editor.drawNow();
-    editor.handles.focus(id);
-    if (p) editor.announce(`${pointLabel(p)}, ${remark}`);
+      p = editor.points.withId(id);
+    editor.points.select([id]);
+    editor.frames.drawNow();
+    editor.layers.handles.focus(id);
+    if (p) editor.messages.announce(`${pointLabel(p)}, ${remark}`);
   }
 
   remove(wanted: number[]) {
     const { editor } = this,
       ids = this.freed(wanted),
-      at = editor.points.findIndex((p) => p.id === ids[0]);
-    const hadFocus = editor.svg.contains(treeOf(editor.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
-    editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
-    const next = editor.points[Math.min(at, editor.points.length - 1)];
-    editor.drawNow();
-    if (hadFocus && next) editor.handles.focus(next.id);
-    else if (hadFocus) editor.focusStage();
+      at = editor.points.list.findIndex((p) => p.id === ids[0]);
+    const hadFocus = editor.stage.svg.contains(treeOf(editor.stage.root).activeElement);
+    if (!ids.length || !this.change(removedPoints(editor.points.list, ids), "remove")) return;
+    editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
+    editor.frames.drawNow();
+    if (hadFocus && next) editor.layers.handles.focus(next.id);
+    else if (hadFocus) editor.stage.focus();
   }
 
   rename(id: number) {
     const { editor } = this,
-      p = editor.pointOf(id);
-    if (!p || editor.isLocked) return;
-    editor.promptName(p.name, `point ${id}`, editor.onView(p.target as Vector2), {
+      p = editor.points.withId(id);
+    if (!p || editor.points.isLocked) return;
+    editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.onView(p.target as Vector2), {
       take: (text) => {
-        this.edit(renamedPoint(editor.points, id, text), "rename");
+        this.edit(renamedPoint(editor.points.list, id, text), "rename");
       },
-      focus: () => editor.handles.focus(id),
+      focus: () => editor.layers.handles.focus(id),
     });
   }
 
   switch(ids: number[]) {
-    this.change(switchedPoints(this.editor.points, ids), "switch");
+    this.change(switchedPoints(this.editor.points.list, ids), "switch");
   }
 
   /** Put these points back where they were taken, all if there are none. */
   reset(ids: number[]) {
-    const { points } = this.editor;
+    const points = this.editor.points.list;
     this.change(resetPoints(points, this.freed(ids.length ? ids : points.map((p) => p.id))), "reset");
-  }
-
-  // ---- the mirror ---------------------------------------------------------------------------------------------------
-
-  get mirror() {
-    const { on = false, axis = "a", at = null } = this.editor.model.get("mirror") ?? {};
-    return { on: Boolean(on), axis: String(axis), at: Number(at ?? this.#middle(axis)) };
-  }
-
-  #middle(axis: string) {
-    const [a0, a1, b0, b1] = this.editor.box;
-    return axis === "a" ? (a0 + a1) / 2 : (b0 + b1) / 2;
-  }
-
-  /** The lengths within which a source is on the axis, and a partner is found: parts of a pixel. */
-  get #mirrorNear() {
-    const pixel = Math.max(...this.editor.model.get("raster").spacing);
-    return { axis: 0.5 * pixel, partner: pixel };
-  }
-
-  #setMirror(change: { on: boolean; axis?: string; at?: number }) {
-    this.editor.set("mirror", { ...this.mirror, ...change });
-    const { on, axis } = this.mirror,
-      line = axis === "a" ? "upright" : "level";
-    if (on) this.editor.hint(`What you do on one side of the ${line} line is done on the other too`, 4000);
-  }
-
-  toggleMirror() {
-    this.#setMirror({ on: !this.mirror.on });
-  }
-
-  turnMirror() {
-    const axis = this.mirror.axis === "a" ? "b" : "a";
-    this.#setMirror({ on: true, axis, at: this.#middle(axis) });
-  }
-
-  /** Move the axis; Python gets it at the end. */
-  moveAxis(at: number, isEnd: boolean) {
-    const { editor } = this,
-      c = this.mirror.axis === "a" ? 0 : 1;
-    const low = editor.box[2 * c]!,
-      high = editor.box[2 * c + 1]!;
-    editor.model.set("mirror", { ...this.mirror, at: Math.max(low, Math.min(high, at)) });
-    if (isEnd) editor.model.save_changes();
-    editor.invalidate();
-  }
-
-  /** The side of the mirror on which a point was taken: 1, -1, or 0 on the axis and without a mirror. */
-  #sideOf(id: number) {
-    const { mirror } = this,
-      p = this.editor.pointOf(id);
-    return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
-  }
-
-  /**
-   * An edit from `before` to `after` with its mirror image.
-   * @param lead the side that decides, or 0
-   * @param holds whether new points take hold of what is seen, on both sides
-   */
-  symmetric(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
-    const { mirror, editor } = this,
-      { layered } = editor,
-      near = this.#mirrorNear;
-    if (!mirror.on) return after;
-    const seenAt = (source: Vector) =>
-      holds && layered && editor.strength === 1 && !editor.isOriginal
-        ? placeSeen(layered, source, 1e-6 * near.axis)
-        : null;
-    return mirroredEdit(mirror, before, after, { near, lead, id: nextId(after, editor.sender.nextId), seenAt });
-  }
-
-  // ---- the grid to which targets keep -------------------------------------------------------------------------------
-
-  /** A cell of the grid that is drawn. */
-  get #cell() {
-    const [a0, a1, b0, b1] = this.editor.box;
-    return Math.max(a1 - a0, b1 - b0) / (this.editor.model.get("density") || 16);
-  }
-
-  get snap() {
-    return Number(this.editor.model.get("snap")) || 0;
-  }
-
-  toggleSnap() {
-    this.editor.set("snap", this.snap > 0 ? 0 : this.#cell);
-    const { snap } = this;
-    if (snap > 0) this.editor.hint(`Targets keep to a grid of ${shownLength(snap)}; hold Alt to go between`, 4000);
-  }
-
-  /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
-  #snappedPlace([a, b]: Vector2): Vector2 {
-    const { snap } = this,
-      cell = this.#cell,
-      [a0, a1, b0, b1] = this.editor.box;
-    if (!(snap > 0)) return [a, b];
-    const isDrawn = Math.abs(snap - cell) < 1e-6 * cell;
-    const whole = (length: number) => (isDrawn ? length / Math.max(1, Math.round(length / snap)) : snap);
-    const [da, db] = [whole(a1 - a0), whole(b1 - b0)];
-    return [a0 + da * Math.round((a - a0) / da), b0 + db * Math.round((b - b0) / db)];
   }
 
   /** The way that brings the point under the pointer onto a node; the others go with it. */
   #snappedWay(id: number, way: Vector2, what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
-    if (!p || isLoose || what === "both" || !(this.snap > 0)) return way;
+    if (!p || isLoose || what === "both" || !(this.snap.step > 0)) return way;
     const [a, b] = p[what] as Vector2,
-      to = this.#snappedPlace([a + way[0], b + way[1]]);
+      to = this.snap.placeOf([a + way[0], b + way[1]]);
     return [to[0] - a, to[1] - b];
   }
 
@@ -456,10 +401,10 @@ export class PointTools {
   /** The points that a turn of the selection turns. A single point gets a rim, which turns around it. */
   #turnables(): Turn | null {
     const { editor } = this,
-      { points } = editor,
-      chosen = points.filter((p) => editor.selected.has(p.id) && !p.locked);
+      points = editor.points.list,
+      chosen = points.filter((p) => editor.points.selected.has(p.id) && !p.locked);
     if (!chosen.length) {
-      this.hintLocked([...editor.selected]);
+      this.hintLocked([...editor.points.selected]);
       return null;
     }
     if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
@@ -474,8 +419,8 @@ export class PointTools {
       Infinity,
     );
     const id = nextId(points, editor.sender.nextId),
-      distance = Math.min(editor.brush.radius, 0.6 * room);
-    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.layered));
+      distance = Math.min(editor.tools.brush.radius, 0.6 * room);
+    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.map.layered));
     return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target as Vector2 };
   }
 
@@ -486,18 +431,18 @@ export class PointTools {
   turnKey(way: number, how: { isLarge: boolean; isScale: boolean }) {
     const { editor } = this,
       [angle, factor] = turnOfKey(way, how),
-      turn = editor.isLocked ? null : this.#turnables();
+      turn = editor.points.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
     const points = turnedPoints(turn.points, turn.ids, turn.about, angle, factor);
-    this.change(points, kind, `${kind} ${[...editor.selected]}`);
-    editor.announce(
+    this.change(points, kind, `${kind} ${[...editor.points.selected]}`);
+    editor.messages.announce(
       angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
   }
 
   beginTurn() {
-    const turn = this.editor.isLocked ? null : this.#turnables();
+    const turn = this.editor.points.isLocked ? null : this.#turnables();
     if (turn) this.beginDrag();
     return turn;
   }
@@ -506,8 +451,10 @@ export class PointTools {
   turnTo({ points, ids, about }: Turn, angle: number, factor: number) {
     const { drag0 } = this;
     if (!drag0) return;
-    this.#show(drag0, (t) => this.symmetric(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
-    this.editor.hint(factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    this.#show(drag0, (t) => this.mirror.edit(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
+    this.editor.messages.hint(
+      factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
+    );
   }
 
   // ---- locks --------------------------------------------------------------------------------------------------------
@@ -515,28 +462,33 @@ export class PointTools {
   toggleLock(ids: number[]) {
     const { editor } = this;
     if (!ids.length) {
-      editor.hint("Select points to lock them");
+      editor.messages.hint("Select points to lock them");
       return;
     }
-    if (!this.edit(lockedPoints(editor.points, ids), "lock")) return;
-    const isLocked = editor.pointOf(ids[0]!)?.locked;
-    editor.announce(`${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`);
+    if (!this.edit(lockedPoints(editor.points.list, ids), "lock")) return;
+    const isLocked = editor.points.withId(ids[0]!)?.locked;
+    editor.messages.announce(
+      `${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`,
+    );
   }
 
   // ---- strokes of brushes -------------------------------------------------------------------------------------------
 
   /** Begin a stroke; null and a hint where none can begin. */
   beginStroke(place: Vector2, radius: number, tool: string) {
-    const { editor, mirror } = this,
-      { settings } = editor;
-    if (editor.isLocked) return null;
+    const {
+        editor,
+        mirror: { state: mirror },
+      } = this,
+      settings = editor.map.settings;
+    if (editor.points.isLocked) return null;
     const isNear = (at: Vector2) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
-    const stroke = new Stroke(editor.points, place, radius, {
+    const stroke = new Stroke(editor.points.list, place, radius, {
       tool,
-      box: editor.box,
-      id: nextId(editor.points, editor.sender.nextId),
+      box: editor.picture.box,
+      id: nextId(editor.points.list, editor.sender.nextId),
       reach: typeof settings.support === "number" ? settings.support : 0,
-      sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.fitOf(points) : null),
+      sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
       settle: (at) => (isNear(at as Vector2) ? onAxis(mirror, at) : at),
     });
     if (stroke.lockedBy) {
@@ -544,7 +496,7 @@ export class PointTools {
       return null;
     }
     if (!stroke.isPossible) {
-      editor.hint("There is nothing here to take hold of");
+      editor.messages.hint("There is nothing here to take hold of");
       return null;
     }
     this.strokeSide = mirror.on ? mirrorSide(mirror, place, 0) : 0;
@@ -556,18 +508,25 @@ export class PointTools {
   paintStroke(stroke: Stroke) {
     const { editor, drag0 } = this;
     if (!drag0) return false;
-    const points = this.symmetric(drag0, stroke.points, this.strokeSide),
+    const points = this.mirror.edit(drag0, stroke.points, this.strokeSide),
       {
-        shapes: { parts },
-        strength,
+        points: {
+          shapes: { parts },
+        },
+        map: { strength },
       } = editor;
     const held = parts.length ? heldPoints(points, parts, strength) : [];
     if (held.length > heldPoints(drag0, parts, strength).length) {
       this.#hintHeld(held[held.length - 1]!);
       return false;
     }
-    if (editor.foldStop.refuses({ points, shapes: editor.shapes }, "The brush stops before the picture folds")) {
-      editor.invalidate();
+    if (
+      editor.tools.foldStop.refuses(
+        { points, shapes: editor.points.shapes },
+        "The brush stops before the picture folds",
+      )
+    ) {
+      editor.frames.invalidate();
       return false;
     }
     this.#follow(points);

@@ -10,12 +10,10 @@ import { heldPoints } from "../maths/rigid_stages.ts";
 import {
   cornersOf,
   fixedSideThrough,
-  followedShape,
   insertedCorner,
   isOutline,
   MOST_SHAPES,
   motionOf,
-  motionWords,
   movedCorner,
   movedRegion,
   placeMoved,
@@ -23,7 +21,6 @@ import {
   SHAPE_NAMES,
   shapeLabel,
   shapeName,
-  shapeRecord,
   simplified,
   stopsAt,
   turnedRegion,
@@ -31,12 +28,22 @@ import {
   withShape,
   withStop,
 } from "../maths/shapes.ts";
+import type { Sender } from "../sync/edits.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
+import type { Model, PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
-import type { Chosen, Draft, Grip } from "./shape_handles.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { NamePrompt } from "./name_prompt.ts";
+import type { PointTools } from "./point_tools.ts";
+import { ShapeChoice } from "./shape_choice.ts";
+import type { Draft, Grip } from "./shape_handles.ts";
 import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 /** `shown`: places before the stroke under way. */
 export type PenDraft = Draft & { isSet: boolean; canClose: boolean; shown?: number };
 
@@ -55,14 +62,27 @@ const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
+/** What the pen uses of the editor. */
+export interface PenEditor {
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  picture: ShownPicture;
+  tools: {
+    shapes: { add(what: ShapeKind, region: RegionData, name?: string): void };
+  };
+}
+
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
-  editor: EditorView;
+  editor: PenEditor;
   endedAt: number;
   draft: PenDraft | null;
   stroke: Vector2[] | null;
 
-  constructor(editor: EditorView) {
+  constructor(editor: PenEditor) {
     this.editor = editor;
     this.endedAt = -Infinity;
     this.draft = null;
@@ -83,12 +103,12 @@ export class Pen {
     const { editor } = this;
     this.stroke = null;
     this.draft = { tool, places: [], next: null, isByKeys: false, isSet: false, canClose: false };
-    editor.stage.classList.add("dnb-ed-drawing");
-    editor.hint(PEN_HINTS[tool]!, 12000);
-    editor.announce(
+    editor.stage.element.classList.add("dnb-ed-drawing");
+    editor.messages.hint(PEN_HINTS[tool]!, 12000);
+    editor.messages.announce(
       `Drawing a ${PEN_WORDS[tool]}: arrows move the pen, Enter sets a place, Enter again ends, Escape gives up`,
     );
-    editor.invalidate();
+    editor.frames.invalidate();
   }
 
   stop() {
@@ -96,15 +116,15 @@ export class Pen {
     this.draft = null;
     this.endedAt = performance.now();
     this.stroke = null;
-    this.editor.stage.classList.remove("dnb-ed-drawing");
-    this.editor.hideHint(Object.values(PEN_HINTS));
-    this.editor.invalidate();
+    this.editor.stage.element.classList.remove("dnb-ed-drawing");
+    this.editor.messages.hideHint(Object.values(PEN_HINTS));
+    this.editor.frames.invalidate();
     return true;
   }
 
   cancel() {
     const was = this.stop();
-    if (was) this.editor.announce("drawing given up");
+    if (was) this.editor.messages.announce("drawing given up");
     return was;
   }
 
@@ -112,30 +132,30 @@ export class Pen {
 
   /** CSS pixels between a place of the picture and one of the view. */
   #gap(place: Vector2, at: Vector2) {
-    const [x, y] = this.editor.onView(place);
+    const [x, y] = this.editor.viewport.onView(place);
     return Math.hypot(x - at[0], y - at[1]);
   }
 
   hover(at: Vector2) {
     const { draft } = this;
     if (!draft) return;
-    draft.next = this.editor.placeAt(at);
+    draft.next = this.editor.viewport.placeAt(at);
     draft.isByKeys = false;
     draft.isClosing = draft.canClose && this.#gap(draft.places[0]!, at) < CLOSE_BY;
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   /** Go on with a stroke. */
   drag(at: Vector2) {
     const { draft } = this,
-      place = this.editor.placeAt(at);
+      place = this.editor.viewport.placeAt(at);
     if (!draft) return;
     this.stroke ??= [];
     this.stroke.push(place);
     draft.next = null;
     draft.shown ??= draft.places.length;
     draft.places.push(place);
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   /** End a stroke or a click. */
@@ -149,10 +169,11 @@ export class Pen {
     this.stroke = null;
     const before = draft.places.slice(0, draft.shown),
       isWhole = before.length === 0;
-    const all = [editor.placeAt(from), ...stroke],
+    const all = [editor.viewport.placeAt(from), ...stroke],
       isNear = this.#gap(all[0]!, at) < 2 * CLOSE_BY;
     draft.shown = undefined;
-    const path = draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.view.k);
+    const path =
+      draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.viewport.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)] as Vector2[];
     this.#count(draft);
@@ -160,7 +181,7 @@ export class Pen {
       draft.places = before;
       this.#count(draft);
     }
-    editor.invalidate();
+    editor.frames.invalidate();
   }
 
   click(at: Vector2) {
@@ -173,7 +194,7 @@ export class Pen {
       return;
     }
     if (last && this.#gap(last, at) < 3) return; // the second press of a double-click
-    this.#set(draft, this.editor.placeAt(at));
+    this.#set(draft, this.editor.viewport.placeAt(at));
   }
 
   #set(draft: PenDraft, place: Vector2) {
@@ -181,7 +202,7 @@ export class Pen {
     draft.isSet = true;
     this.#count(draft);
     if (draft.tool === "fixed" && draft.places.length === 2) this.finish(false);
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   #count(draft: PenDraft) {
@@ -204,23 +225,23 @@ export class Pen {
     if (key === "Backspace" || key === "Delete") {
       draft.places.pop();
       this.#count(draft);
-      editor.invalidate();
+      editor.frames.invalidate();
       return true;
     }
     if (arrow) {
-      const step = PEN_STEPS[event.shiftKey ? 0 : 1]! / editor.view.k;
-      const middle = editor.placeAt([editor.view.width / 2, editor.view.height / 2]);
+      const step = PEN_STEPS[event.shiftKey ? 0 : 1]! / editor.viewport.view.k;
+      const middle = editor.viewport.placeAt([editor.viewport.view.width / 2, editor.viewport.view.height / 2]);
       const from = draft.next ?? draft.places[draft.places.length - 1] ?? middle;
       const next = from.map((v, c) => v + step * arrow[c]!);
       Object.assign(draft, { next, isByKeys: true, isSet: false });
-      editor.announce(`pen at ${next.map(shownLength).join(", ")}`);
-      editor.invalidate();
+      editor.messages.announce(`pen at ${next.map(shownLength).join(", ")}`);
+      editor.frames.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (draft.isByKeys && !draft.isSet && draft.next) {
       this.#set(draft, [...draft.next]);
-      if (this.isOn) editor.announce(`place ${draft.places.length} set`);
+      if (this.isOn) editor.messages.announce(`place ${draft.places.length} set`);
     } else this.finish(draft.tool === "part");
     return true;
   }
@@ -234,26 +255,26 @@ export class Pen {
     const { tool, places } = draft,
       least = isClosed || tool === "part" ? 3 : 2;
     if (places.length < least) {
-      editor.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
+      editor.messages.hint(`A ${PEN_WORDS[tool]} needs ${least} places at least`, 4000);
       return false;
     }
     const region: RegionData =
       tool === "fixed"
-        ? fixedSideThrough(places[0]!, places[1]!, movedPlace(editor))
+        ? fixedSideThrough(places[0]!, places[1]!, movedPlace(editor.points.list, editor.picture.box))
         : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
     const fault = regionFault(region);
     if (fault) {
-      editor.showMessage(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
+      editor.messages.show(fault.includes("crosses") ? `${fault} Draw it without a loop.` : fault, true);
       return false;
     }
     this.stop();
-    editor.shapeTools.add(tool === "cut" ? "cuts" : "parts", region, tool === "fixed" ? PEN_WORDS.fixed : "");
+    editor.tools.shapes.add(tool === "cut" ? "cuts" : "parts", region, tool === "fixed" ? PEN_WORDS.fixed : "");
     return true;
   }
 }
 
 /** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
-function movedPlace({ points, box: [a0, a1, b0, b1] }: { points: Point[]; box: Vector4 }): Vector2 {
+function movedPlace(points: Point[], [a0, a1, b0, b1]: Vector4): Vector2 {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
   if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
   return middleOf(dragged);
@@ -266,82 +287,71 @@ export type Offer = { parts: PartData[]; points: Point[]; kind: string };
 
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
+/** What the tools use of the editor. */
+export interface ShapeEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+  panels: {
+    names: NamePrompt;
+  };
+  tools: {
+    parts: { draw(): boolean };
+    pen: { readonly draft: PenDraft | null };
+    points: Pick<PointTools, "accepts">;
+  };
+}
+
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
 export class ShapeTools {
-  editor: EditorView;
+  editor: ShapeEditor;
   handles: ShapeHandles;
-  chosen: Chosen | null;
+  choice: ShapeChoice;
   drag0: ShapeDrag | null;
   offered: Offer | null;
 
-  constructor(editor: EditorView) {
+  constructor(editor: ShapeEditor) {
     this.editor = editor;
-    this.handles = new ShapeHandles(editor.svg);
-    this.chosen = null;
+    this.handles = new ShapeHandles(editor.stage.svg);
+    this.choice = new ShapeChoice(editor);
     /** The shapes before a drag, null while there is none. */
     this.drag0 = null;
     /** The edit that waits for an answer. */
     this.offered = null;
+    editor.points.draggers.push(this);
+    editor.messages.onReplace = () => this.forgetOffer();
   }
 
   /** The distance of the two places that turn a half plane, in units of the picture. */
   get reach() {
-    const [a0, a1, b0, b1] = this.editor.box;
+    const [a0, a1, b0, b1] = this.editor.picture.box;
     return Math.hypot(a1 - a0, b1 - b0) / 8;
-  }
-
-  get chosenShape(): ShapeData | null {
-    return this.chosen ? (this.editor.shapes[this.chosen.what]?.[this.chosen.index] ?? null) : null;
-  }
-
-  /** A description of the chosen shape, "" for none. */
-  get chosenLabel() {
-    const { chosen, chosenShape: shape } = this;
-    return chosen && shape ? shapeLabel(shape, chosen.what, chosen.index) : "";
-  }
-
-  /** The name of the chosen shape and its motion, "" for none. */
-  get chosenName() {
-    const { chosen, chosenShape: shape } = this;
-    if (!chosen || !shape) return "";
-    const motion = "motion" in shape ? motionWords(shape) : "";
-    return [shapeName(shape, chosen.what, chosen.index), shape.enabled ? motion : "off"].filter(Boolean).join(": ");
-  }
-
-  /** Whether the chosen shape is a fixed side. */
-  get isSide() {
-    const shape = this.chosenShape;
-    return shape !== null && "motion" in shape && !shape.motion && shape.region.kind === "half_space";
-  }
-
-  /** Whether the chosen shape has another side to turn to. */
-  get canTurn() {
-    return this.chosenShape !== null && turnedRegion(this.chosenShape.region) !== null;
-  }
-
-  /** Whether the chosen shape is a cut with ends. */
-  get canStop() {
-    return this.chosen?.what === "cuts" && this.chosenShape?.region.kind === "line";
   }
 
   /** Draw all shapes. True if the focus was on one that is gone. */
   draw() {
     const { editor } = this,
-      regions = editor.layered?.regions ?? [];
-    if (this.chosen && !this.chosenShape) this.chosen = null;
-    const isLost = this.handles.update(editor.shapes, this.chosen, editor.view, {
+      regions = editor.map.layered?.regions ?? [];
+    if (this.choice.chosen && !this.choice.shape) this.choice.chosen = null;
+    const isLost = this.handles.update(editor.points.shapes, this.choice.chosen, editor.viewport.view, {
       reach: this.reach,
-      isLocked: editor.isLocked,
-      isBefore: editor.isBefore,
+      isLocked: editor.points.isLocked,
+      isBefore: editor.picture.isBefore,
       sideKey: (a, b) => sidesKey(regions, a, b),
     });
-    this.handles.showDraft(editor.pen.draft ?? this.#offeredDraft, editor.view);
-    return editor.partTools.draw() || isLost;
+    this.handles.showDraft(editor.tools.pen.draft ?? this.#offeredDraft, editor.viewport.view);
+    return editor.tools.parts.draw() || isLost;
   }
 
   /** The mark of a point: that of the region in which its source lies; null where no cut parts the picture. */
   markOf({ source: [a, b] }: Point) {
-    const regions = this.editor.layered?.regions ?? [];
+    const regions = this.editor.map.layered?.regions ?? [];
     return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
   }
 
@@ -358,27 +368,30 @@ export class ShapeTools {
     shapes: ShapeData[],
     kind: string,
     {
-      wasFine = !this.editor.error,
-      points = this.editor.points,
+      wasFine = !this.editor.map.error,
+      points = this.editor.points.list,
       join = null,
     }: { wasFine?: boolean; points?: Point[]; join?: string | null } = {},
   ) {
     const { editor } = this;
-    if (editor.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
+    if (editor.points.isLocked || sameShapes(shapes, editor.sender.shapes[what])) return false;
     if (shapes.length > MOST_SHAPES[what]) {
-      editor.showMessage(`A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`, true);
+      editor.messages.show(
+        `A picture takes ${MOST_SHAPES[what]} ${SHAPE_NAMES[what]}s at most; remove one first.`,
+        true,
+      );
       return false;
     }
     const fault = shapes.map(({ region }) => regionFault(region)).find(Boolean);
     if (fault) {
-      editor.showMessage(fault, true);
+      editor.messages.show(fault, true);
       return false;
     }
-    const parts = wasFine && what === "parts" ? cleanShapes(shapes, what, editor.shapes.parts) : [];
+    const parts = wasFine && what === "parts" ? cleanShapes(shapes, what, editor.points.shapes.parts) : [];
     if (this.#offer({ parts, points, kind })) return false;
-    if (wasFine && !editor.pointTools.accepts(points, { ...editor.shapes, [what]: shapes })) return false;
+    if (wasFine && !editor.tools.points.accepts(points, { ...editor.points.shapes, [what]: shapes })) return false;
     if (JSON.stringify(shapes).length > MOST_CHARACTERS) {
-      editor.showMessage("These shapes are too large to send.", true);
+      editor.messages.show("These shapes are too large to send.", true);
       return false;
     }
     editor.sender.editShapes(what, shapes, kind.slice(0, LONGEST_KIND), points, join); // which notifies all views
@@ -387,65 +400,81 @@ export class ShapeTools {
 
   add(what: ShapeKind, region: RegionData, name = "") {
     const shape = cleanShapes([{ region, name }], what)[0]!;
-    if (this.edit(what, [...this.editor.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
-    else this.editor.focusStage();
+    if (this.edit(what, [...this.editor.points.shapes[what], shape], ADD_WORDS[what])) this.#added(what);
+    else this.editor.stage.focus();
   }
 
   #added(what: ShapeKind) {
     const { editor } = this,
-      index = editor.shapes[what].length - 1,
+      index = editor.points.shapes[what].length - 1,
       chosen = { what, index };
-    this.choose(chosen);
-    editor.drawNow();
+    this.choice.choose(chosen);
+    editor.frames.drawNow();
     this.handles.focus(chosen);
-    editor.announce(`${shapeLabel(editor.shapes[what][index]!, what, index)}, added`);
+    editor.messages.announce(`${shapeLabel(editor.points.shapes[what][index]!, what, index)}, added`);
     if (what !== "cuts") return;
-    editor.hint("Each side bends by its own points now. Pull open sets some, or add your own and drag them", 6000);
+    editor.messages.hint(
+      "Each side bends by its own points now. Pull open sets some, or add your own and drag them",
+      6000,
+    );
   }
 
   #change(change: Partial<PartData>, kind: string) {
-    const { chosen, chosenShape: shape, editor } = this;
+    const {
+      choice: { chosen, shape },
+      editor,
+    } = this;
     if (!chosen || !shape) return false;
     const { what, index } = chosen;
-    return this.edit(what, withShape(editor.shapes[what], index, change), `${kind} ${shape.name || SHAPE_NAMES[what]}`);
+    return this.edit(
+      what,
+      withShape(editor.points.shapes[what], index, change),
+      `${kind} ${shape.name || SHAPE_NAMES[what]}`,
+    );
   }
 
   remove() {
-    const { chosen, chosenShape: shape, editor } = this;
+    const {
+      choice: { chosen, shape },
+      editor,
+    } = this;
     if (!chosen || !shape) return;
     const { what, index } = chosen,
       name = shapeName(shape, what, index);
-    const others = editor.shapes[what].filter((_, k) => k !== index);
+    const others = editor.points.shapes[what].filter((_, k) => k !== index);
     if (!this.edit(what, others, `remove ${SHAPE_NAMES[what]}`)) return;
-    this.chosen = null;
-    editor.drawNow();
-    editor.focusStage();
-    editor.announce(`${name} deleted`);
+    this.choice.chosen = null;
+    editor.frames.drawNow();
+    editor.stage.focus();
+    editor.messages.announce(`${name} deleted`);
   }
 
   switch() {
-    const isOn = this.chosenShape?.enabled;
-    if (this.#change({ enabled: !isOn }, "switch")) this.editor.announce(`switched ${isOn ? "off" : "on"}`);
+    const isOn = this.choice.shape?.enabled;
+    if (this.#change({ enabled: !isOn }, "switch")) this.editor.messages.announce(`switched ${isOn ? "off" : "on"}`);
   }
 
   /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
   turn() {
-    const region = this.chosenShape && turnedRegion(this.chosenShape.region);
+    const region = this.choice.shape && turnedRegion(this.choice.shape.region);
     if (!region) {
-      this.editor.hint("What is closed has only one inside");
+      this.editor.messages.hint("What is closed has only one inside");
       return;
     }
-    if (this.#change({ region }, "swap the sides of")) this.editor.announce("sides swapped");
+    if (this.#change({ region }, "swap the sides of")) this.editor.messages.announce("sides swapped");
   }
 
   rename() {
-    const { chosen, chosenShape: shape, editor } = this;
-    if (editor.isLocked || !chosen || !shape) return;
+    const {
+      choice: { chosen, shape },
+      editor,
+    } = this;
+    if (editor.points.isLocked || !chosen || !shape) return;
     const { what, index } = chosen,
-      [x, y] = namePlace(shape.region, motionOf(shape), editor.view, this.reach) as Vector2;
-    editor.promptName(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
+      [x, y] = namePlace(shape.region, motionOf(shape), editor.viewport.view, this.reach) as Vector2;
+    editor.panels.names.prompt(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
-        this.edit(what, withShape(editor.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
+        this.edit(what, withShape(editor.points.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
       },
       focus: () => {
         this.handles.focus(chosen);
@@ -455,48 +484,51 @@ export class ShapeTools {
   }
 
   removeCorner(k: number) {
-    const region = this.chosenShape && removedCorner(this.chosenShape.region, k);
+    const region = this.choice.shape && removedCorner(this.choice.shape.region, k);
     if (!region) {
       this.remove();
       return;
     }
     if (!this.#change({ region }, "change")) return;
-    this.editor.drawNow();
+    this.editor.frames.drawNow();
     this.handles.focusCorner(Math.min(k, region.vertices.length - 1));
-    this.editor.announce(`corner ${k + 1} deleted`);
+    this.editor.messages.announce(`corner ${k + 1} deleted`);
   }
 
   /** Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut. */
   toggleStop(k: number) {
-    const { chosen, chosenShape: shape, editor } = this,
+    const {
+        choice: { chosen, shape },
+        editor,
+      } = this,
       isStop = shape && !stopsAt(shape.region, k);
     const region = shape && isStop !== null && chosen?.what === "cuts" ? withStop(shape.region, k, isStop) : null;
-    if (!region || editor.isLocked) return false;
+    if (!region || editor.points.isLocked) return false;
     if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
-    editor.drawNow();
+    editor.frames.drawNow();
     this.handles.focusCorner(k);
     const words = isStop ? "The cut stops here" : "The cut goes on to the border";
-    editor.hint(`${words}; a double-click on its end changes that`, 4000);
-    editor.announce(words);
+    editor.messages.hint(`${words}; a double-click on its end changes that`, 4000);
+    editor.messages.announce(words);
     return true;
   }
 
   /** Let the chosen cut stop at both ends, or go on to the border. */
   stopAtEnds(isStop: boolean) {
-    const { chosen, chosenShape: shape } = this;
+    const { chosen, shape } = this.choice;
     if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
     const { kind, vertices } = shape.region;
     if (
       this.#change({ region: { kind, vertices, ...(isStop && { stops: [true, true] }) } }, isStop ? "stop" : "lengthen")
     ) {
-      this.editor.announce(isStop ? "The cut stops at its ends" : "The cut goes on to the border");
+      this.editor.messages.announce(isStop ? "The cut stops at its ends" : "The cut goes on to the border");
     }
   }
 
   /** Insert a corner in the middle of edge k. Its number, or null if it could not be inserted. */
   insertCorner(k: number) {
-    if (!this.chosenShape || !this.#change({ region: withMiddle(this.chosenShape.region, k) }, "change")) return null;
-    this.editor.drawNow();
+    if (!this.choice.shape || !this.#change({ region: withMiddle(this.choice.shape.region, k) }, "change")) return null;
+    this.editor.frames.drawNow();
     this.handles.focusCorner(k + 1);
     return k + 1;
   }
@@ -509,35 +541,38 @@ export class ShapeTools {
       [du, dv] = editor.model.get("raster").spacing;
     const [da, db] = this.#wayOf([dx * pixels * du, dy * pixels * dv]);
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner,
-      { chosenShape: shape } = this;
+      shape = this.choice.shape;
     if (!shape) return;
     if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
     else {
       const [a, b] = cornersOf(shape.region, this.reach)[corner]!;
       this.#change({ region: movedCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
     }
-    editor.drawNow();
+    editor.frames.drawNow();
   }
 
   /**
    * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
    */
   #wayOf(way: Vector2) {
-    return this.chosenShape ? wayBefore(motionOf(this.chosenShape), way) : way;
+    return this.choice.shape ? wayBefore(motionOf(this.choice.shape), way) : way;
   }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
 
   beginDrag(grip: Grip) {
-    const { editor, chosenShape: shape } = this;
-    if (editor.isLocked || !shape) return;
+    const {
+      editor,
+      choice: { shape },
+    } = this;
+    if (editor.points.isLocked || !shape) return;
     const region = grip.middle !== null ? withMiddle(shape.region, grip.middle) : shape.region;
     const corner = grip.middle !== null ? grip.middle + 1 : grip.corner;
     this.drag0 = {
-      shapes: editor.shapes,
+      shapes: editor.points.shapes,
       region,
       corner,
-      wasFine: !editor.error,
+      wasFine: !editor.map.error,
       at: (corner === null ? [0, 0] : cornersOf(region, this.reach)[corner]) as Vector2,
     };
   }
@@ -546,8 +581,12 @@ export class ShapeTools {
    * Move by CSS pixels since the drag began. The last place that makes a shape stays where the next one does not.
    */
   drag(dx: number, dy: number) {
-    const { editor, drag0, chosen } = this,
-      { k } = editor.view;
+    const {
+        editor,
+        drag0,
+        choice: { chosen },
+      } = this,
+      { k } = editor.viewport.view;
     if (!drag0 || !chosen) return;
     const { region: region0, corner, at } = drag0,
       { what, index } = chosen;
@@ -557,32 +596,39 @@ export class ShapeTools {
         ? movedRegion(region0, da, db)
         : movedCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
     const fault = regionFault(region);
-    editor.stage.classList.toggle("dnb-ed-refusing", Boolean(fault));
+    editor.stage.element.classList.toggle("dnb-ed-refusing", Boolean(fault));
     if (fault) {
-      editor.hint(fault, 3000);
+      editor.messages.hint(fault, 3000);
       return;
     }
-    editor.shapes = { ...editor.shapes, [what]: withShape(editor.shapes[what], index, { region }) };
-    editor.changed(true);
+    editor.points.shapes = {
+      ...editor.points.shapes,
+      [what]: withShape(editor.points.shapes[what], index, { region }),
+    };
+    editor.map.changed(true);
   }
 
   endDrag(isCancelled: boolean) {
-    const { editor, drag0, chosen } = this,
-      { shapes } = editor;
+    const {
+        editor,
+        drag0,
+        choice: { chosen },
+      } = this,
+      shapes = editor.points.shapes;
     this.drag0 = null;
-    editor.stage.classList.remove("dnb-ed-refusing");
+    editor.stage.element.classList.remove("dnb-ed-refusing");
     if (!drag0 || !chosen) return;
     const { what } = chosen,
-      name = this.chosenShape?.name || SHAPE_NAMES[what];
+      name = this.choice.shape?.name || SHAPE_NAMES[what];
     const kind = `${drag0.corner === null ? "move" : "change"} ${name}`;
-    editor.shapes = drag0.shapes;
+    editor.points.shapes = drag0.shapes;
     if (!isCancelled && this.edit(what, shapes[what], kind, { wasFine: drag0.wasFine })) {
-      editor.drawNow();
+      editor.frames.drawNow();
       if (drag0.corner !== null) this.handles.focusCorner(drag0.corner); // of a new one: it had no grip yet
       return;
     }
-    editor.shapes = editor.sender.shapes;
-    editor.changed();
+    editor.points.shapes = editor.sender.shapes;
+    editor.map.changed();
   }
 
   // ---- points that contradict a part --------------------------------------------------------------------------------
@@ -591,14 +637,14 @@ export class ShapeTools {
    * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
    */
   #offer(offer: Offer) {
-    const held = heldPoints(offer.points, offer.parts, this.editor.strength),
+    const held = heldPoints(offer.points, offer.parts, this.editor.map.strength),
       { editor } = this;
     if (!held.length) return false;
     const one = held.length === 1,
       [who, it, whose] = one
         ? [rbfLabel(held[0]!.point), "it", "its"]
         : [`${held.length} control points`, "them", "their"];
-    editor.showMessage(
+    editor.messages.show(
       `${who[0]!.toUpperCase()}${who.slice(1)} in this rigid part require${one ? "s" : ""} another ` +
         `movement than the part's. Carry ${it} with the part (${whose} drag goes), or switch ${it} off?`,
     );
@@ -608,28 +654,28 @@ export class ShapeTools {
       ["off", `Switch ${it} off`],
       ["cancel", "Cancel"],
     ] as [string, string][]) {
-      const button = pageElement("button", "dnb-ed-offer", editor.alert, {
+      const button = pageElement("button", "dnb-ed-offer", editor.messages.alert, {
         type: "button",
         "data-offer": how,
         ...OWN_KEYS,
       });
       button.textContent = text;
-      button.addEventListener("click", () => editor.guard(() => this.#takeOffer(offer, how)));
+      button.addEventListener("click", () => editor.frames.guard(() => this.#takeOffer(offer, how)));
     }
-    editor.invalidate();
+    editor.frames.invalidate();
     return true;
   }
 
   /** Points that are carried go where their part takes them: back to where they were taken in a fixed one. */
   #takeOffer({ parts, points, kind }: Offer, how: string) {
     const { editor } = this,
-      count = editor.shapes.parts.length;
-    const held = new Map(heldPoints(points, parts, editor.strength).map(({ point, part }) => [point.id, part]));
+      count = editor.points.shapes.parts.length;
+    const held = new Map(heldPoints(points, parts, editor.map.strength).map(({ point, part }) => [point.id, part]));
     const freed = changed(points, [...held.keys()], ({ id, source }) =>
       how === "carry" ? { target: placeMoved(held.get(id)?.motion ?? null, source) } : { active: false },
     );
-    editor.showMessage("");
-    editor.focusStage();
+    editor.messages.show("");
+    editor.stage.focus();
     if (how === "cancel") return;
     const words = `${kind}, ${how === "carry" ? "carry" : "switch off"} its points`;
     if (!this.edit("parts", parts, words, { wasFine: true, points: freed })) return;
@@ -639,13 +685,13 @@ export class ShapeTools {
   /** Take the question back. False if there is none. */
   dropOffer() {
     if (!this.offered) return false;
-    this.editor.showMessage("");
+    this.editor.messages.show("");
     return true;
   }
 
   /** Forget the outline: another message takes the place of the question. */
   forgetOffer() {
-    if (this.offered) this.editor.invalidate();
+    if (this.offered) this.editor.frames.invalidate();
     this.offered = null;
   }
 
@@ -659,39 +705,11 @@ export class ShapeTools {
     return { tool: "part", places: [...corners, ...corners.slice(0, 1)], next: null };
   }
 
-  // ---- the choice ---------------------------------------------------------------------------------------------------
-
-  choose(chosen: Chosen | null) {
-    const { editor } = this,
-      was = JSON.stringify(this.chosen);
-    const shape = chosen ? editor.shapes[chosen.what]?.[chosen.index] : null;
-    this.chosen = chosen && shape ? { what: chosen.what, index: chosen.index } : null;
-    if (this.chosen) editor.select([]);
-    if (JSON.stringify(this.chosen) !== was) {
-      editor.sender.choose(this.chosen && shape ? { ...this.chosen, shape: shapeRecord(shape) } : null);
-    }
-    editor.invalidate();
-  }
-
   /** Take other lists; the chosen shape stays chosen, wherever it is in them. */
   follow(shapes: Shapes) {
-    const { chosen, editor } = this;
     this.dropOffer(); // it was about other points and parts
-    const index = chosen && followedShape(editor.shapes[chosen.what], shapes[chosen.what], chosen.index);
-    this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
-    editor.shapes = shapes;
-  }
-
-  /** Take Python's choice, once it has received ours: a list beside the picture has chosen, or another window. */
-  receiveChosen() {
-    const { editor } = this;
-    if (editor.sender.isBehind() || editor.isDragging) return;
-    const { what, index } = (editor.model.get("chosen_shape") ?? {}) as Partial<Chosen>;
-    const chosen = what && index !== undefined && editor.shapes[what]?.[index] ? { what, index } : null;
-    if (JSON.stringify(chosen) === JSON.stringify(this.chosen)) return;
-    this.chosen = chosen;
-    if (chosen) editor.select([]);
-    editor.invalidate();
+    this.choice.follow(shapes);
+    this.editor.points.shapes = shapes;
   }
 }
 

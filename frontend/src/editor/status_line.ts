@@ -3,10 +3,17 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Vector2 } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { EditedMap } from "./edited_map.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { GridNodes } from "./grid_nodes.ts";
+import type { Modes } from "./modes.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
+import type { ShapeTools } from "./shape_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 import { shownValue } from "./window_tool.ts";
 
 const FOLD_TIP =
@@ -17,9 +24,31 @@ const VALUE_TIP =
   "the place under the pointer in the picture, and the grey value there, as it is in the picture " +
   "before the deformation at the place that is seen here";
 
+/** What the line uses of the editor. */
+export interface StatusEditor {
+  model: Model;
+  stage: Stage;
+  viewport: Viewport;
+  points: EditedPoints;
+  map: EditedMap;
+  picture: ShownPicture;
+  layers: {
+    nodes: Pick<GridNodes, "isOn" | "advice" | "warning">;
+  };
+  tools: {
+    brush: { readonly isOn: boolean };
+    pen: { readonly isOn: boolean };
+    wand: { readonly isOn: boolean };
+    parts: { readonly isOn: boolean };
+    modes: Pick<Modes, "isAdding" | "isSelecting">;
+    foldStop: { readonly note: string };
+    shapes: Pick<ShapeTools, "choice" | "markOf">;
+  };
+}
+
 /** The line's elements and their texts. */
 export class StatusLine {
-  editor: EditorView;
+  editor: StatusEditor;
   slice: HTMLSpanElement;
   facts: HTMLSpanElement;
   legend: HTMLSpanElement;
@@ -28,9 +57,9 @@ export class StatusLine {
   notes: HTMLDivElement;
   legendKey: string;
 
-  constructor(editor: EditorView) {
+  constructor(editor: StatusEditor) {
     this.editor = editor;
-    const root = pageElement("div", "dnb-ed-status", editor.root);
+    const root = pageElement("div", "dnb-ed-status", editor.stage.root);
     const state = pageElement("div", "dnb-ed-state", root); // one line, and below it the next step
     this.slice = pageElement("span", "dnb-ed-slice", state, { title: "the slice, and its depth from the middle" });
     this.facts = pageElement("span", "dnb-ed-facts", state);
@@ -43,7 +72,12 @@ export class StatusLine {
 
   /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */
   get sliceWords() {
-    const { slices, model } = this.editor;
+    const {
+      picture: {
+        slices: { seen: slices },
+      },
+      model,
+    } = this.editor;
     if (!slices) return "";
     const depth = (slices.first + slices.index * slices.spacing).toFixed(1),
       { lengths = "" } = model.get("raster");
@@ -58,12 +92,14 @@ export class StatusLine {
     const {
       editor,
       editor: {
-        painter: { source },
+        picture: {
+          painter: { source },
+        },
         model,
       },
     } = this;
-    const place = at && source ? editor.placeAt(at) : null,
-      fit = at ? editor.fitAt(at) : null;
+    const place = at && source ? editor.viewport.placeAt(at) : null,
+      fit = at ? editor.map.fitAt(at) : null;
     if (!place || !source) {
       setText(this.value, "");
       return;
@@ -81,7 +117,12 @@ export class StatusLine {
 
   update() {
     setText(this.slice, this.sliceWords);
-    const { points, selected, layered, error, foldStop, gridNodes, shapeTools } = this.editor;
+    const {
+      points: { list: points, selected },
+      map: { layered, error },
+      tools: { foldStop, shapes: shapeTools },
+      layers: { nodes: gridNodes },
+    } = this.editor;
     const off = points.filter((p) => !p.active).length;
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
@@ -89,12 +130,12 @@ export class StatusLine {
       ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
-        : shapeTools.chosenName;
+        : shapeTools.choice.name;
     this.#updateLegend();
     const facts = points.length || chosen ? [chosen, count].filter(Boolean).join(" \u00b7 ") : "No points yet";
     setText(this.facts, facts);
     setAttributes(this.facts, { title: facts }); // where it is cut off
-    const folds = this.editor.folds ?? { least: 1, share: 0, air: 0 };
+    const folds = this.editor.map.folds ?? { least: 1, share: 0, air: 0 };
     this.#updateFolds(folds);
     const remarks = this.#isUntouched ? [] : (layered?.notes ?? []);
     const notes = error || foldStop.note || gridNodes.warning(folds) || remarks.join("; ");
@@ -115,7 +156,7 @@ export class StatusLine {
         : least < NEARLY_FOLDED
           ? "\u25b2 nearly folds"
           : `\u2713 no folds${air > 0 ? " in tissue" : ""}`;
-    const hasPoints = this.editor.points.length > 0;
+    const hasPoints = this.editor.points.list.length > 0;
     setText(this.folds, hasPoints ? words : "");
     const inAir =
       air > 0
@@ -127,8 +168,8 @@ export class StatusLine {
   /** "2 regions: (disc) 4, (diamond) 3" where cuts part the picture. */
   #updateLegend() {
     const counts: Map<number, number> = new Map();
-    for (const p of this.editor.points) {
-      const mark = this.editor.shapeTools.markOf(p);
+    for (const p of this.editor.points.list) {
+      const mark = this.editor.tools.shapes.markOf(p);
       if (mark !== null && p.active) counts.set(mark, (counts.get(mark) ?? 0) + 1);
     }
     const key = JSON.stringify([...counts]);
@@ -148,7 +189,7 @@ export class StatusLine {
 
   /** Whether nothing is dragged or moved yet: the fit has nothing to say. */
   get #isUntouched() {
-    const { points, shapes } = this.editor;
+    const { list: points, shapes } = this.editor.points;
     return (
       points.every((p) => p.source.every((value, k) => value === p.target[k])) && shapes.parts.every((p) => !p.motion)
     );
@@ -156,19 +197,31 @@ export class StatusLine {
 
   /** Advice on the next step, where there are no remarks. */
   #advice() {
-    const { points, selected, model, brush, pen, wand, isSelecting, shapeTools, partTools, gridNodes } = this.editor;
+    const {
+      points: { list: points, selected },
+      model,
+      tools: {
+        brush,
+        pen,
+        wand,
+        modes: { isSelecting },
+        shapes: shapeTools,
+        parts: partTools,
+      },
+      layers: { nodes: gridNodes },
+    } = this.editor;
     if (model.get("read_only")) return "These points are shown only";
     const start = this.#isUntouched ? "Double-click adds a point. " : "";
     // Two lines of the narrowest pane: 76 characters. The rest is in the list of keys.
     if (brush.isOn) return "Drag in the picture; [ and ] or the wheel change the circle; Esc ends";
     if (wand.isOn) return "Click on what is to be selected; [ and ] change the tolerance; Esc ends";
     if (isSelecting) return "Drag a band, or tap points; a second tap takes one out; Esc ends";
-    if (this.editor.isAdding) return "Press on a feature and drag it, or click to set a point; Esc ends";
+    if (this.editor.tools.modes.isAdding) return "Press on a feature and drag it, or click to set a point; Esc ends";
     if (pen.isOn) return "Backspace takes the last place back, Esc gives up";
-    if (shapeTools.isSide) return "The hatched half stays fixed. The arrows on the line swap the sides";
+    if (shapeTools.choice.isSide) return "The hatched half stays fixed. The arrows on the line swap the sides";
     if (partTools.isOn) return "Drag the inside to move it, the ring to turn it, the cross to set its pivot";
-    if (shapeTools.canStop) return "Drag a corner, or an edge; double-click an end to stop the cut there";
-    if (shapeTools.chosenShape) return "Drag a corner, or the middle of an edge for a new one; Delete removes it";
+    if (shapeTools.choice.canStop) return "Drag a corner, or an edge; double-click an end to stop the cut there";
+    if (shapeTools.choice.shape) return "Drag a corner, or the middle of an edge for a new one; Delete removes it";
     if (gridNodes.isOn && selected.size === 0) return gridNodes.advice;
     if (selected.size === 0) {
       if (!points.length) return "Double-click adds a point: one moves the picture, two turn it, three bend it";

@@ -4,10 +4,18 @@
 
 import type { WandRequest } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Vector2 } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Modes } from "./modes.ts";
+import type { PointTools } from "./point_tools.ts";
 import { shapePaths } from "./shape_handles.ts";
+import type { ShapeTools } from "./shape_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
 
 const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
 const MOST = 2; // widths of the window: the largest tolerance
@@ -20,12 +28,33 @@ const RULES = [
   ["darker", "Like it or darker"],
 ];
 
-export class Wand {
-  editor: EditorView;
-  path: SVGGElement;
+/** The outline of what is selected, and the cross of the keys. */
+interface Outline {
+  root: SVGGElement;
   fill: SVGPathElement;
   lines: SVGPathElement[];
   cross: SVGPathElement;
+}
+
+/** What the wand uses of the editor. */
+export interface WandEditor {
+  model: Model;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  picture: ShownPicture;
+  points: EditedPoints;
+  tools: {
+    modes: Pick<Modes, "putDownTools" | "setAdding" | "setSelecting">;
+    points: Pick<PointTools, "seenAt">;
+    shapes: Pick<ShapeTools, "choice">;
+  };
+}
+
+export class Wand {
+  editor: WandEditor;
+  outline: Outline;
   bar: HTMLDivElement;
   rule: HTMLSelectElement;
   slider: HTMLInputElement;
@@ -45,13 +74,12 @@ export class Wand {
 
   timer = 0;
 
-  constructor(editor: EditorView) {
+  constructor(editor: WandEditor) {
     this.editor = editor;
-    this.path = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.svg);
-    this.fill = svgElement("path", { class: "dnb-ed-wand-fill" }, this.path);
-    this.lines = ["case", "line"].map((name) => svgElement("path", { class: `dnb-ed-wand-${name}` }, this.path));
-    this.cross = svgElement("path", { class: "dnb-ed-wand-cross" }, this.path);
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage, {
+    const root = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.stage.svg);
+    const path = (name: string) => svgElement("path", { class: `dnb-ed-wand-${name}` }, root);
+    this.outline = { root, fill: path("fill"), lines: [path("case"), path("line")], cross: path("cross") };
+    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage.element, {
       hidden: "",
       role: "group",
       "aria-label": "Wand",
@@ -70,7 +98,7 @@ export class Wand {
     this.tolerated = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.#button("Done", "put the wand away", () => {
       this.stop();
-      editor.focusStage();
+      editor.stage.focus();
     });
     const label = pageElement("label", "dnb-ed-wand-through", this.bar, {
       title: "What hangs together in the volume, not only in this picture",
@@ -82,7 +110,7 @@ export class Wand {
     this.cut = this.#button("Make cut", "cut along the outline of what is selected", () => this.#make("cut"));
     this.words = pageElement("span", "dnb-ed-wand-words", this.bar, { role: "status" });
     for (const input of [this.rule, this.slider, this.through]) {
-      input.addEventListener("input", () => editor.guard(() => this.#changed()));
+      input.addEventListener("input", () => editor.frames.guard(() => this.#changed()));
     }
   }
 
@@ -94,7 +122,7 @@ export class Wand {
       ...OWN_KEYS,
     });
     made.textContent = text;
-    made.addEventListener("click", () => this.editor.guard(action));
+    made.addEventListener("click", () => this.editor.frames.guard(action));
     return made;
   }
 
@@ -110,26 +138,26 @@ export class Wand {
 
   /** In the unit of the picture. */
   get tolerance() {
-    const [low, high] = this.editor.painter.source?.grey?.window ?? [0, 1];
+    const [low, high] = this.editor.picture.painter.source?.grey?.window ?? [0, 1];
     return (Number(this.slider.value) / 100) ** 2 * MOST * (high - low);
   }
 
   toggle() {
     const { editor } = this;
-    if (this.stop() || editor.isLocked || !this.isThere) return;
-    if (!editor.painter.source?.grey) {
-      editor.hint(NO_WAND, 5000);
+    if (this.stop() || editor.points.isLocked || !this.isThere) return;
+    if (!editor.picture.painter.source?.grey) {
+      editor.messages.hint(NO_WAND, 5000);
       return;
     }
-    editor.putDownTools();
-    editor.setAdding(false);
-    editor.setSelecting(false);
-    editor.shapeTools.choose(null);
+    editor.tools.modes.putDownTools();
+    editor.tools.modes.setAdding(false);
+    editor.tools.modes.setSelecting(false);
+    editor.tools.shapes.choice.choose(null);
     this.isOn = true;
-    editor.stage.classList.add("dnb-ed-wanding");
-    editor.announce("Wand: arrows move a cross, Enter selects what lies under it, Escape ends");
-    editor.focusStage();
-    editor.invalidate();
+    editor.stage.element.classList.add("dnb-ed-wanding");
+    editor.messages.announce("Wand: arrows move a cross, Enter selects what lies under it, Escape ends");
+    editor.stage.focus();
+    editor.frames.invalidate();
   }
 
   /** False if the tool was not in use. */
@@ -140,8 +168,8 @@ export class Wand {
     if (this.place) this.#send("stop");
     this.place = null;
     clearTimeout(this.timer);
-    this.editor.stage.classList.remove("dnb-ed-wanding");
-    this.editor.invalidate();
+    this.editor.stage.element.classList.remove("dnb-ed-wanding");
+    this.editor.frames.invalidate();
     return true;
   }
 
@@ -152,9 +180,9 @@ export class Wand {
   /** @param at CSS pixels */
   pick(at: Vector2) {
     const { editor } = this,
-      source = editor.pointTools.seenAt(editor.placeAt(at));
+      source = editor.tools.points.seenAt(editor.viewport.placeAt(at));
     if (source === null) {
-      editor.hint("This is a gap: there is nothing here to select");
+      editor.messages.hint("This is a gap: there is nothing here to select");
       return;
     }
     this.place = source;
@@ -162,7 +190,7 @@ export class Wand {
   }
 
   #changed() {
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
     clearTimeout(this.timer);
     if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
   }
@@ -170,7 +198,7 @@ export class Wand {
   /** Make a shape of what is selected; the wand stays for the next one. */
   #make(what: "part" | "cut") {
     this.#send(what);
-    this.editor.focusStage();
+    this.editor.stage.focus();
   }
 
   #send(what: WandRequest["what"]) {
@@ -183,22 +211,22 @@ export class Wand {
       rule: this.rule.value as WandRequest["rule"],
       through: this.through.checked,
     } satisfies WandRequest);
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   show() {
     const { editor, answer, isOn } = this,
       { region = null, words = "", share = 1, failed = false } = answer;
     this.bar.hidden = !isOn;
-    this.path.setAttribute("visibility", isOn ? "visible" : "hidden");
+    this.outline.root.setAttribute("visibility", isOn ? "visible" : "hidden");
     if (!isOn) return;
-    const paths = region ? shapePaths(region, editor.view, 0) : { line: "", inside: "" };
-    setAttributes(this.fill, { d: paths.inside });
-    for (const line of this.lines) setAttributes(line, { d: paths.line });
-    setAttributes(this.cross, {
+    const paths = region ? shapePaths(region, editor.viewport.view, 0) : { line: "", inside: "" };
+    setAttributes(this.outline.fill, { d: paths.inside });
+    for (const line of this.outline.lines) setAttributes(line, { d: paths.line });
+    setAttributes(this.outline.cross, {
       d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "",
     });
-    const { unit = "" } = editor.painter.source?.grey ?? {};
+    const { unit = "" } = editor.picture.painter.source?.grey ?? {};
     setText(this.tolerated, `\u00b1 ${shownLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
     setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
     this.words.classList.toggle("dnb-ed-wand-failed", failed);
@@ -211,7 +239,7 @@ export class Wand {
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      middle: Vector2 = [editor.view.width / 2, editor.view.height / 2];
+      middle: Vector2 = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
     if (key === "[" || key === "]") {
       this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));
       this.#changed();
@@ -221,8 +249,8 @@ export class Wand {
       const step = KEY_PIXELS[event.shiftKey ? 0 : 1]!,
         [x, y] = this.at ?? middle;
       this.at = [x + step * arrow[0], y + step * arrow[1]];
-      editor.announce(`wand at ${editor.placeAt(this.at).map(shownLength).join(", ")}`);
-      editor.invalidate();
+      editor.messages.announce(`wand at ${editor.viewport.placeAt(this.at).map(shownLength).join(", ")}`);
+      editor.frames.invalidate();
       return true;
     }
     if (key !== "Enter") return false;

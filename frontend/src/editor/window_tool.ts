@@ -2,9 +2,13 @@
 // of the tool.
 
 import { RestingTrait } from "../sync/edits.ts";
-import type { Vector2 } from "../types.ts";
+import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-import type { EditorView } from "./editor.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Modes } from "./modes.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
 const LEVEL_PIXELS = 300; // CSS pixels of a drag upwards that raise the level by a width of the window
@@ -51,9 +55,21 @@ export function windowWords([low, high]: Vector2, range: Vector2, unit: string) 
   return unit ? `${words} ${unit}` : words;
 }
 
+/** What the tool of the window uses of the editor. */
+export interface WindowEditor {
+  model: Model;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  picture: ShownPicture;
+  tools: {
+    modes: Pick<Modes, "putDownTools" | "setAdding" | "setSelecting">;
+  };
+}
+
 /** The tool, and a drag of the window under way. */
 export class WindowTool {
-  editor: EditorView;
+  editor: WindowEditor;
   trait: RestingTrait;
   bar: HTMLDivElement;
   value: HTMLSpanElement;
@@ -66,15 +82,19 @@ export class WindowTool {
   /** The same in values. */
   start: Vector2 = [0, 1];
 
-  constructor(editor: EditorView) {
+  constructor(editor: WindowEditor) {
     this.editor = editor;
     this.trait = new RestingTrait(editor.model, "window");
-    this.bar = pageElement("div", "dnb-ed-brush", editor.stage, { hidden: "", role: "group", "aria-label": "Window" });
+    this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
+      hidden: "",
+      role: "group",
+      "aria-label": "Window",
+    });
     this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
     this.#button("Auto", "automatic window (Home, or double-click)", () => this.reset());
     this.#button("Done", "put the tool away", () => {
       this.stop();
-      editor.focusStage();
+      editor.stage.focus();
     });
   }
 
@@ -86,12 +106,12 @@ export class WindowTool {
       ...OWN_KEYS,
     });
     made.textContent = text;
-    made.addEventListener("click", () => this.editor.guard(action));
+    made.addEventListener("click", () => this.editor.frames.guard(action));
   }
 
   /** The values of the picture, and its unit; null without a picture of grey values. */
   get #grey() {
-    return this.editor.painter.source?.grey ?? null;
+    return this.editor.picture.painter.source?.grey ?? null;
   }
 
   /** The values shown as black and white. */
@@ -108,26 +128,28 @@ export class WindowTool {
 
   /** Show the picture in the window, as the trait has it. */
   apply() {
-    if (this.window) this.editor.painter.source?.setWindow(this.window as Vector2);
-    this.editor.moving();
+    if (this.window) this.editor.picture.painter.source?.setWindow(this.window as Vector2);
+    this.editor.frames.moving();
   }
 
   toggle() {
     const { editor } = this;
     if (this.stop()) return;
     if (!this.#grey) {
-      editor.hint(NO_WINDOW, 5000);
+      editor.messages.hint(NO_WINDOW, 5000);
       return;
     }
-    editor.putDownTools();
-    editor.setAdding(false);
-    editor.setSelecting(false);
+    editor.tools.modes.putDownTools();
+    editor.tools.modes.setAdding(false);
+    editor.tools.modes.setSelecting(false);
     this.isOn = true;
-    editor.stage.classList.add("dnb-ed-windowing");
-    editor.hint(HINT, 8000);
-    editor.announce(`${this.words}: left and right change the width, up and down the level, Home resets, Escape ends`);
-    editor.focusStage();
-    editor.invalidate();
+    editor.stage.element.classList.add("dnb-ed-windowing");
+    editor.messages.hint(HINT, 8000);
+    editor.messages.announce(
+      `${this.words}: left and right change the width, up and down the level, Home resets, Escape ends`,
+    );
+    editor.stage.focus();
+    editor.frames.invalidate();
   }
 
   /** False if the tool was not in use. */
@@ -135,9 +157,9 @@ export class WindowTool {
     if (!this.isOn) return false;
     this.end(true);
     this.isOn = false;
-    this.editor.stage.classList.remove("dnb-ed-windowing");
-    this.editor.hideHint([HINT]);
-    this.editor.invalidate();
+    this.editor.stage.element.classList.remove("dnb-ed-windowing");
+    this.editor.messages.hideHint([HINT]);
+    this.editor.frames.invalidate();
     return true;
   }
 
@@ -155,7 +177,7 @@ export class WindowTool {
   begin() {
     const { window, editor } = this;
     if (!window || !this.#grey) {
-      editor.hint(NO_WINDOW, 5000);
+      editor.messages.hint(NO_WINDOW, 5000);
       return;
     }
     this.trait.close(); // what a key has set goes with the drag
@@ -177,7 +199,7 @@ export class WindowTool {
     if (isCancelled) this.#set(from);
     else {
       editor.model.save_changes();
-      editor.announce(this.words);
+      editor.messages.announce(this.words);
     }
   }
 
@@ -185,7 +207,7 @@ export class WindowTool {
     this.trait.close();
     this.#set([]);
     this.editor.model.save_changes();
-    this.editor.announce(`automatic ${this.words}`);
+    this.editor.messages.announce(`automatic ${this.words}`);
   }
 
   /**
@@ -201,13 +223,13 @@ export class WindowTool {
   keep() {
     this.trait.close();
     this.editor.model.save_changes();
-    this.editor.announce(this.words);
+    this.editor.messages.announce(this.words);
   }
 
   /** @param window empty for the automatic one */
   #set(window: Vector2 | []) {
     this.put(window);
-    if (!this.isOn) this.editor.hint(this.words); // else the bar has it
+    if (!this.isOn) this.editor.messages.hint(this.words); // else the bar has it
   }
 
   /**
@@ -226,7 +248,7 @@ export class WindowTool {
     const next = draggedWindow(window as Vector2, [pixels * arrow[0], pixels * arrow[1]], grey.range) as Vector2;
     this.#set(next);
     this.trait.sendSoon(next);
-    this.editor.announce(this.words);
+    this.editor.messages.announce(this.words);
     return true;
   }
 }

@@ -1,13 +1,14 @@
 // The editor in space: three linked pictures of a volume with the same points.
 // To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
 
+import type { EditorCommands } from "../editor/base.ts";
 import { EditorDrawing, initialize } from "../editor/base.ts";
 import type { Pictures, PicturesWanted, PointsEdit, Seen, SlicesMoved, SpaceEditorToFrontEnd } from "../generated.ts";
 import { NEARLY_FOLDED } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import { freeIds, renamedPoint, resetPoints, samePoints, switchedPoints } from "../maths/points.ts";
 import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";
-import { publishPoints, settingsOf } from "../sync/bus.ts";
+import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
 import { MOST_CHARACTERS, RestingTrait } from "../sync/edits.ts";
 import type { Model, PaneInfo, Point, PointsDetail, Vector2, Vector3 } from "../types.ts";
@@ -96,6 +97,11 @@ export type Facts = { folds?: [number, number] | null; worst?: Vector3 | null; n
 export type ViewRequest = Pick<SlicesMoved, "cursor" | "projection" | "original">;
 
 export class SpaceEditorView extends EditorDrawing {
+  commands: EditorCommands = {
+    guard: (action) => this.frames.guard(action),
+    run: (command, focused) => this.run(command, focused),
+    focus: () => this.focusStage(),
+  };
   host: HTMLElement;
   selected: Set<number>;
   selection: RestingTrait;
@@ -151,7 +157,7 @@ export class SpaceEditorView extends EditorDrawing {
     el.classList.add("dnb-ed-host");
     el.append(this.root);
     this.root.classList.add("dnb-space");
-    this.toolbar = new Toolbar(this, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
+    this.toolbar = new Toolbar(this.commands, this.root, SPACE_GROUPS, SPACE_EDITOR_KEYS, SPACE_MORE);
     const group = pageElement("div", "dnb-ed-group", null);
     this.toolbar.root.insertBefore(group, this.toolbar.root.children[2]!);
     this.chooser = pageElement("select", "dnb-sp-select", group, {
@@ -173,7 +179,7 @@ export class SpaceEditorView extends EditorDrawing {
       "aria-label": "name of the point",
       ...OWN_KEYS,
     });
-    this.row.append(this.tip, this.alert);
+    this.row.append(this.messages.tip, this.messages.alert);
     this.help = new HelpPanel(
       this.row,
       this.root,
@@ -185,13 +191,13 @@ export class SpaceEditorView extends EditorDrawing {
     this.factsLine = pageElement("span", "dnb-ed-facts", state);
     this.foldFact = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", status);
-    this.root.append(this.liveRegion);
+    this.root.append(this.messages.liveRegion);
     beforeActionOutside(this.root, () => this.selection.flush(), this.closed.signal);
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
-    this.observer = new ResizeObserver(() => this.guard(() => this.layout()));
+    this.observer = new ResizeObserver(() => this.frames.guard(() => this.layout()));
     this.#followModel();
     this.#followPage();
-    this.guard(() => {
+    this.frames.guard(() => {
       this.layout();
       this.showWaiting();
     });
@@ -200,9 +206,10 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   #followModel() {
-    const { model, bus, sender } = this;
+    const { model, sender } = this,
+      bus = busOf(model);
     const on = (name: string, handler: (...given: any[]) => void) => {
-      const guarded = (...given: any[]) => this.guard(() => handler(...given));
+      const guarded = (...given: any[]) => this.frames.guard(() => handler(...given));
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
@@ -212,20 +219,24 @@ export class SpaceEditorView extends EditorDrawing {
     });
     on("change:cursor", () => this.receiveCursor());
     on("change:panes", () => this.setPanes());
-    on("change:theme", () => this.applyTheme());
+    on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
     for (const name of ["height", "fill"]) on(`change:${name}`, () => this.layout());
     for (const name of ["label", "projection", "shows_original", "read_only", "history", "mirror", "snap"]) {
-      on(`change:${name}`, () => this.invalidate());
+      on(`change:${name}`, () => this.frames.invalidate());
     }
     const moved = (event: CustomEvent<PointsDetail>) => {
-      this.guard(() => this.#receiveMove(event.detail));
+      this.frames.guard(() => this.#receiveMove(event.detail));
     };
     bus.addEventListener("deformnb:points", moved);
     this.#ends.push(() => bus.removeEventListener("deformnb:points", moved));
     sender.greet();
-    const news = { points: () => this.receive(), status: () => this.showStatus(), history: () => this.invalidate() };
-    this.#ends.push(sender.listen((what: Change) => this.guard(news[what])));
+    const news = {
+      points: () => this.receive(),
+      status: () => this.messages.showStatus(sender),
+      history: () => this.frames.invalidate(),
+    };
+    this.#ends.push(sender.listen((what: Change) => this.frames.guard(news[what])));
   }
 
   #followPage() {
@@ -235,7 +246,9 @@ export class SpaceEditorView extends EditorDrawing {
       name: K,
       handler: (event: HTMLElementEventMap[K]) => void,
     ) =>
-      target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), { signal });
+      target.addEventListener(name, (event) => this.frames.guard(() => handler(event as HTMLElementEventMap[K])), {
+        signal,
+      });
     listen(this.chooser, "change", () => this.look({ projection: this.chooser.value as SlicesMoved["projection"] }));
     listen(this.root, "keydown", (event) => {
       if (!spaceKey(this, event)) return;
@@ -264,8 +277,9 @@ export class SpaceEditorView extends EditorDrawing {
     for (const end of this.#ends) end();
     this.observer.disconnect();
     this.theme.close();
-    cancelAnimationFrame(this.frame);
-    for (const timer of [this.slowTimer, this.lookTimer, this.tipTimer, this.alertTimer]) clearTimeout(timer);
+    this.messages.close();
+    this.frames.close();
+    for (const timer of [this.slowTimer, this.lookTimer]) clearTimeout(timer);
     this.root.remove();
     this.host.classList.remove("dnb-ed-host");
   }
@@ -273,14 +287,14 @@ export class SpaceEditorView extends EditorDrawing {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   layout() {
-    this.applyTheme(); // a style sheet that comes late changes sizes as well
+    this.theme.apply(); // a style sheet that comes late changes sizes as well
     this.root.setAttribute("aria-label", `Editor in space of ${this.model.get("label") || "Volume"}`);
     this.root.classList.toggle("dnb-sp-viewer", this.isViewer);
     const isFilling = Boolean(this.model.get("fill"));
     this.root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it
     if (isFilling) {
       this.#fillBox();
-      this.drawNow();
+      this.frames.drawNow();
       return;
     }
     const widths = this.pictures.map((pane) => Math.max(100, pane.stage.clientWidth || 260));
@@ -290,7 +304,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.pictures.forEach((pane, k) => {
       pane.layout(widths[k]!, height);
     });
-    this.drawNow();
+    this.frames.drawNow();
   }
 
   /** Lay the pictures out in as many columns as show them largest. */
@@ -395,7 +409,7 @@ export class SpaceEditorView extends EditorDrawing {
   edit(points: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
     if (this.isLocked || samePoints(points, this.points)) return false;
     if (JSON.stringify(points).length > MOST_CHARACTERS) {
-      this.showMessage("These are too many points to send at once. Remove some, or edit in Python.");
+      this.messages.show("These are too many points to send at once. Remove some, or edit in Python.");
       return false;
     }
     this.sender.edit(points, kind, join); // which notifies all views, this one too
@@ -404,7 +418,7 @@ export class SpaceEditorView extends EditorDrawing {
 
   stepHistory(way: "undo" | "redo") {
     if (this.drag0 || this.isLocked || !this.sender.step(way)) return;
-    this.announce(way === "undo" ? "undone" : "redone");
+    this.messages.announce(way === "undo" ? "undone" : "redone");
   }
 
   beginDrag() {
@@ -416,7 +430,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.points = points;
     this.#publish("move");
     this.sender.move(points);
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
@@ -429,12 +443,12 @@ export class SpaceEditorView extends EditorDrawing {
     this.points = this.sender.points; // Python may have moved them meanwhile
     this.#publish("end");
     this.sender.move(this.points); // Python has seen the drag, and now that it is no more
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   #publish(phase: "move" | "end") {
     const { id: origin, points, model } = this;
-    publishPoints(this.bus, { origin, points, settings: settingsOf(model), fit: null, phase });
+    publishPoints(busOf(model), { origin, points, settings: settingsOf(model), fit: null, phase });
   }
 
   /** Let the user name a point. */
@@ -474,7 +488,7 @@ export class SpaceEditorView extends EditorDrawing {
       next = new Set((ids ?? []).filter((id) => known.has(id)));
     const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
     this.selected = next;
-    this.invalidate();
+    this.frames.invalidate();
     if (isSame || !isShared) return;
     this.selection.sendSoon([...this.selected]);
   }
@@ -539,22 +553,22 @@ export class SpaceEditorView extends EditorDrawing {
   setSelecting(isSelecting: boolean) {
     if (isSelecting) this.setAdding(false);
     this.isSelecting = isSelecting;
-    if (isSelecting) this.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
-    this.invalidate();
+    if (isSelecting) this.messages.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
+    this.frames.invalidate();
   }
 
   setAdding(isAdding: boolean) {
     if (isAdding) this.setSelecting(false);
     this.isAdding = isAdding && !this.isLocked;
     this.row.classList.toggle("dnb-ed-adding", this.isAdding);
-    if (this.isAdding) this.hint("Click where a feature is, and drag it. Esc when done");
-    this.invalidate();
+    if (this.isAdding) this.messages.hint("Click where a feature is, and drag it. Esc when done");
+    this.frames.invalidate();
   }
 
   /** Show or hide the list of keys. The focus goes to the list, and back to where it was. */
   toggleHelp() {
     this.help.toggle();
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   /** End what is going on; returns whether there was anything. */
@@ -581,7 +595,7 @@ export class SpaceEditorView extends EditorDrawing {
   // ---- data from Python ---------------------------------------------------------------------------------------------
 
   message(message: SpaceEditorToFrontEnd, buffers: (DataView | ArrayBuffer)[]) {
-    if (message.type === "error") this.showMessage(message.message, true);
+    if (message.type === "error") this.messages.show(message.message, true);
     if (message.type === "look") this.lookAt(message.id);
     if (message.type === "pictures" && (!message.view || message.view === this.id))
       this.receivePictures(message, buffers);
@@ -607,7 +621,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.#expectPictures(false);
     this.facts = { folds: this.facts.folds, worst: this.facts.worst, ...facts };
     this.shownCount += 1;
-    this.drawNow();
+    this.frames.drawNow();
     if (seq) this.model.send({ type: "seen", view: this.id, seq } satisfies Seen);
     this.waitingSince = -Infinity;
     this.#sendLook();
@@ -617,7 +631,7 @@ export class SpaceEditorView extends EditorDrawing {
   set(name: string, value: any) {
     this.model.set(name, value);
     this.model.save_changes();
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   receive() {
@@ -632,7 +646,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.points = points;
     this.select([...this.selected]);
     this.#publish("end");
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   /** Take over the points of another view. */
@@ -640,7 +654,7 @@ export class SpaceEditorView extends EditorDrawing {
     if (origin === this.id || this.drag0) return;
     if (phase === "move") {
       this.points = points;
-      this.invalidate();
+      this.frames.invalidate();
     } else this.receive();
   }
 
@@ -648,7 +662,7 @@ export class SpaceEditorView extends EditorDrawing {
     const given = this.model.get("cursor");
     if (this.looked.delete(JSON.stringify(given)) || this.pendingLook) return; // our own, or an older one
     this.cursor = [...(given as Vector3)];
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   setPanes() {
@@ -692,7 +706,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.row.classList.toggle("dnb-ed-waiting", isWaiting);
     this.row.setAttribute("aria-busy", String(isWaiting));
     setText(this.wait, this.model.get("waiting") || (this.isSlow ? "Making the pictures" : ""));
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   // ---- where the slices lie -----------------------------------------------------------------------------------------
@@ -705,7 +719,7 @@ export class SpaceEditorView extends EditorDrawing {
     if (isExpected) {
       this.slowTimer = setTimeout(
         () =>
-          this.guard(() => {
+          this.frames.guard(() => {
             this.isSlow = true;
             this.showWaiting();
           }),
@@ -757,7 +771,7 @@ export class SpaceEditorView extends EditorDrawing {
     }, place);
     this.cursor = next;
     this.look({ cursor: next }, isMoving);
-    this.invalidate();
+    this.frames.invalidate();
   }
 
   setDepth(pane: SpacePane, depth: number) {
@@ -793,7 +807,7 @@ export class SpaceEditorView extends EditorDrawing {
     if (!p) return;
     this.select([id]);
     this.setCursor([...p.target] as Vector3, false);
-    this.announce(`slices at ${p.name || `point ${id}`}`);
+    this.messages.announce(`slices at ${p.name || `point ${id}`}`);
   }
 
   /** Bring a point into sight. */

@@ -91,8 +91,10 @@ export class SpacePane {
       pageElement("span", `dnb-sp-letter dnb-sp-${side}`, this.stage, { "aria-hidden": "true" }),
     );
     this.slider = pageElement("input", "dnb-sp-slider", this.root, { type: "range", ...OWN_KEYS });
-    this.slider.addEventListener("input", () => editor.guard(() => editor.setDepth(this, Number(this.slider.value))));
-    this.slider.addEventListener("change", () => editor.guard(() => editor.lookAtRest()));
+    this.slider.addEventListener("input", () =>
+      editor.frames.guard(() => editor.setDepth(this, Number(this.slider.value))),
+    );
+    this.slider.addEventListener("change", () => editor.frames.guard(() => editor.lookAtRest()));
   }
 
   get info(): PaneInfo {
@@ -159,7 +161,7 @@ export class SpacePane {
       k = this.fittedScale;
     Object.assign(this.view, { k, x: width / 2 - (k * (a0 + a1)) / 2, y: height / 2 - (k * (b0 + b1)) / 2 });
     this.isFitted = true;
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   panBy(dx: number, dy: number) {
@@ -169,7 +171,7 @@ export class SpacePane {
     v.x = Math.max(rest - v.k * a1, Math.min(v.width - rest - v.k * a0, v.x + dx));
     v.y = Math.max(rest - v.k * b1, Math.min(v.height - rest - v.k * b0, v.y + dy));
     this.isFitted = false;
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   zoomAt(factor: number, x: number = this.view.width / 2, y: number = this.view.height / 2) {
@@ -287,7 +289,9 @@ export class SpacePane {
     const {
       view: v,
       editor: {
-        colours: { stage },
+        theme: {
+          colours: { stage },
+        },
       },
       picture,
       shapes,

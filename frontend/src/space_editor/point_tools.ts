@@ -83,7 +83,7 @@ export class SpacePointTools {
     if (!free.length) this.announceLocked(ids[0]!);
     this.change(movedInSpace(editor.points, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 ? editor.points.find((q) => q.id === ids[0]) : null;
-    if (p) editor.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
+    if (p) editor.messages.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
   }
 
   /**
@@ -103,7 +103,7 @@ export class SpacePointTools {
       return near.id;
     }
     if (!pane.isInside(at)) {
-      editor.hint("Points are put inside the volume");
+      editor.messages.hint("Points are put inside the volume");
       return null;
     }
     return this.addPlace(fromPane(pane.info, this.#snapped(pane.info, inPane(pane.info, pane.under(at)))), pane);
@@ -114,22 +114,22 @@ export class SpacePointTools {
       id = nextId(editor.points, editor.sender.nextId);
     if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
     editor.select([id]);
-    editor.drawNow();
+    editor.frames.drawNow();
     pane.handles.focus(id);
-    editor.announce(`point ${id} added at ${place.map(shownLength).join(", ")}`);
+    editor.messages.announce(`point ${id} added at ${place.map(shownLength).join(", ")}`);
     return id;
   }
 
   announceLocked(id: number) {
     const p = this.editor.points.find((q) => q.id === id);
-    if (p) this.editor.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
+    if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   toggleLock(ids: number[]) {
     const { editor } = this;
-    if (!ids.length) editor.hint("Select points to lock them");
+    if (!ids.length) editor.messages.hint("Select points to lock them");
     else if (editor.edit(lockedPoints(editor.points, ids), "lock")) {
-      editor.announce(editor.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
+      editor.messages.announce(editor.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
     }
   }
 
@@ -141,8 +141,8 @@ export class SpacePointTools {
       pane = editor.paneOf(document.activeElement)!;
     const hadFocus = editor.root.contains(treeOf(editor.root).activeElement);
     if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
-    editor.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
-    editor.drawNow();
+    editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
+    editor.frames.drawNow();
     const next = editor.points[Math.min(at, editor.points.length - 1)];
     if (hadFocus && !(next && pane.handles.focus(next.id))) pane.stage.focus({ preventScroll: true });
   }
@@ -180,7 +180,7 @@ export class SpacePointTools {
     const { editor } = this;
     editor.set("mirror", { on, axis, at });
     if (at === null) editor.set("mirror", { on, axis, at: this.mirror.at });
-    if (on) editor.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
+    if (on) editor.messages.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
   }
 
   toggleMirror() {
@@ -202,7 +202,7 @@ export class SpacePointTools {
     const at = Math.max(Math.min(...ends), Math.min(Math.max(...ends), dot(normal, place)));
     model.set("mirror", { on, axis, at });
     if (isEnd) model.save_changes();
-    this.editor.invalidate();
+    this.editor.frames.invalidate();
   }
 
   /**
@@ -252,7 +252,8 @@ export class SpacePointTools {
       voxel = Math.min(...spacing);
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
     editor.set("snap", this.snap > 0 ? 0 : step);
-    if (this.snap > 0) editor.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
+    if (this.snap > 0)
+      editor.messages.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
   }
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
@@ -284,7 +285,7 @@ export class SpacePointTools {
       free = freeIds(editor.points, chosen);
     if (editor.isLocked || !chosen.length) return null;
     if (!free.length) this.announceLocked(chosen[0]!);
-    else if (free.length < 2) editor.hint("Select two points or more to turn them", 4000);
+    else if (free.length < 2) editor.messages.hint("Select two points or more to turn them", 4000);
     return free.length < 2 ? null : free;
   }
 
@@ -299,7 +300,7 @@ export class SpacePointTools {
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
     this.change(turnedInSpace(editor.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
-    editor.announce(
+    editor.messages.announce(
       angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
   }
@@ -318,6 +319,8 @@ export class SpacePointTools {
       editor: { drag0 },
     } = this;
     if (drag0) editor.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
-    editor.hint(factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`);
+    editor.messages.hint(
+      factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
+    );
   }
 }

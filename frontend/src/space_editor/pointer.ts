@@ -58,7 +58,7 @@ export class PaneGestures {
       handler: (event: HTMLElementEventMap[K]) => void,
       options: AddEventListenerOptions = {},
     ) =>
-      target.addEventListener(name, (event) => editor.guard(() => handler(event as HTMLElementEventMap[K])), {
+      target.addEventListener(name, (event) => editor.frames.guard(() => handler(event as HTMLElementEventMap[K])), {
         signal: editor.closed.signal,
         ...options,
       });
@@ -187,7 +187,7 @@ export class PaneGestures {
       { k } = pane.view;
     if (g.kind === "pan") pane.panBy(at[0] - g.at[0], at[1] - g.at[1]);
     else if (g.kind === "band") this.#band(g, at);
-    else if (g.kind === "tap") editor.hint("Tap a picture first, then a finger moves its cross-hair");
+    else if (g.kind === "tap") editor.messages.hint("Tap a picture first, then a finger moves its cross-hair");
     else if (g.kind === "mirror") tools.moveMirror(pane.under(at), false);
     else if (g.kind === "turn") {
       g.scales = event.altKey;
@@ -275,7 +275,7 @@ export class PaneGestures {
     const { editor, pane } = this,
       isZoom = event.ctrlKey || event.metaKey;
     if (!isZoom && !editor.isWorkedIn) {
-      editor.hint("Click a picture to go through its slices with the wheel");
+      editor.messages.hint("Click a picture to go through its slices with the wheel");
       return;
     }
     event.preventDefault();
@@ -366,7 +366,7 @@ function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: Vector2, 
     { at, normal } = tools.mirror;
   const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
   tools.moveMirror(normal.map((x, k) => at * x + way[k]!) as Vector3, true);
-  editor.announce(`mirror at ${shownLength(tools.mirror.at)}`);
+  editor.messages.announce(`mirror at ${shownLength(tools.mirror.at)}`);
   return true;
 }
 

@@ -2,7 +2,7 @@
 // the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
 // Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
 
-import type { EditorView } from "../editor/editor.ts";
+import type { EditorDrawing } from "../editor/base.ts";
 import type { SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setText, svgElement, viewOf } from "../ui/dom.ts";
@@ -69,7 +69,7 @@ class StudioHead {
     this.saver = this.#button("Save", () => this.save());
     this.saver.classList.add("dnb-save");
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
-    this.help = this.#icon("help", () => this.#editor?.run("help", null), "Keys and gestures (?)");
+    this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
     this.closing = new AbortController();
     this.draw = () => this.#draw();
     for (const name of TRAITS) model.on(`change:${name}`, this.draw);
@@ -110,10 +110,10 @@ class StudioHead {
   }
 
   /** The editor that is shown, or would be if its pane were. */
-  get #editor(): EditorView | undefined {
+  get #editor(): EditorDrawing | undefined {
     const all = [...(this.studio?.querySelectorAll(".dnb-studio-panes .dnb-editor:not(.dnb-sp-viewer)") ?? [])];
     const shown = all.find((element) => element instanceof HTMLElement && element.offsetWidth > 0) ?? all[0];
-    return viewOf<EditorView>(shown);
+    return viewOf<EditorDrawing>(shown);
   }
 
   /** Choose files; what becomes of them is decided in Python. */
@@ -230,7 +230,7 @@ class StudioHead {
   }
 
   #travel(way: "undo" | "redo") {
-    this.#editor?.run(way, null);
+    this.#editor?.commands.run(way, null);
   }
 
   #fill() {
@@ -265,7 +265,7 @@ class StudioHead {
   #chosen({ target }: Event) {
     const isOurs =
       target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
-    if (isOurs && !target.matches(":focus-visible")) this.#editor?.focusStage();
+    if (isOurs && !target.matches(":focus-visible")) this.#editor?.commands.focus();
   }
 
   /** A message that its user has read goes, until Python has another one. */

@@ -530,3 +530,9 @@ export class EditLink {
     this.post({ type: "edit", seq: this.seq, view: this.id, phase, value });
   }
 }
+
+/** Set a trait, and send it to Python at once. */
+export function setTrait(model: Model, name: string, value: unknown) {
+  model.set(name, value);
+  model.save_changes();
+}

@@ -1,0 +1,107 @@
+// The commands of the toolbar and of keys.
+
+import { setTrait } from "../sync/edits.ts";
+import type { Model } from "../types.ts";
+import type { EditorCommands } from "./base.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Modes } from "./modes.ts";
+import type { Overlay } from "./overlays.ts";
+import type { PointTools } from "./point_tools.ts";
+import type { ShapeTools } from "./shape_tools.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
+import type { Wand } from "./wand_tool.ts";
+import type { WindowTool } from "./window_tool.ts";
+
+/** What the commands use of the editor. */
+export interface CommandEditor {
+  model: Model;
+  frames: Frames;
+  picture: ShownPicture;
+  points: EditedPoints;
+  stage: Stage;
+  viewport: Viewport;
+  layers: { overlay: Overlay };
+  panels: { toolbar: { isOff(command: string): boolean } };
+  tools: { modes: Modes; points: PointTools; shapes: ShapeTools; wand: Wand; window: WindowTool };
+}
+
+/** Switch a trait that is true or false. */
+function toggle({ model }: CommandEditor, name: string) {
+  setTrait(model, name, !model.get(name));
+}
+
+/** Commands of the toolbar and of keys; `ids` are the points that they are about. */
+const COMMANDS: Record<string, (editor: CommandEditor, ids: number[]) => void> = {
+  add: (editor) => editor.tools.modes.setAdding(!editor.tools.modes.isAdding),
+  select: (editor) => editor.tools.modes.setSelecting(!editor.tools.modes.isSelecting),
+  remove: (editor, ids) => editor.tools.points.remove(ids),
+  rename: (editor, ids) => {
+    if (ids.length === 1) editor.tools.points.rename(ids[0]!);
+  },
+  switch: (editor, ids) => editor.tools.points.switch(ids),
+  reset: (editor, ids) => editor.tools.points.reset(ids),
+  lock: (editor, ids) => editor.tools.points.toggleLock(ids),
+  undo: (editor) => editor.points.step("undo"),
+  redo: (editor) => editor.points.step("redo"),
+  move: (editor) => editor.tools.modes.setBrush("move"),
+  grow: (editor) => editor.tools.modes.setBrush("grow"),
+  cut: (editor) => editor.tools.modes.setPen("cut"),
+  part: (editor) => editor.tools.modes.setPen("part"),
+  fixed: (editor) => editor.tools.modes.setPen("fixed"),
+  mirror: (editor) => editor.tools.points.mirror.toggle(),
+  "mirror-axis": (editor) => editor.tools.points.mirror.turn(),
+  snap: (editor) => editor.tools.points.snap.toggle(),
+  stop: (editor) => toggle(editor, "stop_at_folds"),
+  "turn-left": (editor) => editor.tools.points.turnKey(-1, { isLarge: true, isScale: false }),
+  "turn-right": (editor) => editor.tools.points.turnKey(1, { isLarge: true, isScale: false }),
+  grid: (editor) => toggle(editor, "show_grid"),
+  radius: (editor) => toggle(editor, "show_radius"),
+  overlay: (editor) => editor.layers.overlay.next(),
+  compare: (editor) => {
+    editor.picture.isComparing = !editor.picture.isComparing;
+    editor.frames.invalidate();
+  },
+  "zoom-in": (editor) => editor.viewport.zoomAt(1.25),
+  "zoom-out": (editor) => editor.viewport.zoomAt(0.8),
+  fit: (editor) => editor.viewport.fit(),
+  window: (editor) => editor.tools.window.toggle(),
+  wand: (editor) => editor.tools.wand.toggle(),
+  help: (editor) => editor.tools.modes.toggleHelp(),
+};
+
+/** The same where a shape is chosen. */
+const SHAPE_COMMANDS: Record<string, (shapes: CommandEditor["tools"]["shapes"]) => void> = {
+  remove: (shapes) => shapes.remove(),
+  rename: (shapes) => shapes.rename(),
+  switch: (shapes) => shapes.switch(),
+  turn: (shapes) => shapes.turn(),
+};
+
+export class Commands implements EditorCommands {
+  editor: CommandEditor;
+
+  constructor(editor: CommandEditor) {
+    this.editor = editor;
+  }
+
+  guard(action: () => void) {
+    this.editor.frames.guard(action);
+  }
+
+  focus() {
+    this.editor.stage.focus();
+  }
+
+  /** @param focused the point that has the focus; null for what is selected */
+  run(command: string, focused: number | null) {
+    const { panels, points, tools } = this.editor,
+      ids = points.idsAt(focused);
+    if (focused === null && panels.toolbar.isOff(command)) return;
+    if (tools.shapes.choice.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
+      if (!points.isLocked) SHAPE_COMMANDS[command](tools.shapes);
+    } else COMMANDS[command]?.(this.editor, ids);
+  }
+}

@@ -1,0 +1,178 @@
+// The map that the points and shapes of a view are fitted by, and its folds.
+
+import { layeredFit, placeOf } from "../maths/cuts.ts";
+import { foldsOf, probesOf } from "../maths/folds.ts";
+import { samePoints } from "../maths/points.ts";
+import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
+import { publishPoints, settingsOf } from "../sync/bus.ts";
+import type { Bus, FitSettings, LayeredFit, Model, Point, Shapes } from "../types.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { PictureSource } from "./painter.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Viewport } from "./viewport.ts";
+
+/** isRough: found while something moved. */
+export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>; isRough: boolean };
+
+/** What the map uses of the editor. */
+export interface MapEditor {
+  model: Model;
+  bus: Bus;
+  frames: Frames;
+  points: EditedPoints;
+  picture: ShownPicture;
+  viewport: Viewport;
+}
+
+export class EditedMap {
+  editor: MapEditor;
+
+  origin = Math.random().toString(36).slice(2); // of the points that are published: this view
+
+  isDirty = true; // whether the points are to be fitted again
+
+  isFollowing = false; // whether another view has published the points
+
+  error = ""; // the reason why the points cannot be fitted
+
+  /** The last fit that was made, and of what. */
+  made: { points: Point[]; settings: FitSettings; layered: LayeredFit } | null = null;
+
+  /** The last good fit that is shown. */
+  layered: LayeredFit | null = null;
+
+  folds: Folds | null = null;
+
+  constructor(editor: MapEditor) {
+    this.editor = editor;
+  }
+
+  /** @returns of a fit, with the shapes as they are during a drag */
+  get settings(): FitSettings {
+    return { ...settingsOf(this.editor.model), ...this.editor.points.shapes };
+  }
+
+  get strength(): number {
+    return this.settings.strength ?? 1;
+  }
+
+  /** The fit where there are no cuts, for tests and for debugging. */
+  get fit() {
+    return this.layered?.fit ?? null;
+  }
+
+  /**
+   * The map under which a place of the view is seen; null where that is the original.
+   * @param at CSS pixels
+   */
+  fitAt([x]: number[]) {
+    const { picture, viewport } = this.editor;
+    return picture.isOriginal || x! < picture.original.share * viewport.view.width ? null : this.layered;
+  }
+
+  /** The points or settings are others. */
+  changed(isMoving = false) {
+    this.isDirty = true;
+    if (isMoving) this.editor.frames.moving();
+    else this.editor.frames.invalidate();
+  }
+
+  /**
+   * The fit of points, and of shapes, with the settings of now; the last one made if it was of the same. So a drag that
+   * a look at folds let pass, and its drop, are fitted once.
+   * @throws {RbfError} where there is none
+   */
+  fitOf(points: Point[], shapes?: Partial<Shapes>): LayeredFit {
+    const { made } = this,
+      settings = { ...this.settings, ...shapes };
+    const names = Object.keys({ ...settings, ...made?.settings }) as (keyof FitSettings)[];
+    if (made && names.every((name) => made.settings[name] === settings[name]) && samePoints(made.points, points)) {
+      return made.layered;
+    }
+    const layered = layeredFit(points, { ...settings, previous: this.layered });
+    this.made = { points, settings, layered };
+    return layered;
+  }
+
+  /** Fit the points that are shown, and publish them with their fit. */
+  refit() {
+    const { bus, points } = this.editor,
+      { settings } = this;
+    this.isDirty = false;
+    try {
+      this.layered = this.fitOf(points.list);
+      this.error = "";
+    } catch (error) {
+      if (!(error instanceof RbfError)) throw error;
+      this.error = error.message; // the last good picture stays
+    }
+    this.folds = null; // of these points, looked at once more when they rest
+    const layered = this.error ? null : this.layered;
+    if (!this.isFollowing) {
+      publishPoints(bus, {
+        origin: this.origin,
+        points: points.list,
+        settings,
+        fit: layered?.fit ?? null,
+        layered,
+        phase: points.isDragging ? "move" : "end",
+      });
+    }
+    this.isFollowing = false;
+  }
+
+  /** The reach of a point in units of the picture; 0 where that is not known. */
+  get reach() {
+    const fit = this.layered?.fits.map((one) => one.fit).find((one) => one.count > 0);
+    if (!fit) return 0;
+    const { order } = RBF_KERNELS[fit.kernel]!; // with cuts, every region has its own reach: this is the first one's
+    return order >= 2 || fit.kernel === "linear" ? 0 : fit.support; // those kernels have no radius
+  }
+
+  // ---- folds --------------------------------------------------------------------------------------------------------
+
+  /**
+   * Find the folds of the map, if they are not known; only at rest as finely as the status line reports them.
+   * @param known at the nodes of the picture while something moves
+   */
+  findFolds(known: LayeredFit | null) {
+    const { layered, folds } = this,
+      { isMoving } = this.editor.frames;
+    const isDue = !folds || (folds.isRough && !isMoving);
+    if (layered && isDue) this.folds = this.#measuredFolds(known ?? layered);
+  }
+
+  #measuredFolds(known: LayeredFit) {
+    const { isMoving } = this.editor.frames,
+      probes = probesOf(known, isMoving ? 5e4 : 4e5);
+    const nodes = known.count > 200 ? 9 : isMoving ? 17 : 33;
+    return {
+      ...foldsOf(known, this.editor.picture.box, nodes, probes, this.tissueTest(known)),
+      probes,
+      isRough: isMoving,
+    };
+  }
+
+  /** A test whether tissue is seen at a place; undefined where the picture does not show it. */
+  tissueTest(layered: LayeredFit) {
+    const { source } = this.editor.picture.painter,
+      air = this.editor.model.get("air");
+    return source?.grey && typeof air === "number" ? tissueTest(layered, source, air) : undefined;
+  }
+}
+
+/**
+ * Whether the body is seen at a place, there or within two pixels.
+ * @param air the value of the picture up to which nothing is seen
+ */
+function tissueTest(layered: LayeredFit, source: PictureSource, air: number) {
+  const {
+      spacing: [du, dv],
+    } = source.raster,
+    steps = [-2, 0, 2];
+  return (a: number, b: number) => {
+    const [da, db] = placeOf(layered, a, b, du);
+    return steps.some((i) => steps.some((j) => source.isBody([a + da + j * du, b + db + i * dv], air)));
+  };
+}

@@ -1,0 +1,95 @@
+// The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
+
+import type { Sender } from "../sync/edits.ts";
+import { RestingTrait } from "../sync/edits.ts";
+import type { Model, Point, Shapes, Vector2 } from "../types.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+
+/** What the points use of the editor. */
+export interface PointsEditor {
+  model: Model;
+  sender: Sender;
+  frames: Frames;
+  messages: Messages;
+  picture: { readonly isBefore: boolean };
+  viewport: { onView(place: Vector2): Vector2 };
+}
+
+export class EditedPoints {
+  editor: PointsEditor;
+  list: Point[];
+  shapes: Shapes;
+  selected: Set<number>;
+  selection: RestingTrait;
+
+  /** The tools that drag points or shapes. */
+  draggers: { readonly drag0: unknown }[] = [];
+
+  /** Called when points are selected: then no shape is chosen. */
+  onSelect: () => void = () => {};
+
+  constructor(editor: PointsEditor) {
+    const { model, sender } = editor;
+    this.editor = editor;
+    this.list = sender.points;
+    this.shapes = sender.shapes;
+    this.selected = new Set(model.get("selected"));
+    this.selection = new RestingTrait(model, "selected");
+  }
+
+  get isWaiting() {
+    return Boolean(this.editor.model.get("waiting"));
+  }
+
+  get isLocked() {
+    return this.isWaiting || Boolean(this.editor.model.get("read_only")) || this.editor.picture.isBefore;
+  }
+
+  /** Whether points, a shape or a part are being dragged. */
+  get isDragging() {
+    return this.draggers.some(({ drag0 }) => drag0 !== null);
+  }
+
+  withId(id: number) {
+    return this.list.find((p) => p.id === id);
+  }
+
+  /** @param isShared whether Python gets the selection */
+  select(ids: Iterable<number>, isShared: boolean = true) {
+    const known = new Set(this.list.map((p) => p.id)),
+      next = new Set([...(ids ?? [])].filter((id) => known.has(id)));
+    const isSame = next.size === this.selected.size && [...next].every((id) => this.selected.has(id));
+    this.selected = next;
+    if (next.size) this.onSelect();
+    this.editor.frames.invalidate();
+    if (isSame || !isShared) return;
+    this.selection.sendSoon([...this.selected]);
+  }
+
+  toggle(id: number) {
+    this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
+  }
+
+  /** The ids of the points in a rectangle of the view. */
+  inside({ x, y, width, height }: { x: number; y: number; width: number; height: number }) {
+    return this.list
+      .filter(({ target }) => {
+        const [px, py] = this.editor.viewport.onView(target as Vector2);
+        return px >= x && py >= y && px - x <= width && py - y <= height;
+      })
+      .map((p) => p.id);
+  }
+
+  /** The selected points, or the one in focus if that is not selected. */
+  idsAt(focused: number | null) {
+    return focused !== null && !this.selected.has(focused) ? [focused] : [...this.selected];
+  }
+
+  /** Undo or redo an edit. */
+  step(way: "undo" | "redo") {
+    const { sender, messages } = this.editor;
+    if (this.isDragging || this.isLocked || !sender.step(way)) return;
+    messages.announce(way === "undo" ? "undone" : "redone");
+  }
+}

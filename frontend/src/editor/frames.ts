@@ -1,0 +1,119 @@
+// The frames of an editor: what it draws, when, and whether something moves. And the rate at which pictures follow the
+// pointer, which goes to Python with the edit that ends a drag: a message of its own would cost the drag time.
+
+import type { Messages } from "./messages.ts";
+
+const FEWEST_PICTURES = 4; // of a drag, below which a rate means nothing
+const MOST_PICTURES = 1200;
+const PAUSE = 400; // milliseconds: after such a rest of the pointer the next picture is not a slow one
+
+/** Pictures a second while points move, and milliseconds from a movement to its picture. No DOM. */
+export class DrawRate {
+  movedAt: number | null = null;
+
+  last: number | null = null;
+
+  spans: number[] = [];
+
+  waits: number[] = [];
+
+  /** The pointer has moved points, at this time in milliseconds. */
+  moved(now: number) {
+    this.movedAt ??= now;
+  }
+
+  /** The picture of the last movement is drawn. */
+  drew(now: number) {
+    if (this.movedAt === null) return;
+    this.waits.push(now - this.movedAt);
+    if (this.last !== null && now - this.last < PAUSE) this.spans.push(now - this.last);
+    Object.assign(this, { last: now, movedAt: null });
+    for (const list of [this.waits, this.spans]) if (list.length > MOST_PICTURES) list.shift();
+  }
+
+  /** {hz, ms} of the drag that ends now, or null after a short one; the next begins anew. */
+  taken() {
+    const { spans, waits } = this;
+    Object.assign(this, { movedAt: null, last: null, spans: [], waits: [] });
+    if (waits.length < FEWEST_PICTURES || spans.length === 0) return null;
+    const mean = spans.reduce((sum, span) => sum + span, 0) / spans.length;
+    const middle = waits.sort((a, b) => a - b)[waits.length >> 1]!;
+    return { hz: Math.round(10000 / Math.max(mean, 1)) / 10, ms: Math.round(10 * middle) / 10 };
+  }
+}
+
+const REST = 120; // milliseconds after which the full picture is drawn
+
+/** Requests of frames, and actions whose errors are shown. */
+export class Frames {
+  #draw: () => void;
+
+  #messages: Messages;
+
+  request = 0; // of the next frame, or 0
+
+  isMoving = false; // whether something has moved within the last moments
+
+  isResting = false; // whether the next frame is the first after a movement: its full picture takes all of it
+
+  rate = new DrawRate();
+
+  #restTimer = 0;
+
+  constructor(messages: Messages, draw: () => void) {
+    this.#messages = messages;
+    this.#draw = draw;
+  }
+
+  close() {
+    cancelAnimationFrame(this.request);
+    clearTimeout(this.#restTimer);
+  }
+
+  /** Run an action: an error is shown in the widget, and the editor goes on. */
+  guard<T>(action: () => T) {
+    try {
+      return action();
+    } catch (error) {
+      console.error(error);
+      this.#messages.show(`The editor met an error: ${error instanceof Error ? error.message : error}`);
+      return undefined;
+    }
+  }
+
+  invalidate() {
+    if (!this.request) this.request = requestAnimationFrame(() => this.#run());
+  }
+
+  drawNow() {
+    cancelAnimationFrame(this.request);
+    this.#run();
+  }
+
+  #run() {
+    this.request = 0;
+    this.guard(() => this.#draw());
+  }
+
+  moving() {
+    this.isMoving = true;
+    clearTimeout(this.#restTimer);
+    this.#restTimer = 0;
+    this.invalidate();
+  }
+
+  /**
+   * Rest a while after this frame, if something moves. From a picture on, not from a movement: a slow machine would
+   * draw full pictures in between.
+   */
+  restSoon(rested: () => void) {
+    if (!this.isMoving || this.#restTimer) return;
+    this.#restTimer = setTimeout(() => {
+      this.#restTimer = 0;
+      this.isMoving = false;
+      this.isResting = true;
+      rested();
+      this.invalidate();
+    }, REST);
+  }
+}

@@ -1,0 +1,89 @@
+// The deformed grid over the editor's picture.
+
+import { isStill } from "../maths/rigid_stages.ts";
+import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
+import type { LayeredFit, Model } from "../types.ts";
+import type { EditorTheme } from "./base.ts";
+import type { Frames } from "./frames.ts";
+import { drawGrid } from "./painter.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Viewport } from "./viewport.ts";
+
+export type GridLines = ReturnType<typeof deformedGrid>;
+
+/** What the grid uses of the editor. */
+export interface GridEditor {
+  model: Model;
+  frames: Frames;
+  theme: EditorTheme;
+  picture: ShownPicture;
+  viewport: Viewport;
+}
+
+export class GridLayer {
+  editor: GridEditor;
+
+  /** The grid that was drawn, and what it was made of; null where it is to be made anew. */
+  last: { key: unknown[]; lines: GridLines } | null = null;
+
+  constructor(editor: GridEditor) {
+    this.editor = editor;
+  }
+
+  /** Whether there is a grid to show. */
+  get isOn() {
+    const { model } = this.editor;
+    return Boolean(model.get("show_grid") && model.get("density") > 0);
+  }
+
+  /** Draw the grid: straight left of a share of the width, deformed right of it. */
+  draw(layered: LayeredFit | null, share: number) {
+    const {
+      model,
+      picture: { box, painter },
+      theme: { colours },
+      viewport: { view },
+    } = this.editor;
+    const { context: c } = painter,
+      { width, height } = painter.canvas,
+      cut = share * width;
+    if (cut <= 0) {
+      drawGrid(c, view, this.#linesOf(layered), colours.grid);
+      return;
+    }
+    const straight = deformedGrid(NO_CUTS, box, model.get("density"), 1, 1);
+    for (const { lines, x, wide } of [
+      { lines: straight, x: 0, wide: cut },
+      { lines: this.#linesOf(layered), x: cut, wide: width - cut },
+    ]) {
+      c.save();
+      c.beginPath();
+      c.rect(x, 0, wide, height);
+      c.clip();
+      drawGrid(c, view, lines, colours.grid);
+      c.restore();
+    }
+  }
+
+  #linesOf(layered: LayeredFit | null) {
+    const {
+      model,
+      frames: { isMoving },
+      picture: { box },
+      viewport: { view },
+    } = this.editor;
+    const cells = model.get("density"),
+      count = layered?.count ?? 0;
+    const affordable = Math.floor((isMoving ? 8e4 : 32e4) / (cells * cells * Math.max(1, count)));
+    const isBent = (layered?.fits ?? []).some(({ fit }) => !isStill(fit)) || (layered?.regions.length ?? 0) > 0;
+    const parts = isBent ? Math.min(isMoving ? 3 : 8, Math.max(isMoving ? 1 : 2, affordable)) : 1;
+    const key = [layered, cells, parts, String(box)],
+      { last } = this;
+    const isSame = last !== null && key.every((value, k) => value === last.key[k]);
+    const lines = isSame
+      ? last.lines
+      : deformedGrid(layered ?? NO_CUTS, box, cells, parts, (isMoving ? 0.2 : 0.05) / view.k);
+    this.last = { key, lines };
+    return lines;
+  }
+}

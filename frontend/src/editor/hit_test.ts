@@ -1,0 +1,79 @@
+// What lies under a pointer in the editor: a point, a shape, a handle, or a mark.
+
+import { treeOf } from "../ui/dom.ts";
+import type { Frames } from "./frames.ts";
+import type { PartHandle } from "./motion_handles.ts";
+import type { Chosen, Grip } from "./shape_handles.ts";
+import type { Stage } from "./stage.ts";
+
+/** `handle`: of the motion of a rigid part, null on an outline. */
+export type ShapeGrip = Grip & { chosen: Chosen; handle: PartHandle | null };
+
+/** The nearest element around that of an event that a selector matches. */
+export function around({ target }: { target: EventTarget | null }, selector: string): HTMLElement | SVGElement | null {
+  return target instanceof Element ? target.closest(selector) : null;
+}
+
+function numberOf(text: string | undefined) {
+  return text ? Number(text) : null;
+}
+
+/** What the test uses of the editor. */
+export interface HitEditor {
+  frames: Frames;
+  stage: Stage;
+  tools: { shapes: { readonly choice: { readonly chosen: Chosen | null } } };
+}
+
+export class HitTest {
+  editor: HitEditor;
+
+  constructor(editor: HitEditor) {
+    this.editor = editor;
+  }
+
+  /**
+   * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A
+   * press may come before other points or shapes are drawn: then they are, and what lies there now counts.
+   */
+  #hit(event: Event) {
+    if (event.type === "pointerdown" && this.editor.frames.request) this.editor.frames.drawNow();
+    const { type, target } = event,
+      isPlaced = ["pointerdown", "dblclick", "contextmenu"].includes(type);
+    if (!(event instanceof MouseEvent && isPlaced)) return { target };
+    return { target: treeOf(this.editor.stage.root).elementFromPoint(event.clientX, event.clientY) };
+  }
+
+  /** The point that an event is about. */
+  pointAt(event: Event): { id: number; what: "target" | "source" } | null {
+    const hit = this.#hit(event),
+      target = around(hit, "[data-id]"),
+      source = around(hit, "[data-source]");
+    if (target) return { id: Number(target.dataset.id), what: "target" };
+    return source ? { id: Number(source.dataset.source), what: "source" } : null;
+  }
+
+  /**
+   * What of a shape an event is about: its line, a corner, the middle of an edge, or a handle of a part's motion, of
+   * which its inside is one.
+   */
+  shapeAt(event: Event): ShapeGrip | null {
+    const hit = this.#hit(event),
+      grip = around(hit, ".dnb-ed-grip"),
+      chosen = this.editor.tools.shapes.choice.chosen;
+    if (grip && chosen) {
+      return { chosen, corner: numberOf(grip.dataset.corner), middle: numberOf(grip.dataset.middle), handle: null };
+    }
+    const found = around(hit, "[data-motion]")?.dataset.motion;
+    const handle = found === "move" || found === "turn" || found === "pivot" ? found : null;
+    if (chosen && handle && handle !== "move") return { chosen, corner: null, middle: null, handle };
+    const [what, index] = around(hit, "[data-shape]")?.dataset.shape?.split(":") ?? [];
+    if (what !== "cuts" && what !== "parts") return null;
+    return { chosen: { what, index: Number(index) }, corner: null, middle: null, handle };
+  }
+
+  /** The handle that turns, or the axis of the mirror. */
+  markAt(event: Event) {
+    return around(event, "[data-mark]")?.dataset.mark ?? null;
+  }
+}

@@ -1,0 +1,142 @@
+// The modes of the editor: adding, selecting, the pen, a brush, and the tools that are put away for another.
+
+import type { Vector2 } from "../types.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Stage } from "./stage.ts";
+
+/** A tool that is taken up and put away. */
+interface HeldTool {
+  readonly isOn: boolean;
+  stop(): boolean;
+  /** Whether a key means something to the tool. */
+  key(key: string, event: KeyboardEvent, arrow?: Vector2): boolean;
+}
+
+/** What the modes use of the editor. */
+export interface ModesEditor {
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  points: EditedPoints;
+  panels: { help: { readonly isOpen: boolean; toggle(): void } };
+  tools: {
+    pen: HeldTool & { draft: { tool: string } | null; start(tool: string): void; cancel(): boolean };
+    brush: HeldTool & { tool: string | null; start(tool: string): void };
+    window: HeldTool;
+    wand: HeldTool;
+    shapes: { choice: { choose(chosen: null): void }; dropOffer(): boolean };
+  };
+}
+
+export class Modes {
+  editor: ModesEditor;
+
+  isAdding = false;
+
+  isSelecting = false;
+
+  constructor(editor: ModesEditor) {
+    this.editor = editor;
+  }
+
+  setAdding(isAdding: boolean) {
+    const { frames, messages, points, stage } = this.editor;
+    if (isAdding) {
+      this.putDownTools();
+      this.setSelecting(false);
+    }
+    this.isAdding = isAdding && !points.isLocked;
+    stage.element.classList.toggle("dnb-ed-adding", this.isAdding);
+    if (this.isAdding)
+      messages.hint("Press on a feature and drag it in one go, or click to set a point. Esc when done");
+    frames.invalidate();
+  }
+
+  /**
+   * While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+   */
+  setSelecting(isSelecting: boolean) {
+    const { frames, messages, stage } = this.editor;
+    if (isSelecting) {
+      this.putDownTools();
+      this.setAdding(false);
+    }
+    this.isSelecting = isSelecting;
+    stage.element.classList.toggle("dnb-ed-selecting", isSelecting);
+    if (isSelecting) messages.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
+    frames.invalidate();
+  }
+
+  /** The tool that is taken up; undefined for none. */
+  get held(): HeldTool | undefined {
+    const { pen, brush, wand, window } = this.editor.tools;
+    return [pen, brush, wand, window].find(({ isOn }) => isOn);
+  }
+
+  /** Give up what the pen draws, or put another tool away; false where none is taken up. */
+  cancelTool() {
+    const { pen, brush, wand, window } = this.editor.tools;
+    return pen.cancel() || brush.stop() || window.stop() || wand.stop();
+  }
+
+  /** Put away the pen, the brush, the wand, and the tool of the window. */
+  putDownTools() {
+    const { pen, brush, window, wand } = this.editor.tools;
+    for (const tool of [pen, brush, window, wand]) tool.stop();
+  }
+
+  /** False if neither was on. */
+  stopModes() {
+    const was = this.isAdding || this.isSelecting;
+    this.setAdding(false);
+    this.setSelecting(false);
+    return was;
+  }
+
+  /**
+   * Take up the pen, or put it away if it is drawing this already.
+   * @param tool a name of PEN_WORDS
+   */
+  setPen(tool: string) {
+    const { frames, points, stage, tools } = this.editor,
+      was = tools.pen.draft?.tool;
+    this.putDownTools();
+    if (was === tool || points.isLocked) {
+      frames.invalidate();
+      return;
+    }
+    this.stopModes();
+    tools.shapes.choice.choose(null);
+    tools.shapes.dropOffer();
+    tools.pen.start(tool);
+    stage.focus();
+  }
+
+  /** Take up a brush, or put it away. */
+  setBrush(tool: string) {
+    const { points, stage, tools } = this.editor,
+      was = tools.brush.tool;
+    this.putDownTools();
+    if (was === tool || points.isLocked) return;
+    this.stopModes();
+    tools.shapes.choice.choose(null);
+    points.select([]);
+    tools.brush.start(tool);
+    stage.focus();
+  }
+
+  /** The focus goes to the list of keys, and back to where it was. */
+  toggleHelp() {
+    this.editor.panels.help.toggle();
+    this.editor.frames.invalidate();
+  }
+
+  /** False if the list of keys was not open. */
+  closeHelp() {
+    if (!this.editor.panels.help.isOpen) return false;
+    this.toggleHelp();
+    return true;
+  }
+}

@@ -1,0 +1,106 @@
+// The picture that the editor shows: its pixels and colours, its boxes, and what is seen of the original.
+
+import { mapVector } from "../maths/camera.ts";
+import type { Model, Vector4 } from "../types.ts";
+import { CompareControls } from "../ui/compare_controls.ts";
+import type { Frames } from "./frames.ts";
+import type { Messages } from "./messages.ts";
+import type { Original } from "./painter.ts";
+import { bytesOf, colourTable, decodePicture, Painter } from "./painter.ts";
+import { Slices } from "./slices.ts";
+import type { Stage } from "./stage.ts";
+
+/** What the picture uses of the editor. */
+export interface PictureEditor {
+  model: Model;
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+}
+
+export class ShownPicture {
+  editor: PictureEditor;
+  painter: Painter;
+  compare: CompareControls;
+  slices: Slices;
+
+  isComparing = false; // whether the picture is shown as it was
+
+  isBefore = false; // whether this view shows the original beside another one
+
+  #requests = 0; // of pictures
+
+  constructor(editor: PictureEditor) {
+    this.editor = editor;
+    this.painter = new Painter(editor.stage.canvas);
+    this.compare = new CompareControls(editor.stage.element, () => editor.frames.moving());
+    this.slices = new Slices(editor.model, editor.messages);
+  }
+
+  /** Decode the picture of the trait, and call `loaded` unless another one has been requested meanwhile. */
+  async load(loaded: () => void) {
+    this.#requests += 1;
+    const { model, messages } = this.editor,
+      number = this.#requests,
+      bytes = model.get("image"),
+      raster = model.get("raster");
+    try {
+      const source = bytes?.byteLength ? await decodePicture(bytes, raster) : null;
+      if (this.#requests !== number) return;
+      if (source && model.get("window")?.length) source.setWindow(model.get("window"));
+      this.painter.source = source;
+    } catch (error) {
+      const reason = error instanceof Error ? error.message : error;
+      if (this.#requests === number) messages.show(`The picture could not be shown: ${reason}`);
+    }
+    loaded();
+  }
+
+  /** Show grey values in the colours of the trait. */
+  applyColours() {
+    const { model, frames } = this.editor,
+      bytes = model.get("colours");
+    this.painter.colours = colourTable(bytes?.byteLength ? bytesOf(bytes) : null);
+    frames.invalidate();
+  }
+
+  /** Whether grey values are shown in colours. */
+  get hasColours() {
+    return Boolean(this.editor.model.get("colours")?.byteLength);
+  }
+
+  /** Show the original as the trait has it: not at all, wholly, left of a line, or mixed in. */
+  applyShows() {
+    this.compare.set(this.editor.model.get("shows") ?? "");
+    this.editor.frames.invalidate();
+  }
+
+  /** Whether all of the picture is shown as it was. */
+  get isOriginal() {
+    return this.isComparing || this.isBefore || this.compare.shows === "original";
+  }
+
+  /** What is seen of the original in the picture. */
+  get original(): Original {
+    const { shows, share } = this.compare,
+      isAll = this.isOriginal;
+    return { share: !isAll && shows === "wipe" ? share : 0, opacity: !isAll && shows === "fade" ? share : 0 };
+  }
+
+  /** The picture's box, [a0, a1, b0, b1]. */
+  get box(): Vector4 {
+    const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a, b],
+    } = this.editor.model.get("raster");
+    return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
+  }
+
+  /** The box of all that is drawn: the picture's, and what the result's holds beyond it. */
+  get sheet(): Vector4 {
+    const { box } = this,
+      beyond = this.editor.model.get("beyond") ?? [];
+    return mapVector(box, (x, n) => (beyond.length === 4 ? (n % 2 ? Math.max : Math.min)(x, beyond[n]) : x));
+  }
+}

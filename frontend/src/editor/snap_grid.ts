@@ -1,0 +1,52 @@
+// The grid to whose nodes targets keep.
+
+import { shownLength } from "../maths/numbers.ts";
+import { setTrait } from "../sync/edits.ts";
+import type { Model, Vector2 } from "../types.ts";
+import type { Messages } from "./messages.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+
+/** What the grid uses of the editor. */
+export interface SnapEditor {
+  model: Model;
+  messages: Messages;
+  picture: ShownPicture;
+}
+
+export class SnapGrid {
+  editor: SnapEditor;
+
+  constructor(editor: SnapEditor) {
+    this.editor = editor;
+  }
+
+  /** A cell of the grid that is drawn. */
+  get #cell() {
+    const [a0, a1, b0, b1] = this.editor.picture.box;
+    return Math.max(a1 - a0, b1 - b0) / (this.editor.model.get("density") || 16);
+  }
+
+  /** The distance of its nodes; 0 where targets keep to none. */
+  get step() {
+    return Number(this.editor.model.get("snap")) || 0;
+  }
+
+  toggle() {
+    const { messages, model } = this.editor;
+    setTrait(model, "snap", this.step > 0 ? 0 : this.#cell);
+    const { step } = this;
+    if (step > 0) messages.hint(`Targets keep to a grid of ${shownLength(step)}; hold Alt to go between`, 4000);
+  }
+
+  /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */
+  placeOf([a, b]: Vector2): Vector2 {
+    const { step } = this,
+      cell = this.#cell,
+      [a0, a1, b0, b1] = this.editor.picture.box;
+    if (!(step > 0)) return [a, b];
+    const isDrawn = Math.abs(step - cell) < 1e-6 * cell;
+    const whole = (length: number) => (isDrawn ? length / Math.max(1, Math.round(length / step)) : step);
+    const [da, db] = [whole(a1 - a0), whole(b1 - b0)];
+    return [a0 + da * Math.round((a - a0) / da), b0 + db * Math.round((b - b0) / db)];
+  }
+}

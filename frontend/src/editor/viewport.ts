@@ -1,0 +1,100 @@
+// The viewport of the editor of a picture: which part of the picture is seen, and how large.
+
+import type { Vector2, Vector4 } from "../types.ts";
+import type { Frames } from "./frames.ts";
+import type { View } from "./painter.ts";
+
+export const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
+const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
+const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
+
+/** What the viewport uses of the editor. */
+export interface ViewportEditor {
+  frames: Frames;
+  picture: { readonly sheet: Vector4 };
+}
+
+export class Viewport {
+  editor: ViewportEditor;
+
+  view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
+
+  isFitted = true; // whether the view shows the whole picture
+
+  constructor(editor: ViewportEditor) {
+    this.editor = editor;
+  }
+
+  /**
+   * The place of the picture at a place of the view.
+   * @param at CSS pixels
+   */
+  placeAt([x, y]: Vector2): Vector2 {
+    return [(x - this.view.x) / this.view.k, (y - this.view.y) / this.view.k];
+  }
+
+  /** The place of the view at a place of the picture. */
+  onView([a, b]: Vector2): Vector2 {
+    return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
+  }
+
+  /** Take another size in CSS pixels: the whole picture, or the same middle. */
+  resize(width: number, height: number, ratio: number) {
+    const v = this.view,
+      [dx, dy] = [(width - v.width) / 2, (height - v.height) / 2];
+    Object.assign(v, { width, height, ratio });
+    if (this.isFitted) this.fit();
+    else Object.assign(v, { x: v.x + dx, y: v.y + dy });
+  }
+
+  get #fittedScale() {
+    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+      { width, height } = this.view;
+    return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
+  }
+
+  /** Show the whole picture. */
+  fit() {
+    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+      { width, height } = this.view,
+      k = this.#fittedScale;
+    Object.assign(this.view, { k, x: width / 2 - (k * (a0 + a1)) / 2, y: height / 2 - (k * (b0 + b1)) / 2 });
+    this.isFitted = true;
+    this.editor.frames.invalidate();
+  }
+
+  panBy(dx: number, dy: number) {
+    Object.assign(this.view, { x: this.view.x + dx, y: this.view.y + dy });
+    this.#keepInView();
+  }
+
+  zoomAt(factor: number, x = this.view.width / 2, y = this.view.height / 2) {
+    const v = this.view,
+      fitted = this.#fittedScale,
+      k = Math.max(fitted / 4, Math.min(fitted * 64, v.k * factor));
+    const f = k / v.k;
+    Object.assign(v, { k, x: x + f * (v.x - x), y: y + f * (v.y - y) });
+    this.#keepInView();
+  }
+
+  /** Show a place of the picture in the middle of the view, magnified enough to show what it holds. */
+  lookAt([a, b]: Vector2) {
+    const v = this.view,
+      k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);
+    Object.assign(v, { k, x: v.width / 2 - k * a, y: v.height / 2 - k * b });
+    this.#keepInView();
+  }
+
+  /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
+  #keepInView() {
+    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+      v = this.view;
+    const least = (length: number, room: number) => LEAST_SEEN * Math.min(v.k * length, room);
+    const across = least(a1 - a0, v.width),
+      down = least(b1 - b0, v.height);
+    v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
+    v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
+    this.isFitted = false;
+    this.editor.frames.moving();
+  }
+}

@@ -1,0 +1,62 @@
+// The wheel over the editor's picture: it zooms, goes through the slices, or changes the brush.
+
+import type { Brush } from "./brush_tool.ts";
+import type { EditedPoints } from "./edited_points.ts";
+import type { Frames } from "./frames.ts";
+import { WheelSteps } from "./handles.ts";
+import type { Messages } from "./messages.ts";
+import type { ShownPicture } from "./shown_picture.ts";
+import type { Stage } from "./stage.ts";
+import type { Viewport } from "./viewport.ts";
+
+/** What the wheel uses of the editor. */
+export interface WheelEditor {
+  frames: Frames;
+  messages: Messages;
+  stage: Stage;
+  viewport: Viewport;
+  points: Pick<EditedPoints, "isDragging">;
+  picture: Pick<ShownPicture, "slices">;
+  tools: { brush: Pick<Brush, "isOn" | "grow"> };
+}
+
+export class Wheel {
+  editor: WheelEditor;
+
+  #steps = new WheelSteps();
+
+  constructor(editor: WheelEditor) {
+    const { element, closing } = editor.stage,
+      options = { signal: closing.signal, passive: false };
+    this.editor = editor;
+    element.addEventListener("wheel", (e) => editor.frames.guard(() => this.#turn(e)), options);
+  }
+
+  /** The wheel belongs to the page that scrolls, until someone works in the editor. */
+  #turn(event: WheelEvent) {
+    const { editor } = this,
+      [x, y] = editor.stage.placeOf(event),
+      isWanted = event.ctrlKey || event.metaKey || editor.stage.isWorkedIn;
+    if (!isWanted) {
+      editor.messages.hint(
+        editor.picture.slices.seen
+          ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
+          : "Click the picture, or hold Ctrl, to zoom with the wheel",
+      );
+      return;
+    }
+    event.preventDefault();
+    const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1;
+    const delta = Math.max(-240, Math.min(240, event.deltaY * lines));
+    if (editor.tools.brush.isOn && !event.ctrlKey && !event.metaKey) {
+      editor.tools.brush.grow(-delta / 60);
+      return;
+    }
+    if (editor.picture.slices.seen && !event.ctrlKey && !event.metaKey) {
+      const steps = this.#steps.add(delta);
+      if (steps !== 0) editor.picture.slices.move(steps, editor.points.isDragging);
+      return;
+    }
+    editor.viewport.zoomAt(Math.exp(-delta * (event.ctrlKey ? 0.01 : 0.0022)), x, y);
+  }
+}
