@@ -1,4 +1,4 @@
-"""Bundles the widgets' JavaScript when the package is built from a checkout; an sdist has the bundles."""
+"""Bundles the front end when the package is built from a checkout; an sdist has the bundles."""
 
 from __future__ import annotations
 

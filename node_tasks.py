@@ -1,4 +1,4 @@
-"""Tasks for Node.js in a checkout: the widgets' JavaScript is bundled, checked and tested.
+"""Tasks for Node.js in a checkout: the front end is bundled, checked and tested.
 
 ``python node_tasks.py bundle`` makes the bundles of ``frontend/src`` if its modules have changed; ``bundle --debug``
 makes them with white space and source maps; ``check`` checks types and lints; ``test`` runs the tests that
@@ -46,7 +46,7 @@ class MissingNodeError(NodeError):
 
 
 def bundle(*options: str) -> None:
-    """Bundle the widgets' JavaScript where it has changed; with options of ``build.mjs`` in any case."""
+    """Bundle the front end where it has changed; with options of ``build.mjs`` in any case."""
     state = bundle_state()
     if not options and not state.is_stale():
         return
@@ -102,12 +102,12 @@ def system_node() -> tuple[str, list[str] | None]:
     """As :func:`find_node`, of the system alone."""
     path, npm = shutil.which("node"), shutil.which("npm")
     if path is None:
-        raise MissingNodeError(f"the JavaScript of the widgets needs Node.js, and there is none; {CURE}.")
+        raise MissingNodeError(f"the front end needs Node.js, and there is none; {CURE}.")
     done = subprocess.run([path, "--version"], capture_output=True, encoding="utf-8", errors="replace", check=False)
     version = done.stdout.strip()
     if not version[1:].split(".")[0].isdecimal() or int(version[1:].split(".")[0]) < OLDEST:
         raise MissingNodeError(
-            f"the JavaScript of the widgets needs Node.js {OLDEST} or newer, and {path} is {version or 'none'}; {CURE}."
+            f"the front end needs Node.js {OLDEST} or newer, and {path} is {version or 'none'}; {CURE}."
         )
     return path, None if npm is None else [npm]
 

@@ -1,4 +1,4 @@
-"""Runs modules of the widgets' JavaScript in node, without a page."""
+"""Runs modules of the front end in Node.js, without a page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bundles of the widgets' JavaScript: stale ones are refused, and without Node.js a sentence says what to install."""
+"""Bundles of the front end: stale ones are refused, and without Node.js a sentence says what to install."""
 
 from __future__ import annotations
 

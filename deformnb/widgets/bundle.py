@@ -50,9 +50,9 @@ def _text(name: str) -> str:
 def _check_fresh() -> None:
     """Check the bundles at the import of the first widget, so that no widget runs one of older sources."""
     if not STAMP.exists():
-        raise RuntimeError(f"the JavaScript of the widgets has not been bundled: {_CURE}.")
+        raise RuntimeError(f"the front end has not been bundled: {_CURE}.")
     if (FRONT_END / "build.mjs").is_file() and is_stale():
-        raise RuntimeError(f"the JavaScript of the widgets has changed since it was bundled: {_CURE}.")
+        raise RuntimeError(f"the front end has changed since it was bundled: {_CURE}.")
 
 
 def is_stale() -> bool:

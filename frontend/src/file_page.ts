@@ -50,7 +50,7 @@ export interface Opened {
   volume: Volume;
   photograph: Photograph | null;
   about: Measured;
-  /** of the voxels, as Python makes it */
+  /** Of the voxels, as Python makes it */
   sha256: string | null;
   packed: (Pick<PageData, "chunks"> & { packed: Values }) | null;
 }

@@ -10,7 +10,7 @@ import type { KernelTable, Point, Values } from "./types.ts";
 import type { Attributes } from "./ui/dom.ts";
 import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 
-/** the content of a message and its buffers */
+/** The content of a message and its buffers */
 export type Packet = [Values, DataView<ArrayBuffer>[]];
 
 interface ParameterWords {
@@ -27,33 +27,33 @@ export interface MenuParameter extends ParameterWords {
 }
 
 export interface PageData {
-  /** traits */
+  /** Traits */
   editor: Values;
-  /** traits */
+  /** Traits */
   view: Values | null;
   chunks: { start: number; lag: number; packed: DataView<ArrayBuffer> }[];
   field: { content: Values; buffers: DataView<ArrayBuffer>[] };
   still_background: string;
-  /** their orders by their names */
+  /** Their orders by their names */
   kernels: Record<string, number>;
-  /** those of the kernels that the scripts have no formula of */
+  /** Those of the kernels that the scripts have no formula of */
   kernel_tables: Record<string, KernelTable>;
-  /** likewise */
+  /** Likewise */
   trends: Record<string, number>;
-  /** display modes of the picture */
+  /** Display modes of the picture */
   picture_shows: string[];
-  /** names of those that the page has */
+  /** Names of those that the page has */
   controls: string[];
-  /** names of the sides of the box; a warning, "%" stands for them */
+  /** Names of the sides of the box; a warning, "%" stands for them */
   cut_off: { sides: string[]; text: string } | null;
-  /** of the controls, as deformnb/widgets/parameters.py has them */
+  /** Of the controls, as deformnb/widgets/parameters.py has them */
   parameters: { view: MenuParameter; [name: string]: SliderParameter | MenuParameter };
   document: Values | null;
-  /** its code */
+  /** Its code */
   language: string;
-  /** of that language by the English ones; none for English */
+  /** Of that language by the English ones; none for English */
   words: Record<string, string>;
-  /** a picture of the volume, where the page shows none before it is opened */
+  /** A picture of the volume, where the page shows none before it is opened */
   still?: DataView<ArrayBuffer>;
 }
 
@@ -196,7 +196,7 @@ export class StandalonePage {
     this.image = document.querySelector(".dnb-page-still") as HTMLImageElement | null;
     const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
     this.closing = new AbortController();
-    /** what ends the widgets */
+    /** What ends the widgets */
     this.ends = [];
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
     this.view =

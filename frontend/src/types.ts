@@ -11,6 +11,7 @@ export type { CutData, HalfSpaceData, LineData, MaskData, PartData, PolygonData,
 export type Model = AnyModel;
 
 /** Values by their names, as Python sends and takes them: traits of a model, or the content of a message. */
+// biome-ignore lint/suspicious/noExplicitAny: JSON enters here
 export type Values = Record<string, any>;
 
 /** A message without the fields that are added where all messages of a widget are sent. */
@@ -66,7 +67,7 @@ export interface KernelTable {
   order: number;
   compact: boolean;
   share: number;
-  /** null is without a limit. */
+  /** Null is without a limit. */
   gaps: number | null;
   pieces: number;
   numbers: string;
@@ -131,7 +132,7 @@ export interface Region {
 /** A fit of control points; coordinates in it are relative to `origin`, in units of `support`. */
 export interface RbfFit {
   count: number;
-  /** support / radius of each point, or null where all points share one radius. */
+  /** Support / radius of each point, or null where all points share one radius. */
   scales: Float64Array | null;
   centers: Float64Array;
   coefficients: Float64Array;
@@ -164,7 +165,7 @@ export interface ReadyPart {
 
 /** The fits of a region with and without each cut that stops; bit k of a place is set where cut k parts the points. */
 export interface TipBlend {
-  /** null where there are no points. */
+  /** Null where there are no points. */
   fits: (Fit | null)[];
   openings: NonNullable<Region["opening"]>[];
 }
@@ -192,7 +193,7 @@ export interface Sampled {
 
 /** Fits that cuts keep apart. */
 export interface LayeredFit {
-  /** key: the sides of the cuts as one number, bit k is set inside cut k. */
+  /** `key`: the sides of the cuts as one number, bit k is set inside cut k. */
   fits: { key: number; sides: boolean[]; fit: Fit }[];
   regions: Region[];
   rule: string;

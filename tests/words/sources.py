@@ -1,7 +1,7 @@
-"""Words in the sources: the texts of Python and JavaScript from which what is seen in a studio or a page is made.
+"""Words in the sources: the texts of Python and TypeScript from which what is seen in a studio or a page is made.
 
 A text is the key of the tables in ``deformnb/words``. Where it has values (``f"{count} points"`` in Python,
-``${count} points`` in JavaScript) its shape has ``{}`` in their place, and so has that of the key ``"{n} points"``.
+``${count} points`` in TypeScript) its shape has ``{}`` in their place, and so has that of the key ``"{n} points"``.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _part(value: ast.expr) -> str:
     return str(value.value) if isinstance(value, ast.Constant) else "{}"
 
 
-# ---- JavaScript ------------------------------------------------------------------------------------------------------
+# ---- TypeScript ------------------------------------------------------------------------------------------------------
 
 
 def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:

@@ -27,7 +27,7 @@ SHOWN = [
 """Modules of Python whose words are seen in a studio or a lesson. Texts of other modules may be keys, and need not."""
 
 ERRORS_ONLY = ("maths", "formats", "volume", "webgl")
-"""Folders of JavaScript whose words are errors, most of them those of Python, which stay English."""
+"""Folders of the front end whose words are errors, most of them those of Python, which stay English."""
 
 CONSTANTS = "generated.ts"
 """The module of constants and types, whose texts are names of units, of registries and in headers of files."""

@@ -2,7 +2,7 @@
 
 import * as base from "@jupyter-widgets/base";
 
-/** classes of models and views by their names */
+/** Classes of models and views by their names */
 export type Exports = Record<string, object>;
 
 export const defined: { exports: Exports } = { exports: {} };

@@ -11,7 +11,7 @@ import type { Component, Session } from "./types.ts";
 
 const REMOTE_TOPIC = "trame.rca.topic.stream";
 
-/** a message of trame's */
+/** A message of trame's */
 export interface RemotePicture {
   name: string;
   meta?: { n: number; camera: ViewDirection; shows: Shows; layer: number; badge?: string };
@@ -19,7 +19,7 @@ export interface RemotePicture {
 
 export interface Remote {
   area: string;
-  /** by the name of a side */
+  /** By the name of a side */
   views: Record<ViewName, ViewDirection>;
   $refs: { root: HTMLElement };
   session: Session;

@@ -7,7 +7,7 @@ export interface Session {
   unsubscribe(subscription: object): Promise<unknown> | undefined;
 }
 
-/** trame's client. */
+/** Trame's client. */
 export interface Trame {
   client: { getConnection(): { getSession(): Session } };
 }

@@ -14,7 +14,7 @@ import { showInLanguage } from "../ui/words.ts";
 import { APP_PAGE, callPython } from "./session.ts";
 import type { Session } from "./types.ts";
 
-/** values of traits by their names */
+/** Values of traits by their names */
 export type State = Record<string, unknown>;
 export type CommData = { method: string; state?: State; content?: unknown; buffer_paths?: unknown[][] };
 
@@ -23,9 +23,9 @@ export interface CommMessage {
   widget: string;
   data: CommData;
   buffers: unknown[];
-  /** id of the message by a page that this is the echo of */
+  /** Id of the message by a page that this is the echo of */
   parent?: string;
-  /** states of widgets that the data are the first to refer to */
+  /** States of widgets that the data are the first to refer to */
   opened?: Record<string, State>;
 }
 
@@ -105,7 +105,7 @@ export class WidgetManager extends ManagerBase {
     this.session = session;
     this.comms = new Map();
     this.isClosed = false;
-    /** the states of all widgets are there; messages may come before them */
+    /** The states of all widgets are there; messages may come before them */
     this.opened = new Promise((resolve) => {
       this.haveOpened = resolve;
     });

@@ -2,14 +2,9 @@
 
 import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { PointTools } from "./point_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
 const BRUSH_HINTS: Record<string, string> = {
@@ -22,17 +17,7 @@ const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
 /** What the brush uses of the editor. */
-export interface BrushEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  picture: ShownPicture;
-  tools: {
-    points: Pick<PointTools, "beginStroke" | "paintStroke" | "endDrag">;
-  };
-}
+export type BrushEditor = EditorParts<"model" | "frames" | "messages" | "stage" | "viewport" | "picture", "points">;
 
 /** A brush in use, its circle and its bar. */
 export class Brush {

@@ -2,12 +2,8 @@
 
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
-import type { Frames } from "./frames.ts";
 import { context2d } from "./painter.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
-import type { WindowTool } from "./window_tool.ts";
+import type { EditorParts } from "./parts.ts";
 import { shownValue, windowStep } from "./window_tool.ts";
 
 const ROWS = 256;
@@ -17,15 +13,7 @@ const LEAST_HEIGHT = 60,
   MARGIN = 56; // CSS pixels
 
 /** What the bar uses of the editor. */
-export interface ColourBarEditor {
-  frames: Frames;
-  stage: Stage;
-  viewport: Viewport;
-  picture: ShownPicture;
-  tools: {
-    window: Pick<WindowTool, "window" | "isOn" | "from" | "put" | "keep" | "reset">;
-  };
-}
+export type ColourBarEditor = EditorParts<"frames" | "stage" | "viewport" | "picture", "window">;
 
 export class ColourBar {
   editor: ColourBarEditor;
@@ -62,11 +50,11 @@ export class ColourBar {
         "aria-label": `Value shown as ${name}`,
         ...OWN_KEYS,
       });
-      const on = (type: string, handler: (event: any) => void) =>
+      const on = <K extends keyof HTMLElementEventMap>(type: K, handler: (event: HTMLElementEventMap[K]) => void) =>
         handle.addEventListener(type, (event) => editor.frames.guard(() => handler(event)));
       on("pointerdown", (event) => this.#hold(event, k));
       on("pointermove", (event) => this.#drag(event));
-      for (const type of ["pointerup", "pointercancel"]) on(type, () => this.#drop());
+      for (const type of ["pointerup", "pointercancel"] as const) on(type, () => this.#drop());
       on("keydown", (event) => this.#key(event, k));
       on("dblclick", (event) => {
         event.stopPropagation();

@@ -1,32 +1,16 @@
 // The commands of the toolbar and of keys.
 
 import { setTrait } from "../sync/edits.ts";
-import type { Model } from "../types.ts";
 import type { EditorCommands } from "./base.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Modes } from "./modes.ts";
-import type { Overlay } from "./overlays.ts";
-import type { PointTools } from "./point_tools.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
-import type { Wand } from "./wand_tool.ts";
-import type { WindowTool } from "./window_tool.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** What the commands use of the editor. */
-export interface CommandEditor {
-  model: Model;
-  frames: Frames;
-  picture: ShownPicture;
-  points: EditedPoints;
-  stage: Stage;
-  viewport: Viewport;
-  layers: { overlay: Overlay };
-  panels: { toolbar: { isOff(command: string): boolean } };
-  tools: { modes: Modes; points: PointTools; shapes: ShapeTools; wand: Wand; window: WindowTool };
-}
+export type CommandEditor = EditorParts<
+  "model" | "frames" | "picture" | "points" | "stage" | "viewport",
+  "modes" | "points" | "shapes" | "wand" | "window",
+  "overlay",
+  "toolbar"
+>;
 
 /** Switch a trait that is true or false. */
 function toggle({ model }: CommandEditor, name: string) {

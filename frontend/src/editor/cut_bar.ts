@@ -4,17 +4,10 @@
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
-import type { Sender } from "../sync/edits.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { Model, RegionData, Vector2 } from "../types.ts";
+import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { PointTools } from "./point_tools.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
+import type { EditorParts } from "./parts.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
 
 const CLOSED_POINTS = 16,
@@ -22,22 +15,10 @@ const CLOSED_POINTS = 16,
 const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
 
 /** What the bar uses of the editor. */
-export interface CutBarEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  points: EditedPoints;
-  picture: ShownPicture;
-  tools: {
-    brush: { readonly isOn: boolean };
-    pen: { readonly isOn: boolean };
-    wand: { readonly isOn: boolean };
-    points: Pick<PointTools, "seenAt" | "edit">;
-    shapes: Pick<ShapeTools, "choice" | "stopAtEnds" | "remove">;
-  };
-}
+export type CutBarEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "stage" | "points" | "picture",
+  "brush" | "pen" | "wand" | "points" | "shapes"
+>;
 
 export class CutBar {
   editor: CutBarEditor;

@@ -5,25 +5,15 @@ import { foldsOf, probesOf } from "../maths/folds.ts";
 import { samePoints } from "../maths/points.ts";
 import { RBF_KERNELS, RbfError } from "../maths/rbf.ts";
 import { publishPoints, settingsOf } from "../sync/bus.ts";
-import type { Bus, FitSettings, LayeredFit, Model, Point, Shapes } from "../types.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
+import type { FitSettings, LayeredFit, Point, Shapes } from "../types.ts";
 import type { PictureSource } from "./painter.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** isRough: found while something moved. */
 export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>; isRough: boolean };
 
 /** What the map uses of the editor. */
-export interface MapEditor {
-  model: Model;
-  bus: Bus;
-  frames: Frames;
-  points: EditedPoints;
-  picture: ShownPicture;
-  viewport: Viewport;
-}
+export type MapEditor = EditorParts<"model" | "bus" | "frames" | "points" | "picture" | "viewport">;
 
 export class EditedMap {
   editor: MapEditor;

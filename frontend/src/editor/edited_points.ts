@@ -1,20 +1,11 @@
 // The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
 
-import type { Sender } from "../sync/edits.ts";
 import { RestingTrait } from "../sync/edits.ts";
-import type { Model, Point, Shapes, Vector2 } from "../types.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
+import type { Point, Shapes, Vector2 } from "../types.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** What the points use of the editor. */
-export interface PointsEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  picture: { readonly isBefore: boolean };
-  viewport: { onView(place: Vector2): Vector2 };
-}
+export type PointsEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "picture" | "viewport">;
 
 export class EditedPoints {
   editor: PointsEditor;

@@ -5,12 +5,11 @@
 import type { EditorToFrontEnd } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
 import { busOf } from "../sync/bus.ts";
-import type { Change, Sender } from "../sync/edits.ts";
-import type { Bus, LayeredFit, Model, Point, PointsDetail, Vector2 } from "../types.ts";
+import type { Change } from "../sync/edits.ts";
+import type { LayeredFit, Model, Point, PointsDetail, Vector2 } from "../types.ts";
 import { beforeActionOutside } from "../ui/dom.ts";
 import { HelpPanel } from "../ui/keys.ts";
 import { Toolbar } from "../ui/toolbar.ts";
-import type { EditorTheme } from "./base.ts";
 import { EditorDrawing, initialize } from "./base.ts";
 import { Brush } from "./brush_tool.ts";
 import { ColourBar } from "./colour_bar.ts";
@@ -20,16 +19,15 @@ import { EditedMap } from "./edited_map.ts";
 import { EditedPoints } from "./edited_points.ts";
 import { EditorKeys } from "./editor_keys.ts";
 import { FoldStop } from "./fold_stop.ts";
-import type { Frames } from "./frames.ts";
 import { GridLayer } from "./grid_layer.ts";
 import { GridNodes } from "./grid_nodes.ts";
 import { Handles, ToolMarks } from "./handles.ts";
 import { HitTest } from "./hit_test.ts";
-import type { Messages } from "./messages.ts";
 import { Modes } from "./modes.ts";
 import { NamePrompt } from "./name_prompt.ts";
 import { GHOST_TRAITS, Ghost, OVERLAY_TRAITS, Overlay } from "./overlays.ts";
 import { PartTools } from "./part_tools.ts";
+import type { Layers, Panels, Parts, Tools } from "./parts.ts";
 import { PointTools } from "./point_tools.ts";
 import { Gestures } from "./pointer.ts";
 import { Pen, ShapeTools } from "./shape_tools.ts";
@@ -62,62 +60,6 @@ const SHOWN = [
 ];
 
 const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the editor out
-
-/** What edits points and shapes, and changes what is seen. */
-interface Tools {
-  modes: Modes;
-  points: PointTools;
-  shapes: ShapeTools;
-  parts: PartTools;
-  foldStop: FoldStop;
-  pen: Pen;
-  brush: Brush;
-  wand: Wand;
-  window: WindowTool;
-  hits: HitTest;
-  gestures: Gestures;
-  wheel: Wheel;
-  keys: EditorKeys;
-}
-
-/** What lies over the picture. */
-interface Layers {
-  grid: GridLayer;
-  ghost: Ghost;
-  overlay: Overlay;
-  handles: Handles<Point>;
-  marks: ToolMarks;
-  nodes: GridNodes;
-}
-
-/** What lies around the picture, and the bars in it. */
-interface Panels {
-  toolbar: Toolbar;
-  names: NamePrompt;
-  help: HelpPanel;
-  status: StatusLine;
-  cut: CutBar;
-  colours: ColourBar;
-}
-
-/** The parts of an editor. Each of them gets those that it names in an interface of its own. */
-interface Parts {
-  model: Model;
-  bus: Bus;
-  sender: Sender;
-  messages: Messages;
-  frames: Frames;
-  theme: EditorTheme;
-  commands: Commands;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  tools: Tools;
-  layers: Layers;
-  panels: Panels;
-}
 
 /** The front end of one view of an editor. */
 export class EditorView extends EditorDrawing {
@@ -195,8 +137,8 @@ export class EditorView extends EditorDrawing {
     const { frames, map, messages, model, picture, points, sender, tools } = this,
       bus = busOf(model),
       { signal } = this.stage.closing;
-    const on = (name: string, handler: (message: any) => void) => {
-      const guarded = (message: any) => frames.guard(() => handler(message));
+    const on = (name: string, handler: (message: EditorToFrontEnd) => void) => {
+      const guarded = (message: EditorToFrontEnd) => frames.guard(() => handler(message));
       model.on(name, guarded);
       signal.addEventListener("abort", () => model.off(name, guarded));
     };

@@ -2,25 +2,12 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
-import type { Model, Point, Vector2 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
-import type { Toolbar } from "../ui/toolbar.ts";
-import type { Brush } from "./brush_tool.ts";
-import type { Commands } from "./commands.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Handles } from "./handles.ts";
 import { POINT_STEPS } from "./handles.ts";
-import type { HitTest, ShapeGrip } from "./hit_test.ts";
+import type { ShapeGrip } from "./hit_test.ts";
 import { around } from "./hit_test.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
-import type { PartTools } from "./part_tools.ts";
-import type { PointTools } from "./point_tools.ts";
-import type { Gestures } from "./pointer.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
+import type { EditorParts } from "./parts.ts";
 
 const arrows: Record<string, Vector2> = {
   ArrowLeft: [-1, 0],
@@ -30,30 +17,12 @@ const arrows: Record<string, Vector2> = {
 };
 
 /** What the keys use of the editor. */
-export interface KeysEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  points: EditedPoints;
-  picture: ShownPicture;
-  commands: Commands;
-  layers: {
-    handles: Pick<Handles<Point>, "focusNext">;
-  };
-  panels: {
-    toolbar: Pick<Toolbar, "focusNext">;
-  };
-  tools: {
-    hits: HitTest;
-    brush: Pick<Brush, "grow" | "slider" | "stop">;
-    modes: Pick<Modes, "closeHelp" | "held">;
-    gestures: Pick<Gestures, "escape" | "space">;
-    points: Pick<PointTools, "addInMiddle" | "mirror" | "nudge" | "turnKey">;
-    shapes: Pick<ShapeTools, "choice" | "insertCorner" | "nudge" | "removeCorner" | "toggleStop" | "turn">;
-    parts: Pick<PartTools, "isOn" | "nudge" | "reset" | "turnKey">;
-  };
-}
+export type KeysEditor = EditorParts<
+  "model" | "frames" | "messages" | "stage" | "points" | "picture" | "commands",
+  "hits" | "brush" | "modes" | "gestures" | "points" | "shapes" | "parts",
+  "handles",
+  "toolbar"
+>;
 
 /** Keys pressed anywhere in the editor. */
 export class EditorKeys {

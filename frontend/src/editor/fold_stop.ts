@@ -3,23 +3,16 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
-import type { Model, Point, Shapes, Vector2 } from "../types.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-/** what a map is fitted to */
+import type { Point, Shapes, Vector2 } from "../types.ts";
+import type { EditorParts } from "./parts.ts";
+/** What a map is fitted to */
 export type MapState = { points: Point[]; shapes: Shapes };
 
 const HOLD_WORK = 6e4,
   HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
 
 /** What the stop uses of the editor. */
-export interface FoldStopEditor {
-  model: Model;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-}
+export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture">;
 
 /** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {

@@ -2,23 +2,14 @@
 
 import { isStill } from "../maths/rigid_stages.ts";
 import { deformedGrid, NO_CUTS } from "../maths/warp_map.ts";
-import type { LayeredFit, Model } from "../types.ts";
-import type { EditorTheme } from "./base.ts";
-import type { Frames } from "./frames.ts";
+import type { LayeredFit } from "../types.ts";
 import { drawGrid } from "./painter.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 export type GridLines = ReturnType<typeof deformedGrid>;
 
 /** What the grid uses of the editor. */
-export interface GridEditor {
-  model: Model;
-  frames: Frames;
-  theme: EditorTheme;
-  picture: ShownPicture;
-  viewport: Viewport;
-}
+export type GridEditor = EditorParts<"model" | "frames" | "theme" | "picture" | "viewport">;
 
 export class GridLayer {
   editor: GridEditor;

@@ -6,19 +6,9 @@
 
 import { newPoint, nextId, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
-import type { Sender } from "../sync/edits.ts";
-import type { LayeredFit, Model, Point, Vector2 } from "../types.ts";
+import type { LayeredFit, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
-import type { PointTools } from "./point_tools.ts";
-import type { Gestures } from "./pointer.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
 export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
 /** id: of the new point. */
@@ -36,26 +26,11 @@ const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Dele
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
 /** What the nodes use of the editor. */
-export interface NodesEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  layers: {
-    handles: { readonly arrows: SVGGElement };
-  };
-  tools: {
-    pen: { readonly isOn: boolean };
-    modes: Pick<Modes, "isAdding">;
-    gestures: Pick<Gestures, "isSpaceDown" | "pointers">;
-    points: Pick<PointTools, "beginDrag" | "drag" | "endDrag" | "edit" | "present">;
-  };
-}
+export type NodesEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
+  "pen" | "modes" | "gestures" | "points",
+  "handles"
+>;
 
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {

@@ -33,7 +33,7 @@ export interface MarksScene {
   brush: { isOn: boolean; at?: Vector2 | null; radius?: number };
   pen: { isOn: boolean };
   isLocked: boolean;
-  /** whether points are being dragged */
+  /** Whether points are being dragged */
   isHolding: boolean;
   isAdding: boolean;
   onView: (place: Vector2) => Vector2;

@@ -1,10 +1,9 @@
 // What lies under a pointer in the editor: a point, a shape, a handle, or a mark.
 
 import { treeOf } from "../ui/dom.ts";
-import type { Frames } from "./frames.ts";
 import type { PartHandle } from "./motion_handles.ts";
+import type { EditorParts } from "./parts.ts";
 import type { Chosen, Grip } from "./shape_handles.ts";
-import type { Stage } from "./stage.ts";
 
 /** `handle`: of the motion of a rigid part, null on an outline. */
 export type ShapeGrip = Grip & { chosen: Chosen; handle: PartHandle | null };
@@ -19,11 +18,7 @@ function numberOf(text: string | undefined) {
 }
 
 /** What the test uses of the editor. */
-export interface HitEditor {
-  frames: Frames;
-  stage: Stage;
-  tools: { shapes: { readonly choice: { readonly chosen: Chosen | null } } };
-}
+export type HitEditor = EditorParts<"frames" | "stage", "shapes">;
 
 export class HitTest {
   editor: HitEditor;

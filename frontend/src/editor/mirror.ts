@@ -2,25 +2,12 @@
 
 import { mirroredEdit, mirrorSide, nextId } from "../maths/points.ts";
 import { placeSeen } from "../maths/warp_map.ts";
-import type { Sender } from "../sync/edits.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { Model, Point, Vector } from "../types.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { ShownPicture } from "./shown_picture.ts";
+import type { Point, Vector } from "../types.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** What the mirror uses of the editor. */
-export interface MirrorEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-}
+export type MirrorEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "points" | "map" | "picture">;
 
 export class PointMirror {
   editor: MirrorEditor;

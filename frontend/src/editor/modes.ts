@@ -1,10 +1,7 @@
 // The modes of the editor: adding, selecting, the pen, a brush, and the tools that are put away for another.
 
 import type { Vector2 } from "../types.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { Stage } from "./stage.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** A tool that is taken up and put away. */
 interface HeldTool {
@@ -15,20 +12,12 @@ interface HeldTool {
 }
 
 /** What the modes use of the editor. */
-export interface ModesEditor {
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  points: EditedPoints;
-  panels: { help: { readonly isOpen: boolean; toggle(): void } };
-  tools: {
-    pen: HeldTool & { draft: { tool: string } | null; start(tool: string): void; cancel(): boolean };
-    brush: HeldTool & { tool: string | null; start(tool: string): void };
-    window: HeldTool;
-    wand: HeldTool;
-    shapes: { choice: { choose(chosen: null): void }; dropOffer(): boolean };
-  };
-}
+export type ModesEditor = EditorParts<
+  "frames" | "messages" | "stage" | "points",
+  "pen" | "brush" | "window" | "wand" | "shapes",
+  never,
+  "help"
+>;
 
 export class Modes {
   editor: ModesEditor;

@@ -7,7 +7,7 @@ import type { PartData, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 import { farthest } from "./shape_handles.ts";
-/** what a drag of a part does */
+/** What a drag of a part does */
 export type PartHandle = "move" | "turn" | "pivot";
 
 const RING = [38, 110]; // CSS pixels of the ring's radius at least and at most

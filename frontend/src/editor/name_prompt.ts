@@ -2,22 +2,16 @@
 
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, treeOf } from "../ui/dom.ts";
-import type { Frames } from "./frames.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 export interface Naming {
   take: (text: string) => void;
-  /** gives the focus back; false if the named thing is gone */
+  /** Gives the focus back; false if the named thing is gone */
   focus: () => boolean;
 }
 
 /** What the field uses of the editor. */
-export interface PromptEditor {
-  frames: Frames;
-  stage: Stage;
-  viewport: Viewport;
-}
+export type PromptEditor = EditorParts<"frames" | "stage" | "viewport">;
 
 export class NamePrompt {
   editor: PromptEditor;

@@ -4,21 +4,13 @@ import { contourOf, detsOnRaster, foldPieces } from "../maths/folds.ts";
 import { isStill } from "../maths/rigid_stages.ts";
 import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { LayeredFit, Model, Raster, Vector2, Vector4 } from "../types.ts";
+import type { LayeredFit, Raster, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
-import type { Toolbar } from "../ui/toolbar.ts";
-import type { EditorTheme } from "./base.ts";
 import type { Folds } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { GridLayer } from "./grid_layer.ts";
-import type { GridNodes, GridPlaces } from "./grid_nodes.ts";
-import type { Messages } from "./messages.ts";
+import type { GridPlaces } from "./grid_nodes.ts";
 import type { View } from "./painter.ts";
 import { bytesOf, context2d, drawGrid } from "./painter.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 export type StrainArm = { from: Vector2; to: Vector2; grows: boolean };
 export type UncertaintyLegend = [level: number, text: string][];
 export type FoldPieces = ReturnType<typeof foldPieces>;
@@ -112,12 +104,7 @@ function strainKey(parent: HTMLElement, gain: number, cell: number) {
 export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
 /** What the ghost uses of the editor. */
-export interface GhostEditor {
-  model: Model;
-  stage: Stage;
-  viewport: Viewport;
-  picture: ShownPicture;
-}
+export type GhostEditor = EditorParts<"model" | "stage" | "viewport" | "picture">;
 
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
@@ -207,23 +194,12 @@ const KEY_CORNERS = [
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
 /** What the overlay uses of the editor. */
-export interface OverlayEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  theme: EditorTheme;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  picture: ShownPicture;
-  layers: {
-    grid: Pick<GridLayer, "isOn" | "last">;
-    nodes: Pick<GridNodes, "placesOf">;
-  };
-  panels: {
-    toolbar: Pick<Toolbar, "buttons">;
-  };
-}
+export type OverlayEditor = EditorParts<
+  "model" | "frames" | "messages" | "theme" | "stage" | "viewport" | "points" | "picture",
+  never,
+  "grid" | "nodes",
+  "toolbar"
+>;
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {

@@ -14,13 +14,13 @@ export type View = { k: number; x: number; y: number; width: number; height: num
 
 export type Bytes = Uint8Array | Uint8ClampedArray;
 export type Buffered = ArrayBuffer | ArrayBufferView<ArrayBuffer>;
-/** the pixels of a picture at one size */
+/** The pixels of a picture at one size */
 export type Level = { pixels: Bytes; width: number; height: number };
 /**
  * What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
  */
 export type Original = { share: number; opacity: number };
-/** of the canvas, in its own pixels */
+/** Of the canvas, in its own pixels */
 export type Part = { x: number; y: number; width: number; height: number };
 /** Places of nodes in the picture. */
 export type Lattice = { rows: number; columns: number; a0: number; b0: number; step: number };

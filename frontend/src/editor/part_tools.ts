@@ -15,20 +15,10 @@ import {
   turnAndShift,
   withShape,
 } from "../maths/shapes.ts";
-import type { Sender } from "../sync/edits.ts";
-import type { Model, PartData, Point, Shapes, Vector2 } from "../types.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { FoldStop } from "./fold_stop.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
+import type { PartData, Point, Shapes, Vector2 } from "../types.ts";
 import type { PartHandle } from "./motion_handles.ts";
 import { MotionHandles } from "./motion_handles.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 /**
  * A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
@@ -52,22 +42,10 @@ const ALONE = "nothing holds what is around it: add points there, or a fixed sid
 const VERBS: Record<PartHandle, string> = { move: "move", turn: "turn", pivot: "move the pivot of" };
 
 /** What the tools use of the editor. */
-export interface PartEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  tools: {
-    foldStop: Pick<FoldStop, "begin" | "limit">;
-    modes: Pick<Modes, "isAdding" | "isSelecting">;
-    shapes: Pick<ShapeTools, "choice" | "edit" | "handles">;
-  };
-}
+export type PartEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
+  "foldStop" | "modes" | "shapes"
+>;
 
 export class PartTools {
   editor: PartEditor;

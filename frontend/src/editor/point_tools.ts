@@ -27,28 +27,18 @@ import {
 } from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
 import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
-import type { Sender } from "../sync/edits.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { LayeredFit, Model, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
+import type { LayeredFit, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { FoldStop } from "./fold_stop.ts";
-import type { Frames } from "./frames.ts";
-import type { Handles } from "./handles.ts";
 import { pointLabel } from "./handles.ts";
-import type { Messages } from "./messages.ts";
 import { PointMirror } from "./mirror.ts";
-import type { NamePrompt } from "./name_prompt.ts";
-import type { ShownPicture } from "./shown_picture.ts";
+import type { EditorParts } from "./parts.ts";
 import { SnapGrid } from "./snap_grid.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
-/** the places of points that a drag moves */
+/** The places of points that a drag moves */
 export type Moved = "target" | "source" | "both";
-/** points, ids of those that turn, the centre */
+/** Points, ids of those that turn, the centre */
 export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
-/** a point that a rigid part does not let in */
+/** A point that a rigid part does not let in */
 export type Held = { point: Point; part: PartData };
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
@@ -85,29 +75,12 @@ function allowedMove(
 }
 
 /** What the tools use of the editor. */
-export interface PointEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  layers: {
-    handles: Pick<Handles<Point>, "blink" | "focus" | "lock">;
-    nodes: { readonly pull: number };
-  };
-  panels: {
-    names: NamePrompt;
-  };
-  tools: {
-    brush: { readonly radius: number };
-    foldStop: Pick<FoldStop, "begin" | "limit" | "refuses">;
-    parts: { sendMove(): void };
-  };
-}
+export type PointEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
+  "brush" | "foldStop" | "parts",
+  "handles" | "nodes",
+  "names"
+>;
 
 /** Edits of the control points. */
 export class PointTools {

@@ -1,23 +1,11 @@
 import { freeIds, turnOfDrag, withRims } from "../maths/points.ts";
-import type { Point, Vector2 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
 import { slackOf } from "../ui/dom.ts";
-import type { Brush } from "./brush_tool.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Handles, ToolMarks } from "./handles.ts";
 import { isRightClick, keepFromScrolling } from "./handles.ts";
-import type { HitTest, ShapeGrip } from "./hit_test.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
+import type { ShapeGrip } from "./hit_test.ts";
 import type { PartHandle } from "./motion_handles.ts";
-import type { PartTools } from "./part_tools.ts";
-import type { Moved, PointTools, Turn } from "./point_tools.ts";
-import type { Pen, ShapeTools } from "./shape_tools.ts";
-import type { Stage } from "./stage.ts";
-import type { StatusLine } from "./status_line.ts";
-import type { Viewport } from "./viewport.ts";
-import type { Wand } from "./wand_tool.ts";
-import type { WindowTool } from "./window_tool.ts";
+import type { EditorParts } from "./parts.ts";
+import type { Moved, Turn } from "./point_tools.ts";
 export type TwoFingers = { x: number; y: number; gap: number };
 /** What a click with the right button removes. */
 export type RightClick = { id: number | null; shape: ShapeGrip | null };
@@ -37,47 +25,12 @@ export type Gesture = { from: Vector2; at: Vector2; isPress: boolean } & (
 );
 
 /** What the pointers use of the editor. */
-export interface PointerEditor {
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  layers: {
-    handles: Pick<Handles<Point>, "focus" | "showBand">;
-    marks: Pick<ToolMarks, "grip">;
-  };
-  panels: {
-    status: Pick<StatusLine, "pointAt">;
-  };
-  tools: {
-    hits: HitTest;
-    brush: Pick<Brush, "isOn" | "isByKeys" | "press" | "drag" | "hover" | "lift">;
-    pen: Pick<Pen, "isOn" | "draft" | "drag" | "finish" | "hasJustEnded" | "hover" | "up">;
-    wand: Pick<Wand, "isOn" | "pick">;
-    window: Pick<WindowTool, "isOn" | "begin" | "drag" | "end" | "reset">;
-    modes: Pick<Modes, "cancelTool" | "closeHelp" | "isAdding" | "isSelecting" | "stopModes">;
-    points: Pick<
-      PointTools,
-      "addAt" | "beginDrag" | "beginTurn" | "drag" | "endDrag" | "mirror" | "remove" | "rename" | "turnTo"
-    >;
-    shapes: Pick<
-      ShapeTools,
-      | "beginDrag"
-      | "choice"
-      | "drag"
-      | "dropOffer"
-      | "endDrag"
-      | "handles"
-      | "remove"
-      | "removeCorner"
-      | "rename"
-      | "toggleStop"
-      | "turn"
-    >;
-    parts: Pick<PartTools, "beginDrag" | "drag" | "endDrag" | "handles" | "isOn">;
-  };
-}
+export type PointerEditor = EditorParts<
+  "frames" | "messages" | "stage" | "viewport" | "points",
+  "hits" | "brush" | "pen" | "wand" | "window" | "modes" | "points" | "shapes" | "parts",
+  "handles" | "marks",
+  "status"
+>;
 
 /**
  * Pointers. The mouse drags points, draws a band or, with space or the middle button, moves the view. One

@@ -1,19 +1,12 @@
 // The shape that is chosen in the editor: a cut, a rigid part, or a fixed side.
 
 import { followedShape, motionWords, shapeName, shapeRecord, turnedRegion } from "../maths/shapes.ts";
-import type { Sender } from "../sync/edits.ts";
-import type { Model, ShapeData, Shapes } from "../types.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
+import type { ShapeData, Shapes } from "../types.ts";
+import type { EditorParts } from "./parts.ts";
 import type { Chosen } from "./shape_handles.ts";
 
 /** What the choice uses of the editor. */
-export interface ChoiceEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  points: EditedPoints;
-}
+export type ChoiceEditor = EditorParts<"model" | "sender" | "frames" | "points">;
 
 export class ShapeChoice {
   editor: ChoiceEditor;

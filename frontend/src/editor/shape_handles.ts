@@ -19,9 +19,9 @@ import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes, Vector
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 export type Chosen = { what: ShapeKind; index: number };
-/** a corner, the middle of an edge, or neither */
+/** A corner, the middle of an edge, or neither */
 export type Grip = { corner: number | null; middle: number | null };
-/** the number of the region in which a place lies */
+/** The number of the region in which a place lies */
 export type SideKey = (a: number, b: number) => number;
 
 /** A shape that is being drawn: the places that are set, and the one that would come next. */

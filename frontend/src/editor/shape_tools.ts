@@ -28,22 +28,13 @@ import {
   withShape,
   withStop,
 } from "../maths/shapes.ts";
-import type { Sender } from "../sync/edits.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
-import type { Model, PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
+import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { NamePrompt } from "./name_prompt.ts";
-import type { PointTools } from "./point_tools.ts";
+import type { EditorParts } from "./parts.ts";
 import { ShapeChoice } from "./shape_choice.ts";
 import type { Draft, Grip } from "./shape_handles.ts";
 import { namePlace, REGION_MARKS, ShapeHandles } from "./shape_handles.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
 /** `shown`: places before the stroke under way. */
 export type PenDraft = Draft & { isSet: boolean; canClose: boolean; shown?: number };
 
@@ -63,17 +54,7 @@ const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
 /** What the pen uses of the editor. */
-export interface PenEditor {
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  picture: ShownPicture;
-  tools: {
-    shapes: { add(what: ShapeKind, region: RegionData, name?: string): void };
-  };
-}
+export type PenEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "shapes">;
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
@@ -288,25 +269,12 @@ export type Offer = { parts: PartData[]; points: Point[]; kind: string };
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
 /** What the tools use of the editor. */
-export interface ShapeEditor {
-  model: Model;
-  sender: Sender;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  panels: {
-    names: NamePrompt;
-  };
-  tools: {
-    parts: { draw(): boolean };
-    pen: { readonly draft: PenDraft | null };
-    points: Pick<PointTools, "accepts">;
-  };
-}
+export type ShapeEditor = EditorParts<
+  "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
+  "parts" | "pen" | "points",
+  never,
+  "names"
+>;
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
 export class ShapeTools {

@@ -1,22 +1,15 @@
 // The picture that the editor shows: its pixels and colours, its boxes, and what is seen of the original.
 
 import { mapVector } from "../maths/camera.ts";
-import type { Model, Vector4 } from "../types.ts";
+import type { Vector4 } from "../types.ts";
 import { CompareControls } from "../ui/compare_controls.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
 import type { Original } from "./painter.ts";
 import { bytesOf, colourTable, decodePicture, Painter } from "./painter.ts";
+import type { EditorParts } from "./parts.ts";
 import { Slices } from "./slices.ts";
-import type { Stage } from "./stage.ts";
 
 /** What the picture uses of the editor. */
-export interface PictureEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-}
+export type PictureEditor = EditorParts<"model" | "frames" | "messages" | "stage">;
 
 export class ShownPicture {
   editor: PictureEditor;

@@ -2,16 +2,11 @@
 
 import { shownLength } from "../maths/numbers.ts";
 import { setTrait } from "../sync/edits.ts";
-import type { Model, Vector2 } from "../types.ts";
-import type { Messages } from "./messages.ts";
-import type { ShownPicture } from "./shown_picture.ts";
+import type { Vector2 } from "../types.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** What the grid uses of the editor. */
-export interface SnapEditor {
-  model: Model;
-  messages: Messages;
-  picture: ShownPicture;
-}
+export type SnapEditor = EditorParts<"model" | "messages" | "picture">;
 
 export class SnapGrid {
   editor: SnapEditor;

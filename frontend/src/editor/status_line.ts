@@ -3,17 +3,10 @@
 import { NEARLY_FOLDED } from "../generated.ts";
 import { placeOf } from "../maths/cuts.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
-import type { EditedMap } from "./edited_map.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { GridNodes } from "./grid_nodes.ts";
-import type { Modes } from "./modes.ts";
+import type { EditorParts } from "./parts.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
 import { shownValue } from "./window_tool.ts";
 
 const FOLD_TIP =
@@ -25,26 +18,11 @@ const VALUE_TIP =
   "before the deformation at the place that is seen here";
 
 /** What the line uses of the editor. */
-export interface StatusEditor {
-  model: Model;
-  stage: Stage;
-  viewport: Viewport;
-  points: EditedPoints;
-  map: EditedMap;
-  picture: ShownPicture;
-  layers: {
-    nodes: Pick<GridNodes, "isOn" | "advice" | "warning">;
-  };
-  tools: {
-    brush: { readonly isOn: boolean };
-    pen: { readonly isOn: boolean };
-    wand: { readonly isOn: boolean };
-    parts: { readonly isOn: boolean };
-    modes: Pick<Modes, "isAdding" | "isSelecting">;
-    foldStop: { readonly note: string };
-    shapes: Pick<ShapeTools, "choice" | "markOf">;
-  };
-}
+export type StatusEditor = EditorParts<
+  "model" | "stage" | "viewport" | "points" | "map" | "picture",
+  "brush" | "pen" | "wand" | "parts" | "modes" | "foldStop" | "shapes",
+  "nodes"
+>;
 
 /** The line's elements and their texts. */
 export class StatusLine {

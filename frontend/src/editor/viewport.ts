@@ -1,18 +1,15 @@
 // The viewport of the editor of a picture: which part of the picture is seen, and how large.
 
-import type { Vector2, Vector4 } from "../types.ts";
-import type { Frames } from "./frames.ts";
+import type { Vector2 } from "../types.ts";
 import type { View } from "./painter.ts";
+import type { EditorParts } from "./parts.ts";
 
 export const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
 const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
 
 /** What the viewport uses of the editor. */
-export interface ViewportEditor {
-  frames: Frames;
-  picture: { readonly sheet: Vector4 };
-}
+export type ViewportEditor = EditorParts<"frames" | "picture">;
 
 export class Viewport {
   editor: ViewportEditor;

@@ -4,18 +4,10 @@
 
 import type { WandRequest } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
-import type { PointTools } from "./point_tools.ts";
+import type { EditorParts } from "./parts.ts";
 import { shapePaths } from "./shape_handles.ts";
-import type { ShapeTools } from "./shape_tools.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
 
 const NO_WAND = "Only pictures of grey values can be selected by the wand: a slice, the maximum or the mean";
 const MOST = 2; // widths of the window: the largest tolerance
@@ -37,20 +29,10 @@ interface Outline {
 }
 
 /** What the wand uses of the editor. */
-export interface WandEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  picture: ShownPicture;
-  points: EditedPoints;
-  tools: {
-    modes: Pick<Modes, "putDownTools" | "setAdding" | "setSelecting">;
-    points: Pick<PointTools, "seenAt">;
-    shapes: Pick<ShapeTools, "choice">;
-  };
-}
+export type WandEditor = EditorParts<
+  "model" | "frames" | "messages" | "stage" | "viewport" | "picture" | "points",
+  "modes" | "points" | "shapes"
+>;
 
 export class Wand {
   editor: WandEditor;
@@ -127,7 +109,7 @@ export class Wand {
   }
 
   /** What Python has answered; empty where nobody selects. */
-  get answer(): { region?: any; words?: string; share?: number; failed?: boolean } {
+  get answer(): { region?: RegionData | null; words?: string; share?: number; failed?: boolean } {
     return this.editor.model.get("wand") ?? {};
   }
 

@@ -1,24 +1,10 @@
 // The wheel over the editor's picture: it zooms, goes through the slices, or changes the brush.
 
-import type { Brush } from "./brush_tool.ts";
-import type { EditedPoints } from "./edited_points.ts";
-import type { Frames } from "./frames.ts";
 import { WheelSteps } from "./handles.ts";
-import type { Messages } from "./messages.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
-import type { Viewport } from "./viewport.ts";
+import type { EditorParts } from "./parts.ts";
 
 /** What the wheel uses of the editor. */
-export interface WheelEditor {
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  viewport: Viewport;
-  points: Pick<EditedPoints, "isDragging">;
-  picture: Pick<ShownPicture, "slices">;
-  tools: { brush: Pick<Brush, "isOn" | "grow"> };
-}
+export type WheelEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "brush">;
 
 export class Wheel {
   editor: WheelEditor;

@@ -2,13 +2,9 @@
 // of the tool.
 
 import { RestingTrait } from "../sync/edits.ts";
-import type { Model, Vector2 } from "../types.ts";
+import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
-import type { Frames } from "./frames.ts";
-import type { Messages } from "./messages.ts";
-import type { Modes } from "./modes.ts";
-import type { ShownPicture } from "./shown_picture.ts";
-import type { Stage } from "./stage.ts";
+import type { EditorParts } from "./parts.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
 const LEVEL_PIXELS = 300; // CSS pixels of a drag upwards that raise the level by a width of the window
@@ -56,16 +52,7 @@ export function windowWords([low, high]: Vector2, range: Vector2, unit: string) 
 }
 
 /** What the tool of the window uses of the editor. */
-export interface WindowEditor {
-  model: Model;
-  frames: Frames;
-  messages: Messages;
-  stage: Stage;
-  picture: ShownPicture;
-  tools: {
-    modes: Pick<Modes, "putDownTools" | "setAdding" | "setSelecting">;
-  };
-}
+export type WindowEditor = EditorParts<"model" | "frames" | "messages" | "stage" | "picture", "modes">;
 
 /** The tool, and a drag of the window under way. */
 export class WindowTool {

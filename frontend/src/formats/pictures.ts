@@ -13,9 +13,9 @@ const SHOWN = 2048; // pixels along a side that the editor shows
 
 export interface Photograph {
   volume: Volume;
-  /** whether Python reads the very same values */
+  /** Whether Python reads the very same values */
   isExact: boolean;
-  /** the picture in its colours, averaged over squares of so many pixels */
+  /** The picture in its colours, averaged over squares of so many pixels */
   shown: { rgba: Uint8ClampedArray<ArrayBuffer>; width: number; height: number; factor: number };
 }
 

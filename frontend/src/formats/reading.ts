@@ -11,7 +11,7 @@ const MOST_BEHIND = 2 ** 22; // bytes behind the voxels that are looked at for t
 
 export interface Work {
   progress?: (share: number) => void;
-  /** ends the work */
+  /** Ends the work */
   signal?: AbortSignal;
 }
 

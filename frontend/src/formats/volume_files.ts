@@ -14,21 +14,21 @@ export interface Header {
   /** [nz, ny, nx] */
   shape: Vector3;
   type: VoxelType;
-  /** whether the highest byte comes first */
+  /** Whether the highest byte comes first */
   isBig: boolean;
-  /** voxels mean slope * stored + intercept */
+  /** Voxels mean slope * stored + intercept */
   slope: number;
   intercept: number;
-  /** of the indices; null where spacing, origin and direction are stated instead */
+  /** Of the indices; null where spacing, origin and direction are stated instead */
   affine: Affine | null;
   spacing: Vector3;
   origin: Vector3;
   direction: Matrix3;
-  /** of lengths; "" where it is not known */
+  /** Of lengths; "" where it is not known */
   unit: string;
   isLabels: boolean;
   notes: string[];
-  /** the voxels as they are stored */
+  /** The voxels as they are stored */
   read: (work: Work) => Promise<Stored>;
 }
 

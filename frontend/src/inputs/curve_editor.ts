@@ -13,7 +13,7 @@ class CurveEditorView extends CurvePlot {
   smoother: HTMLButtonElement;
 
   isTyping = false;
-  /** a formula that Python has not answered yet */
+  /** A formula that Python has not answered yet */
   sent: string | undefined = undefined;
 
   constructor(model: Model, el: HTMLElement) {

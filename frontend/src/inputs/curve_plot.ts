@@ -28,10 +28,10 @@ export const ARROWS: Record<string, Vector2> = {
 /** A drag of a node. */
 export interface NodeDrag {
   k: number;
-  /** its place in pixels */
+  /** Its place in pixels */
   from: Vector2;
   before: { nodes: Node[]; samples: number[] | null; named: string };
-  /** whether nothing snaps */
+  /** Whether nothing snaps */
   isFree: boolean;
 }
 
@@ -56,7 +56,7 @@ export class CurvePlot extends InputView {
   cancelDrag: () => boolean;
 
   nodes: Node[] = [];
-  /** values of a formula instead of nodes */
+  /** Values of a formula instead of nodes */
   samples: number[] | null = null;
   named = ""; // the preset or formula that made the curve
   isSmooth = false;
@@ -68,7 +68,7 @@ export class CurvePlot extends InputView {
   keyTimer = 0;
   margins = PLOT;
   box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
-  /** the ends of the axes */
+  /** The ends of the axes */
   view: [Vector2, Vector2] = [
     [0, 1],
     [0, 1],

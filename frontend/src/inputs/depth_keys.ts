@@ -23,7 +23,7 @@ class DepthKeysView extends InputView {
   front: SVGGElement;
   cancelDrag: () => boolean;
 
-  /** the depths */
+  /** The depths */
   knots: number[] = [];
   selected = 0;
   marks: SVGGElement[] = [];

@@ -23,7 +23,7 @@ export interface Row {
   tip?: string;
 }
 
-/** command: tip, icon of 16 x 16 */
+/** Command: tip, icon of 16 x 16 */
 const ROW_BUTTONS = {
   rename: ["Rename (F2)", "M3 13l.6-2.8L10.8 3l2.2 2.2-7.2 7.2zM9.4 4.4l2.2 2.2"],
   up: ["Earlier (Alt+Up)", "M8 13V3M4 7l4-4 4 4"],

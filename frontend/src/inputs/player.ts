@@ -28,9 +28,9 @@ export class PlayClock {
   loop = "once";
   isPlaying = false;
   frame = 0;
-  /** the time of the last tick */
+  /** The time of the last tick */
   last: number | null = null;
-  /** the one view that sends the time to Python */
+  /** The one view that sends the time to Python */
   leader: PlayerView | null = null;
 
   /** @param publish called at every change */
@@ -147,7 +147,7 @@ class PlayerView extends InputView {
 
   later = 0; // a timer
   sent = -Infinity; // milliseconds
-  /** the time that Python got last */
+  /** The time that Python got last */
   lastTime: number | undefined = undefined;
   isScrubbed = false;
   wasPlaying = false;

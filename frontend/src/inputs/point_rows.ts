@@ -16,7 +16,7 @@ export interface TableRow {
   name: string;
   active: boolean;
   locked: boolean;
-  /** whether it disagrees with its neighbours */
+  /** Whether it disagrees with its neighbours */
   suspect: boolean;
   numbers: Float64Array;
 }
@@ -26,14 +26,14 @@ export interface Column {
   title: string;
   /** "fact" and "go" cannot be edited */
   kind: "fact" | "text" | "check" | "number" | "go";
-  /** as in CSS */
+  /** As in CSS */
   width: string;
   tip: string;
-  /** the index in a row of numbers */
+  /** The index in a row of numbers */
   at?: number;
-  /** the field of a point, where it is not the key */
+  /** The field of a point, where it is not the key */
   field?: PointsCommand["field"];
-  /** the index in this field */
+  /** The index in this field */
   axis?: number;
 }
 

@@ -28,7 +28,7 @@ const SPARE_ROWS = 4; // drawn above and below those in sight
 const NUMERIC = /[-+.,\dne]/i; // characters with which a number is written
 const GO_ICON = "M8 1.5v3M8 11.5v3M1.5 8h3M11.5 8h3M8 5.2a2.8 2.8 0 1 0 0 5.6 2.8 2.8 0 0 0 0-5.6";
 
-/** name, text, tip, whether it needs chosen points */
+/** Name, text, tip, whether it needs chosen points */
 const TABLE_BUTTONS: [string, string, string, boolean][] = [
   ["reset", "Put back", "Put the selected points back where they were taken", true],
   ["switch", "On/off", "Switch the selected points on or off", true],
@@ -72,26 +72,26 @@ class PointsTableView {
   seq = 0;
   frame = 0;
   reading = 0; // a timer
-  /** requests without an answer, by seq */
+  /** Requests without an answer, by seq */
   waiting: Map<number, { what: string; ids: number[]; key: string }> = new Map();
   dim = 0;
   columns: Column[] = [];
   points: TableRow[] = [];
-  /** indices of the points, as sorted */
+  /** Indices of the points, as sorted */
   order: number[] = [];
-  /** places in the order, by id */
+  /** Places in the order, by id */
   ranks: Map<number, number> = new Map();
-  /** numbers of points that are being dragged, by id */
+  /** Numbers of points that are being dragged, by id */
   live: Map<number, Float64Array> = new Map();
-  /** elements of the rows in sight, by id */
+  /** Elements of the rows in sight, by id */
   rows: Map<number, HTMLElement> = new Map();
   sort: { key: string | null; isDown: boolean } = { key: null, isDown: false };
-  /** the marked cell; no id for the headings */
+  /** The marked cell; no id for the headings */
   active: { id: number | null; key: string } = { id: null, key: "name" };
-  /** the one cell that Tab reaches */
+  /** The one cell that Tab reaches */
   reached: HTMLElement | null = null;
   lastRank = 0;
-  /** where a range of selected rows begins */
+  /** Where a range of selected rows begins */
   anchor: number | null = null;
   bus: Bus | null = null;
   closed = new AbortController();
@@ -374,7 +374,7 @@ class PointsTableView {
     const first = Math.max(0, Math.floor(this.scroller.scrollTop / ROW_HEIGHT) - SPARE_ROWS);
     const end = Math.min(order.length, first + Math.ceil(height / ROW_HEIGHT) + 2 * SPARE_ROWS);
     const held = this.isFocused();
-    /** places of the rows to draw, by id */
+    /** Places of the rows to draw, by id */
     const wanted: Map<number, number> = new Map();
     for (let k = first; k < end; k += 1) wanted.set(this.pointAt(k)!.id, k);
     const { id: active } = this.active; // the row that holds the focus stays, wherever it is

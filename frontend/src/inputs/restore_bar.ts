@@ -9,7 +9,7 @@ import type { Model } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
 
-/** command, text, tip */
+/** Command, text, tip */
 const RESTORE_BUTTONS: [RestoreCommand["what"], string, string][] = [
   ["restore", "Restore", "Go on with it; can be undone"],
   ["skip", "Skip", "Don't show again; it stays under History"],

@@ -678,11 +678,11 @@ class TransferEditorView extends CurvePlot {
   colors: ColorStop[] = [];
   back = ""; // the preset that "Reset" takes
   range: Vector2 = [0, 1];
-  /** the part of the axis that is seen; null for all of it */
+  /** The part of the axis that is seen; null for all of it */
   zoom: Vector2 | null = null;
-  /** the row at which the user works; null for the nodes of the curve */
+  /** The row at which the user works; null for the nodes of the curve */
   row: ColorStops | WindowBar | null = null;
-  /** the row that arrow keys have changed */
+  /** The row that arrow keys have changed */
   pending: ColorStops | WindowBar | null = null;
   hintTimer = 0;
   hinted = "";

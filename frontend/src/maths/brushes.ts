@@ -100,7 +100,7 @@ export class Stroke {
     this.done = 0;
     this.swell = 0;
     this.number = nextStroke(points);
-    /** the id of the point in the middle */
+    /** The id of the point in the middle */
     this.held = null;
     this.isBegun = false;
     this.lead = 0; // the side of a mirror that decides, for mirroredEdit

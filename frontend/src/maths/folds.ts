@@ -9,9 +9,9 @@ import { forwardTargets } from "./forward_fit.ts";
 import { RBF_KERNELS, rbfLinearAt } from "./rbf.ts";
 import { fieldWithSlope } from "./warp_map.ts";
 
-/** a place and det J there */
+/** A place and det J there */
 export type Probe = [a: number, b: number, det: number];
-/** its corners x, y, x, y, ... */
+/** Its corners x, y, x, y, ... */
 export type Polygon = number[];
 /** [x, y, x', y'] */
 export type Segment = Vector4;
@@ -341,7 +341,7 @@ export class Runs {
     this.fill = fill;
     this.origin = origin;
     this.spacing = spacing;
-    /** the open run of each row */
+    /** The open run of each row */
     this.open = new Map();
   }
 

@@ -117,18 +117,18 @@ function adjugateOf(t: Numbers6, dim: number, out: Numbers6) {
   return a(0, 0) * out[0] + a(0, 1) * out[3] + a(0, 2) * out[6]!;
 }
 
-/** what is found once for a fit */
+/** What is found once for a fit */
 export interface Inverse {
   dim: number;
-  /** of the points */
+  /** Of the points */
   size: number;
-  /** of the targets */
+  /** Of the targets */
   middle: number[];
-  /** of the determinant at most points */
+  /** Of the determinant at most points */
   sign: number;
   sources: number[][];
   targets: number[][];
-  /** the inverse of the derivative at each source */
+  /** The inverse of the derivative at each source */
   slopes: number[][];
   isStill: boolean;
   lattice: { nodes: Float64Array; ends: Float64Array } | null;

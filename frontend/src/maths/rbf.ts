@@ -45,7 +45,7 @@ import { kernelOfTable } from "./kernel_table.ts";
 import { placeBetween } from "./points.ts";
 
 /**
- * share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
+ * Share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
  * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels. The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span. For the trend "quadratic" quadrics are the combinations of products of two coordinates that they determine, and bend is the penalty of the rest.
  */
 export type Kernel = {
@@ -120,7 +120,7 @@ function rbfOuter(images: number[][], basis: number[][], dim = basis[0]!.length)
 }
 
 /**
- * alpha (n x dim), A (dim x dim), t (dim) and the residual of relative targets x and displacements d (both n x dim).
+ * Alpha (n x dim), A (dim x dim), t (dim) and the residual of relative targets x and displacements d (both n x dim).
  * @param turn the rotation where the points determine none
  * @param isSkew the matrix is not symmetric: points have support radii of their own
  */

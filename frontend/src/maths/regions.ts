@@ -171,9 +171,9 @@ export function inflated(bytes: Uint8Array) {
   return out.subarray(0, size);
 }
 
-/** the next n bits */
+/** The next n bits */
 export type Take = (n: number) => number;
-/** readers of lengths and of distances */
+/** Readers of lengths and of distances */
 type Codes = [symbols: (take: Take) => number, distances: (take: Take) => number];
 
 /** A reader of the Huffman code whose symbols have these numbers of bits. */

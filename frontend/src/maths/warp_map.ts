@@ -396,7 +396,7 @@ export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: numb
     work = newWork(),
     at = new Float64Array(2) as Numbers2;
   const { regions } = layered ?? NO_CUTS;
-  /** the fit of the node before, whose slope is in `work` */
+  /** The fit of the node before, whose slope is in `work` */
   let last: Fit | null = null;
   for (let n = 0; n < count; n++) {
     const x = a0 + ((a1 - a0) * (n % columns)) / across,

@@ -11,7 +11,7 @@ import { flatPoint, fromPane, inPane, withSources } from "../maths/space.ts";
 import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Change } from "../sync/edits.ts";
 import { MOST_CHARACTERS, RestingTrait } from "../sync/edits.ts";
-import type { Model, PaneInfo, Point, PointsDetail, Vector2, Vector3 } from "../types.ts";
+import type { Model, ModelHandler, PaneInfo, Point, PointsDetail, Vector2, Vector3 } from "../types.ts";
 import { beforeActionOutside, isWorkedIn, OWN_KEYS, pageElement, setAttributes, setText, treeOf } from "../ui/dom.ts";
 import { HelpPanel, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { ToolEntry } from "../ui/toolbar.ts";
@@ -125,18 +125,18 @@ export class SpaceEditorView extends EditorDrawing {
   id = Math.random().toString(36).slice(2, 12);
   closed = new AbortController();
   #ends: (() => void)[] = []; // of listening
-  /** the points before the drag, or null */
+  /** The points before the drag, or null */
   drag0: Point[] | null = null;
   isAdding = false;
   isSelecting = false;
   isSpaceDown = false;
-  /** the point that is being named */
+  /** The point that is being named */
   renamed: { id: number; pane: SpacePane } | null = null;
   facts: Facts = {};
   shownCount = 0; // of the messages with pictures
-  /** the places that were sent */
+  /** The places that were sent */
   looked: Set<string> = new Set();
-  /** the request that waits */
+  /** The request that waits */
   pendingLook: (ViewRequest & { moving: boolean }) | null = null;
   waitingSince = -Infinity; // milliseconds
   lookTimer = 0;
@@ -151,7 +151,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.sender.receive();
     this.points = this.sender.points;
     this.panes = model.get("panes");
-    /** the place that the slices meet at */
+    /** The place that the slices meet at */
     this.cursor = [...(model.get("cursor") as Vector3)];
     this.pointTools = new SpacePointTools(this);
     el.classList.add("dnb-ed-host");
@@ -208,8 +208,8 @@ export class SpaceEditorView extends EditorDrawing {
   #followModel() {
     const { model, sender } = this,
       bus = busOf(model);
-    const on = (name: string, handler: (...given: any[]) => void) => {
-      const guarded = (...given: any[]) => this.frames.guard(() => handler(...given));
+    const on = (name: string, handler: ModelHandler) => {
+      const guarded: ModelHandler = (...given) => this.frames.guard(() => handler(...given));
       model.on(name, guarded);
       this.#ends.push(() => model.off(name, guarded));
     };
@@ -628,7 +628,7 @@ export class SpaceEditorView extends EditorDrawing {
   }
 
   /** Set a trait. */
-  set(name: string, value: any) {
+  set(name: string, value: unknown) {
     this.model.set(name, value);
     this.model.save_changes();
     this.frames.invalidate();

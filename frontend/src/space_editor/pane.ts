@@ -47,16 +47,16 @@ export class SpacePane {
   view = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
   isFitted = true;
   picture: HTMLCanvasElement | null = null;
-  /** the parts and cuts over it */
+  /** The parts and cuts over it */
   shapes: HTMLCanvasElement | null = null;
-  /** the depth that is seen at each pixel of a projection */
+  /** The depth that is seen at each pixel of a projection */
   depths: Float32Array | null = null;
-  /** of the picture */
+  /** Of the picture */
   raster: Raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
   nodesKey = ""; // of the lattice that is drawn
-  /** what is painted on the canvas: pixels, their place and the colour around them */
+  /** What is painted on the canvas: pixels, their place and the colour around them */
   painted: unknown[] = [];
-  /** points as they are drawn at the depth `flatAt` */
+  /** Points as they are drawn at the depth `flatAt` */
   flat: WeakMap<Point, FlatPoint> = new WeakMap();
   flatAt = "";
 

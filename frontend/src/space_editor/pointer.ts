@@ -17,7 +17,7 @@ export interface Press {
   pointer: number;
   from: Vector2;
   at: Vector2;
-  /** whether it has not moved yet */
+  /** Whether it has not moved yet */
   isPress: boolean;
   slack: number;
 }
@@ -44,7 +44,7 @@ export class PaneGestures {
   pane: SpacePane;
 
   gesture: Gesture | null = null;
-  /** the place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
+  /** The place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
   box: DOMRect | null = null;
   isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
   wheelSteps = new WheelSteps();

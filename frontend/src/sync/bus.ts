@@ -66,7 +66,7 @@ export class FollowedModel {
 
   reference: string | Model | null = null;
 
-  /** what ends with it */
+  /** What ends with it */
   ends: (() => void)[] = [];
 
   #ticket: object | null = null; // of the reference that is followed

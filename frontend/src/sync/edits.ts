@@ -85,13 +85,13 @@ export class Sender {
     this.models = [];
     this.listeners = new Set();
     this.history = new History();
-    /** numbers of the messages in flight */
+    /** Numbers of the messages in flight */
     this.waiting = { move: new Set(), end: new Set() };
     this.pending = { move: null, end: null };
     this.status = ""; // "", "busy", "unanswered", "detached" or "lost"
     this.isAnswered = false;
     this.isCut = false;
-    /** measurements of a view during a drag, sent with its end */
+    /** Measurements of a view during a drag, sent with its end */
     this.drawn = null;
     this.steps = [];
   }
@@ -423,7 +423,7 @@ export class RestingTrait {
 
   #timer = 0;
 
-  /** what waits */
+  /** What waits */
   #value: unknown = null;
 
   constructor(model: Model, name: string) {
@@ -476,7 +476,7 @@ export class EditLink {
 
   #sentAt = 0;
   #endedAt = 0;
-  /** a movement that waits, null for none */
+  /** A movement that waits, null for none */
   #pending: object | null = null;
 
   /** @param now milliseconds */

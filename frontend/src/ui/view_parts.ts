@@ -36,7 +36,7 @@ export function lengthText(length: number, unit: string) {
   return `${Number(shown.toPrecision(1))} ${METRIC[at] ?? unit}`.trim();
 }
 
-/** in CSS pixels */
+/** In CSS pixels */
 export type Size = { width: number; height: number };
 
 /** A bar of 1, 2 or 5 times a power of ten, with its length in the volume. */

@@ -23,9 +23,9 @@ import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import { bytesOf, floatsOf } from "./volume_loader.ts";
 
-/** distances to the cuts that came last */
+/** Distances to the cuts that came last */
 export type KnownCuts = { id?: string; distances?: Float32Array };
-/** values of the traits SHAPES */
+/** Values of the traits SHAPES */
 export type Shapes = Record<string, unknown>;
 export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>;
 

@@ -39,13 +39,13 @@ export class SpaceLink {
   constructor(
     model: Model,
     view: {
-      /** of the volume that is shown */
+      /** Of the volume that is shown */
       info: () => VolumeInfo | null;
-      /** takes a new field */
+      /** Takes a new field */
       apply: (space: SpaceField, isMoving: boolean) => void;
-      /** as of FieldLink */
+      /** As of FieldLink */
       move: (isMoving: boolean) => void;
-      /** reports whose edits are followed */
+      /** Reports whose edits are followed */
       follows: (sender: string) => void;
     },
   ) {

@@ -15,7 +15,7 @@ import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
 import { floatsOf } from "./volume_loader.ts";
 
-/** the live view whose volume and colours are drawn */
+/** The live view whose volume and colours are drawn */
 export interface MovieSource {
   model: Model;
   info: VolumeInfo | null;

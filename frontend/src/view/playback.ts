@@ -10,10 +10,10 @@ import type { PlanarField } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import { floatsOf } from "./volume_loader.ts";
 
-/** maps of all moments */
+/** Maps of all moments */
 export type Moments = { count: number; duration: number; maps: Float32Array; planar: PlanarField };
 
-/** the live view whose field this changes */
+/** The live view whose field this changes */
 export interface PlayedView {
   model: Model;
   field: Field | null;

@@ -3,7 +3,7 @@
 import type { Vector2 } from "../types.ts";
 import { isWorkedIn } from "../ui/dom.ts";
 import type { VolumeViewLike } from "./types.ts";
-/** in CSS pixels */
+/** In CSS pixels */
 export type ScreenBox = { left: number; top: number; width: number; height: number };
 
 const TURN = 2.6; // radians for a drag across the smaller side of the view

@@ -10,10 +10,10 @@ import type { Vector2, Vector4 } from "../types.ts";
 import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
 import type { Picture } from "../webgl/types.ts";
 
-/** x, y, width and height in pixels, from the lower left */
+/** X, y, width and height in pixels, from the lower left */
 export type Tile = Vector4;
 
-/** a quick picture under way */
+/** A quick picture under way */
 export interface Rush {
   pieces: { picture: Picture; tile: Tile }[];
   size: Vector2;
@@ -23,24 +23,24 @@ export interface Rush {
   spent: number;
 }
 
-/** of a full picture */
+/** Of a full picture */
 export type Piece = { picture: Picture; at: Tile; quarter: Quarter | null };
 
-/** a whole picture of one layer, out of the full one under way */
+/** A whole picture of one layer, out of the full one under way */
 export interface Stage {
   layer: number;
-  /** the next one last */
+  /** The next one last */
   pieces: Piece[];
-  /** the picture that is whole then */
+  /** The picture that is whole then */
   shows: string;
-  /** the quarters that it is put together of */
+  /** The quarters that it is put together of */
   merged: { from: string; stride: number } | null;
 }
 
-/** a full picture under way */
+/** A full picture under way */
 export interface Work {
   pass: number;
-  /** the next one first */
+  /** The next one first */
   stages: Stage[];
   pictures: Picture[];
   size: Vector2;

@@ -328,7 +328,7 @@ export class ServerVolumeView {
   }
 }
 
-/** a front end that cannot draw */
+/** A front end that cannot draw */
 export interface UndrawnView {
   model: Model;
   messages: ViewMessages;

@@ -22,16 +22,16 @@ import type { Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 export type PointEnd = "target" | "source";
 export type Hit = { id: number; what: PointEnd };
 
-/** what a pointer holds */
+/** What a pointer holds */
 export interface Held {
   id: number;
   what: PointEnd | "both";
   pointer: number;
   from: Vector2;
   at?: Vector2;
-  /** whether it has not been moved yet */
+  /** Whether it has not been moved yet */
   isPress: boolean;
-  /** the points that move with it */
+  /** The points that move with it */
   ids: number[];
 }
 
@@ -150,7 +150,7 @@ export class Body {
     info: VolumeInfo;
     field?: Field | null;
     table: Float32Array;
-    /** the thickness that the table's opacities hold for */
+    /** The thickness that the table's opacities hold for */
     unit: number;
     clip?: Clip | null;
   }) {

@@ -13,18 +13,18 @@ import type { ViewCamera } from "./view_camera.ts";
 const SCREENSHOT = "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0";
 const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
 
-/** what the elements call */
+/** What the elements call */
 export interface ElementActions {
-  /** a side of the cube was pressed */
+  /** A side of the cube was pressed */
   showView: (view: ViewName) => void;
-  /** the page around has another theme */
+  /** The page around has another theme */
   rethemed: () => void;
-  /** the other picture of two in turn is seen */
+  /** The other picture of two in turn is seen */
   flip: (layer: number) => void;
-  /** the line between original and deformed was moved, or the slider of their mixture */
+  /** The line between original and deformed was moved, or the slider of their mixture */
   compared: () => void;
   resized: () => void;
-  /** a PNG of what is seen; null for nothing */
+  /** A PNG of what is seen; null for nothing */
   picture: () => Promise<Blob | null>;
 }
 

@@ -10,13 +10,13 @@ import type { Matrix3, Raster, Sides, Vector3, Vector4 } from "../types.ts";
 export interface Grid {
   /** [nz, ny, nx] */
   shape: Vector3;
-  /** along x, y, z */
+  /** Along x, y, z */
   spacing: Vector3;
-  /** the centre of the first voxel */
+  /** The centre of the first voxel */
   origin: Vector3;
-  /** rows; the columns are the directions of the x, y and z index */
+  /** Rows; the columns are the directions of the x, y and z index */
   direction: Matrix3;
-  /** of spacing and origin; "" where it is not known */
+  /** Of spacing and origin; "" where it is not known */
   unit: string;
 }
 

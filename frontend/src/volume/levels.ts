@@ -18,10 +18,10 @@ import {
 import type { Vector2, Vector3, Vector4 } from "../types.ts";
 import { lengthsOf } from "./grid.ts";
 
-/** air, the edges of tissue and of dense tissue, the densest value */
+/** Air, the edges of tissue and of dense tissue, the densest value */
 export type Levels = Vector4;
 export type Measured = { range: Vector2; whole: Vector2; levels: Levels; hounsfield: boolean };
-/** nodes: a value with red, green and blue, and a value with its opacity */
+/** Nodes: a value with red, green and blue, and a value with its opacity */
 export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
 
 /** Replace what is not finite by the smallest finite value; returns how many there were. */

@@ -292,20 +292,20 @@ export function emptyCells(
     isLargest,
     voxels,
   }: {
-    /** of the result */
+    /** Of the result */
     box: Sides;
-    /** of the volume */
+    /** Of the volume */
     shape: Vector3;
     spacing: Vector3;
-    /** of its blocks */
+    /** Of its blocks */
     extremes: Extremes;
-    /** of the largest values of the blocks, or of their largest opacities */
+    /** Of the largest values of the blocks, or of their largest opacities */
     pairs: Uint8Array;
-    /** the same of what lies outside the volume */
+    /** The same of what lies outside the volume */
     beyond: number;
-    /** whether largest values are projected */
+    /** Whether largest values are projected */
     isLargest: boolean;
-    /** along the edge of a cell, at least */
+    /** Along the edge of a cell, at least */
     voxels: number;
   },
   { planar, space }: { planar: CastPlanar | null; space: CastSpace | null },

@@ -7,7 +7,7 @@ import { AXES, perAxis } from "../maths/axes.ts";
 import type { Vector2, Vector3 } from "../types.ts";
 import type { Extremes } from "./types.ts";
 
-/** a slice, and which of its rows are smoothed background */
+/** A slice, and which of its rows are smoothed background */
 export type Smoothed<Sums> = { sums: Sums; empty: Uint8Array };
 
 export const BLOCK = 4; // voxels along the edge of a block
@@ -57,9 +57,9 @@ export class GradientSlabs {
       unit = 127 / STEEPEST / 2 / SMOOTHED;
     this.scales = perAxis((i) => (unit * finest) / spacing[i]);
     const [nx, ny] = shape;
-    /** along x and y, those that the next slab needs too */
+    /** Along x and y, those that the next slab needs too */
     this.flat = new Map();
-    /** along all axes, with one voxel of background on each side */
+    /** Along all axes, with one voxel of background on each side */
     this.smooth = new Map();
     this.beyond = {
       sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill),
