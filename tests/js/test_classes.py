@@ -1,0 +1,109 @@
+"""Classes of the front end are small, hold parts, and give each of them the few things that it uses."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import node_tasks
+
+MOST_METHODS, MOST_ATTRIBUTES, MOST_NAMES = 30, 15, 12
+
+# Classes that are larger: these figures only fall.
+LARGE_CLASSES = {
+    "editor/painter.ts:LayerPlan": (10, 18),
+    "inputs/curve_plot.ts:CurvePlot": (40, 28),
+    "inputs/file_input.ts:FileInputView": (9, 17),
+    "inputs/player.ts:PlayerView": (18, 21),
+    "inputs/points_table.ts:PointsTableView": (51, 42),
+    "inputs/transfer_editor.ts:TransferEditorView": (39, 21),
+    "maths/brushes.ts:Stroke": (8, 18),
+    "space_editor/editor.ts:SpaceEditorView": (50, 36),
+    "space_editor/pane.ts:SpacePane": (25, 26),
+    "studio/head.ts:StudioHead": (21, 17),
+    "sync/edits.ts:Sender": (31, 22),
+    "view/live_view.ts:LiveVolumeView": (52, 29),
+    "view/render_loop.ts:FrameLoop": (27, 29),
+    "view/server_view.ts:ServerVolumeView": (26, 27),
+    "view/space_points.ts:SpacePoints": (28, 22),
+    "webgl/raycaster.ts:RayCaster": (28, 25),
+}
+
+# Parts that are given their owner, and methods that only call another of the same arguments: none is added.
+GIVEN_OWNERS = {
+    "ColorStops of TransferEditorView",
+    "MoreMenu of Toolbar",
+    "PaneGestures of SpaceEditorView",
+    "PresetButtons of TransferEditorView",
+    "SpacePane of SpaceEditorView",
+    "SpacePointTools of SpaceEditorView",
+    "WindowBar of TransferEditorView",
+}
+FORWARDS = {
+    "editor/commands.ts:Commands.guard",
+    "editor/commands.ts:Commands.focus",
+    "view/live_view.ts:LiveVolumeView.showMessage",
+    "view/live_view.ts:LiveVolumeView.seen",
+    "view/live_view.ts:LiveVolumeView.send",
+    "view/live_view.ts:LiveVolumeView.on",
+    "view/server_view.ts:ServerVolumeView.on",
+    "view/server_view.ts:ServerVolumeView.send",
+    "view/server_view.ts:ServerVolumeView.showMessage",
+    "view/server_view.ts:ServerVolumeView.writeCamera",
+}
+
+# What parts use of the editor, where it is more than a dozen names: these figures only fall.
+LARGE_INTERFACES = {
+    "CommandEditor": 13,
+    "KeysEditor": 16,
+    "NodesEditor": 14,
+    "PointEditor": 15,
+    "PointerEditor": 17,
+    "ShapeEditor": 13,
+    "StatusEditor": 14,
+}
+
+
+@cache
+def _front_end() -> dict[str, Any]:
+    node = node_tasks.need_package("typescript")
+    script = node_tasks.FRONT_END / "tests" / "classes.mjs"
+    done = subprocess.run([node, str(script)], capture_output=True, encoding="utf-8", timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_a_class_has_at_most_30_methods_and_15_attributes() -> None:
+    sizes = {name: (found["methods"], found["attributes"]) for name, found in _front_end()["classes"].items()}
+    assert len(sizes) > 100
+    above = {name: size for name, size in sizes.items() if size[0] > MOST_METHODS or size[1] > MOST_ATTRIBUTES}
+    grown = {name: size for name, size in above.items() if np.greater(size, LARGE_CLASSES.get(name, (0, 0))).any()}
+    assert not grown, "let it hold parts, each of which knows the few things that it uses"
+    assert set(LARGE_CLASSES) <= set(above), "leave out of the table what is small by now"
+
+
+def test_no_part_is_given_its_owner() -> None:
+    classes = {name.rpartition(":")[2]: found for name, found in _front_end()["classes"].items()}
+    given = {
+        f"{name} of {owner}"
+        for name, found in classes.items()
+        for owner in found["given"]
+        if name in classes.get(owner, {}).get("makes", ())
+    }
+    assert given == GIVEN_OWNERS, "give it an interface of what it uses"
+
+
+def test_no_method_only_forwards() -> None:
+    found = {f"{name}.{method}" for name, found in _front_end()["classes"].items() for method in found["forwards"]}
+    assert found == FORWARDS, "let the caller hold the part"
+
+
+def test_a_part_uses_a_dozen_others_at_most() -> None:
+    counts = _front_end()["interfaces"]
+    assert len(counts) > 25
+    above = {name: count for name, count in counts.items() if count > MOST_NAMES}
+    assert above == LARGE_INTERFACES, "divide it, or leave out of the table what is small by now"
