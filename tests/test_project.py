@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import traitlets
 import yaml
 
 import deformnb
@@ -331,26 +332,21 @@ def _named_here(module: str, nodes: tuple[ast.AST, ...]) -> dict[str, str]:
     return named
 
 
+# Synced traits count apart: they are the messages of a widget to its front end, and Jupyter keeps them in one class,
+# whose members they must be. Nothing but their number would fall if they were divided.
 MOST_METHODS, MOST_ATTRIBUTES = 30, 15
 # Classes above that, with their methods and attributes, which may only fall: a class of them holds parts instead.
 LARGE_CLASSES = {
-    "deformnb.document.motion_paths.HandlePath": (7, 19),
-    "deformnb.io.volumes.dicom._Slice": (2, 18),
     "deformnb.io.volumes.headers.Header": (4, 17),
-    "deformnb.io.volumes.tiff_pages.Page": (10, 17),
     "deformnb.rbf.interpolant.RBFInterpolant": (29, 17),
-    "deformnb.warping.node_table._Lattice": (14, 17),
-    "deformnb.widgets.editor.base.EditedPoints": (15, 24),
-    "deformnb.widgets.editor.editor.Editor": (24, 36),
-    "deformnb.widgets.editor.space_editor.SpaceEditor": (30, 27),
+    "deformnb.widgets.editor.space_editor.SpaceEditor": (30, 21),
     "deformnb.widgets.studio.layout.PanelParts": (0, 16),
     "deformnb.widgets.studio.panels.animation.MovieControls": (10, 18),
     "deformnb.widgets.studio.panels.diagnostics.DiagnosticsPanel": (13, 19),
     "deformnb.widgets.studio.panels.files.FilesPanel": (13, 25),
     "deformnb.widgets.studio.panels.registration.FitPanel": (22, 20),
     "deformnb.widgets.studio.panels.thompson.ThompsonPanel": (22, 25),
-    "deformnb.widgets.view.live_view.LiveView": (30, 34),  # of which 22 are traits of the front end
-    "deformnb.widgets.view.volume_view.VolumeView": (41, 34),
+    "deformnb.widgets.view.volume_view.VolumeView": (41, 22),
     "deformnb.widgets.vtk.render_loop.SceneLoop": (16, 22),
     "deformnb.widgets.vtk.scene.VtkScene": (23, 21),
     "deformnb.widgets.web.server.PageServer": (15, 18),
@@ -370,12 +366,21 @@ def _size_of(found: ast.ClassDef) -> tuple[int, int]:
     return len(methods), len(attributes - methods)
 
 
+def _synced(module: str, name: str) -> set[str]:
+    """The synced traits that a class itself declares."""
+    found = getattr(importlib.import_module(module), name, None)
+    is_widget = inspect.isclass(found) and issubclass(found, traitlets.HasTraits)
+    return set(found.class_own_traits(sync=True)) if is_widget else set()
+
+
 def test_a_class_has_at_most_30_methods_and_15_attributes() -> None:
     above = {}
     for module, nodes in _modules().items():
         for node in nodes:
             if isinstance(node, ast.ClassDef):
                 methods, attributes = _size_of(node)
+                if attributes > MOST_ATTRIBUTES:
+                    attributes -= len(_synced(module, node.name))
                 if methods > MOST_METHODS or attributes > MOST_ATTRIBUTES:
                     above[f"{module}.{node.name}"] = methods, attributes
     grown = {name: size for name, size in above.items() if np.greater(size, LARGE_CLASSES.get(name, (0, 0))).any()}

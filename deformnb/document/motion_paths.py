@@ -83,47 +83,22 @@ class HandlePath:
         if a.shape != b.shape or a.ndim != 2 or a.shape[1] not in (2, 3):
             raise DeformError(f"places at both ends must have the shape (N, 2) or (N, 3), got {a.shape} and {b.shape}.")
         self.start, self.end = a, b
-        self._size = max(float(np.ptp(np.concatenate([a, b]), axis=0).max()) if len(a) else 0.0, 1e-300)
-        is_still = np.linalg.norm(b - a, axis=1) <= _STILL * self._size
+        size = max(float(np.ptp(np.concatenate([a, b]), axis=0).max()) if len(a) else 0.0, 1e-300)
+        self._is_still = np.linalg.norm(b - a, axis=1) <= _STILL * size
         given = np.zeros(len(a), dtype=bool) if held is None else np.array(held, dtype=bool)
-        self._held = given | is_still
-        self._middle, self._turn, self._shift = _whole_motion(a, b)
-        self.turns = np.zeros((len(a), 3))
+        self._held = given | self._is_still
+        self._whole = _whole_motion(a, b)
+        self._edges: _Edges | None = None
         self._solver: Any = None
-        self._edge_turns = np.zeros(0)
-        if len(a) > 1 and not is_still.all():
-            self._set_edges(neighbours(a if rest is None else np.asarray(rest, dtype=np.float64)))
-            self._factor()
+        if len(a) > 1 and not self._is_still.all():
+            pairs = neighbours(a if rest is None else np.asarray(rest, dtype=np.float64))
+            self._edges = _Edges(pairs, a, b, size, self._whole[1])
+            self._factor(self._edges)
+        self.turns = np.zeros((len(a), 3)) if self._edges is None else self._edges.turns
 
-    def _set_edges(self, edges: NDArray[np.int_]) -> None:
-        a, b = (_in_space(points[edges[:, 1]] - points[edges[:, 0]]) for points in (self.start, self.end))
-        lengths = np.linalg.norm([a, b], axis=2)
-        weight = 1 / ((lengths**2).mean(axis=0) + (1e-4 * self._size) ** 2)
-        self.turns = _unwrapped(_turns(edges, weight, a, b, len(self.start), self._turn, self.start.shape[1]), edges)
-        base = self.turns[edges].mean(axis=1)
-        back = scipy.spatial.transform.Rotation.from_rotvec(base).inv().apply(b)
-        self._edges, self._lengths, self._base = edges, lengths, base
-        self._direction = _directions(a, back)
-        self._rest = _shortest_turn(self._direction, _directions(back, a))
-        strain = np.abs(lengths[1] - lengths[0]) / np.maximum(lengths.max(axis=0), 1e-300)
-        self._weight = weight / (1 + (strain / _STRAIN) ** 2)
-        # A point that keeps its distance to nobody, not by a quarter, belongs to no limb: it goes straight.
-        near = 1 / (1 + (strain / (2 * _STRAIN)) ** 2)
-        self._edge_turns = np.linalg.norm(base + self._rest, axis=1)[near > 0.5]
-        best, pull = np.zeros(len(self.start)), np.zeros(len(self.start))
-        for side in (0, 1):
-            np.maximum.at(best, edges[:, side], near)
-            np.add.at(pull, edges[:, side], weight)
-        self._pull = pull * (1 - best) ** 8
-
-    def _factor(self) -> None:
-        n, (i, j), w = len(self.start), self._edges.T, self._weight
-        diagonal = np.bincount(i, w, n) + np.bincount(j, w, n)
-        pull = self._pull + (0.0 if self._held.any() else 1e-9) * diagonal.mean()  # else all of them could float away
-        places = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
-        laplacian = scipy.sparse.coo_matrix((np.concatenate([-w, -w, diagonal + pull]), places), (n, n)).tocsc()
+    def _factor(self, edges: _Edges) -> None:
         self._free = np.flatnonzero(~self._held)
-        rows = laplacian[self._free]
+        rows = edges.laplacian(0.0 if self._held.any() else 1e-9)[self._free]  # else all of them could float away
         self._to_held = rows[:, np.flatnonzero(self._held)]
         self._solver = scipy.sparse.linalg.splu(rows[:, self._free].tocsc()) if len(self._free) else None
 
@@ -140,17 +115,12 @@ class HandlePath:
         if self._held.all() and held is None:
             return path
         prescribed = path if held is None else np.asarray(held, dtype=np.float64)
-        still = np.linalg.norm(self.end - self.start, axis=1) <= _STILL * self._size
-        fixed = np.where(still[:, None], path, prescribed)
+        fixed = np.where(self._is_still[:, None], path, prescribed)
         result = np.where(self._held[:, None], fixed, path)
-        if self._solver is None:
+        if self._edges is None or self._solver is None:
             return result
         # What is looked for is how far the places lie from the path: nothing for a motion that is rigid as a whole.
-        i, j = self._edges.T
-        missing = self._weight[:, None] * (self._edges_at(t) - (path[j] - path[i]))
-        right = np.zeros_like(path)
-        np.add.at(right, j, missing)
-        np.subtract.at(right, i, missing)
+        right = self._edges.missing(t, path)
         known = (result - path)[self._held]
         result[self._free] += self._solver.solve(right[self._free] - self._to_held @ known)
         return result
@@ -161,20 +131,64 @@ class HandlePath:
             return np.asarray(self.start + t * (self.end - self.start))
         a, b, dim = _in_space(self.start), _in_space(self.end), self.start.shape[1]
         # The end, seen by someone who takes part in the motion of all, differs from the start only by what bends.
-        seen = _advanced(b, -1.0, self._middle, self._turn, self._shift)
-        return np.asarray(_advanced((1 - t) * a + t * seen, t, self._middle, self._turn, self._shift)[:, :dim])
-
-    def _edges_at(self, t: float) -> Points:
-        length = (1 - t) * self._lengths[0] + t * self._lengths[1]
-        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._rest).apply(self._direction)
-        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._base).apply(turned)
-        return np.asarray(length[:, None] * turned)[:, : self.start.shape[1]]
+        seen = _advanced(b, -1.0, *self._whole)
+        return np.asarray(_advanced((1 - t) * a + t * seen, t, *self._whole)[:, :dim])
 
     @property
     def largest_turn(self) -> float:
         """The largest angle in radians by which the surroundings of a point turn, or an edge that keeps its length."""
         around = float(np.linalg.norm(self.turns, axis=1).max(initial=0.0))
-        return max(around, float(self._edge_turns.max(initial=0.0)))
+        return around if self._edges is None else max(around, float(self._edges.of_limbs.max(initial=0.0)))
+
+
+class _Edges:
+    """Edges between neighbours, each of which turns and becomes longer or shorter by itself.
+
+    Attributes
+    ----------
+    turns : (N, 3) rotation of the surroundings of each point.
+    of_limbs : angles by which the edges turn that keep their length.
+    """
+
+    def __init__(self, pairs: NDArray[np.int_], start: Points, end: Points, size: float, turn: Points) -> None:
+        self._ends, self._dim = pairs.T, start.shape[1]
+        a, b = (_in_space(points[pairs[:, 1]] - points[pairs[:, 0]]) for points in (start, end))
+        lengths = np.linalg.norm([a, b], axis=2)
+        weight = 1 / ((lengths**2).mean(axis=0) + (1e-4 * size) ** 2)
+        self.turns = _unwrapped(_turns(pairs, weight, a, b, len(start), turn, self._dim), pairs)
+        self._lengths, self._base = lengths, self.turns[pairs].mean(axis=1)
+        back = scipy.spatial.transform.Rotation.from_rotvec(self._base).inv().apply(b)
+        self._direction = _directions(a, back)
+        self._rest = _shortest_turn(self._direction, _directions(back, a))
+        strain = np.abs(lengths[1] - lengths[0]) / np.maximum(lengths.max(axis=0), 1e-300)
+        self._weight = weight / (1 + (strain / _STRAIN) ** 2)
+        # A point that keeps its distance to nobody, not by a quarter, belongs to no limb: it goes straight.
+        near = 1 / (1 + (strain / (2 * _STRAIN)) ** 2)
+        self.of_limbs = np.linalg.norm(self._base + self._rest, axis=1)[near > 0.5]
+        best, pull = np.zeros(len(start)), np.zeros(len(start))
+        for side in self._ends:
+            np.maximum.at(best, side, near)
+            np.add.at(pull, side, weight)
+        self._pull = pull * (1 - best) ** 8
+
+    def laplacian(self, pull: float) -> Any:
+        """The sparse matrix of the weights, each point pulled to its path by this share of their mean, or more."""
+        n, (i, j), w = len(self._pull), self._ends, self._weight
+        diagonal = np.bincount(i, w, n) + np.bincount(j, w, n)
+        places = np.concatenate([i, j, np.arange(n)]), np.concatenate([j, i, np.arange(n)])
+        values = np.concatenate([-w, -w, diagonal + (self._pull + pull * diagonal.mean())])
+        return scipy.sparse.coo_matrix((values, places), (n, n)).tocsc()
+
+    def missing(self, t: float, path: Points) -> Points:
+        """By how much the edges between these places differ from what they are at ``t``, summed at their points."""
+        length = (1 - t) * self._lengths[0] + t * self._lengths[1]
+        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._rest).apply(self._direction)
+        turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._base).apply(turned)
+        (i, j), right = self._ends, np.zeros_like(path)
+        missing = self._weight[:, None] * ((length[:, None] * turned)[:, : self._dim] - (path[j] - path[i]))
+        np.add.at(right, j, missing)
+        np.subtract.at(right, i, missing)
+        return right
 
 
 def neighbours(points: Points) -> NDArray[np.int_]:

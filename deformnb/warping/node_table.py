@@ -127,7 +127,7 @@ class NodeTable:
     ) -> None:
         self._field, self._grid, self._at_places = field, grid, exactly or ExactPlaces(links_of(field), grid)
         self._left: list[NDArray[np.intp]] = []
-        estimate = _Lattice(field, grid, _FIRST_SPACING)
+        estimate = _Lattice(field, grid, _FIRST_SPACING).cells
         best = 1 if estimate.has_borders else estimate.best_spacing(_EVERY, (*NODE_SPACINGS, 1))
         self._whole = _Lattice(field, grid, best if best > 1 else _USUAL, progress)
 
@@ -137,23 +137,23 @@ class NodeTable:
         Other voxels that are to be evaluated there are added to :meth:`left`, or come along if the block has nodes of
         its own. None where the field bends so much that it is to be evaluated at every voxel of the block.
         """
-        cells = (self._whole.cells(block[0]), self._whole.cells(block[1]))
-        spacing = self._whole.best_spacing(cells, (*NODE_SPACINGS, 1))
+        cells = (self._whole.cells.of(block[0]), self._whole.cells.of(block[1]))
+        spacing = self._whole.cells.best_spacing(cells, (*NODE_SPACINGS, 1))
         start = np.array([block[0].start, block[1].start, 0])
         stop = np.minimum([block[0].stop, block[1].stop, self._grid.shape[2]], self._grid.shape)
         if spacing == self._whole.spacing:
-            self._left.append(self._whole.bad_cells(cells))
+            self._left.append(self._whole.cells.bad(cells))
             return self._read(self._whole, block, self._beside_cuts(self._whole, cells, np.zeros(3, int), start, stop))
         if spacing > 1:
             grid = planning.lattice(self._grid, block, 1)
             lattice = _Lattice(self._field, grid, spacing)
-            if lattice.best_spacing(_EVERY, (spacing, 1)) == spacing:
+            if lattice.cells.best_spacing(_EVERY, (spacing, 1)) == spacing:
                 own = (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
                 return self._read(
                     lattice,
                     own,
                     self._beside_cuts(lattice, _EVERY, start, start, stop),
-                    self._all(lattice.bad_cells(_EVERY), spacing, start, stop),
+                    self._all(lattice.cells.bad(_EVERY), spacing, start, stop),
                 )
         return None
 
@@ -191,7 +191,7 @@ class NodeTable:
 
         corner : the first voxel of the lattice; start, stop : the first voxel and the end of the block.
         """
-        border = lattice.border_cells(cells)
+        border = lattice.cells.at_cuts(cells)
         if not len(border):
             return
         box, spacing = lattice.box_around(border), lattice.spacing
@@ -271,6 +271,63 @@ RegionBox = tuple[Any, NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]
 (z, y, x) that are not interpolated."""
 
 
+class _Cells:
+    """Cells between the nodes of a lattice: how much the field bends in each, and which are near borders.
+
+    Parameters
+    ----------
+    shape : of the cells (z, y, x).
+    spacing : of the nodes, in voxels.
+    allowed : error of interpolation, physical.
+
+    Attributes
+    ----------
+    bounds : of the errors of interpolation; of no meaning at ``cuts``.
+    borders : cells that are evaluated voxel by voxel; cuts : those where the regions of both sides are interpolated.
+    widths : of cells in each plane, as :attr:`Walk.widths`.
+    """
+
+    def __init__(self, shape: tuple[int, ...], spacing: int, allowed: float) -> None:
+        self._spacing, self.allowed = spacing, allowed
+        self.bounds, self.borders = np.empty(shape, np.float32), np.empty(shape, dtype=bool)
+        self.cuts, self.widths = np.zeros(shape, dtype=bool), np.zeros(shape[0], np.float32)
+
+    @property
+    def has_borders(self) -> bool:
+        """True if the border of a cut or a part, or a sharp bend of a curve of modulation is near anywhere."""
+        return bool(self.borders.any() or self.cuts.any())
+
+    def of(self, part: slice) -> slice:
+        """The cells that hold the voxels of a part of an axis."""
+        return slice(part.start // self._spacing, -(-part.stop // self._spacing))
+
+    def best_spacing(self, cells: tuple[slice, slice], among: Sequence[int]) -> int:
+        """The spacing of least work for these cells, among some: this one, denser ones, 1 for every voxel itself."""
+        return min((h for h in among if h <= self._spacing), key=lambda h: self._work(cells, h))
+
+    def _work(self, cells: tuple[slice, slice], h: int) -> float:
+        counts = [self._spacing * n for n in self.bounds[cells].shape]
+        voxels = float(np.prod(counts))
+        if h == 1:
+            return voxels
+        nodes = 0.0 if h == self._spacing else float(np.prod([n / h + 1 + 2 * _HALO for n in counts]))
+        return nodes + _LISTED * voxels * float(np.mean(self._bends(cells, h) | self.borders[cells]))
+
+    def _bends(self, cells: tuple[slice, slice], h: int) -> NDArray[np.bool_]:
+        """Check which cells bend too much for nodes at a spacing, about if it is not this one."""
+        ratio = h / self._spacing
+        is_narrow = NARROWEST * ratio * self.widths[cells[0]] > 1
+        return is_narrow[:, None, None] | ~(ratio**_ORDER * self.bounds[cells] <= self.allowed)
+
+    def bad(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
+        """Indices (n, 3) of the cells among these that are evaluated voxel by voxel."""
+        return _indices(self.borders[cells] | self._bends(cells, self._spacing), cells)
+
+    def at_cuts(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
+        """Indices (n, 3) of the cells among these where the displacements of all regions are interpolated."""
+        return _indices(self.cuts[cells] & ~self._bends(cells, self._spacing), cells)
+
+
 class _Lattice:
     """Nodes of a field around all voxels of a grid.
 
@@ -278,6 +335,7 @@ class _Lattice:
     ----------
     spacing : of the nodes, in voxels.
     nodes : (3, z, y, x), the first ones a node before the first voxel.
+    cells : what is known of the errors between them.
     """
 
     def __init__(self, field: AbstractField, grid: Grid, spacing: int, progress: Progress | None = None) -> None:
@@ -285,62 +343,21 @@ class _Lattice:
         smoothness = smoothness_of(field)
         assert smoothness is not None
         self._factor = JUMPS[smoothness]
-        cells = tuple(-(-n // spacing) for n in grid.shape)
-        self._shape = tuple(n + 1 + 2 * _HALO for n in cells)
-        self._can_choose = border_cells.can_choose(field)
-        self._values, self._marks = np.empty((3, *self._shape), np.float32), np.zeros(self._shape, np.uint8)
-        self._error, self._regions = np.zeros(self._shape, np.float32), np.zeros(self._shape, np.int32)
-        widths = np.zeros(self._shape[0], np.float32)
         self._types: dict[Any, Any] = {}
-        self._bounds, self._borders = np.empty(cells, np.float32), np.empty(cells, dtype=bool)
-        self._cuts = np.zeros(cells, dtype=bool)
-        self._allowed = ERROR * min(grid.spacing)
-        most = max(_LEAST_PLANES, _NODES_TOGETHER // (self._shape[1] * self._shape[2]))
-        slabs = planning.parts(self._shape[0], most)
+        self.cells = _Cells(tuple(-(-n // spacing) for n in grid.shape), spacing, ERROR * min(grid.spacing))
+        shape = tuple(n + 1 + 2 * _HALO for n in self.cells.bounds.shape)
+        values, walk = np.empty((3, *shape), np.float32), self._walk(shape)
+        most = max(_LEAST_PLANES, _NODES_TOGETHER // (shape[1] * shape[2]))
         beyond: dict[int, tuple[NDArray[np.uint8], np.float32]] = {}
-        planning.run_parts(slabs, partial(self._evaluate, widths, beyond), progress)
+        planning.run_parts(planning.parts(shape[0], most), partial(self._evaluate, values, walk, beyond), progress)
         for plane, (marks, width) in beyond.items():
-            self._marks[plane] |= marks
-            widths[plane] = max(widths[plane], width)
-        self._widths = _within_cells(widths[1:-1], 4, np.maximum)
-        planning.run_parts(planning.parts(cells[0], most), self._judge, None)
-        self.nodes = self._values[:, 1:-1, 1:-1, 1:-1]
-
-    def cells(self, part: slice) -> slice:
-        """The cells that hold the voxels of a part of an axis."""
-        return slice(part.start // self.spacing, -(-part.stop // self.spacing))
-
-    @property
-    def has_borders(self) -> bool:
-        """True if the border of a cut or a part, or a sharp bend of a curve of modulation is near anywhere."""
-        return bool(self._borders.any() or self._cuts.any())
-
-    def best_spacing(self, cells: tuple[slice, slice], among: Sequence[int]) -> int:
-        """The spacing of least work for these cells, among some: this one, denser ones, 1 for every voxel itself."""
-        own = [h for h in among if h <= self.spacing]
-        return min(own, key=lambda h: self._work(cells, h))
-
-    def _work(self, cells: tuple[slice, slice], h: int) -> float:
-        counts = [self.spacing * n for n in self._bounds[cells].shape]
-        voxels = float(np.prod(counts))
-        if h == 1:
-            return voxels
-        nodes = 0.0 if h == self.spacing else float(np.prod([n / h + 1 + 2 * _HALO for n in counts]))
-        return nodes + _LISTED * voxels * float(np.mean(self._bends(cells, h) | self._borders[cells]))
-
-    def _bends(self, cells: tuple[slice, slice], h: int) -> NDArray[np.bool_]:
-        """Check which cells bend too much for nodes at a spacing, about if it is not this one."""
-        ratio = h / self.spacing
-        is_narrow = NARROWEST * ratio * self._widths[cells[0]] > 1
-        return is_narrow[:, None, None] | ~(ratio**_ORDER * self._bounds[cells] <= self._allowed)
-
-    def bad_cells(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
-        """Indices (n, 3) of the cells among these that are evaluated voxel by voxel."""
-        return _indices(self._borders[cells] | self._bends(cells, self.spacing), cells)
-
-    def border_cells(self, cells: tuple[slice, slice]) -> NDArray[np.intp]:
-        """Indices (n, 3) of the cells among these where the displacements of all regions are interpolated."""
-        return _indices(self._cuts[cells] & ~self._bends(cells, self.spacing), cells)
+            walk.marks[plane] |= marks
+            walk.widths[plane] = max(walk.widths[plane], width)
+        self.cells.widths = _within_cells(walk.widths[1:-1], 4, np.maximum)
+        can_choose = border_cells.can_choose(field)
+        slabs = planning.parts(self.cells.widths.size, most)
+        planning.run_parts(slabs, partial(self._judge, values, walk, can_choose), None)
+        self.nodes = values[:, 1:-1, 1:-1, 1:-1]
 
     def box_around(self, cells: NDArray[np.intp]) -> RegionBox | None:
         """The displacements of all regions at the nodes of the smallest box around cells; None if they are many."""
@@ -353,7 +370,7 @@ class _Lattice:
             return None
         tables = [np.broadcast_to(d, places.shape).astype(np.float32) for d in regional.tables]
         error = np.max([self._bend(d, walk.error) for d in tables], axis=0)
-        is_bad = ~(_within_cells(error, 2, np.maximum) <= self._allowed)
+        is_bad = ~(_within_cells(error, 2, np.maximum) <= self.cells.allowed)
         is_bad |= _within_cells(walk.marks[1:-1, 1:-1, 1:-1], 4, np.bitwise_or) & BENT > 0
         is_bad |= (NARROWEST * _within_cells(walk.widths[1:-1], 4, np.maximum) > 1)[:, None, None]
         nodes = np.moveaxis(np.concatenate(tables)[:, 1:-1, 1:-1, 1:-1], 0, -1)
@@ -380,38 +397,42 @@ class _Lattice:
         )
 
     def _evaluate(
-        self, widths: NDArray[np.float32], beyond: dict[int, tuple[NDArray[np.uint8], np.float32]], slab: slice
+        self,
+        values: NDArray[np.float32],
+        whole: Walk,
+        beyond: dict[int, tuple[NDArray[np.uint8], np.float32]],
+        slab: slice,
     ) -> None:
         """The nodes of some planes, and one more, for the cells between this slab and the next one."""
-        shape = (min(slab.stop + 1, self._shape[0]) - slab.start, *self._shape[1:])
+        shape = (min(slab.stop + 1, values.shape[1]) - slab.start, *values.shape[2:])
         places, walk = self._places((slab.start, 0, 0), shape), self._walk(shape)
         d = walk.through(self._field, places)
         planes = slice(0, slab.stop - slab.start)
-        self._values[:, slab] = np.broadcast_to(d, places.shape)[:, planes]
-        self._marks[slab], self._error[slab], widths[slab] = walk.marks[planes], walk.error[planes], walk.widths[planes]
-        self._regions[slab] = walk.regions[planes]
+        values[:, slab] = np.broadcast_to(d, places.shape)[:, planes]
+        for name in ("marks", "error", "regions", "widths"):
+            getattr(whole, name)[slab] = getattr(walk, name)[planes]
         if shape[0] > planes.stop:
             beyond[slab.stop] = walk.marks[-1], walk.widths[-1]
 
-    def _judge(self, part: slice) -> None:
+    def _judge(self, values: NDArray[np.float32], walk: Walk, can_choose: bool, part: slice) -> None:
         """Bound the errors in some planes of cells, and find those near borders."""
         inner, one = slice(_HALO, -_HALO), slice(1, -1)
         own = slice(part.start, part.stop + 1 + 2 * _HALO)
-        marks, error = self._marks[own], self._error[own]
+        marks, error, cells = walk.marks[own], walk.error[own], self.cells
         # What is not smooth counts at the four nodes that a cell reads along each axis, errors and cuts at its own two.
         # The six from which its error is found must lie in one region.
-        self._borders[part] = _within_cells(marks[one, one, one], 4, np.bitwise_or) & BENT > 0
-        self._borders[part] |= _within_cells(error[inner, inner, inner], 2, np.maximum) > self._allowed
-        self._bounds[part] = _within_cells(self._bend(self._values[:, own], error), 2, np.maximum)
+        cells.borders[part] = _within_cells(marks[one, one, one], 4, np.bitwise_or) & BENT > 0
+        cells.borders[part] |= _within_cells(error[inner, inner, inner], 2, np.maximum) > cells.allowed
+        cells.bounds[part] = _within_cells(self._bend(values[:, own], error), 2, np.maximum)
         if self._field.has_cuts:
-            regions = self._regions[own]
+            regions = walk.regions[own]
             is_cut = _within_cells(marks[inner, inner, inner], 2, np.bitwise_or) & NEAR_CUT > 0
             is_cut |= _within_cells(regions, 6, np.maximum) != _within_cells(regions, 6, np.minimum)
-            self._bounds[part][is_cut] = 0  # of no meaning there
-            if self._can_choose:
-                self._cuts[part] = is_cut & ~self._borders[part]
+            cells.bounds[part][is_cut] = 0  # of no meaning there
+            if can_choose:
+                cells.cuts[part] = is_cut & ~cells.borders[part]
             else:
-                self._borders[part] |= is_cut
+                cells.borders[part] |= is_cut
 
     def _bend(self, d: NDArray[np.float32], error: NDArray[np.float32]) -> NDArray[np.float32]:
         """The errors of interpolation at all nodes but the two outermost on each side; ``error`` is added to them."""

@@ -102,38 +102,50 @@ _TILT = 1e-3
 
 
 @dataclass(frozen=True)
-class _Slice:
-    """Header and pixels of one file."""
+class _Series:
+    """Series that a slice belongs to, as the file names it."""
 
-    path: Path
     uid: str
-    series: str
     number: str
     description: str
-    shape: tuple[int, int]
-    pixel: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Plane of a slice: the directions of its rows and columns, its first pixel and their spacing along x and y."""
+
     cosines: NDArray[np.float64]
     position: NDArray[np.float64]
-    dtype: np.dtype[Any]
-    scaling: tuple[float, float]
+    pixel: tuple[float, float]
     thickness: float
-    inverted: bool
-    bits_stored: int
-    frames: int = 1
-    frame: int = 0
+    on_detector: bool
     is_assumed: bool = False
-    on_detector: bool = False
 
     @property
     def normal(self) -> NDArray[np.float64]:
         return np.cross(self.cosines[:3], self.cosines[3:])
 
-    def alike(self, other: _Slice) -> bool:
-        return (
-            self.shape == other.shape
-            and np.allclose(self.cosines, other.cosines, rtol=0, atol=_COSINES)
-            and np.allclose(self.pixel, other.pixel, rtol=1e-3)
+    def is_parallel_to(self, other: _Place) -> bool:
+        return np.allclose(self.cosines, other.cosines, rtol=0, atol=_COSINES) and np.allclose(
+            self.pixel, other.pixel, rtol=1e-3
         )
+
+
+@dataclass(frozen=True)
+class _Slice:
+    """Header and pixels of one file."""
+
+    path: Path
+    uid: str
+    series: _Series
+    place: _Place
+    shape: tuple[int, int]
+    dtype: np.dtype[Any]
+    scaling: tuple[float, float]
+    inverted: bool
+    bits_stored: int
+    frames: int = 1
+    frame: int = 0
 
 
 def _pydicom() -> Any:
@@ -269,22 +281,24 @@ def _slice(path: Path, data: Any) -> _Slice:
     spacing = "PixelSpacing" if data.get("PixelSpacing") or not data.get("ImagerPixelSpacing") else "ImagerPixelSpacing"
     row_step, column_step = _numbers(path, data, spacing, 2)  # between rows first: along y, then along x
     thickness = _number(path, data, "SpacingBetweenSlices", 0) or _number(path, data, "SliceThickness", 0)
+    series = (str(data.get(f"Series{name}", "") or "") for name in ("InstanceUID", "Number", "Description"))
+    place = _Place(
+        _numbers(path, data, "ImageOrientationPatient", 6),
+        _numbers(path, data, "ImagePositionPatient", 3),
+        (float(column_step), float(row_step)),
+        abs(thickness),
+        spacing != "PixelSpacing",
+    )
     return _Slice(
         path,
         str(data.get("SOPInstanceUID", "")),
-        str(data.get("SeriesInstanceUID", "")),
-        str(data.get("SeriesNumber", "") or ""),
-        str(data.get("SeriesDescription", "") or ""),
+        _Series(*series),
+        place,
         shape,
-        (float(column_step), float(row_step)),
-        _numbers(path, data, "ImageOrientationPatient", 6),
-        _numbers(path, data, "ImagePositionPatient", 3),
         np.dtype(f"{'i' if _number(path, data, 'PixelRepresentation', 0) else 'u'}{bits // 8}"),
         (_number(path, data, "RescaleSlope", 1), _number(path, data, "RescaleIntercept", 0)),
-        abs(thickness),
         photometric == "MONOCHROME1",
         stored,
-        on_detector=spacing != "PixelSpacing",
     )
 
 
@@ -331,23 +345,24 @@ def _frames(path: Path, data: Any, count: int) -> list[_Slice]:
         raise fail(path, f"its {count} frames are moments of one slice, and a volume has slices; save one of them.")
     first = _slice(path, data)
     offsets = data.get("GridFrameOffsetVector")
-    places: NDArray[Any]
+    depths: NDArray[Any]
     if offsets is not None:
-        places = _numbers(path, data, "GridFrameOffsetVector", count)
-    elif first.thickness > 0:
-        places = first.thickness * np.arange(count, dtype=np.float64)
+        depths = _numbers(path, data, "GridFrameOffsetVector", count)
+    elif first.place.thickness > 0:
+        depths = first.place.thickness * np.arange(count, dtype=np.float64)
     else:
         raise fail(path, f"its {count} frames have no places and no distance, so they are no slices of a volume.")
     return [
         replace(
             first,
             uid="",
-            position=first.position + place * first.normal,
+            place=replace(
+                first.place, position=first.place.position + depth * first.place.normal, is_assumed=offsets is None
+            ),
             frames=count,
             frame=k,
-            is_assumed=offsets is None,
         )
-        for k, place in enumerate(places)
+        for k, depth in enumerate(depths)
     ]
 
 
@@ -357,16 +372,18 @@ def _groups(path: Path, slices: list[_Slice]) -> dict[str, list[_Slice]]:
         raise fail(path, "there are no DICOM files in this folder.")
     by_series: dict[str, list[list[_Slice]]] = {}
     for one in slices:
-        parts = by_series.setdefault(one.series, [])
-        fitting = next((part for part in parts if part[0].alike(one)), None)
+        parts = by_series.setdefault(one.series.uid, [])
+        fitting = next(
+            (part for part in parts if part[0].shape == one.shape and part[0].place.is_parallel_to(one.place)), None
+        )
         if fitting is None:
             parts.append([one])
         else:
             fitting.append(one)
-    numbers = Counter(parts[0][0].number for parts in by_series.values())
+    numbers = Counter(parts[0][0].series.number for parts in by_series.values())
     groups: dict[str, list[_Slice]] = {}
     for uid, parts in by_series.items():
-        number = parts[0][0].number
+        number = parts[0][0].series.number
         label = number if number and numbers[number] == 1 else uid
         for index, part in enumerate(parts):
             groups[label if len(parts) == 1 else f"{label}/{index + 1}"] = part
@@ -377,13 +394,13 @@ def _select(path: Path, groups: dict[str, list[_Slice]], series: str | int | Non
     if series is None and len(groups) == 1:
         return next(iter(groups.values()))
     chosen = str(series)
-    matches = [part for label, part in groups.items() if chosen in (label, part[0].series)]
-    matches = matches or [part for part in groups.values() if chosen == part[0].description and chosen]
+    matches = [part for label, part in groups.items() if chosen in (label, part[0].series.uid)]
+    matches = matches or [part for part in groups.values() if chosen == part[0].series.description and chosen]
     if series is not None and len(matches) == 1:
         return matches[0]
     kinds = "; ".join(
         f"series={shown(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
-        f"'{shown(part[0].description, 40)}'"
+        f"'{shown(part[0].series.description, 40)}'"
         for label, part in list(groups.items())[:20]
     )
     why = "it holds several series or geometries" if series is None else f"there is no one series {shown(chosen)!r}"
@@ -392,11 +409,12 @@ def _select(path: Path, groups: dict[str, list[_Slice]], series: str | int | Non
 
 def _unique(path: Path, slices: list[_Slice]) -> tuple[list[_Slice], tuple[str, ...]]:
     """Slices in the order of their positions; copies of one file are dropped, different ones at one place refused."""
-    normal = slices[0].normal
-    ordered = sorted(slices, key=lambda one: (float(one.position @ normal), one.path.name))
+    normal = slices[0].place.normal
+    ordered = sorted(slices, key=lambda one: (float(one.place.position @ normal), one.path.name))
     kept = ordered[:1]
     for one in ordered[1:]:
-        if float((one.position - kept[-1].position) @ normal) > 1e-4:  # positions are printed to 0.001 mm at best
+        rise = float((one.place.position - kept[-1].place.position) @ normal)
+        if rise > 1e-4:  # positions are printed to 0.001 mm at best
             kept.append(one)
         elif not one.uid or one.uid != kept[-1].uid:
             raise fail(
@@ -413,21 +431,21 @@ def _called(one: _Slice) -> str:
 
 
 def _place(one: _Slice) -> str:
-    return ", ".join(f"{v:g}" for v in one.position)
+    return ", ".join(f"{v:g}" for v in one.place.position)
 
 
 def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], uneven_slices: str) -> Header:
     first = slices[0]
     height, width = first.shape
-    x, y = first.cosines[:3], first.cosines[3:]
+    x, y = first.place.cosines[:3], first.place.cosines[3:]
     step, depths, why = _step(slices)
     if why and uneven_slices == "refuse":
         raise fail(path, f'{why} Or read it with uneven_slices="resample".')
     count = round(depths[-1] / step) + 1 if why else len(slices)
     shape, _ = volume_shape(path, [width, height, count], first.dtype.itemsize)
-    direction = np.column_stack([x, y, first.normal])
+    direction = np.column_stack([x, y, first.place.normal])
     rows: Matrix3 = (triple(direction[0].tolist()), triple(direction[1].tolist()), triple(direction[2].tolist()))
-    spacing: Float3 = (*first.pixel, step)
+    spacing: Float3 = (*first.place.pixel, step)
     dtype = _result_type(slices)
     notes += _remarks(slices)
     if why:
@@ -442,7 +460,7 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
         dtype,
         blocks,
         spacing,
-        triple(first.position.tolist()),
+        triple(first.place.position.tolist()),
         rows,
         notes=notes,
         unit="mm",
@@ -455,11 +473,13 @@ def _remarks(slices: list[_Slice]) -> tuple[str, ...]:
     first = slices[0]
     if any(one.inverted for one in slices):
         notes += ("the file shows small values as white; the values are kept as they are",)
-    if any(one.is_assumed for one in slices):
-        notes += (f"its {len(slices)} frames state no places: they were taken as slices {first.thickness:g} apart",)
-    if any(one.on_detector for one in slices):
+    if any(one.place.is_assumed for one in slices):
+        notes += (
+            f"its {len(slices)} frames state no places: they were taken as slices {first.place.thickness:g} apart",
+        )
+    if any(one.place.on_detector for one in slices):
         notes += ("its spacing is that on the detector (ImagerPixelSpacing), which is larger than in the body",)
-    if len(slices) == 1 and first.thickness <= 0:
+    if len(slices) == 1 and first.place.thickness <= 0:
         notes += ("a single slice without thickness: spacing 1 was taken along z",)
     return notes
 
@@ -469,9 +489,9 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
     and why they form no straight grid, if they do not.
     """
     if len(slices) == 1:
-        return slices[0].thickness if slices[0].thickness > 0 else 1.0, np.zeros(1), ""
-    normal = slices[0].normal / (np.linalg.norm(slices[0].normal) or 1.0)
-    positions = np.array([one.position for one in slices])
+        return slices[0].place.thickness if slices[0].place.thickness > 0 else 1.0, np.zeros(1), ""
+    normal = slices[0].place.normal / (np.linalg.norm(slices[0].place.normal) or 1.0)
+    positions = np.array([one.place.position for one in slices])
     depths = positions @ normal
     gaps = np.diff(depths)
     middle = float(np.median(gaps))
@@ -502,7 +522,7 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
             ),
         )
     aside = np.linalg.norm(positions - positions[0] - np.outer(depths / depths[-1], line), axis=1)
-    if aside.max() > max(_ASIDE, _UNEVEN * max(slices[0].pixel)):
+    if aside.max() > max(_ASIDE, _UNEVEN * max(slices[0].place.pixel)):
         return (
             step,
             depths,
@@ -535,8 +555,8 @@ def _straightened(slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np
     """The slices, each moved within its plane to where the line along the normal through the first one meets it."""
     first = slices[0]
     for one, depth, block in zip(slices, depths, _blocks(slices, dtype), strict=True):
-        away = one.position - first.position - depth * first.normal
-        shift = first.cosines.reshape(2, 3)[::-1] @ away / first.pixel[::-1]  # in rows and columns
+        away = one.place.position - first.place.position - depth * first.place.normal
+        shift = first.place.cosines.reshape(2, 3)[::-1] @ away / first.place.pixel[::-1]  # in rows and columns
         plane = block[0].astype(np.float64)
         if np.abs(shift).max() > 1e-3:
             moved = ndimage.shift(plane, shift, order=1, mode="nearest")

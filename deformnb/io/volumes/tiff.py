@@ -142,9 +142,9 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
         notes += (f"the file holds {found.images} images, of which the first was read",)
     if previews:
         notes += (f"{previews} pages that are smaller copies or masks of others were left out",)
-    if first.photometric == 0:
+    if first.codec.photometric == 0:
         notes += ("the file shows small values as white; the values are kept as they are",)
-    if first.photometric == 3:
+    if first.codec.photometric == 3:
         notes += ("the file has a colour table; the voxels are its indices",)
     blocks: VoxelBlocks = lambda: _blocks(path, pages(), first, count)  # noqa: E731
     planes = layout.channels // first.samples
@@ -191,7 +191,7 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
     if samples > 1:
         if planes not in (1, samples):
             raise fail(path, f"it has {planes} channels of pages in colours; save the channels by themselves.")
-        kind = {3: "rgb", 4: "rgba"}.get(samples, "channels") if page.photometric in (2, 6) else "channels"
+        kind = {3: "rgb", 4: "rgba"}.get(samples, "channels") if page.codec.photometric in (2, 6) else "channels"
         named = layout if kind == "channels" and planes == samples else replace(layout, names=(), colours=())
         layout = replace(named, channels=samples, kind=kind, interleaved=True)
         planes = 1
@@ -241,11 +241,11 @@ def _sorted_blocks(path: Path, pages: _Pages, order: str, counts: tuple[int, int
 
 
 def _require_like(path: Path, page: Page, first: Page, number: int) -> None:
-    if (page.shape, page.dtype, page.samples, page.photometric) != (
+    if (page.shape, page.dtype, page.samples, page.codec.photometric) != (
         first.shape,
         first.dtype,
         first.samples,
-        first.photometric,
+        first.codec.photometric,
     ):
         raise fail(
             path,
@@ -298,10 +298,10 @@ def _pages(path: Path, found: _Described) -> _Pages:
 
 def _contiguous(path: Path, page: Page, count: int) -> Iterator[Page]:
     """The slices after the first: ImageJ writes large stacks as one page and the voxels of all after one another."""
-    size = page.packed_bytes(page.shape[0])
+    size = page.codec.packed_bytes(page.shape[0])
     begin = int(page.offsets[0])
     present = path.stat().st_size - begin
-    if page.compression != 1 or page.is_planar or page.is_tiled or count > MOST_PAGES or count * size > present:
+    if page.codec.compression != 1 or page.is_planar or page.is_tiled or count > MOST_PAGES or count * size > present:
         raise fail(
             path,
             f"its description claims {count} slices of {size} bytes but the file has {present} bytes of "

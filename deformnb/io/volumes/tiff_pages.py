@@ -120,87 +120,39 @@ Tags = dict[int, NDArray[Any] | bytes]
 
 
 @dataclass(frozen=True)
-class Page:
-    """One picture of a file: its type, its size, and where its parts lie.
+class PageCodec:
+    """Packing of the strips or tiles of a page.
 
     Parameters
     ----------
-    part : rows and columns of a strip or a tile.
-    samples : numbers of a pixel, which lie together; or, if ``is_planar``, in a plane of parts each.
+    width : pixels in a row of a part.
+    samples : numbers of a pixel that lie together; one where ``is_plane``, for then each part is of one plane.
     """
 
     path: Path
-    shape: tuple[int, int]
     dtype: np.dtype[Any]
     bits: int
-    part: tuple[int, int]
-    offsets: NDArray[np.int64]
-    counts: NDArray[np.int64]
+    width: int
+    samples: int
     compression: int
     predictor: int
     photometric: int
-    samples: int = 1
-    is_planar: bool = False
-    is_tiled: bool = False
     is_reversed: bool = False
     tables: bytes | None = None
     t4_options: int = 0
     has_extra: bool = False
+    is_plane: bool = False
 
     @property
-    def pixel_bytes(self) -> int:
-        """Bytes of a pixel with all its samples, once read."""
-        return self.dtype.itemsize * self.samples
-
-    @property
-    def _inner(self) -> int:
-        """Samples of a pixel that lie together."""
-        return 1 if self.is_planar else self.samples
-
-    @property
-    def working_bytes(self) -> int:
-        """Memory that reading takes: the page, its table, and of one strip or tile the packed, unpacked and predicted.
-
-        Tiles are whole, so that one of a small picture may be of any size.
-        """
-        part = math.prod(self.part) * self.dtype.itemsize * self._inner
-        packed = int(self.counts.max()) if self.compression != 1 else 0
-        table = self.offsets.nbytes + self.counts.nbytes
-        copies = 2 if self.predictor != 1 or self.compression in _PICTURES or self.bits % 8 else 1
-        return math.prod(self.shape) * self.pixel_bytes + table + packed + part * copies
-
-    def read(self, file: BinaryIO, rows: slice = slice(None), columns: slice = slice(None)) -> NDArray[Any]:
-        """The voxels [y, x] of the page in its stored type, or of some rows and columns; [y, x, sample] of several."""
-        (y0, y1, _), (x0, x1, _) = rows.indices(self.shape[0]), columns.indices(self.shape[1])
-        out = np.empty((max(0, y1 - y0), max(0, x1 - x0), self.samples), self.dtype)
-        high, wide = self.part
-        across = -(-self.shape[1] // wide)
-        per_plane = -(-self.shape[0] // high) * across
-        for number, (offset, count) in enumerate(zip(self.offsets, self.counts, strict=True)):
-            plane, place = divmod(number, per_plane)
-            top, left = place // across * high, place % across * wide
-            bottom, right = min(top + high, self.shape[0]), min(left + wide, self.shape[1])
-            if top >= y1 or bottom <= y0 or left >= x1 or right <= x0:
-                continue
-            # The last strip is shorter; tiles are always whole.
-            lines = high if self.is_tiled else bottom - top
-            file.seek(int(offset))
-            # Of plain voxels one byte more than there should be is enough to see that there are too many.
-            most = self.packed_bytes(lines) + 1 if self.compression == 1 else int(count)
-            block = self._unpacked(file.read(min(int(count), most)), lines, (bottom - top, right - left))
-            target = out[
-                max(top, y0) - y0 : min(bottom, y1) - y0,
-                max(left, x0) - x0 : min(right, x1) - x0,
-                plane : plane + 1 if self.is_planar else None,
-            ]
-            target[:] = block[max(y0 - top, 0) : min(bottom, y1) - top, max(x0 - left, 0) : min(right, x1) - left]
-        return out if self.samples > 1 else out[..., 0]
+    def copies(self) -> int:
+        """Number of times that a part lies in memory while it is unpacked."""
+        return 2 if self.predictor != 1 or self.compression in _PICTURES or self.bits % 8 else 1
 
     def packed_bytes(self, rows: int) -> int:
         """Bytes of so many rows of a part before they are packed: every row begins with a whole byte."""
-        return rows * (-(-self.part[1] * self._inner * self.bits // 8))
+        return rows * (-(-self.width * self.samples * self.bits // 8))
 
-    def _unpacked(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
+    def unpacked(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
         """A part [y, x, sample] of so many rows; of a picture at the border only what is ``seen`` may be stored."""
         expected = self.packed_bytes(rows)
         try:
@@ -222,7 +174,7 @@ class Page:
 
     def _numbers(self, data: bytes, rows: int) -> NDArray[Any]:
         """Unpacked bytes as numbers [y, x, sample]."""
-        wide, inner = self.part[1], self._inner
+        wide, inner = self.width, self.samples
         if self.bits == 24 and self.dtype.kind == "f":
             order = ">" if self.dtype.str[0] == ">" else "<"
             return np.asarray(_codec("float24_decode")(data, byteorder=order)).reshape(rows, wide, inner)
@@ -240,16 +192,16 @@ class Page:
 
     def _fax(self, data: bytes, rows: int) -> NDArray[Any]:
         options = {"t4options": self.t4_options} if self.compression == 3 else {}
-        found = np.asarray(_codec(f"{_FAX[self.compression]}_decode")(data, rows, self.part[1], **options))
-        if found.shape != (rows, self.part[1]):
+        found = np.asarray(_codec(f"{_FAX[self.compression]}_decode")(data, rows, self.width, **options))
+        if found.shape != (rows, self.width):
             raise ValueError(f"holds {found.shape} pixels")
         return found[..., None]
 
     def _picture(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
         """A coded picture; those of tiles at the border may leave out what lies beyond it."""
-        codec, parts = _PICTURES[self.compression], () if self._inner == 1 else (self._inner,)
+        codec, parts = _PICTURES[self.compression], () if self.samples == 1 else (self.samples,)
         options = self._jpeg_options() if codec == "jpeg8" else {}
-        whole = (rows, self.part[1])
+        whole = (rows, self.width)
         for size in (whole, seen):
             try:
                 found = unpack_picture(codec, data, (*size, *parts), self.dtype, **options)
@@ -257,16 +209,81 @@ class Page:
                 if size == seen:
                     raise ValueError(f"cannot be unpacked ({codec}: {str(error).rstrip('.')})") from error
             else:
-                return found.reshape(*size, self._inner)
+                return found.reshape(*size, self.samples)
         raise AssertionError("the last size either fits or is refused")
 
     def _jpeg_options(self) -> dict[str, Any]:
-        if self.is_planar:  # each plane is a picture in grey
+        if self.is_plane:  # each plane is a picture in grey
             return {"tables": self.tables}
         colours = optional_package("tifffile").tifffile.jpeg_decode_colorspace(
             self.photometric, 1, (0,) if self.has_extra else (), False
         )
         return {"tables": self.tables, "colorspace": colours[0], "outcolorspace": colours[1]}
+
+
+@dataclass(frozen=True)
+class Page:
+    """One picture of a file: its type, its size, and where its parts lie.
+
+    Parameters
+    ----------
+    part : rows and columns of a strip or a tile.
+    samples : numbers of a pixel, which lie together; or, if ``is_planar``, in a plane of parts each.
+    """
+
+    path: Path
+    shape: tuple[int, int]
+    dtype: np.dtype[Any]
+    part: tuple[int, int]
+    offsets: NDArray[np.int64]
+    counts: NDArray[np.int64]
+    codec: PageCodec
+    samples: int = 1
+    is_planar: bool = False
+    is_tiled: bool = False
+
+    @property
+    def pixel_bytes(self) -> int:
+        """Bytes of a pixel with all its samples, once read."""
+        return self.dtype.itemsize * self.samples
+
+    @property
+    def working_bytes(self) -> int:
+        """Memory that reading takes: the page, its table, and of one strip or tile the packed, unpacked and predicted.
+
+        Tiles are whole, so that one of a small picture may be of any size.
+        """
+        part = math.prod(self.part) * self.dtype.itemsize * self.codec.samples
+        packed = int(self.counts.max()) if self.codec.compression != 1 else 0
+        table = self.offsets.nbytes + self.counts.nbytes
+        return math.prod(self.shape) * self.pixel_bytes + table + packed + part * self.codec.copies
+
+    def read(self, file: BinaryIO, rows: slice = slice(None), columns: slice = slice(None)) -> NDArray[Any]:
+        """The voxels [y, x] of the page in its stored type, or of some rows and columns; [y, x, sample] of several."""
+        (y0, y1, _), (x0, x1, _) = rows.indices(self.shape[0]), columns.indices(self.shape[1])
+        out = np.empty((max(0, y1 - y0), max(0, x1 - x0), self.samples), self.dtype)
+        high, wide = self.part
+        across = -(-self.shape[1] // wide)
+        per_plane = -(-self.shape[0] // high) * across
+        for number, (offset, count) in enumerate(zip(self.offsets, self.counts, strict=True)):
+            plane, place = divmod(number, per_plane)
+            top, left = place // across * high, place % across * wide
+            bottom, right = min(top + high, self.shape[0]), min(left + wide, self.shape[1])
+            if top >= y1 or bottom <= y0 or left >= x1 or right <= x0:
+                continue
+            # The last strip is shorter; tiles are always whole.
+            lines = high if self.is_tiled else bottom - top
+            file.seek(int(offset))
+            # Of plain voxels one byte more than there should be is enough to see that there are too many.
+            most = self.codec.packed_bytes(lines) + 1 if self.codec.compression == 1 else int(count)
+            block = self.codec.unpacked(file.read(min(int(count), most)), lines, (bottom - top, right - left))
+            target = out[
+                max(top, y0) - y0 : min(bottom, y1) - y0,
+                max(left, x0) - x0 : min(right, x1) - x0,
+                plane : plane + 1 if self.is_planar else None,
+            ]
+            target[:] = block[max(y0 - top, 0) : min(bottom, y1) - top, max(x0 - left, 0) : min(right, x1) - left]
+        return out if self.samples > 1 else out[..., 0]
 
 
 def _codec(name: str) -> Any:
@@ -383,25 +400,23 @@ def page_of(path: Path, order: str, tags: Tags) -> Page:
         for tag in ((_TILES, _TILE_BYTES) if tiled else (_STRIPS, _STRIP_BYTES))
     )
     tables = tags.get(_TABLES)
-    page = Page(
+    is_plane = is_planar and samples > 1
+    codec = PageCodec(
         path,
-        (height, width),
         dtype,
         bits,
-        part,
-        offsets,
-        counts,
+        part[1],
+        1 if is_plane else samples,
         compression,
         one(_PREDICTOR, 1),
         photometric,
-        samples,
-        is_planar and samples > 1,
-        tiled,
         one(_FILL, 1) == 2,
         bytes(tables) if tables is not None else None,
         one(_T4, 0),
         _EXTRA in tags,
+        is_plane,
     )
+    page = Page(path, (height, width), dtype, part, offsets, counts, codec, samples, is_plane, tiled)
     _check_packing(page, one(_FILL, 1), one(_PLANAR, 1))
     _check_parts(page)
     return page
@@ -427,7 +442,7 @@ def _dtype(path: Path, bits: int, form: int, order: str) -> np.dtype[Any]:
 
 
 def _check_packing(page: Page, fill: int, planar: int) -> None:
-    path, compression = page.path, page.compression
+    path, codec, compression = page.path, page.codec, page.codec.compression
     if compression in _UNSAFE:
         raise fail(
             path,
@@ -436,15 +451,15 @@ def _check_packing(page: Page, fill: int, planar: int) -> None:
         )
     if compression not in {**_BYTES, **_FAX, **_PICTURES}:
         raise fail(path, f"the compression {compression} is not supported; save it uncompressed or with deflate.")
-    if compression in _FAX and (page.bits, page.samples) != (1, 1):
-        raise fail(path, f"the compression {compression} is of single bits, and its pixels have {page.bits}.")
-    numbers = page.predictor != 1 and compression not in _PICTURES
+    if compression in _FAX and (codec.bits, page.samples) != (1, 1):
+        raise fail(path, f"the compression {compression} is of single bits, and its pixels have {codec.bits}.")
+    numbers = codec.predictor != 1 and compression not in _PICTURES
     packed = compression not in (1, 32773, *_FAX)  # as of libtiff: others have no predictor
-    of_type = packed and page.bits % 8 == 0 and page.bits != 24 and (page.predictor == 2 or page.dtype.kind == "f")
-    if fill not in (1, 2) or planar not in (1, 2) or page.predictor not in _PREDICTORS or (numbers and not of_type):
+    of_type = packed and codec.bits % 8 == 0 and codec.bits != 24 and (codec.predictor == 2 or page.dtype.kind == "f")
+    if fill not in (1, 2) or planar not in (1, 2) or codec.predictor not in _PREDICTORS or (numbers and not of_type):
         raise fail(
             path,
-            f"its order of bits ({fill}) or of samples ({planar}), or its predictor ({page.predictor}), "
+            f"its order of bits ({fill}) or of samples ({planar}), or its predictor ({codec.predictor}), "
             "is not supported; save it uncompressed.",
         )
 
