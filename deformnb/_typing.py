@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,3 +31,6 @@ VoxelSlices: TypeAlias = tuple[slice, slice, slice]
 
 Stage: TypeAlias = Callable[[str], Progress]
 """Announces a piece of work by name and returns the function that receives its progress, from 0 to 1."""
+
+RecoveryCommand: TypeAlias = Literal["restore", "skip", "delete"]
+"""Action on a lost session."""

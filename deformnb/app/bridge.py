@@ -19,11 +19,11 @@ from typing import Any
 
 import ipywidgets as ipw
 
-from deformnb.app.application import Application
 from deformnb.errors import DeformError
 from deformnb.widgets.synced import LocalComm, SyncedWidget
 from deformnb.widgets.web.guard import Answer
 from deformnb.widgets.web.server import PageServer
+from deformnb.widgets.worker import Worker
 
 TOPIC = "deformnb.comm"
 """Topic under which pages receive the messages of widgets."""
@@ -57,17 +57,18 @@ class Bridge:
 
     Parameters
     ----------
-    app : whose studio is shown.
+    studio : is shown.
+    thread : where whatever a page requests is done.
     server : sends to the pages.
     """
 
-    def __init__(self, app: Application, server: PageServer) -> None:
-        self.app, self._server = app, server
+    def __init__(self, studio: ipw.Widget, thread: Worker, server: PageServer) -> None:
+        self._studio, self._thread, self._server = studio, thread, server
         self._answered = ""  # id of the message by a page that a widget takes now
         self._lock = threading.RLock()
         self._widgets: dict[str, ipw.Widget] = {}
         self._closed: set[str] = set()  # a page may still speak to them until it learns that
-        self._reach(app.studio)
+        self._reach(studio)
 
     # -- for the server ------------------------------------------------------------------------------------------------
 
@@ -80,7 +81,7 @@ class Bridge:
 
     def left(self) -> None:
         """A page has gone, and with it what its user was about to do."""
-        self.app.thread.call(self.app.studio.show_session)
+        self._thread.call(self._studio.show_session)
 
     def answers(self) -> dict[str, Answer]:
         """Remote procedures of a page, by name; each checks its arguments."""
@@ -131,8 +132,8 @@ class Bridge:
                 self._forget_closed()
                 return {name: widget.get_state() for name, widget in self._widgets.items()}
 
-        states = await asyncio.wrap_future(self.app.thread.call(look))
-        return {"studio": self.app.studio.model_id, "widgets": states}
+        states = await asyncio.wrap_future(self._thread.call(look))
+        return {"studio": self._studio.model_id, "widgets": states}
 
     async def _message(self, name: str, data: dict[str, Any], number: str, buffers: list[bytes]) -> None:
         """A message by the front end of a widget; returns when the widget has taken it.
@@ -151,7 +152,7 @@ class Bridge:
         if not isinstance(buffers, list) or not all(isinstance(buffer, bytes) for buffer in buffers):
             raise DeformError("buffers are bytes.")
         taken = {"content": {"data": checked(widget, data)}, "buffers": [memoryview(buffer) for buffer in buffers]}
-        await asyncio.wrap_future(self.app.thread.call(partial(self._take, widget, taken, number)))
+        await asyncio.wrap_future(self._thread.call(partial(self._take, widget, taken, number)))
 
     def _take(self, widget: ipw.Widget, message: dict[str, Any], number: str) -> None:
         """Pass a message to a widget, in the application's thread; the page's next one waits for that."""

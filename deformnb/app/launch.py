@@ -12,11 +12,11 @@ import tempfile
 import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 from deformnb.app import IDLE_MINUTES
 from deformnb.app.application import Application
 from deformnb.app.bridge import Bridge
-from deformnb.app.page import build_page, name_page
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
@@ -50,12 +50,39 @@ def app_server(
     """A server of the page with this application; see :class:`~deformnb.widgets.web.server.PageServer`."""
 
     def make(server: PageServer) -> Bridge:
-        bridge = Bridge(app, server)
-        build_page(server.trame, app)
-        app.studio.observe(lambda _change: server.in_loop(name_page, server.trame, app), "children")
+        bridge = Bridge(app.studio, app.thread, server)
+        _build_page(server.trame, app)
+        app.studio.observe(lambda _change: server.in_loop(_name_page, server.trame, app), "children")
         return bridge
 
     return PageServer(make, host=host, port=port, idle=idle)
+
+
+def _build_page(server: Any, app: Application) -> None:
+    """Give trame's server the page of an application.
+
+    Parameters
+    ----------
+    server : trame's, before it starts.
+    app : whose volume names the page.
+    """
+    from trame.ui.html import DivLayout
+    from trame_client.widgets.core import AbstractElement
+
+    server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css"], "vue_use": ["deformnb_app"]})
+    server.state.trame__title = _title(app)
+    with DivLayout(server):
+        AbstractElement("deformnb-studio")
+
+
+def _name_page(server: Any, app: Application) -> None:
+    """Name the page after the volume that is open now; in the server's thread."""
+    with server.state:
+        server.state.trame__title = _title(app)
+
+
+def _title(app: Application) -> str:
+    return f"{app.session.volume.name or 'volume'} - deformnb"
 
 
 def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:

@@ -7,10 +7,10 @@ from .deformation import Deformation as Deformation
 from .deformation import Keyframe as Keyframe
 from .deformation import Step as Step
 from .deformation import VolumeReference as VolumeReference
-from .json_format import REGIONS as REGIONS
 from .json_format import from_json as from_json
-from .json_format import region_from_data as region_from_data
 from .json_format import to_json as to_json
+from .json_regions import REGIONS as REGIONS
+from .json_regions import region_from_data as region_from_data
 from .script import as_python as as_python
 from .step_checks import best_prediction as best_prediction
 from .step_checks import safe_points as safe_points

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from deformnb.checks import check_arguments
 from deformnb.document.deformation import Deformation, Step
-from deformnb.document.json_format import region_to_data, without_surrogates
+from deformnb.document.json_reader import without_surrogates
+from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.kernels import BUILT_IN
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask

@@ -22,8 +22,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Any, NamedTuple, get_args
 
+from deformnb._typing import RecoveryCommand
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
@@ -468,12 +469,6 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go)
 
 
-Command: TypeAlias = Literal["restore", "skip", "delete"]
-"""Action on a lost session."""
-
-RECOVERY_COMMANDS = get_args(Command)
-
-
 class Recovery:
     """Writes a session after each edit, and offers the lost ones on its volume one after the other.
 
@@ -536,15 +531,15 @@ class Recovery:
         return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
 
     def act(self, command: str) -> None:
-        """Do one of the :data:`RECOVERY_COMMANDS` with what is offered.
+        """Do a :data:`~deformnb._typing.RecoveryCommand` with what is offered.
 
         Raises
         ------
         DeformError
             If its file is damaged or gone; it is offered no more then.
         """
-        if command not in RECOVERY_COMMANDS:
-            raise DeformError(f"unknown command {command!r:.40}; choose one of {', '.join(RECOVERY_COMMANDS)}.")
+        if command not in get_args(RecoveryCommand):
+            raise DeformError(f"unknown command {command!r:.40}; choose one of {', '.join(get_args(RecoveryCommand))}.")
         if not self.lost:
             return
         entry = self.lost.pop(0)

@@ -12,7 +12,7 @@ import numpy as np
 
 from deformnb._typing import Progress, Spacing
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import without_surrogates
+from deformnb.document.json_reader import without_surrogates
 from deformnb.errors import DeformError
 from deformnb.io.documents import read_deformation
 from deformnb.io.meshes.formats import is_mesh, read_mesh

@@ -11,7 +11,7 @@ from typing import Any
 
 from deformnb.checks import check_fields, checked_window
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import JsonReader
+from deformnb.document.json_reader import JsonReader
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import PROJECTIONS
 from deformnb.volume.colour_maps import COLOUR_MAPS

@@ -40,7 +40,7 @@ from deformnb.widgets import camera, packed_volume, textures
 from deformnb.widgets.bundle import SOURCES
 from deformnb.widgets.messages import editors, inputs, record, shapes, traits, views
 from deformnb.widgets.messages.record import Channel, Message
-from deformnb.widgets.messages.schema import bounds, fields, interface, meaning, records_in, typescript, words
+from deformnb.widgets.messages.schema import CHANNELS, bounds, fields, interface, meaning, records_in, typescript, words
 from deformnb.widgets.parameters import PARAMETERS, Number
 from deformnb.widgets.parameters import as_markdown as parameters_page
 from deformnb.widgets.vtk import folds as vtk_folds
@@ -162,12 +162,12 @@ def _constant(name: str, value: Any) -> str:
 
 
 def _records() -> list[type]:
-    needed = [part for channel in views.CHANNELS for message in channel.all for part in records_in(message)]
+    needed = [part for channel in CHANNELS for message in channel.all for part in records_in(message)]
     return [*dict.fromkeys([*needed, *(part for kind in _ALSO for part in records_in(kind))])]
 
 
 def _messages() -> Iterator[str]:
-    sent = {message for channel in views.CHANNELS for message in channel.to_front_end}
+    sent = {message for channel in CHANNELS for message in channel.to_front_end}
     for kind in _records():
         yield ""
         yield interface(kind, is_received=issubclass(kind, Message) and kind not in sent)
@@ -175,7 +175,7 @@ def _messages() -> Iterator[str]:
         yield ""
         yield f"/** {' or '.join(part.__name__ for part in get_args(union))}. */"
         yield f"export type {name} = {typescript(union)};"
-    for channel in views.CHANNELS:
+    for channel in CHANNELS:
         for way, messages in (("ToPython", channel.received), ("ToFrontEnd", channel.to_front_end)):
             if messages:
                 yield ""
@@ -205,7 +205,7 @@ def messages_page() -> str:
         "This page is written by `python -m deformnb.widgets.generate`.",
         "",
     ]
-    for channel in views.CHANNELS:
+    for channel in CHANNELS:
         lines += [f"## {', '.join(channel.widgets)}", "", "| type | | fields | buffers |", "|---|---|---|---|"]
         lines += list(_rows(channel))
         lines.append("")

@@ -25,6 +25,17 @@ from deformnb.volume.plane import SIDES
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.messages.traits import OVERLAYS
 
+PAGE_CONTROLS = {
+    "strength": "Strength",
+    "kernel": "Kernel",
+    "shows": "Compare",
+    "density": "Grid",
+    "reset": "Reset",
+    "download": "Download points",
+    "clip": "Clipping",
+}
+"""Controls of an exported page by name, with their labels."""
+
 
 @dataclass(frozen=True)
 class AbstractParameter(ABC):

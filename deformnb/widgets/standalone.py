@@ -44,7 +44,7 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.kernel_table import table_for_page
 from deformnb.widgets.messages.views import FieldMaps, FollowData
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
-from deformnb.widgets.parameters import as_json
+from deformnb.widgets.parameters import PAGE_CONTROLS, as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView, Snapshot
@@ -57,17 +57,6 @@ LIMIT = 256**3
 
 MOST_BYTES = 9_000_000
 """Bytes that the voxels take in a file by default, as text: with scripts and pictures it stays below 10 MB."""
-
-CONTROLS = {
-    "strength": "Strength",
-    "kernel": "Kernel",
-    "shows": "Compare",
-    "density": "Grid",
-    "reset": "Reset",
-    "download": "Download points",
-    "clip": "Clipping",
-}
-"""Controls of a page by name, with their labels."""
 
 # A GPU shows at least 256 along an axis, every one of today 1024; a file cannot query it.
 _LARGEST = 1024
@@ -96,7 +85,7 @@ def standalone_html(
     title: str = "",
     about: str = "",
     limit: int | None = None,
-    controls: Iterable[str] = tuple(CONTROLS),
+    controls: Iterable[str] = tuple(PAGE_CONTROLS),
     language: str | None = None,
     progress: Progress | None = None,
 ) -> str:
@@ -111,7 +100,7 @@ def standalone_html(
     about : a line under the title.
     limit : voxels in the page at most; a larger volume is averaged, which the page reports. Default is 256^3, and
         fewer where these would take more than 10 MB.
-    controls : names of :data:`CONTROLS` that the page has; none leaves picture and volume alone.
+    controls : names of :data:`PAGE_CONTROLS` that the page has; none leaves picture and volume alone.
     language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
@@ -176,7 +165,7 @@ def file_page_html(language: str | None = None) -> str:
     assert step.plane is not None
     editor, view = Editor(project(volume, step.plane), step.maps[0]), LiveView(volume)
     try:
-        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(CONTROLS), code)
+        data = _page_data(editor, _view_part(editor, view, None, _silent), "", tuple(PAGE_CONTROLS), code)
     finally:
         editor.close()
         view.close()
@@ -246,9 +235,9 @@ def _page_data(editor: Editor, part: _ViewPart | None, name: str, controls: Iter
 def _checked_controls(controls: Iterable[str]) -> list[str]:
     given = list(controls)
     for name in given:
-        if name not in CONTROLS:
-            raise DeformError(f"a page has no control {name!r:.40}; there are {', '.join(CONTROLS)}.")
-    return [name for name in CONTROLS if name in given]
+        if name not in PAGE_CONTROLS:
+            raise DeformError(f"a page has no control {name!r:.40}; there are {', '.join(PAGE_CONTROLS)}.")
+    return [name for name in PAGE_CONTROLS if name in given]
 
 
 def _checked_limit(limit: int | None) -> int | None:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from deformnb._jax import jax
 from deformnb.document.animation import TimeMaps
-from deformnb.document.json_format import region_to_data
+from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.cuts import Decoupled, Sides, sides_of
 from deformnb.rbf.extrusion import Extrusion, replicate
 from deformnb.rbf.fields import AbstractField, Composed, Identity

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
 
-from deformnb.document.json_format import region_to_data
+from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 from deformnb.volume.colour_maps import colour_table

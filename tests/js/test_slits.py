@@ -11,7 +11,7 @@ from js.test_rbf import CLOSE, as_json, refusal
 from js.test_regions import part_data, places, pulled
 from scripts import run_script
 
-from deformnb.document.json_format import region_to_data
+from deformnb.document.json_regions import region_to_data
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fit_settings import FitSettings

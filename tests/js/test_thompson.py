@@ -12,7 +12,7 @@ from scripts import run_script
 
 from deformnb.analysis.strain import stretches
 from deformnb.document.deformation import Step
-from deformnb.document.json_format import region_to_data
+from deformnb.document.json_regions import region_to_data
 from deformnb.imaging.thompson import field_of, make_grids, steps_of
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints

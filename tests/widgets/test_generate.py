@@ -10,7 +10,7 @@ import pytest
 
 from deformnb.widgets.bundle import SOURCES
 from deformnb.widgets.generate import CONSTANTS, NAMES, files
-from deformnb.widgets.messages.views import CHANNELS
+from deformnb.widgets.messages.schema import CHANNELS
 
 GENERATED = SOURCES / "generated.ts"
 ASSIGNMENT = re.compile(r"\b([A-Z][A-Z0-9_]{2,})(?:: [^=,;]+)? = ([^,;]+?)(?:,\n|;)")

@@ -10,7 +10,7 @@ import pytest
 from scripts import run_script
 
 from deformnb.document.deformation import Deformation, Step
-from deformnb.document.json_format import cut_to_data
+from deformnb.document.json_regions import cut_to_data
 from deformnb.rbf.cuts import _OPAQUE, Cut, Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed

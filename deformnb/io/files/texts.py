@@ -16,6 +16,9 @@ _MARKS = (
     (codecs.BOM_UTF16_BE, "utf-16-be"),
 )
 
+LONGEST_TABLE = 2**20
+"""Characters of a pasted table that are read at most."""
+
 WESTERN = "its text is not UTF-8 and was read as Windows-1252 (Western European)"
 """The note on a file of older programs, whose letters beyond ASCII may be others."""
 

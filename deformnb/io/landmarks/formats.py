@@ -25,7 +25,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import Damage, fail, shown
 from deformnb.io.files.paths import as_path, regular_file
-from deformnb.io.files.texts import decoded
+from deformnb.io.files.texts import LONGEST_TABLE, decoded
 from deformnb.io.landmarks.coordinates import coordinates
 from deformnb.io.landmarks.json_files import (
     from_slicer,
@@ -295,9 +295,6 @@ LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
 }
 """All kinds of landmark files by name."""
 
-
-LONGEST_TABLE = 2**20
-"""Characters that are read at most."""
 
 _LONGEST_ID = 15  # digits, which every program that reads tables keeps
 

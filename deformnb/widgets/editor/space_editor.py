@@ -38,10 +38,10 @@ from deformnb.widgets.messages.editors import (
     Pictures,
     PicturesWanted,
     PointsEdit,
-    Seen,
     ShowPoint,
     SlicesMoved,
 )
+from deformnb.widgets.messages.record import Seen
 from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker

@@ -11,7 +11,6 @@ from msgspec.structs import force_setattr
 from deformnb.rbf.rigid import RigidPart
 from deformnb.widgets.messages.points import Points
 from deformnb.widgets.messages.record import (
-    LARGEST_NUMBER,
     LONGEST_EDIT,
     Buffers,
     Channel,
@@ -19,6 +18,7 @@ from deformnb.widgets.messages.record import (
     Message,
     Place2,
     Place3,
+    Seen,
     View,
     Views,
     Whole,
@@ -188,13 +188,6 @@ class SlicesMoved(Message, frozen=True, kw_only=True, tag="look"):
     projection: SliceProjection | UnsetType = UNSET
     original: Annotated[bool | UnsetType, Meta(description="whether the volume is shown without deformation")] = UNSET
     moving: Annotated[bool, Meta(description="whether it goes on: with fewer pixels")] = False
-
-
-class Seen(Message, frozen=True, kw_only=True, tag="seen"):
-    """What has this number is shown or being drawn, so that the next may come."""
-
-    view: View
-    seq: Annotated[int, Meta(ge=1, le=LARGEST_NUMBER, description="number")]
 
 
 class PaneContent(Struct, frozen=True, kw_only=True):

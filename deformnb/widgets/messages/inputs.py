@@ -6,9 +6,9 @@ from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 from msgspec import Meta, Struct
 
-from deformnb.io.landmarks.formats import LONGEST_TABLE
+from deformnb._typing import RecoveryCommand
+from deformnb.io.files.texts import LONGEST_TABLE
 from deformnb.rbf.conditioning import LARGEST_SET
-from deformnb.session.autosave import Command
 from deformnb.widgets.messages.record import (
     LARGEST_NUMBER,
     Buffers,
@@ -91,7 +91,7 @@ LIST: Channel[RowCommand] = Channel(("ItemList",), RowCommand, (CommandDone,))
 class RestoreCommand(Message, frozen=True, kw_only=True, tag="act"):
     """A button was pressed."""
 
-    what: Annotated[Command, Meta(description="which")]
+    what: Annotated[RecoveryCommand, Meta(description="which")]
     version: Annotated[Whole, Meta(description="of the offer: a command for an earlier one is dropped")]
 
 

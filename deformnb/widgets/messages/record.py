@@ -88,6 +88,13 @@ class Message(Struct, frozen=True, kw_only=True, tag_field="type"):
         return {"type": self.tag(), **{name: value for name, value in fields.items() if value is not UNSET}}
 
 
+class Seen(Message, frozen=True, kw_only=True, tag="seen"):
+    """What has this number is shown or being drawn, so that the next may come."""
+
+    view: View
+    seq: Annotated[int, Meta(ge=1, le=LARGEST_NUMBER, description="number")]
+
+
 @dataclass(frozen=True)
 class Refused:
     """A message with something wrong in it.

@@ -10,7 +10,7 @@ import msgspec
 import traitlets
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from deformnb.document.json_format import cut_from_data, cut_to_data, motion_from_data, part_from_data, part_to_data
+from deformnb.document.json_regions import cut_from_data, cut_to_data, motion_from_data, part_from_data, part_to_data
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import MOST_CUTS, Cut
 from deformnb.rbf.rigid import RigidMotion, RigidPart

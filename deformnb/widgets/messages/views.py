@@ -6,8 +6,6 @@ from typing import Annotated, Any, ClassVar, NotRequired, TypeAlias, TypedDict
 
 from msgspec import UNSET, Meta, Struct, UnsetType, structs
 
-from deformnb.widgets.messages.editors import EDITOR, SPACE_EDITOR, Seen
-from deformnb.widgets.messages.inputs import HEAD, LIST, RESTORE, TABLE, TRANSFER, UPLOAD, VALUE
 from deformnb.widgets.messages.record import (
     LARGEST_NUMBER,
     LONGEST_ID,
@@ -17,6 +15,7 @@ from deformnb.widgets.messages.record import (
     Message,
     Place2,
     Place3,
+    Seen,
     Shade,
     View,
     Views,
@@ -400,6 +399,3 @@ LIVE: Channel[LiveMessage] = Channel(
     LiveMessage,
     (Chunk, FieldMaps, DrawnByPython, VolumeInfo, ScreenshotRequest, MovieFrame, MovieEnd),
 )
-
-CHANNELS = (EDITOR, SPACE_EDITOR, VALUE, LIST, TABLE, TRANSFER, UPLOAD, RESTORE, HEAD, LIVE, SERVED)
-"""Those of all widgets."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import html
 import re
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Generic, TypeVar
@@ -610,3 +610,59 @@ class VolumePanel(Panel):
 def _take_preset(session: Session, name: str) -> None:
     if name:  # the user's own are those that are there
         session.pictures.transfer = name
+
+
+class Question:
+    """A line that asks before something is done, with a button for each answer; unseen while nothing is asked.
+
+    Parameters
+    ----------
+    guard : runs what is agreed to and shows what went wrong with it.
+
+    Attributes
+    ----------
+    box : the line; text : the question; agree, refuse : the buttons of the first answer and of none.
+    """
+
+    def __init__(self, guard: Guard) -> None:
+        self._guard = guard
+        self._action: Callable[[], None] | None = None
+        self.text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
+        self.agree = button("", "", lambda: self._answer(self._action))
+        self.refuse = button("Cancel", "Leave everything as it is", self.forget)
+        self.box = row(self.text, self.agree, self.refuse)
+        self.forget()
+
+    def ask(
+        self,
+        text: str,
+        agreement: str,
+        action: Callable[[], None],
+        others: Mapping[str, Callable[[], None]] | None = None,
+    ) -> None:
+        """Ask, and do this if the answer is yes; an earlier question is dropped.
+
+        Parameters
+        ----------
+        others : further answers by the words of their buttons, and what each of them does.
+        """
+        self.forget()
+        self._action = action
+        self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
+        self.agree.description = self.agree.tooltip = agreement
+        more = [button(words, words, partial(self._answer, other)) for words, other in (others or {}).items()]
+        self.box.children = (self.text, self.agree, *more, self.refuse)
+        basic.set_shown(self.box, True)
+
+    def forget(self) -> None:
+        """Remove the question."""
+        self._action = None
+        basic.set_shown(self.box, False)
+        more, self.box.children = self.box.children[2:-1], (self.text, self.agree, self.refuse)
+        for answer in more:
+            answer.close()
+
+    def _answer(self, action: Callable[[], None] | None) -> None:
+        self.forget()
+        if action is not None:
+            self._guard(action)

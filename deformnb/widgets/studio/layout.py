@@ -154,6 +154,11 @@ class StudioPanels:
         """All panels that have been made."""
         return [*self.at_once, *(late.made for late in self.late if late.made is not None)]
 
+    def refresh(self) -> None:
+        """Show the session in all panels that have been made."""
+        for panel in self.made:
+            panel.refresh()
+
     def close(self) -> None:
         """End what runs of the panels; their widgets close with the boxes that they are in."""
         for panel in self.made:

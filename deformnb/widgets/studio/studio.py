@@ -12,7 +12,8 @@ from __future__ import annotations
 import io
 import sys
 import threading
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -52,10 +53,10 @@ from deformnb.widgets.cell_widgets import (
 )
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
+from deformnb.widgets.parameters import PAGE_CONTROLS
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.head import StudioHead
-from deformnb.widgets.studio.layout import PanelParts, arranged, make_panels
-from deformnb.widgets.studio.parts import StudioParts, end_all
+from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
@@ -176,6 +177,55 @@ def preview_png(editor: Any, view: Any) -> bytes:
     for image, x in ((left, 0), (right, left.width)):
         whole.paste(image, (x, (whole.height - image.height) // 2))
     return as_png(np.asarray(whole))
+
+
+@dataclass(eq=False)
+class StudioParts:
+    """The parts of a studio for one session; a studio that goes on with another volume takes others.
+
+    Parameters
+    ----------
+    session : the document and its history.
+    view : of the volume; link : shows the displacement there.
+    words : the status line and the messages.
+    worker : the studio's thread.
+    editors : of the points; edits : take what is done in them; picture : behind the points.
+    slices : in the place of the view.
+    opacity : the editor of colours and opacities.
+    panels : the controls.
+    sync : shows every change of the session.
+    ends : end what runs of the parts.
+    bar : writes the session; made when that of the session before has written its own.
+    """
+
+    session: Session
+    view: Any
+    words: StudioStatus
+    worker: Worker
+    edits: StudioEdits
+    editors: StudioEditors
+    link: StudioLink
+    picture: StudioPicture
+    slices: StudioSlices
+    opacity: TransferEditor
+    panels: StudioPanels
+    sync: StudioSync
+    ends: Sequence[Callable[[], None]]
+    bar: RestoreBar | None = None
+
+    def close(self) -> None:
+        """End the thread and stop observing; the widgets close with the studio's children."""
+        end_all(self.ends)
+
+    def leave_view(self) -> None:
+        """Take the view out of its place, for a studio that shows it elsewhere."""
+        self.editors.beside.children = ()
+
+
+def end_all(ends: Sequence[Callable[[], None]]) -> None:
+    """End what runs, in this order."""
+    for end in ends:
+        end()
 
 
 class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
@@ -370,7 +420,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             close_all(*shown)
         self.deformation = session.editing.deformation
         parts.sync.start(
-            parts.view, parts.editors, edits, parts.link, parts.picture, parts.slices, parts.opacity, panels
+            parts.view, parts.editors, edits, parts.link, parts.picture, parts.slices, parts.opacity, panels.refresh
         )
 
     @traitlets.validate("deformation")
@@ -534,10 +584,10 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         title, about : of the page; a line under the title.
         limit : voxels in the file at most; a larger volume is averaged, which the page reports. Default is 256^3, and
             fewer where these would take more than 10 MB.
-        controls : names of :data:`~deformnb.widgets.standalone.CONTROLS` that the page has; default is all.
+        controls : names of :data:`~deformnb.widgets.parameters.PAGE_CONTROLS` that the page has; default is all.
         overwrite, progress : as of :meth:`export`.
         """
-        from deformnb.widgets.standalone import CONTROLS, write_standalone
+        from deformnb.widgets.standalone import write_standalone
 
         editor, view = last_step(self.session, self.parts.editors.plane, self.view)
         try:
@@ -550,7 +600,7 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
                     about=about,
                     language=self._language,
                     limit=limit,
-                    controls=CONTROLS if controls is None else controls,
+                    controls=PAGE_CONTROLS if controls is None else controls,
                     progress=progress,
                 )
         finally:

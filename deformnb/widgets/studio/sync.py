@@ -14,7 +14,6 @@ from deformnb.session.session import Session
 from deformnb.widgets.camera import on_picture
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only
-from deformnb.widgets.studio.layout import StudioPanels
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import Diagnostics, diagnostics_of
@@ -83,18 +82,19 @@ class StudioSync:
         picture: StudioPicture,
         slices: StudioSlices,
         opacity: TransferEditor,
-        panels: StudioPanels,
+        refresh_panels: Callable[[], None],
     ) -> None:
         """Show the session in these parts, from now on each of its changes.
 
         Parameters
         ----------
-        view, editors, link, picture, slices, panels : show it.
+        view, editors, link, picture, slices : show it.
         edits : take the points and shapes of the editors.
         opacity : the editor of the opacity curve.
+        refresh_panels : has the panels show it.
         """
         self._view, self._editors, self._edits, self._link = view, editors, edits, link
-        self._picture, self._slices, self._opacity, self._panels = picture, slices, opacity, panels
+        self._picture, self._slices, self._opacity, self._refresh = picture, slices, opacity, refresh_panels
         session = self._session
         session.editing.observe(self._weakly(StudioSync._document_changed), ["deformation", "index", "key"])
         session.pictures.observe(
@@ -221,8 +221,7 @@ class StudioSync:
         self._refresh_panels()
 
     def _refresh_panels(self, _change: Any = None) -> None:
-        for panel in self._panels.made:
-            panel.refresh()
+        self._refresh()
 
     # -- the status line -----------------------------------------------------------------------------------------------
 

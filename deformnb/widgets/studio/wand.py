@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from deformnb._deferred import ndimage
 from deformnb._typing import Progress
 from deformnb._weak import weakly
-from deformnb.document.json_format import region_to_data
+from deformnb.document.json_regions import region_to_data
 from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session

@@ -12,8 +12,8 @@ import numpy as np
 from deformnb.document.animation import TimeMaps
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
-from deformnb.widgets.messages.editors import Seen
 from deformnb.widgets.messages.points import points_to_json
+from deformnb.widgets.messages.record import Seen
 from deformnb.widgets.messages.views import FieldMaps, FollowData, MovedData
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.textures import MAP_SIZE, FieldTextures, field_textures, nodes_along, texture_frames

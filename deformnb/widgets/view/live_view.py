@@ -30,7 +30,7 @@ from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
-from deformnb.widgets.messages.editors import Seen as FieldSeen
+from deformnb.widgets.messages.record import Seen as FieldSeen
 from deformnb.widgets.messages.traits import take_traits
 from deformnb.widgets.messages.views import (
     LIVE,

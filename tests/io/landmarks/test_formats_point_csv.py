@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from deformnb.errors import DeformError
-from deformnb.io.landmarks.formats import LONGEST_TABLE, points_from_csv
+from deformnb.io.files.texts import LONGEST_TABLE
+from deformnb.io.landmarks.formats import points_from_csv
 from deformnb.rbf.points import ControlPoints
 
 

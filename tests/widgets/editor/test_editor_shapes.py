@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripts import run_script
 
-from deformnb.document.json_format import cut_to_data, part_to_data
+from deformnb.document.json_regions import cut_to_data, part_to_data
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.rbf.cuts import Cut, Decoupled

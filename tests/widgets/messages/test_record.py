@@ -12,8 +12,8 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.widgets.messages.editors import EDITOR, PointsEdit, ShapesEdit
 from deformnb.widgets.messages.inputs import RESTORE, TABLE, UPLOAD
 from deformnb.widgets.messages.record import Buffers, Channel, Refused, check_buffers, check_size
-from deformnb.widgets.messages.schema import fields
-from deformnb.widgets.messages.views import CHANNELS, LIVE
+from deformnb.widgets.messages.schema import CHANNELS, fields
+from deformnb.widgets.messages.views import LIVE
 
 
 def at(x: float, *target: float) -> dict[str, Any]:

@@ -31,7 +31,7 @@ from deformnb.widgets.inputs.grid_drawing import GridDrawing
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.points_table import PointsTable
 from deformnb.widgets.messages.record import Refused
-from deformnb.widgets.messages.views import CHANNELS
+from deformnb.widgets.messages.schema import CHANNELS
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.synced import SyncedWidget

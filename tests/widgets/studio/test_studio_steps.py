@@ -15,7 +15,7 @@ from front_end import deliver
 from numpy.testing import assert_array_equal
 
 from deformnb.document.deformation import Deformation
-from deformnb.document.json_format import part_to_data
+from deformnb.document.json_regions import part_to_data
 from deformnb.errors import DeformError
 from deformnb.io.volumes.formats import read_volume, write_volume
 from deformnb.rbf.cuts import Cut

@@ -11,7 +11,7 @@ from front_end import deliver
 from scipy import ndimage
 from widgets.studio.panels.test_steps_history import Guarded
 
-from deformnb.document.json_format import region_from_data
+from deformnb.document.json_regions import region_from_data
 from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume

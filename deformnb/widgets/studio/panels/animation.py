@@ -26,7 +26,7 @@ from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
 from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, widget_of
-from deformnb.widgets.studio.panels.files import plain_name
+from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
 

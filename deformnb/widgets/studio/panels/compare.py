@@ -15,7 +15,7 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import close_all, parts_of_another
 from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose, row
-from deformnb.widgets.studio.panels.registration import GIVEN, NO_TARGET, FitTarget
+from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.studio.status import reason_of
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.worker import Worker

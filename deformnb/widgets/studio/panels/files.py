@@ -30,7 +30,6 @@ from deformnb.document.script import VOLUME_LINE
 from deformnb.errors import Cancelled, DeformError, FileChangedError
 from deformnb.io.files.atomic import writing_held_by
 from deformnb.io.files.errors import human_bytes
-from deformnb.io.volumes.formats import FORMATS
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
@@ -38,14 +37,14 @@ from deformnb.warping.foreground import cut_off_text, listed
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.packed_volume import unit_of
-from deformnb.widgets.standalone import CONTROLS
-from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, fill, menu, raising, row
+from deformnb.widgets.parameters import PAGE_CONTROLS
+from deformnb.widgets.studio.controls import Guard, Panel, Question, button, file_stem, fill, menu, raising, row
+from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
 
 _PAGE = (".html",)
 _FOLDERS = EXPORTS["full resolution"].suffixes
-_MOST_FILES = 200  # of a menu
 _VOLUMES = ("volume", "full resolution")  # kinds of exports
 
 WritePage = Callable[..., None]
@@ -122,7 +121,7 @@ class FilesPanel(Panel):
                 layout={"width": "auto", "margin": "2px 8px 2px 0"},
                 tooltip="Whether the web page has this control",
             )
-            for name, label in CONTROLS.items()
+            for name, label in PAGE_CONTROLS.items()
         }
         chosen = row(*self.page_controls.values())
         self.of_page = basic.VBox([self.page_title, self.page_text, chosen])
@@ -326,112 +325,6 @@ class Job:
                 raise Cancelled("stopped in the studio.")
             self._is_landing = True
         yield
-
-
-class Question:
-    """A line that asks before something is done, with a button for each answer; unseen while nothing is asked.
-
-    Parameters
-    ----------
-    guard : runs what is agreed to and shows what went wrong with it.
-
-    Attributes
-    ----------
-    box : the line; text : the question; agree, refuse : the buttons of the first answer and of none.
-    """
-
-    def __init__(self, guard: Guard) -> None:
-        self._guard = guard
-        self._action: Callable[[], None] | None = None
-        self.text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
-        self.agree = button("", "", lambda: self._answer(self._action))
-        self.refuse = button("Cancel", "Leave everything as it is", self.forget)
-        self.box = row(self.text, self.agree, self.refuse)
-        self.forget()
-
-    def ask(
-        self,
-        text: str,
-        agreement: str,
-        action: Callable[[], None],
-        others: Mapping[str, Callable[[], None]] | None = None,
-    ) -> None:
-        """Ask, and do this if the answer is yes; an earlier question is dropped.
-
-        Parameters
-        ----------
-        others : further answers by the words of their buttons, and what each of them does.
-        """
-        self.forget()
-        self._action = action
-        self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
-        self.agree.description = self.agree.tooltip = agreement
-        more = [button(words, words, partial(self._answer, other)) for words, other in (others or {}).items()]
-        self.box.children = (self.text, self.agree, *more, self.refuse)
-        basic.set_shown(self.box, True)
-
-    def forget(self) -> None:
-        """Remove the question."""
-        self._action = None
-        basic.set_shown(self.box, False)
-        more, self.box.children = self.box.children[2:-1], (self.text, self.agree, self.refuse)
-        for answer in more:
-            answer.close()
-
-    def _answer(self, action: Callable[[], None] | None) -> None:
-        self.forget()
-        if action is not None:
-            self._guard(action)
-
-
-def plain_name(text: str) -> str:
-    """A file name without folders, as a front end may give it.
-
-    Raises
-    ------
-    DeformError
-        If it is empty, hidden, or leads anywhere else.
-
-    Examples
-    --------
-    >>> plain_name(" fish.json ")
-    'fish.json'
-    """
-    name = text.strip()
-    if not name or name.startswith(".") or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name) or len(name) > 200:
-        raise DeformError(f"{name[:60]!r} is no plain file name; write one such as fish.json, without a folder.")
-    return name
-
-
-class FolderFiles:
-    """Names of the volume files in a folder, for menus; it is read again when it has changed.
-
-    Parameters
-    ----------
-    folder : is looked into, without folders in it.
-    more : suffixes of other files that are listed too.
-    """
-
-    def __init__(self, folder: str | PathLike[str], *more: str) -> None:
-        self.folder = Path(folder)
-        self._suffixes = (*(s for entry in FORMATS.values() for s in entry.suffixes), *more)
-        self._seen: tuple[float, list[str]] | None = None
-
-    def names(self) -> list[str]:
-        """The names in the order of the alphabet; none where the folder cannot be read."""
-        try:
-            changed = self.folder.stat().st_mtime
-            if self._seen is None or self._seen[0] != changed:
-                with os.scandir(self.folder) as found:
-                    names = sorted(
-                        f.name
-                        for f in found
-                        if f.name.lower().endswith(self._suffixes) and not f.name.startswith(".") and f.is_file()
-                    )
-                self._seen = (changed, names[:_MOST_FILES])
-            return self._seen[1]
-        except OSError:
-            return []
 
 
 def _level_text(volume: Volume) -> str:

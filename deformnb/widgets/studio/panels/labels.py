@@ -12,7 +12,7 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.io.volumes.formats import FORMATS, read_volume, supported
+from deformnb.io.volumes.formats import read_volume, supported
 from deformnb.io.volumes.label_names import (
     LABEL_TABLES,
     is_label_table,
@@ -25,7 +25,7 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
-from deformnb.widgets.studio.panels.files import FolderFiles, plain_name
+from deformnb.widgets.studio.panels.folder import FolderFiles, is_volume_name, plain_name
 
 TakeRegions = Callable[[str, list[tuple[str, Mask]]], None]
 """Called with "part" or "cut", and names and regions of the labels that were chosen."""
@@ -216,8 +216,3 @@ def _check_name(name: str) -> None:
             f"{name} is no kind of volume file; open {supported()}, or a table of label names "
             f"({', '.join(LABEL_TABLES)})."
         )
-
-
-def is_volume_name(name: str) -> bool:
-    """Check whether a name ends as those of volume files do."""
-    return name.lower().endswith(tuple(suffix for entry in FORMATS.values() for suffix in entry.suffixes))

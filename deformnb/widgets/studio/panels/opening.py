@@ -32,10 +32,9 @@ from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume, label_note
 from deformnb.widgets.inputs.file_input import FileInput
-from deformnb.widgets.studio.controls import Guard, LatePanel, Panel
+from deformnb.widgets.studio.controls import Guard, LatePanel, Panel, Question
 from deformnb.widgets.studio.panels.compare import ComparePanel
-from deformnb.widgets.studio.panels.files import Question
-from deformnb.widgets.studio.panels.labels import is_volume_name
+from deformnb.widgets.studio.panels.folder import is_volume_name
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
 from deformnb.widgets.studio.panels.shapes import ShapesPanel

@@ -29,7 +29,7 @@ from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, row, slider
 from deformnb.widgets.studio.editors import make_editor, show_step, show_view_state
 from deformnb.widgets.studio.history_labels import edit_label
-from deformnb.widgets.studio.panels.files import plain_name
+from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.worker import Worker
 
 _OVERLAYS = [

@@ -25,7 +25,8 @@ from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.studio.editors import show_step
-from deformnb.widgets.studio.panels.registration import GIVEN, NO_TARGET, FitPanel, FitTarget, blended
+from deformnb.widgets.studio.panels.registration import FitPanel, blended
+from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 
 SHAPE = (48, 4, 48)
 GRID = Grid(SHAPE, (1.0, 1.0, 1.0))

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from deformnb.document.json_format import (
+from deformnb.document.json_regions import (
     REGIONS,
     cut_from_data,
     cut_to_data,
