@@ -115,14 +115,15 @@ export function volumeShape(sizes: number[], itemsize: number, notes: string[]):
 /** Bytes of a file one after the other, unpacked if need be. */
 export class ByteReader {
   size: number;
-  isPacked: boolean;
   reader: ReadableStreamDefaultReader<Uint8Array<ArrayBuffer>>;
   rest: Uint8Array<ArrayBuffer>;
 
   /** @param isPacked whether by gzip */
-  constructor(blob: Blob, isPacked: boolean) {
+  constructor(
+    blob: Blob,
+    readonly isPacked: boolean,
+  ) {
     this.size = blob.size;
-    this.isPacked = isPacked;
     const stream = blob.stream() as ReadableStream<Uint8Array<ArrayBuffer>>;
     this.reader = (isPacked ? stream.pipeThrough(new DecompressionStream("gzip")) : stream).getReader();
     this.rest = new Uint8Array(0);

@@ -31,25 +31,23 @@ export function numberUnder(event: MouseEvent, within: Element, name: string) {
 }
 
 export class InputView {
-  model: Model;
   link: EditLink;
-  handlers: Handlers;
-  frame: number;
-  isHeld: boolean;
-  closed: AbortController;
+  handlers: Handlers = [];
+  frame = 0;
+  isHeld = false;
+  closed = new AbortController();
   root: HTMLDivElement;
   alert: HTMLDivElement;
   liveRegion: HTMLDivElement;
   theme: ThemeObserver;
   observer: ResizeObserver;
 
-  constructor(model: Model, el: HTMLElement, name: string) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+    name: string,
+  ) {
     this.link = new EditLink((message) => model.send(message));
-    this.handlers = [];
-    this.frame = 0;
-    this.isHeld = false;
-    this.closed = new AbortController();
     this.root = pageElement("div", `dnb-curves ${name}`, el, { role: "group" });
     Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget

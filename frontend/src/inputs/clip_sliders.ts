@@ -38,15 +38,16 @@ function openedTowards(direction: Vector3, axes: Matrix3): Clip {
 }
 
 export class ClipSliders {
-  model: Model;
   root: HTMLDivElement;
   rows: [Row, Row, Row];
   whole: HTMLButtonElement;
   shown: () => void;
 
   /** @param model that of the view */
-  constructor(parent: HTMLElement, model: Model) {
-    this.model = model;
+  constructor(
+    parent: HTMLElement,
+    readonly model: Model,
+  ) {
     this.root = pageElement("div", "dnb-clip", parent, {
       role: "group",
       "aria-label": "Part of the volume that is seen",

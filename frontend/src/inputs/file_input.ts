@@ -12,7 +12,6 @@ const hasFiles = ({ dataTransfer }: DragEvent) => Boolean(dataTransfer?.types.in
 const size = (bytes: number) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
 class FileInputView {
-  model: Model;
   host: HTMLElement;
   root: HTMLDivElement;
   button: HTMLButtonElement;
@@ -37,8 +36,10 @@ class FileInputView {
 
   closing = new AbortController();
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.host = el;
     this.root = pageElement("div", "dnb-file-input", el);
     this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-fi-button", this.root, {

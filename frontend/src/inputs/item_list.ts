@@ -44,7 +44,6 @@ function timeOfDay(seconds: number, place: Element) {
 }
 
 class ItemListView {
-  model: Model;
   root: HTMLDivElement;
   table: HTMLTableElement;
   head: HTMLTableSectionElement;
@@ -61,8 +60,10 @@ class ItemListView {
   isNaming = false;
   isChoosing = false;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.root = pageElement("div", "dnb-item-list", el);
     this.table = pageElement("table", "dnb-il-table", this.root);
     this.head = pageElement("thead", "", this.table);

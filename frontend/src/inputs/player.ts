@@ -19,9 +19,6 @@ const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on
 export type FrameSource = Pick<Window, "requestAnimationFrame" | "cancelAnimationFrame">;
 
 export class PlayClock {
-  publish: (detail: TimeDetail) => void;
-  frames: FrameSource;
-
   position = 0;
   duration = 0;
   speed = 1;
@@ -34,10 +31,10 @@ export class PlayClock {
   leader: PlayerView | null = null;
 
   /** @param publish called at every change */
-  constructor(publish: (detail: TimeDetail) => void, frames: FrameSource = window) {
-    this.publish = publish;
-    this.frames = frames;
-  }
+  constructor(
+    readonly publish: (detail: TimeDetail) => void,
+    readonly frames: FrameSource = window,
+  ) {}
 
   /** The moment from 0 to the duration; on the way back of a swing it falls while the position rises. */
   get time() {

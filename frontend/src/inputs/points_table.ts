@@ -44,7 +44,6 @@ const TABLE_BUTTONS: [string, string, string, boolean][] = [
 ];
 
 class PointsTableView {
-  model: Model;
   selected: Set<number>;
   root: HTMLDivElement;
   bar: HTMLDivElement;
@@ -96,8 +95,10 @@ class PointsTableView {
   bus: Bus | null = null;
   closed = new AbortController();
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.selected = new Set(model.get("selected"));
     this.root = pageElement("div", "dnb-points-table", el, { role: "group", "aria-label": "Control points" });
     this.bar = pageElement("div", "dnb-pt-bar", this.root);

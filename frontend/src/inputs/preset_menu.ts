@@ -12,17 +12,17 @@ const OWN = "Own colours";
 const labelOf = (name: string) => (name ? name.charAt(0).toUpperCase() + name.slice(1) : OWN);
 
 class PresetMenuView {
-  model: Model;
-  closing: AbortController;
+  closing = new AbortController();
   root: HTMLDivElement;
   button: HTMLButtonElement;
   list: HTMLDivElement;
   options: Map<string, { option: HTMLButtonElement; picture: HTMLImageElement }>;
   draw: () => void;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
-    this.closing = new AbortController();
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     const { signal } = this.closing;
     this.root = pageElement("div", "dnb-preset-menu", el, OWN_KEYS);
     this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });

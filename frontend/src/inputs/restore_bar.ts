@@ -30,7 +30,6 @@ export type StatusSlot = (kernel: unknown, status: string) => void;
 export type NotebookModel = Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } };
 
 class RestoreBarView {
-  model: NotebookModel;
   root: HTMLDivElement;
   text: HTMLSpanElement;
   buttons: HTMLButtonElement[];
@@ -44,8 +43,10 @@ class RestoreBarView {
   isWaiting = false;
   fate = ""; // of the kernel
 
-  constructor(model: NotebookModel, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: NotebookModel,
+    el: HTMLElement,
+  ) {
     this.root = pageElement("div", "dnb-restore", el, { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
     this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {

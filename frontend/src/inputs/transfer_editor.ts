@@ -114,7 +114,6 @@ export function addedStop(stops: ColorStop[], value: number): [ColorStop[], numb
 }
 
 class ColorStops {
-  view: TransferEditorView;
   group: SVGGElement;
   title: SVGTextElement;
   strip: SVGRectElement;
@@ -127,8 +126,10 @@ class ColorStops {
   isPicking = false;
 
   /** @param fill of the strip */
-  constructor(view: TransferEditorView, fill: string) {
-    this.view = view;
+  constructor(
+    readonly view: TransferEditorView,
+    fill: string,
+  ) {
     this.group = svgElement("g", { class: "dnb-cv-stops" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Colours";
@@ -402,7 +403,6 @@ const WINDOW_PARTS = ["level", "low", "high"] as const;
 const NARROWEST = 1 / 1000; // of the values of the volume
 
 class WindowBar {
-  view: TransferEditorView;
   group: SVGGElement;
   title: SVGTextElement;
   rail: SVGPathElement;
@@ -411,8 +411,7 @@ class WindowBar {
 
   part: WindowPart = "level";
 
-  constructor(view: TransferEditorView) {
-    this.view = view;
+  constructor(readonly view: TransferEditorView) {
     this.group = svgElement("g", { class: "dnb-cv-window" }, view.svg);
     this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
     this.title.textContent = "Window";
@@ -610,15 +609,12 @@ class WindowBar {
 const THUMBNAIL = 56; // CSS pixels
 
 class PresetButtons {
-  view: TransferEditorView;
   group: HTMLDivElement;
-  buttons: Record<string, { button: HTMLButtonElement; picture: HTMLImageElement }>;
+  buttons: Record<string, { button: HTMLButtonElement; picture: HTMLImageElement }> = {};
 
-  constructor(view: TransferEditorView) {
-    this.view = view;
+  constructor(readonly view: TransferEditorView) {
     this.group = pageElement("div", "dnb-cv-presets", null, { role: "group", "aria-label": "Presets" });
     view.root.insertBefore(this.group, view.bar);
-    this.buttons = {};
     for (const [name, tip] of Object.entries<string>(view.model.get("presets") ?? {})) {
       const button = pageElement("button", "dnb-cv-preset", this.group, { type: "button", title: tip, ...OWN_KEYS });
       const picture = pageElement("img", "dnb-cv-thumbnail", button, {

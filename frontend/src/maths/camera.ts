@@ -27,18 +27,13 @@ const rotated: (a: Vector3, side: Vector3, angle: number) => Vector3 = (a, side,
 const LEAST_SEEN = 0.1; // share of the box, or of the view, that stays in view
 
 export class Camera {
-  direction: Vector3;
-  up: Vector3;
-  height: number;
-  pan: Vector2;
-  bend: number;
+  direction: Vector3 = [0.4, 1, -0.3];
+  up: Vector3 = [0, 0, 1];
+  height = 1; // a length in space
+  pan: Vector2 = [0, 0];
+  bend = 0; // of a perspective, 0 for a parallel projection
 
   constructor() {
-    this.direction = [0.4, 1, -0.3];
-    this.up = [0, 0, 1];
-    this.height = 1; // a length in space
-    this.pan = [0, 0];
-    this.bend = 0; // of a perspective, 0 for a parallel projection
     this.#straighten();
   }
 

@@ -50,23 +50,20 @@ export function kernelMatrix(centres: Centres, profile: (s: number) => number) {
 
 /** phi(|x_i - x_j| / R) + nugget, with R_j in place of R where the centres have radii of their own. */
 class KernelMatrix {
-  n: number;
   dim: number;
-  profile: (s: number) => number;
-  centres: Centres;
   phi: Float64Array<ArrayBuffer>;
   order: number[];
-  factored: number;
+  factored = 0; // rows
   factor: Float64Array<ArrayBuffer>;
 
-  constructor(n: number, centres: Centres, profile: (s: number) => number) {
-    this.n = n;
+  constructor(
+    readonly n: number,
+    public centres: Centres,
+    readonly profile: (s: number) => number,
+  ) {
     this.dim = centres.places.length / n;
-    this.profile = profile;
-    this.centres = centres;
     this.phi = new Float64Array(n * n); // row by row
     this.order = Array.from({ length: n }, (_, k) => k); // of the rows of the factor
-    this.factored = 0; // rows
     this.factor = new Float64Array(0);
     for (let i = 0; i < n; i++) this.#evaluate(i, i + 1);
   }

@@ -1776,14 +1776,17 @@ export function rbfOnLattice(fit: RbfFit, { shape: [nx, ny, nz], spacing: [dx, d
  * only the places that it reaches: the distance across the row is constant.
  */
 class RbfRow {
-  fit: RbfFit;
   step: number;
   first: number;
   sums: Float64Array<ArrayBuffer>[];
   moving: number[];
 
-  constructor(fit: RbfFit, first: number, step: number, count: number) {
-    this.fit = fit;
+  constructor(
+    readonly fit: RbfFit,
+    first: number,
+    step: number,
+    count: number,
+  ) {
     this.step = step / fit.support;
     this.first = (first - fit.origin[0]) / fit.support;
     this.sums = Array.from({ length: 3 }, () => new Float64Array(count)); // of each component; in a plane the last is idle

@@ -28,7 +28,6 @@ const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stan
 
 /** The head of one view of a studio. */
 class StudioHead {
-  model: Model;
   host: HTMLElement;
   root: HTMLDivElement;
   name: HTMLElement;
@@ -40,14 +39,16 @@ class StudioHead {
   saver: HTMLButtonElement;
   full: HTMLButtonElement;
   help: HTMLButtonElement;
-  closing: AbortController;
+  closing = new AbortController();
   draw: () => void;
-  side: SidePanel | null;
+  side: SidePanel | null = null;
   arrivals: MutationObserver;
   sizes: ResizeObserver;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.host = el;
     el.classList.add("dnb-head-host");
     this.root = pageElement("div", "dnb-head", el, { role: "toolbar", "aria-label": "Studio", ...OWN_KEYS });
@@ -70,7 +71,6 @@ class StudioHead {
     this.saver.classList.add("dnb-save");
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
     this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
-    this.closing = new AbortController();
     this.draw = () => this.#draw();
     for (const name of TRAITS) model.on(`change:${name}`, this.draw);
     const { signal } = this.closing;
@@ -86,7 +86,6 @@ class StudioHead {
       { signal },
     );
     window.addEventListener("change", (event) => this.#chosen(event), { signal });
-    this.side = null;
     this.arrivals = new MutationObserver(() => this.#arrived());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);

@@ -39,10 +39,8 @@ function remember(changes: Remembered) {
 const isOpen = (section: Element) => section.querySelector(".jupyter-widget-Collapse-open") !== null;
 
 export class SidePanel {
-  body: HTMLElement;
-  panel: HTMLElement;
   splitter: HTMLDivElement;
-  closing: AbortController;
+  closing = new AbortController();
   changes: MutationObserver;
   sizes: ResizeObserver;
 
@@ -65,9 +63,10 @@ export class SidePanel {
    * @param body of the studio
    * @param panel in it
    */
-  constructor(body: HTMLElement, panel: HTMLElement) {
-    this.body = body;
-    this.panel = panel;
+  constructor(
+    readonly body: HTMLElement,
+    readonly panel: HTMLElement,
+  ) {
     this.splitter = pageElement("div", "dnb-splitter", body, {
       role: "separator",
       tabindex: 0,
@@ -76,7 +75,6 @@ export class SidePanel {
       title: "Drag, or press an arrow, to change the width; double-click for the first one",
       ...OWN_KEYS,
     });
-    this.closing = new AbortController();
     const { signal } = this.closing,
       options = { signal, capture: true };
     for (const name of ["pointerdown", "keydown"]) {

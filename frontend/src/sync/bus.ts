@@ -62,8 +62,6 @@ export function releaseBus(bus: Bus, uid: string) {
  * A widget of the window that another one follows, chosen by a reference; its bus is held until another is chosen.
  */
 export class FollowedModel {
-  owner: Model;
-
   reference: string | Model | null = null;
 
   /** What ends with it */
@@ -72,9 +70,7 @@ export class FollowedModel {
   #ticket: object | null = null; // of the reference that is followed
 
   /** @param owner a model whose manager finds the others */
-  constructor(owner: Model) {
-    this.owner = owner;
-  }
+  constructor(readonly owner: Model) {}
 
   /** Null for none, or if another one is chosen meanwhile. */
   async choose(reference: string | Model | null): Promise<{ model: Model; bus: Bus } | null> {

@@ -19,9 +19,9 @@ export class PlainModel implements Model {
   deliver: (content: Values, buffers: Buffers) => void;
   save: (changed: Values) => void;
   isAnswered: boolean;
-  handlers: Map<string, ModelHandler[]>;
-  changed: Values;
-  unanswered: Map<string, number>;
+  handlers = new Map<string, ModelHandler[]>();
+  changed: Values = {};
+  unanswered = new Map<string, number>();
   widget_manager: Model["widget_manager"];
 
   constructor(
@@ -42,9 +42,6 @@ export class PlainModel implements Model {
     this.deliver = deliver;
     this.save = save;
     this.isAnswered = isAnswered;
-    this.handlers = new Map();
-    this.changed = {};
-    this.unanswered = new Map();
     this.widget_manager = {
       get_model: async <Traits extends Values>(id: string) => {
         const model = models[id];

@@ -2,19 +2,12 @@
 
 /** Undo as a list of old states. Edits of one kind in quick succession (arrow keys) count as one. */
 export class History<S> {
-  past: S[];
-  future: S[];
-  most: number;
-  kind: string | null;
-  at: number;
+  past: S[] = [];
+  future: S[] = [];
+  kind: string | null = null;
+  at = -Infinity;
 
-  constructor(most = 200) {
-    this.past = [];
-    this.future = [];
-    this.most = most;
-    this.kind = null;
-    this.at = -Infinity;
-  }
+  constructor(readonly most: number = 200) {}
 
   /**
    * Record an edit; returns whether it joins the edit before it.

@@ -7,20 +7,17 @@ const STEP = 0.02,
   LARGE_STEP = 0.1; // shares of the width of an arrow key, and with Shift
 
 export class CompareControls {
-  moved: () => void;
-  share: number;
-  shows: string;
-  root: HTMLElement;
+  share = 0.5; // of the width that shows the original; of the original in the mixture
+  shows = "";
   line: HTMLDivElement;
   fade: HTMLLabelElement;
   slider: HTMLInputElement;
 
   /** @param root of the view */
-  constructor(root: HTMLElement, moved: () => void) {
-    this.moved = moved;
-    this.share = 0.5; // of the width that shows the original; of the original in the mixture
-    this.shows = "";
-    this.root = root;
+  constructor(
+    readonly root: HTMLElement,
+    readonly moved: () => void,
+  ) {
     this.line = pageElement("div", "dnb-wipe", root, {
       role: "slider",
       tabindex: "0",

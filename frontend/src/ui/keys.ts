@@ -228,19 +228,19 @@ export function shortcutsOf(table: KeyTable, command: string) {
 
 /** The list over the picture, hidden at first. */
 export class HelpPanel {
-  root: Element;
-  focusStage: () => void;
-  before: HTMLElement | SVGElement | null;
+  before: HTMLElement | SVGElement | null = null; // what had the focus
   panel: HTMLDivElement;
 
   /**
    * @param root of the editor: what has the focus within gets it back
    * @param focusStage called where that is gone meanwhile
    */
-  constructor(parent: Element, root: Element, focusStage: () => void, table: KeyTable = EDITOR_KEYS) {
-    this.root = root;
-    this.focusStage = focusStage;
-    this.before = null; // what had the focus
+  constructor(
+    parent: Element,
+    readonly root: Element,
+    readonly focusStage: () => void,
+    table: KeyTable = EDITOR_KEYS,
+  ) {
     this.panel = pageElement("div", "dnb-ed-help", parent, {
       role: "dialog",
       "aria-label": "Keys and gestures",

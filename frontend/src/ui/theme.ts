@@ -8,14 +8,13 @@ const DARK_BELOW = 110; // luminance of the background, of 255
  * Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme.
  */
 export class ThemeObserver {
-  element: Element;
-  changed: () => void;
   preference: MediaQueryList;
   observer: MutationObserver;
 
-  constructor(element: Element, changed: () => void) {
-    this.element = element;
-    this.changed = changed;
+  constructor(
+    readonly element: Element,
+    readonly changed: () => void,
+  ) {
     this.preference = window.matchMedia("(prefers-color-scheme: dark)");
     this.preference.addEventListener("change", changed);
     this.observer = new MutationObserver(changed); // Jupyter and VS Code change attributes of the body

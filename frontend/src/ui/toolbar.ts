@@ -133,23 +133,18 @@ export const EDITS = [
 ];
 
 export class Toolbar {
-  parent: HTMLElement;
   root: HTMLDivElement;
-  host: ToolbarHost;
-  buttons: Map<string, { button: HTMLButtonElement; tip: string; needs?: Need; isItem?: boolean }>;
+  buttons = new Map<string, { button: HTMLButtonElement; tip: string; needs?: Need; isItem?: boolean }>();
   menu: MoreMenu | null;
 
   constructor(
-    host: ToolbarHost,
-    parent: HTMLElement,
+    readonly host: ToolbarHost,
+    readonly parent: HTMLElement,
     groups: ToolEntry[][] = GROUPS,
     table: KeyTable = EDITOR_KEYS,
     more: ToolEntry[][] = MORE,
   ) {
-    this.parent = parent;
     this.root = pageElement("div", "dnb-ed-bar", parent, { role: "toolbar", "aria-label": "Control points" });
-    this.host = host;
-    this.buttons = new Map();
     for (const group of groups) {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
       for (const [command, label, text, stays, needs] of group) {
@@ -273,17 +268,17 @@ export class Toolbar {
 
 /** A menu of tools under its button; it closes when an item is chosen, by Escape, and when the focus leaves it. */
 class MoreMenu {
-  toolbar: Toolbar;
-  opener: HTMLElement;
-  items: HTMLElement[];
+  items: HTMLElement[] = [];
   root: HTMLDivElement;
   isOverAll: boolean;
   leave: (event: Event) => void;
 
-  constructor(toolbar: Toolbar, opener: HTMLElement, groups: ToolEntry[][], table: KeyTable) {
-    this.toolbar = toolbar;
-    this.opener = opener;
-    this.items = [];
+  constructor(
+    readonly toolbar: Toolbar,
+    readonly opener: HTMLElement,
+    groups: ToolEntry[][],
+    table: KeyTable,
+  ) {
     setAttributes(opener, { "aria-haspopup": "menu", "aria-expanded": "false" });
     this.root = pageElement("div", "dnb-ed-more", toolbar.parent, {
       role: "menu",

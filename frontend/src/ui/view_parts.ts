@@ -293,23 +293,19 @@ export class Frames {
 
 /** Alternates two layers while they are visible and the user does not prefer reduced motion; else a press does. */
 export class Flicker {
-  flip: (layer: number) => void;
-  layer: number;
-  isOn: boolean;
-  isPaused: boolean;
-  isSeen: boolean;
-  timer: number;
+  layer = 0;
+  isOn = false;
+  isPaused = false;
+  isSeen = true;
+  timer = 0;
   still: MediaQueryList;
   look: () => void;
   observer: IntersectionObserver;
 
-  constructor(root: Element, flip: (layer: number) => void) {
-    this.flip = flip;
-    this.layer = 0;
-    this.isOn = false;
-    this.isPaused = false;
-    this.isSeen = true;
-    this.timer = 0;
+  constructor(
+    root: Element,
+    readonly flip: (layer: number) => void,
+  ) {
     this.still = window.matchMedia("(prefers-reduced-motion: reduce)");
     this.look = () => this.#run();
     this.still.addEventListener("change", this.look);

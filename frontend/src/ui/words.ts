@@ -36,7 +36,7 @@ const MOST_KNOWN = 4000; // texts whose translation is remembered
 export class Translator {
   table: Map<string, string>;
   patterns: { regex: RegExp; names: string[]; value: string; length: number; free: number; part: string }[];
-  known: Map<string, string | null>;
+  known = new Map<string, string | null>();
 
   constructor(table: Table) {
     this.table = new Map(Object.entries(table));
@@ -44,7 +44,6 @@ export class Translator {
       .filter(([key]) => key.includes("{"))
       .map(([key, value]) => patternOf(key, value))
       .sort((a, b) => b.length - a.length || a.free - b.free); // what says most comes first
-    this.known = new Map();
   }
 
   /** A text in the language; itself where the table has nothing for it. */

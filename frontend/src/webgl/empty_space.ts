@@ -17,7 +17,6 @@ const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
 
 /** The ranges of a planar field's maps over boxes of one size. */
 class PlanarRanges {
-  planar: CastPlanar;
   knots: number;
   matrix: Matrix3;
   offset: Vector3;
@@ -26,7 +25,10 @@ class PlanarRanges {
   values: Float32Array<ArrayBuffer>;
 
   /** @param half extents of a box */
-  constructor(planar: CastPlanar, half: Vector3) {
+  constructor(
+    public planar: CastPlanar,
+    half: Vector3,
+  ) {
     const {
       maps,
       shape: [layers, rows, columns],
@@ -34,7 +36,6 @@ class PlanarRanges {
       count,
       toMap: { matrix, offset },
     } = planar;
-    this.planar = planar;
     this.knots = weights.length / count;
     const size: Vector3 = [columns, rows, this.knots];
     this.matrix = perAxis((j) => perAxis((i) => matrix[j][i] * size[i])); // to (column, row, knot)

@@ -172,23 +172,23 @@ export class RayCaster {
   name: string;
   isSoftware: boolean;
   largest: number;
-  programs: Record<string, Program>;
-  textures: { [unit in Unit]?: WebGLTexture };
-  targets: Record<string, Target>;
-  volume: CastVolume | null;
-  table: ColorTable | null;
-  planar: CastPlanar | null;
-  space: CastSpace | null;
-  givenSpace: SpaceField | null;
+  programs: Record<string, Program> = {};
+  textures: { [unit in Unit]?: WebGLTexture } = {};
+  targets: Record<string, Target> = {};
+  volume: CastVolume | null = null;
+  table: ColorTable | null = null;
+  planar: CastPlanar | null = null;
+  space: CastSpace | null = null;
+  givenSpace: SpaceField | null = null; // the field that `space` was made of
   pairs: Record<"opacity" | "value", Uint8Array>;
   empty: Record<"cells" | "ownCells", Cells | null>;
-  skips: boolean;
-  distances: Float32Array | null;
-  projection: string;
-  background: Background;
-  showFolds: boolean;
-  occlusion: boolean;
-  clip: Clip | null;
+  skips = true; // false: rays take every sample
+  distances: Float32Array | null = null; // of the cuts that the texture was made of
+  projection = "shaded";
+  background: Background = "dark";
+  showFolds = true;
+  occlusion = true; // whether hollows, and what lies deep inside, get less light
+  clip: Clip | null = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
 
   /**
    * Throws an Error with a readable reason if there is no WebGL2.
@@ -212,23 +212,8 @@ export class RayCaster {
     this.name = String(gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) || "");
     this.isSoftware = /swiftshader|llvmpipe|software|basic render/i.test(this.name);
     this.largest = gl.getParameter(gl.MAX_3D_TEXTURE_SIZE);
-    this.programs = {};
-    this.textures = {};
-    this.targets = {};
-    this.volume = null;
-    this.table = null;
-    this.planar = null;
-    this.space = null;
-    this.givenSpace = null; // the field that `space` was made of
     this.pairs = { opacity: new Uint8Array(), value: new Uint8Array() }; // of the volume's blocks: see empty_space.js
     this.empty = { cells: null, ownCells: null }; // of the result and of the volume as it was
-    this.skips = true; // false: rays take every sample
-    this.distances = null; // of the cuts that the texture was made of
-    this.projection = "shaded";
-    this.background = "dark";
-    this.showFolds = true;
-    this.occlusion = true; // whether hollows, and what lies deep inside, get less light
-    this.clip = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
     gl.disable(gl.DITHER);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
