@@ -18,7 +18,7 @@ from deformnb.datasets import thompson_map, thompson_pairs
 from deformnb.io import read_landmarks
 from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.prediction import choose_fit, described
+from deformnb.rbf.prediction import choose_fit, describe_settings
 from deformnb.warping.points import warp_points
 
 Places = NDArray[np.float64]
@@ -128,7 +128,7 @@ def measured(case: Case) -> Found:
         error(chosen.fit),
         min(every),
     ]
-    return Found(case, dict(zip(METHODS, found, strict=True)), described(chosen.settings))
+    return Found(case, dict(zip(METHODS, found, strict=True)), describe_settings(chosen.settings))
 
 
 def errors(cases: Iterator[Case] | None = None) -> list[Found]:

@@ -30,7 +30,7 @@ from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import Span, products, trend_named
+from deformnb.rbf.trends import Span, find_trend, products
 
 _BLOCK = 1024  # places at a time: with 32 points their kernel values stay in the second-level cache
 
@@ -134,7 +134,7 @@ def fit_system(
     fit = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     if not int(fit.count):
         raise DeformError("there is no active control point to judge a fit by; add or switch on some.")
-    ready = prepare(points, fit.kernel, float(fit.support), trend_named(trend), smoothing)
+    ready = prepare(points, fit.kernel, float(fit.support), find_trend(trend), smoothing)
     ready = replace(ready, origin=np.asarray(fit.origin))
     x, d = ready.relative, ready.displacements / ready.support
     scales = None if fit.scales is None else np.asarray(fit.scales)[: len(x)]

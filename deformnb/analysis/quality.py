@@ -28,7 +28,7 @@ from deformnb.rbf.conditioning import SAME_PLACE, diameter_of, same_place
 from deformnb.rbf.evaluation import capacity
 from deformnb.rbf.fitting import fit_one_system
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, ridge_of, steadied, thin_directions
+from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, regularize_moments, ridge_of, thin_directions
 
 # Points whose leverage comes this near to 1 carry a dimension of the span alone: without them the trend is another.
 _ALONE = 1e-9
@@ -284,7 +284,7 @@ def _linear_parts(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
         ridge = ridge_of(*thin_directions(xx, yy, yx))
         if not system.has_own_radii:
             with float64():
-                s, h = (np.asarray(m) for m in steadied((s, h), (xx, yx), ridge))
+                s, h = (np.asarray(m) for m in regularize_moments((s, h), (xx, yx), ridge))
     both = np.broadcast_to(np.eye(dim), (3, capacity(n), dim, dim)).copy()  # padded, so that few sizes are compiled
     both[:, :n] = np.where(alone[None, :, None, None], both[:, :n], np.stack([s, h, ridge]))
     both[2, n:] = 0.0

@@ -26,7 +26,7 @@ from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
 from deformnb.rbf.interpolant import FOLDS_WARNING
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.kernels import as_kernel
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, part_conflicts
@@ -36,7 +36,7 @@ from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document
 from deformnb.volume.plane import Plane
-from deformnb.volume.units import checked_unit, ratio
+from deformnb.volume.units import check_unit, ratio
 from deformnb.volume.volume import (
     Grid,
     Matrix3,
@@ -204,7 +204,7 @@ class Step(AbstractFitSettings):
         if not 0 <= key < len(self.maps):
             raise DeformError(f"there is no set of control points {key}; there are {len(self.maps)}.")
         maps, settings = (*self.maps[:key], points, *self.maps[key + 1 :]), self.settings
-        if not points.has_places_of(self.maps[key]):
+        if not points.has_same_sources(self.maps[key]):
             settings = settings.choosing(maps, self.chosen_support and self.chosen_support.radius)
         return replace(self, maps=maps, chosen_support=settings.chosen_support)
 
@@ -247,7 +247,7 @@ class Step(AbstractFitSettings):
         )
 
     def _narrow_supports(self, grid: Grid) -> tuple[str, ...]:
-        if not kernel_named(self.kernel).compact:
+        if not as_kernel(self.kernel).compact:
             return ()
         across = [
             k
@@ -533,7 +533,7 @@ class Deformation:
         """State the unit once: here, and not with the points of every step."""
         steps = (*self.steps, *(step for key in self.keyframes for step in key.steps))
         parts: tuple[Any, ...] = (self.volume, self.output, *(step.points for step in steps))
-        unit = checked_unit(self.unit) or next((part.unit for part in parts if part is not None and part.unit), "")
+        unit = check_unit(self.unit) or next((part.unit for part in parts if part is not None and part.unit), "")
         object.__setattr__(self, "unit", unit)
         if self.volume is not None:
             object.__setattr__(self, "volume", self.volume.in_unit(unit))
@@ -559,7 +559,7 @@ class Deformation:
         >>> Deformation.in_space(points).in_unit("um").steps[0].points.target.tolist()
         [[2000.0, 1000.0, 1000.0]]
         """
-        to = checked_unit(unit)
+        to = check_unit(unit)
         if to in ("", self.unit) or not self.unit:
             return self
         known: dict[str, Deformation] = self.__dict__.setdefault("_in_units", {})  # with the fits of its steps

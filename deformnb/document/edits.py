@@ -15,10 +15,10 @@ from typing import Any
 
 from deformnb.document.deformation import Deformation, Keyframe, Step
 from deformnb.errors import DeformError
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.kernels import as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.support import CHOOSE_SUPPORT
-from deformnb.rbf.trends import TRENDS, trend_named
+from deformnb.rbf.trends import TRENDS, find_trend
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
 
@@ -57,15 +57,15 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
         return "The cut is open in front and closed at the back now: f = 1 - z."
     if (CHOOSE_SUPPORT | {"maps"}) & set(fields):
         fields.setdefault("chosen_support", None)  # found anew
-    kernel = kernel_named(fields.get("kernel", step.kernel))
-    trend = trend_named(fields.get("trend", step.trend))
+    kernel = as_kernel(fields.get("kernel", step.kernel))
+    trend = find_trend(fields.get("trend", step.trend))
     if kernel.order <= trend.order:
         return ""
     if "kernel" in fields and "trend" not in fields:
         fields["trend"] = next(
             t.name for t in sorted(TRENDS.values(), key=lambda t: t.order) if t.order >= kernel.order
         )
-        return f"The kernel {kernel.title} needs the trend {trend_named(fields['trend']).title}: it is chosen now."
+        return f"The kernel {kernel.title} needs the trend {find_trend(fields['trend']).title}: it is chosen now."
     if "trend" in fields and "kernel" not in fields:
         fields["kernel"] = "wendland_c2"
         return f"The kernel {kernel.title} needs a richer trend than {trend.title}; Wendland C2 took its place."

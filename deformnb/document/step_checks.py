@@ -30,7 +30,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
-from deformnb.rbf.forward import ForwardFit, fit_forward, oriented
+from deformnb.rbf.forward import ForwardFit, fit_forward, orient_points
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.prediction import ChosenFit, choose_fit, usual_candidates
 from deformnb.rbf.regions import AbstractRegion
@@ -384,7 +384,7 @@ def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     if not len(plain):
         nothing = np.zeros((0, points.dim))
         return FitQuality((), nothing, nothing, nothing[:, 0], (), 0.0, float("nan"), 1.0, nothing)
-    found = fit_quality(oriented(plain, step.direction), **settings)  # type: ignore[arg-type]
+    found = fit_quality(orient_points(plain, step.direction), **settings)  # type: ignore[arg-type]
     if fit is None:
         return found
     share, non_affine = affine_split(points.take([points.index(i) for i in plain.ids]))
@@ -524,7 +524,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     for sides, some in _groups(step, points):
         plain, settings, _, fit = _beside_parts(step, some, step.settings.arguments(some, lone_support(grid)))
         if len(plain):
-            clear = oriented(replace(plain, radius=np.full(len(plain), np.nan)), step.direction)
+            clear = orient_points(replace(plain, radius=np.full(len(plain), np.nan)), step.direction)
             kept.append((sides, clear, settings, fit))
             scales.append(process_scale(fit_system(clear, **settings)))  # type: ignore[arg-type]
     if not kept:
@@ -536,7 +536,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
         found = uncertainty(plain, sigma=sigma, **settings)
         if step.direction == "backward":
             return found
-        return _InResult(found, fit_forward(oriented(plain, step.direction), **settings))
+        return _InResult(found, fit_forward(orient_points(plain, step.direction), **settings))
 
     return StepUncertainty(
         points.dim,

@@ -387,7 +387,7 @@ def _project_lattice(
         if not near <= (depth or 0.0) <= far:
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
-        values = Warper(volume if part is None else part.emptied(volume), output=one)(Identity(3)).values[0]
+        values = Warper(volume if part is None else part.mask_outside(volume), output=one)(Identity(3)).values[0]
     else:
         is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
         layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)

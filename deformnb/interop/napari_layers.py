@@ -16,9 +16,9 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.channels import CHANNEL_KINDS, Channels, ChannelsLike
-from deformnb.volume.converters import converted, is_layer
+from deformnb.volume.converters import convert, is_layer
 from deformnb.volume.layers import LayerData, image_of_layer, layer_data, world_of_layer
-from deformnb.volume.units import checked_unit
+from deformnb.volume.units import check_unit
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.points import Landmarks
 
@@ -54,7 +54,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     >>> dn.interop.from_napari(layer).points.tolist()
     [[1.0, 2.0, 3.0]]
     """
-    to = "" if unit is None else checked_unit(unit)
+    to = "" if unit is None else check_unit(unit)
     if isinstance(given, Volume | Channels):
         given = given.in_unit(to)
     if isinstance(given, Volume):
@@ -86,7 +86,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
         raise DeformError(
             f"layers are made of a Volume, Channels, Landmarks or ControlPoints, got {shown_value(given)}."
         )
-    return to_napari(converted(given), unit=unit)
+    return to_napari(convert(given), unit=unit)
 
 
 def from_napari(layer: Any) -> Volume | Channels | Landmarks:

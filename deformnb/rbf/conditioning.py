@@ -142,7 +142,7 @@ def diameter_of(places: NDArray[np.float64]) -> float:
     return size * float(np.sqrt(max(far)))
 
 
-def at_rest(points: ControlPoints) -> NDArray[np.float64]:
+def resting_places(points: ControlPoints) -> NDArray[np.float64]:
     """The active sources, which do not move during a drag; the targets if the sources coincide.
 
     Sources that coincide but for rounding would make spikes of the width of that rounding.
@@ -157,13 +157,13 @@ def box_diagonal(points: ControlPoints) -> float | None:
 
     It is the support of documents of before 2.0 and depends on the axes; nothing else is decided by it.
     """
-    places = at_rest(points)
+    places = resting_places(points)
     return float(np.linalg.norm(np.ptp(places, axis=0))) or None if len(places) else None
 
 
 def diameter(points: ControlPoints) -> float | None:
     """The largest distance between two active sources (targets if the sources coincide); None for one place."""
-    return diameter_of(at_rest(points)) or None
+    return diameter_of(resting_places(points)) or None
 
 
 def prepare(
@@ -191,7 +191,7 @@ def prepare(
     if name == "quadratic":
         quadrics, bend = quadric_span(targets - origin, span.basis)
         span = span._replace(quadrics=quadrics, bend=bend)
-        remark += _bent(len(targets), points.dim, kernel, bool(bend.any()))
+        remark += _bending_notes(len(targets), points.dim, kernel, bool(bend.any()))
     ids = active.ids if len(first) == len(active) else tuple(active.ids[k] for k in first.tolist())
     return PreparedPoints(
         targets,
@@ -331,7 +331,7 @@ def _determined_trend(
     return trend.name, ()
 
 
-def _bent(n: int, dim: int, kernel: type[AbstractKernel], is_open: bool) -> tuple[str, ...]:
+def _bending_notes(n: int, dim: int, kernel: type[AbstractKernel], is_open: bool) -> tuple[str, ...]:
     """A note where n points do not determine all of the quadratic trend."""
     if not is_open or n < 2:
         return ()

@@ -43,7 +43,7 @@ def parameters_of(trend: str, dim: int) -> int:
     return (dim + 1) * (dim + 2) // 2 if trend == "quadratic" else dim + 1
 
 
-def left_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats) -> Floats:
+def leave_one_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats) -> Floats:
     """Leave-one-out errors (n, dim) of displacements d (n, dim) at places x (n, dim), all in units of the support.
 
     Raises
@@ -54,7 +54,7 @@ def left_out(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nug
     return _single_errors(*_reduced(x, d, kernel, trend, nugget))
 
 
-def left_out_together(
+def leave_block_out(
     x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nugget: Floats, blocks: Sequence[Positions]
 ) -> list[Floats]:
     """Errors (k, dim) of the points of each block (k positions), which are left out together.

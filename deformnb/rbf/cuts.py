@@ -135,7 +135,7 @@ def points_of_regions(points: ControlPoints, regions: Sequence[AbstractRegion]) 
 # ---- the rules -------------------------------------------------------------------------------------------------------
 
 
-def _covered(depth: Any, softness: Any, xp: Any) -> Any:
+def _coverage(depth: Any, softness: Any, xp: Any) -> Any:
     return xp.clip(0.5 + depth / softness, 0.0, 1.0)
 
 
@@ -148,7 +148,7 @@ def _depth(distances: Any, sides: Sides, xp: Any) -> Any:
     return least
 
 
-def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
+def _paper_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
     """Eq. 8: the region of x or nothing. Divided by the coverage at x, so that a cut without a drag is not seen."""
     count = len(there)
     choice, opacity = xp.full(still.shape, count, np.int32), xp.ones_like(still)
@@ -159,7 +159,7 @@ def _by_paper(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any
     return choice, opacity
 
 
-def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
+def _source_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[Any, Any]:
     """The rule "source": the tissue brought here, of the region of x first, else of the region that covers most."""
     count = len(there)
     choice, best, total = xp.full(still.shape, count, np.int32), still, still
@@ -173,7 +173,7 @@ def _by_source(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[An
     return choice, xp.minimum(1.0, total)
 
 
-CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _by_source, "paper": _by_paper}
+CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _source_rule, "paper": _paper_rule}
 """Rules for the visible region beside a cut, by name; the first is the default."""
 
 
@@ -199,8 +199,8 @@ def decide(
     opacity : (...) from 0 to 1.
     """
     own = [_is_own(here, region, xp) for region in sides]
-    covered = [_covered(_depth(here, region, xp), softness, xp) for region in sides]
-    brought = [_covered(_depth(d, region, xp), softness, xp) for d, region in zip(there, sides, strict=True)]
+    covered = [_coverage(_depth(here, region, xp), softness, xp) for region in sides]
+    brought = [_coverage(_depth(d, region, xp), softness, xp) for d, region in zip(there, sides, strict=True)]
     still = xp.clip(1.0 - sum(covered), 0.0, 1.0) if sides else xp.ones(here[0].shape)
     choice, opacity = CUT_RULES[rule](own, covered, brought, still, xp)
     return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
@@ -334,7 +334,7 @@ class Decoupled(AbstractField):
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         moves = [f.jax_displacement(x) for f in self.fields]
-        choice, _ = self._decided(x, moves, jnp)
+        choice, _ = self._decide(x, moves, jnp)
         total = jnp.zeros_like(x)
         for k, d in enumerate(moves):
             total = jnp.where((choice == k)[..., None], d, total)
@@ -349,7 +349,7 @@ class Decoupled(AbstractField):
     def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         x = np.asarray(points, dtype=np.float64)
         moves = [f.displacement(x) for f in self.fields]
-        choice, opacity = self._decided(x, moves, np)
+        choice, opacity = self._decide(x, moves, np)
         total = np.zeros_like(x)
         for k, d in enumerate(moves):
             total = np.where((choice == k)[..., None], d, total)
@@ -358,7 +358,7 @@ class Decoupled(AbstractField):
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """The Jacobian of the field seen at each point; it does not contain the jump across a cut."""
         x = np.asarray(points, dtype=np.float64)
-        choice, _ = self._decided(x, [f.displacement(x) for f in self.fields], np)
+        choice, _ = self._decide(x, [f.displacement(x) for f in self.fields], np)
         out = np.zeros((*x.shape, self.dim))
         for k, f in enumerate(self.fields):
             own = choice == k
@@ -370,7 +370,7 @@ class Decoupled(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [np.moveaxis(f.on_outer_sum(r, c, self.softness), 0, -1) for f in self.fields]
-        choice, _ = self._decided(x, moves, np)
+        choice, _ = self._decide(x, moves, np)
         out = np.zeros((self.dim, self.dim, *choice.shape), dtype=np.float32)
         for k, f in enumerate(self.fields):
             own = choice == k
@@ -385,7 +385,7 @@ class Decoupled(AbstractField):
         )
         regions = jax.tree.map(
             lambda part: np.asarray(part, min(part.dtype, np.dtype(dtype))),
-            tuple(region.of_few_shapes() for region in self.regions),
+            tuple(region.to_jax() for region in self.regions),
         )
         return SideChoice(
             regions,
@@ -396,7 +396,7 @@ class Decoupled(AbstractField):
             self.rule,
         )
 
-    def _decided(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
+    def _decide(self, x: Any, moves: list[Any], xp: Any) -> tuple[Any, Any]:
         here = self._distances(x, xp)
         there = [self._distances(x + d, xp) for d in moves]
         return decide(here, there, self.sides, self.rule, self.softness, xp)
@@ -413,7 +413,7 @@ class Decoupled(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         x = np.stack([a[:, None] + b[None, :] for a, b in zip(r, c, strict=True)], axis=-1)
         moves = [f.on_outer_sum(r, c, resolution) for f in self.fields]
-        choice, opacity = self._decided(x, [np.moveaxis(d, 0, -1) for d in moves], np)
+        choice, opacity = self._decide(x, [np.moveaxis(d, 0, -1) for d in moves], np)
         total = np.zeros((self.dim, *choice.shape), dtype=np.float32)
         for k, d in enumerate(moves):
             total = np.where(choice == k, d, total)

@@ -41,7 +41,7 @@ def is_culled(kernel: type[AbstractKernel], count: Any) -> bool:
 _LEAST = 128
 
 
-def filled_up(values: Any, dtype: Any) -> NDArray[Any]:
+def pad_centers(values: Any, dtype: Any) -> NDArray[Any]:
     """A copy of numbers of centres (C, ...), with zeros up to the number of centres that is compiled for at least."""
     values = np.asarray(values)
     filled = np.zeros((max(len(values), _LEAST if devices.is_host() else 0), *values.shape[1:]), dtype)
@@ -127,7 +127,7 @@ def _displacement(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKerne
     def add(total: tuple[Any, ...], offset: list[Any], a: Any, phi: Any) -> tuple[Any, ...]:
         return tuple(total[m] + a[m] * phi for m in range(dim))
 
-    return _over_centers(p, leaves, start, lambda s, _: kernel.profile(s), add)
+    return _add_centers(p, leaves, start, lambda s, _: kernel.profile(s), add)
 
 
 def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) -> tuple[Any, ...]:
@@ -143,10 +143,10 @@ def _jacobian(p: tuple[Any, ...], leaves: Leaves, kernel: type[AbstractKernel]) 
         along = [slope * o for o in offset]
         return tuple(total[m * dim + k] + a[m] * along[k] for m in range(dim) for k in range(dim))
 
-    return _over_centers(p, leaves, start, lambda s, square: 2 * square * kernel.slope(s), add)
+    return _add_centers(p, leaves, start, lambda s, square: 2 * square * kernel.slope(s), add)
 
 
-def _over_centers(
+def _add_centers(
     p: tuple[Any, ...],
     leaves: Leaves,
     start: tuple[Any, ...],
@@ -179,14 +179,14 @@ def _over_centers(
             squares = [1 if scale is None else scale[i] ** 2 for i in range(group)]
             return tuple(radial(sum(o**2 for o in offset(i)) * squares[i], squares[i]) for i in range(group))
 
-        for i, function in enumerate(_computed_once(functions, q >= 0) if on_host else functions()):
+        for i, function in enumerate(_materialize(functions, q >= 0) if on_host else functions()):
             total = add(total, offset(i), a[i], function)
         return total
 
     return lax.fori_loop(0, turns, body, start)
 
 
-def _computed_once(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
+def _materialize(values: Callable[[], tuple[Any, ...]], always: Any) -> tuple[Any, ...]:
     """Arrays that several sums read, held in memory: XLA on the CPU would compute them anew for each of the sums.
 
     Nothing is fused across the edge of a conditional (an ``optimization_barrier`` is taken out before fusion, and a
@@ -205,7 +205,7 @@ def outer_sum(rows: Any, columns: Any) -> tuple[Any, ...]:
     return tuple(r[:, None] + c[None, :] for r, c in zip(rows, columns, strict=True))
 
 
-def _reaching(leaves: Leaves, low: Any, high: Any) -> Leaves:
+def _leaves_in_reach(leaves: Leaves, low: Any, high: Any) -> Leaves:
     """The centres whose support of 1 (or of 1 / scale) meets a box with corners (dim,), in their order, then zeros."""
     n = len(leaves.centers)
     gap = jnp.maximum(jnp.maximum(low - leaves.centers, leaves.centers - high), 0.0)
@@ -236,7 +236,7 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
     def values(r: Any, c: Any) -> Any:
         own = leaves
         if kernel.compact:
-            own = _reaching(leaves, r.min(axis=1) + c.min(axis=1), r.max(axis=1) + c.max(axis=1))
+            own = _leaves_in_reach(leaves, r.min(axis=1) + c.min(axis=1), r.max(axis=1) + c.max(axis=1))
         return jnp.stack(what(outer_sum(r, c), own, kernel))
 
     def add(t: Any, out: Any) -> Any:
@@ -250,7 +250,7 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
     return lax.fori_loop(0, rows.shape[1] // _TILE * across, add, out)
 
 
-_evaluate_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
+_compiled_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
@@ -260,22 +260,22 @@ def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) 
 _evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
-def at_lattice(
+def evaluate_lattice(
     rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
 ) -> NDArray[Any]:
     """Displacements (dim, R, C) at relative points ``rows[:, r] + columns[:, c]``."""
-    return _at_lattice(rows, columns, leaves, kernel, dtype, _displacement)
+    return _evaluate_lattice(rows, columns, leaves, kernel, dtype, _displacement)
 
 
 def jacobian_at_lattice(
     rows: NDArray[np.float64], columns: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
 ) -> NDArray[Any]:
-    """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`at_lattice`."""
+    """Derivatives (dim, dim, R, C) of D with respect to the relative coordinates, as :func:`evaluate_lattice`."""
     dim = len(rows)
-    return _at_lattice(rows, columns, leaves, kernel, dtype, _jacobian).reshape(dim, dim, rows.shape[1], -1)
+    return _evaluate_lattice(rows, columns, leaves, kernel, dtype, _jacobian).reshape(dim, dim, rows.shape[1], -1)
 
 
-def _at_lattice(
+def _evaluate_lattice(
     rows: NDArray[np.float64],
     columns: NDArray[np.float64],
     leaves: Leaves,
@@ -289,10 +289,10 @@ def _at_lattice(
     padded = np.zeros((dim, few_sizes(-(-n // _TILE)) * _TILE), dtype=dtype)
     padded[:, :n] = rows
     with float64():
-        return as_numpy(_evaluate_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
+        return as_numpy(_compiled_lattice(padded, columns.astype(dtype), leaves, kernel=kernel, what=what))[:, :n]
 
 
-def checked_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
+def check_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
     """Components in float32, and whether all numbers are finite; a GPU would compute them again for the check."""
     held = lax.optimization_barrier(tuple(one.astype(jnp.float32) for one in components))
     return held, jnp.isfinite(sum(jnp.vdot(one, one) for one in held))
@@ -301,7 +301,7 @@ def checked_parts(components: Iterable[Any]) -> tuple[tuple[Any, ...], Any]:
 def _components(
     rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKernel], shape: tuple[int, ...]
 ) -> tuple[tuple[Any, ...], Any]:
-    return checked_parts(one.reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
+    return check_parts(one.reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
 
 
 _evaluate_components = compiled(_components, static_argnames=("kernel", "shape"))
@@ -315,33 +315,35 @@ def lattice_on_device(
     dtype: Any,
     shape: tuple[int, ...],
 ) -> tuple[tuple[Any, ...], Any]:
-    """:func:`at_lattice` for those that read it in the memory of a GPU.
+    """:func:`evaluate_lattice` for those that read it in the memory of a GPU.
 
     Returns
     -------
     dim components, float32, of ``shape`` for R and C, and whether all are finite.
     """
     if is_culled(kernel, leaves.count):
-        d = at_lattice(rows, columns, leaves, kernel, dtype).astype(np.float32).reshape(-1, *shape)
+        d = evaluate_lattice(rows, columns, leaves, kernel, dtype).astype(np.float32).reshape(-1, *shape)
         return tuple(map(jnp.asarray, d)), np.isfinite(np.vdot(d, d))
     with float64():
         return _evaluate_components(rows.astype(dtype), columns.astype(dtype), leaves, kernel=kernel, shape=shape)
 
 
-def at_points(points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any) -> NDArray[Any]:
+def evaluate_points(
+    points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
+) -> NDArray[Any]:
     """Displacements (dim, n) at relative points (dim, n)."""
-    return _at_points(points, leaves, kernel, dtype, _displacement)
+    return _evaluate_points(points, leaves, kernel, dtype, _displacement)
 
 
 def jacobian_at_points(
     points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any
 ) -> NDArray[Any]:
-    """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`at_points`."""
+    """Derivatives (dim, dim, n) of D with respect to the relative coordinates, as :func:`evaluate_points`."""
     dim = len(points)
-    return _at_points(points, leaves, kernel, dtype, _jacobian).reshape(dim, dim, -1)
+    return _evaluate_points(points, leaves, kernel, dtype, _jacobian).reshape(dim, dim, -1)
 
 
-def _at_points(
+def _evaluate_points(
     points: NDArray[np.float64], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
 ) -> NDArray[Any]:
     dim, n = points.shape
@@ -384,12 +386,12 @@ class RadialSum:
         return [d.astype(x.dtype) for d, x in zip(found, places, strict=True)]
 
 
-def stacked(sums: Sequence[RadialSum]) -> RadialSum:
+def stack_sums(sums: Sequence[RadialSum]) -> RadialSum:
     """Sums with arrays of the same shapes as one, with a first axis along which ``lax.scan`` takes them in turn."""
     return jax.tree.map(lambda *parts: np.stack(parts), *sums)
 
 
-def _in_turn(sums: RadialSum, places: Any) -> tuple[Any, ...]:
+def _evaluate_sequentially(sums: RadialSum, places: Any) -> tuple[Any, ...]:
     def one(start: Any, own: RadialSum) -> tuple[Any, tuple[Any, ...]]:
         away = start - places
         reach = jnp.stack([jnp.abs(part).max() for part in own.relative(start)])
@@ -399,18 +401,18 @@ def _in_turn(sums: RadialSum, places: Any) -> tuple[Any, ...]:
     return ends, low[..., None], high[..., None], reach[..., None]
 
 
-_evaluate_in_turn = blockwise(_in_turn)
+_compiled_sequence = blockwise(_evaluate_sequentially)
 
 
-def in_turn(places: NDArray[np.float64], sums: RadialSum) -> tuple[NDArray[np.float64], ...]:
-    """Places (dim, n) moved by S :func:`stacked` sums, each evaluated where the one before leads; moved in float64.
+def evaluate_sequentially(places: NDArray[np.float64], sums: RadialSum) -> tuple[NDArray[np.float64], ...]:
+    """Places (dim, n) moved by S :func:`stack_sums` sums, each evaluated where the one before leads; moved in float64.
 
     Returns
     -------
     places (dim, n); for each sum the lengths (S, dim) of the ranges of what those before it move places by, and the
     largest (S, dim) of the coordinates, relative to its origin, where it is evaluated.
     """
-    ends, low, high, reach = _evaluate_in_turn(sums, places)
+    ends, low, high, reach = _compiled_sequence(sums, places)
     return ends, high.max(axis=-1) - low.min(axis=-1), reach.max(axis=-1)
 
 
@@ -431,7 +433,7 @@ class Reached(NamedTuple):
     scales: Any
 
 
-def _reached(low: NDArray[np.float64], high: NDArray[np.float64], leaves: Leaves) -> Reached:
+def _centers_in_reach(low: NDArray[np.float64], high: NDArray[np.float64], leaves: Leaves) -> Reached:
     """The centres whose support meets boxes (T, dim), padded to one number; float32 has more digits next to them."""
     n = int(leaves.count)
     x = np.asarray(leaves.centers)[:n]
@@ -478,7 +480,7 @@ def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: typ
     return each(tile, (rows, columns, reached))
 
 
-_evaluate_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
+_compiled_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def local_sums(leaves: Leaves) -> NDArray[np.float64]:
@@ -498,7 +500,7 @@ def local_sums(leaves: Leaves) -> NDArray[np.float64]:
     return np.minimum(near, squares.sum(axis=0))
 
 
-def _over_tiles(
+def _evaluate_tiles(
     rows: NDArray[Any], columns: NDArray[Any], leaves: Leaves, kernel: type[AbstractKernel], dtype: Any, what: Sum
 ) -> NDArray[Any]:
     """Values (T, components, r, c) at ``rows[t, :, i] + columns[t, :, j]`` of T tiles."""
@@ -512,7 +514,7 @@ def _over_tiles(
     parts = []
     for start in range(0, len(rows), _MOST):
         at = slice(start, start + _MOST)
-        reached = _reached(low[at], high[at], leaves)
+        reached = _centers_in_reach(low[at], high[at], leaves)
         count = len(reached.count)
         extra = few_sizes(count) - count
 
@@ -521,7 +523,7 @@ def _over_tiles(
 
         own = Reached(*(a if a is None or a.dtype == np.int32 else a.astype(dtype) for a in map(widened, reached)))
         with float64():
-            found = _evaluate_tiles(
+            found = _compiled_tiles(
                 widened((rows[at] - middle[at]).astype(dtype)),
                 widened(columns[at].astype(dtype)),
                 own,
@@ -533,7 +535,7 @@ def _over_tiles(
     return np.concatenate(parts)
 
 
-def _cut(lines: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+def _split_lines(lines: NDArray[np.float64], side: int) -> NDArray[np.float64]:
     """Lines (dim, n) in pieces (k, dim, side); the last one is repeated to fill its piece."""
     n = lines.shape[1]
     count = -(-n // side)
@@ -549,9 +551,9 @@ def _culled_lattice(
     dtype: Any,
     what: Sum,
 ) -> NDArray[Any]:
-    r, c = _cut(rows, min(_BOX[0], rows.shape[1])), _cut(columns, min(_BOX[1], columns.shape[1]))
+    r, c = _split_lines(rows, min(_BOX[0], rows.shape[1])), _split_lines(columns, min(_BOX[1], columns.shape[1]))
     first, second = np.repeat(r, len(c), axis=0), np.tile(c, (len(r), 1, 1))
-    out = _over_tiles(first, second, leaves, kernel, dtype, what)
+    out = _evaluate_tiles(first, second, leaves, kernel, dtype, what)
     shape = (len(r), len(c), out.shape[1], r.shape[2], c.shape[2])
     whole = out.reshape(shape).transpose(2, 0, 3, 1, 4).reshape(out.shape[1], len(r) * r.shape[2], -1)
     return whole[:, : rows.shape[1], : columns.shape[1]]
@@ -564,8 +566,8 @@ def _culled_points(
     n, block = points.shape[1], 256
     cells = np.floor(2 * points).clip(-(2**20), 2**20)
     order = np.lexsort(cells[::-1])
-    c = _cut(points[:, order], block)
-    out = _over_tiles(np.zeros((*c.shape[:2], 1)), c, leaves, kernel, dtype, what)
+    c = _split_lines(points[:, order], block)
+    out = _evaluate_tiles(np.zeros((*c.shape[:2], 1)), c, leaves, kernel, dtype, what)
     flat = out[:, :, 0].transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
     found = np.empty_like(flat)
     found[:, order] = flat

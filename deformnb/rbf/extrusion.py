@@ -414,10 +414,10 @@ class Extrusion(AbstractField):
 
     def axis_of(self, grid: Grid) -> int | None:
         """The array axis of ``grid`` (0 z, 1 y, 2 x) along which the plane's normal runs; None if it is oblique."""
-        return _axis_along(self.plane, grid, 1e-6)
+        return _parallel_axis(self.plane, grid, 1e-6)
 
 
-def _axis_along(plane: Plane, grid: Grid, sine: float) -> int | None:
+def _parallel_axis(plane: Plane, grid: Grid, sine: float) -> int | None:
     direction, normal = np.asarray(grid.direction), np.asarray(plane.normal)
     along = np.abs(direction.T @ normal)
     k = int(along.argmax())
@@ -447,7 +447,7 @@ def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> fro
         return frozenset.intersection(*common)
     else:
         return frozenset()
-    own = _axis_along(plane, grid, sine)
+    own = _parallel_axis(plane, grid, sine)
     return frozenset(() if own is None else (own,)).intersection(*(unchanging_axes(f, grid, sine) for f in parts))
 
 

@@ -83,14 +83,14 @@ def matrix_of(
     """
     if scales is not None:
         return _Sparse(points.relative, nugget, scales, kernel), points.origin
-    found = _kept.like(points, nugget, kernel) if points.count >= _KEPT_FROM else None
+    found = _kept.find_similar(points, nugget, kernel) if points.count >= _KEPT_FROM else None
     if found is not None:
         base, moved = found
-        return base.updated(points.targets, moved), base.points.origin
-    return factored_anew(points, nugget, kernel), points.origin
+        return base.update(points.targets, moved), base.points.origin
+    return factor_matrix(points, nugget, kernel), points.origin
 
 
-def factored_anew(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
+def factor_matrix(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
     """The matrix of points factored as it is, and kept."""
     kind = _Bordered if kernel.order else _Band if kernel.compact and points.count > DENSE else _Dense
     matrix = kind(points.relative, nugget, kernel)
@@ -116,7 +116,7 @@ class _Dense:
     def solve(self, b: Floats) -> Floats:
         if self._failed:  # the check of the residual names the points
             return np.full(b.shape, np.nan)
-        return _solved_by(self._both, b)
+        return _solve_triangular(self._both, b)
 
     def product(self, b: Floats) -> Floats:
         return np.asarray(_symmetric_product(self._both, b) + self._beside * b)
@@ -165,7 +165,7 @@ class _Bordered:
         turned = b[:n] - self._y @ (self._yt.T @ b[:n])
         found = np.empty_like(turned)
         found[:m] = np.linalg.solve(self._r.T, b[n:])
-        found[m:] = _solved_by(self._factor, turned[m:] - self._edge[m:] @ found[:m])
+        found[m:] = _solve_triangular(self._factor, turned[m:] - self._edge[m:] @ found[:m])
         last = np.linalg.solve(self._r, turned[:m] - self._edge.T @ found)
         return np.concatenate([found - self._yt @ (self._y.T @ found), last])
 
@@ -249,7 +249,7 @@ class _Base:
     fixed: _Fixed | None = None
     """The part that is constant while the points are dragged that were dragged last."""
 
-    def updated(self, targets: Floats, moved: NDArray[np.intp]) -> Matrix:
+    def update(self, targets: Floats, moved: NDArray[np.intp]) -> Matrix:
         """The matrix after some of the points have moved to these targets (n, dim)."""
         if len(moved) == 0:
             return self.matrix
@@ -326,14 +326,14 @@ class _Moved:
         return np.asarray(found)
 
 
-class _Kept:
+class _MatrixCache:
     """The matrices factored last, from the newest to the oldest, as many as there is room for."""
 
     def __init__(self) -> None:
         self._bases: tuple[_Base, ...] = ()
         self._lock = threading.Lock()
 
-    def like(
+    def find_similar(
         self, points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]
     ) -> tuple[_Base, NDArray[np.intp]] | None:
         """The newest with the same kernel, support and smoothing that few points have left, and which these are."""
@@ -359,10 +359,10 @@ class _Kept:
             self._bases = tuple(kept)
 
 
-_kept = _Kept()
+_kept = _MatrixCache()
 
 
-def _solved_by(factor: Floats, b: Floats) -> Floats:
+def _solve_triangular(factor: Floats, b: Floats) -> Floats:
     """The columns c (n, k) with ``L L^T c = b``, L the lower triangle of ``factor`` (n, n).
 
     A few of a large one singly: dpotrs copies the factor first (1 column of 512: 165 us instead of 45).

@@ -584,10 +584,10 @@ def in_unit(field: AbstractField, unit: str) -> AbstractField:
     >>> in_unit(there, "µm").displacement([0.0, 0.0, 0.0]).tolist()
     [0.0, 0.0, 2000.0]
     """
-    return converted(field, field.unit, unit)
+    return convert_unit(field, field.unit, unit)
 
 
-def converted(field: AbstractField, own: str, to: str) -> AbstractField:
+def convert_unit(field: AbstractField, own: str, to: str) -> AbstractField:
     """The same map in numbers of another unit, of a field whose numbers are in one that it need not know itself.
 
     Examples
@@ -603,7 +603,7 @@ def converted(field: AbstractField, own: str, to: str) -> AbstractField:
     if isinstance(field, Affine):
         return Affine(field.matrix, np.asarray(field.offset) * factor, to)
     if isinstance(field, Composed):
-        return Composed(converted(field.first, own, to), converted(field.then, own, to))
+        return Composed(convert_unit(field.first, own, to), convert_unit(field.then, own, to))
     return field.rescaled(factor, to)
 
 
@@ -650,7 +650,7 @@ def compose(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = 
     """
     if not fields:
         return Identity(3)
-    known = _of_one_dimension(fields, grid, "compose")
+    known = _check_dimensions(fields, grid, "compose")
     total = known[0]
     for f in known[1:]:
         total = Composed(total, f)
@@ -669,11 +669,11 @@ def blend(*fields: AbstractField | HasField, grid: Grid | VolumeLike | None = No
     >>> blend(part, part).displacement([[0.0, 0.0, 0.0]]).tolist()
     [[4.0, 4.0, 4.0]]
     """
-    known = _of_one_dimension(fields, grid, "blend")
+    known = _check_dimensions(fields, grid, "blend")
     return Identity(3) if not known else known[0] if len(known) == 1 else Blended(known)
 
 
-def _of_one_dimension(
+def _check_dimensions(
     fields: Sequence[AbstractField | HasField], grid: Grid | VolumeLike | None, verb: str
 ) -> tuple[AbstractField, ...]:
     known = tuple(as_field(f, grid) for f in fields)

@@ -15,15 +15,15 @@ from deformnb.checks import check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.forward import check_direction, oriented
-from deformnb.rbf.kernels import AbstractKernel, kernel_named
+from deformnb.rbf.forward import check_direction, orient_points
+from deformnb.rbf.kernels import AbstractKernel, as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
-from deformnb.rbf.slits import TipBlend, check_slits, fits_beside_slits, is_slit
+from deformnb.rbf.slits import TipBlend, check_slits, fits_around_slits, is_slit
 from deformnb.rbf.stages import Fit, check_stages, fit_points
 from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
-from deformnb.rbf.trends import trend_named
+from deformnb.rbf.trends import find_trend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,12 +64,12 @@ class AbstractFitSettings:
     chosen_support: ChosenSupport | None = None
 
     def __post_init__(self) -> None:
-        given, kind = self.kernel, kernel_named(self.kernel)
+        given, kind = self.kernel, as_kernel(self.kernel)
         if not isinstance(given, str):
             object.__setattr__(self, "kernel", kind.name)
             if isinstance(given, AbstractKernel) and self.support is None:
                 object.__setattr__(self, "support", given.support)
-        trend_named(self.trend)
+        find_trend(self.trend)
         if not is_finite(self.strength):
             raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
         check_support(self.support)
@@ -79,9 +79,9 @@ class AbstractFitSettings:
         check_direction(self.direction)
         check_fields(self, "kernel", "support", "trend", "smoothing", "strength", "stages", "direction")
         if self.chosen_support is not None:
-            object.__setattr__(self, "chosen_support", self._kept_support(self.chosen_support))
+            object.__setattr__(self, "chosen_support", self._cached_support(self.chosen_support))
 
-    def _kept_support(self, given: Any) -> ChosenSupport | None:
+    def _cached_support(self, given: Any) -> ChosenSupport | None:
         try:
             kept = ChosenSupport(*given)
             if isinstance(given, str) or not isinstance(kept.kernel, str) or not is_finite(kept.radius):
@@ -97,11 +97,11 @@ class AbstractFitSettings:
         """The support radius for a set of points, or for the part of it between cuts: as given, by a rule, as it was
         chosen, or the usual one. None for points at one place, which do not determine it.
         """
-        points = oriented(points, self.direction)
+        points = orient_points(points, self.direction)
         if isinstance(self.support, str):
             return SUPPORT_RULES[self.support](points)
         chosen = self.chosen_support and self.chosen_support.radius
-        return self.support or chosen or usual_support(points, kernel_named(self.kernel))
+        return self.support or chosen or usual_support(points, as_kernel(self.kernel))
 
 
 SETTINGS = tuple(setting.name for setting in fields(AbstractFitSettings))
@@ -148,7 +148,7 @@ class FitSettings(AbstractFitSettings):
         """
         if self.support is not None:
             return self
-        fitted = [oriented(points, self.direction) for points in sets]
+        fitted = [orient_points(points, self.direction) for points in sets]
         radius = choose_support(fitted, kernel=self.kernel, trend=self.trend, smoothing=self.smoothing, current=current)
         return replace(self, chosen_support=None if radius is None else ChosenSupport(radius, self.kernel))
 
@@ -202,7 +202,7 @@ class FitSettings(AbstractFitSettings):
             )
 
         if any(map(is_slit, cuts)):
-            return dict(fits_beside_slits(points, cuts, fit, before))
+            return dict(fits_around_slits(points, cuts, fit, before))
         every = points_of_regions(points, cuts) if cuts else {(): points}
         return {sides: fit(sides, own, before.get(sides)) for sides, own in every.items()}
 

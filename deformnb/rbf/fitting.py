@@ -9,11 +9,11 @@ from deformnb.checks import is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.interpolant import RBFInterpolant, TooFlatError, solve_prepared
-from deformnb.rbf.kernels import AbstractKernel, Phi, kernel_named
+from deformnb.rbf.kernels import AbstractKernel, Phi, as_kernel
 from deformnb.rbf.partition import SMALL_LEAF, LocalFits, fit_locally, is_wide
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.support import choose_support
-from deformnb.rbf.trends import TRENDS, Trend, trend_named
+from deformnb.rbf.trends import TRENDS, Trend, find_trend
 
 
 def fit_rbf(
@@ -65,7 +65,7 @@ def fit_rbf(
     """
     points = as_control_points(points)
     kind, radius = _resolve_kernel(kernel, support)
-    chosen = trend_named(trend)
+    chosen = find_trend(trend)
     _check_pairing(kind, chosen, smoothing)
     if points.has_own_radii and kind.order > 0:
         raise DeformError(
@@ -125,7 +125,7 @@ def fit_one_system(
 def _resolve_kernel(
     kernel: str | type[AbstractKernel] | AbstractKernel | Phi, support: float | None
 ) -> tuple[type[AbstractKernel], float | None]:
-    kind = kernel_named(kernel)
+    kind = as_kernel(kernel)
     if isinstance(kernel, AbstractKernel):
         return kind, kernel.support if support is None else support
     if support is not None:

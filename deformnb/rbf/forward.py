@@ -28,7 +28,7 @@ from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import BLOCK, AbstractField
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, searched
+from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, search
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
 
@@ -63,7 +63,7 @@ def check_direction(direction: Any) -> None:
         raise DeformError(f"unknown direction {shown_value(direction)} of a fit; choose one of {known}.")
 
 
-def oriented(points: ControlPoints, direction: str) -> ControlPoints:
+def orient_points(points: ControlPoints, direction: str) -> ControlPoints:
     """The points as they are fitted: with sources and targets exchanged for a fit forward.
 
     Examples
@@ -139,7 +139,7 @@ class ForwardFit(AbstractField):
         """
         if self.is_identity:
             return float(self.forward.bound())
-        stretch = max(1.0, float(np.linalg.norm(self._at_points[1], 2, axis=(1, 2)).max(initial=1.0)))
+        stretch = max(1.0, float(np.linalg.norm(self._point_data[1], 2, axis=(1, 2)).max(initial=1.0)))
         return stretch * (float(self.forward.bound()) + FOUND * self.size) + SHARES["lattice"] * pixel
 
     def folds_between_points(self) -> bool:
@@ -155,15 +155,15 @@ class ForwardFit(AbstractField):
 
     def displacement(self, points: ArrayLike) -> Floats:
         """Displacements (..., dim); where no place was found that is certain (:meth:`found`), to the best one known."""
-        y = self._checked(points)
-        return np.asarray(self._solved(y.reshape(-1, self.dim))[0].reshape(y.shape) - y)
+        y = self._check_residuals(points)
+        return np.asarray(self._solve(y.reshape(-1, self.dim))[0].reshape(y.shape) - y)
 
     def jacobian(self, points: ArrayLike) -> Floats:
         """dD/dy: the inverse of ``1 + dF/dx``, less 1; where nothing is found the map has the determinant 0."""
-        y = self._checked(points)
+        y = self._check_residuals(points)
         if self.is_identity:
             return np.zeros((*y.shape, self.dim))
-        x, error = self._solved(y.reshape(-1, self.dim))
+        x, error = self._solve(y.reshape(-1, self.dim))
         a = self._derivative(x)
         det = determinant(a)
         lost = ~(self._certain(y.reshape(-1, self.dim), error, det))
@@ -176,14 +176,14 @@ class ForwardFit(AbstractField):
         That is where the residual ``|x + F(x) - y|`` is below 1e-9 of the size of the points, and ``det(1 + dF/dx)``
         has the sign that it has at most of the control points.
         """
-        y = self._checked(points)
+        y = self._check_residuals(points)
         if self.is_identity:
             return np.ones(y.shape[:-1], dtype=bool)
         flat = y.reshape(-1, self.dim)
-        x, error = self._solved(flat)
+        x, error = self._solve(flat)
         return np.asarray(self._certain(flat, error, determinant(self._derivative(x))).reshape(y.shape[:-1]))
 
-    def ends_of(self, points: Floats, tolerance: float) -> tuple[Floats, NDArray[np.bool_]]:
+    def target_places(self, points: Floats, tolerance: float) -> tuple[Floats, NDArray[np.bool_]]:
         """Exact places x + F(x) of points x (n, dim) of the input, and a check whether the result shows them there."""
         y = points + self.forward.displacement(points)
         back = lengths_of(y + self.displacement(y) - points)
@@ -195,10 +195,10 @@ class ForwardFit(AbstractField):
         step = max(1, BLOCK // max(1, c.shape[1]))
         for start in range(0, 0 if self.is_identity else r.shape[1], step):
             y = np.moveaxis(r[:, start : start + step, None] + c[:, None, :], 0, -1)
-            out[:, start : start + step] = np.moveaxis(self._on_lines(y, _PIXEL_SHARE * resolution), -1, 0)
+            out[:, start : start + step] = np.moveaxis(self._solve_lines(y, _PIXEL_SHARE * resolution), -1, 0)
         return out
 
-    def _on_lines(self, y: Floats, tolerance: float) -> Floats:
+    def _solve_lines(self, y: Floats, tolerance: float) -> Floats:
         """Displacements at places (rows, columns, dim) along straight lines at equal steps."""
         count = y.shape[1]
         if count < 2 * _STRIDE:
@@ -212,10 +212,10 @@ class ForwardFit(AbstractField):
         x, error = newton(start, flat, np.arange(len(flat)), map_of(self.forward), tolerance, MOST_NEWTON_STEPS)
         lost = np.flatnonzero(~(error <= tolerance))
         if len(lost):
-            x[lost] = self._solved(flat[lost])[0]
+            x[lost] = self._solve(flat[lost])[0]
         return np.asarray((x - flat).reshape(y.shape))
 
-    def _checked(self, points: ArrayLike) -> Floats:
+    def _check_residuals(self, points: ArrayLike) -> Floats:
         y = np.asarray(points, dtype=np.float64)
         if y.shape[-1:] != (self.dim,):
             raise DeformError(f"points must have shape (..., {self.dim}), got {y.shape}.")
@@ -255,7 +255,7 @@ class ForwardFit(AbstractField):
         return float(np.linalg.norm(np.ptp(both, axis=0))) or self.support
 
     @cached_property
-    def _at_points(self) -> tuple[Any, Floats, float]:
+    def _point_data(self) -> tuple[Any, Floats, float]:
         """A tree of the targets, ``(1 + dF/dx)^-1`` at the sources (n, dim, dim), and the sign of most determinants."""
         a = self._derivative(self._sources)
         det = determinant(a)
@@ -266,7 +266,7 @@ class ForwardFit(AbstractField):
 
     @property
     def _sign(self) -> float:
-        return self._at_points[2] or 1.0
+        return self._point_data[2] or 1.0
 
     @cached_property
     def _lattice(self) -> tuple[Floats, Any]:
@@ -277,15 +277,15 @@ class ForwardFit(AbstractField):
         nodes = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, self.dim)
         return nodes, scipy.spatial.cKDTree(nodes + self.forward.displacement(nodes))
 
-    def _solved(self, y: Floats) -> tuple[Floats, Floats]:
+    def _solve(self, y: Floats) -> tuple[Floats, Floats]:
         """The places x with x + F(x) = y that are found for places y (n, dim), and their residuals (n)."""
         if self.is_identity or not len(y):
             return y.copy(), np.zeros(len(y))
-        tree, inverse, _ = self._at_points
+        tree, inverse, _ = self._point_data
         at, tolerance = map_of(self.forward), AIM * self.size
         near = tree.query(y)[1]
         start = self._sources[near] + np.einsum("nij,nj->ni", inverse[near], y - self._targets[near])
-        x, error = searched(y, at, tolerance, MOST_NEWTON_STEPS, start)
+        x, error = search(y, at, tolerance, MOST_NEWTON_STEPS, start)
         for column in range(TRIED):
             left = np.flatnonzero(~self._certain(y, error, determinant(self._derivative(x))))
             if not len(left):
@@ -329,7 +329,7 @@ def fit_forward(points: ControlPoints, *, previous: ForwardFit | None = None, **
     >>> fit_forward(points, kernel="thin_plate")
     <ForwardFit: inverse of <RBFInterpolant: 4 points in the plane, thin_plate, trend affine>>
     """
-    turned = oriented(as_control_points(points), "forward")
+    turned = orient_points(as_control_points(points), "forward")
     return ForwardFit(fit_rbf(turned, previous=None if previous is None else previous.forward, **settings))
 
 
@@ -343,7 +343,7 @@ def _columns(linear: Callable[[Any], Any], like: Any) -> list[list[Any]]:
     return [[images[k][..., m] for k in range(dim)] for m in range(dim)]
 
 
-def _divided(a: list[list[Any]], b: Any) -> Any:
+def _solve_matrices(a: list[list[Any]], b: Any) -> Any:
     """The vectors (..., dim) that matrices bring to b; zero where the determinant is."""
     if len(a) == 2:
         c = [[a[1][1], -a[0][1]], [-a[1][0], a[0][0]]]
@@ -363,7 +363,7 @@ def _divided(a: list[list[Any]], b: Any) -> Any:
 
 
 def _tangent(linear: Callable[[Any], Any], right: Any) -> Any:
-    return _divided(_columns(linear, right), right)
+    return _solve_matrices(_columns(linear, right), right)
 
 
 def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
@@ -374,7 +374,7 @@ def _newton_in_jax(residual: Callable[[Any], Any], start: Any) -> Any:
 
     def turn(state: tuple[Any, Any, Any, Any]) -> tuple[Any, Any, Any, Any]:
         x, r, _, count = state
-        step = _divided(_columns(lambda v: jax.jvp(residual, (x,), (v,))[1], x), -r)
+        step = _solve_matrices(_columns(lambda v: jax.jvp(residual, (x,), (v,))[1], x), -r)
         best, least, improved = x, r, jnp.zeros(x.shape[:-1], bool)
         for share in _SHARES:
             trial = x + share * step

@@ -28,27 +28,27 @@ from deformnb._deferred import scipy
 from deformnb._jax import compiled, float64, in_full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
-from deformnb.rbf.cross_validation import MOST_LEFT_OUT, left_out, parameters_of, polynomials_of
+from deformnb.rbf.cross_validation import MOST_LEFT_OUT, leave_one_out, parameters_of, polynomials_of
 from deformnb.rbf.evaluation import (
     CAPACITIES,
     Leaves,
     RadialSum,
-    at_lattice,
-    at_points,
     capacity,
-    filled_up,
-    in_turn,
+    evaluate_lattice,
+    evaluate_points,
+    evaluate_sequentially,
     is_culled,
     jacobian_at_lattice,
     jacobian_at_points,
     lattice_on_device,
     local_sums,
+    pad_centers,
     profile_of,
-    stacked,
+    stack_sums,
     steepest_distance,
 )
 from deformnb.rbf.exactness import DERIVATIVE, MOST_MISSED, RESIDUAL, ROUNDING, SHARES, largest_miss
-from deformnb.rbf.factors import DENSE, Matrix, factored_anew, matrix_of
+from deformnb.rbf.factors import DENSE, Matrix, factor_matrix, matrix_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
 from deformnb.rbf.kernels import AbstractKernel, WendlandC2
 from deformnb.rbf.system import Solved, solve, solve_bordered, solve_factored
@@ -220,11 +220,11 @@ class RBFInterpolant(AbstractField):
         if not n:
             return x
         if self.kernel.order:
-            return np.asarray(self.origin + self.support * places_between(x))
+            return np.asarray(self.origin + self.support * probe_places(x))
         size = np.linalg.norm(alpha, axis=1, keepdims=True)
         way = steepest_distance(self.kernel) * np.divide(alpha, size, out=np.zeros_like(alpha), where=size > 0)
         way = way if self.scales is None else way / np.asarray(self.scales)[:n, None]
-        return np.asarray(self.origin + self.support * np.concatenate([places_between(x), x - way, x + way]))
+        return np.asarray(self.origin + self.support * np.concatenate([probe_places(x), x - way, x + way]))
 
     def _predicts_poorly(self) -> bool:
         """Check whether points predict each other worse than the affine trend alone does, by leave-one-out.
@@ -243,7 +243,7 @@ class RBFInterpolant(AbstractField):
         if np.count_nonzero(drags.any(axis=1)) <= n / 2:
             return False
         try:
-            errors = left_out(x, drags, self.kernel, self.trend, nugget)
+            errors = leave_one_out(x, drags, self.kernel, self.trend, nugget)
         except np.linalg.LinAlgError:
             return False
         p = polynomials_of(x, "affine")
@@ -291,7 +291,7 @@ class RBFInterpolant(AbstractField):
         relative, shape = self._relative(points)
         if self.is_identity:  # every studio starts with one, and nothing is compiled for it
             return np.zeros(shape)
-        return at_points(relative, self._leaves(dtype), self.kernel, dtype).T.reshape(shape)
+        return evaluate_points(relative, self._leaves(dtype), self.kernel, dtype).T.reshape(shape)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx at points (..., dim): ``A/R + (2/R^2) sum_j alpha_j phi'(s_j) (x - x_j)^T`` with phi of s = rho^2.
@@ -324,7 +324,7 @@ class RBFInterpolant(AbstractField):
         if self.is_identity:
             return np.zeros((self.dim, first.shape[1], other.shape[1]), np.float32)
         dtype = self.type_within(_reach(first, other), resolution)
-        return np.asarray(at_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
+        return np.asarray(evaluate_lattice(first, other, self._leaves(dtype), self.kernel, dtype), dtype=np.float32)
 
     def on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
         """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
@@ -403,8 +403,8 @@ class RBFInterpolant(AbstractField):
             dtype = np.float64  # tiles subtract their middle first
         # Copies: where a user's own jax.jit has taken the arrays of a field as constants, JAX 0.10 takes these in 32
         # bits ever after, and fails where a function was compiled for 64.
-        centers, coefficients = (filled_up(a, dtype) for a in (self.centers, self.coefficients))
-        scales = None if self.scales is None else filled_up(self.scales, dtype)
+        centers, coefficients = (pad_centers(a, dtype) for a in (self.centers, self.coefficients))
+        scales = None if self.scales is None else pad_centers(self.scales, dtype)
         linear, constant = (np.array(a, dtype=dtype) for a in (self.linear, self.constant))
         bent = None if self.quadratic is None else np.array(self.quadratic, dtype=dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
@@ -415,7 +415,7 @@ def _reach(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
     return float(np.sqrt(sum(np.abs(lines).max(initial=0.0) ** 2 for lines in (*rows, *columns))))
 
 
-def alike(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
+def group_by_shape(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
     """Fits that move something, in their order, in groups of those that one compiled loop can evaluate."""
     moving = (fit for fit in fits if not fit.is_identity)
     # A sum by tiles has a loop of its own.
@@ -434,11 +434,11 @@ def alike(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
     ]
 
 
-def moved_back(
+def pull_back(
     fits: Sequence[RBFInterpolant], places: NDArray[np.float64], resolution: float, known: dict[Any, Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Places (dim, n) moved by fits of one group of :func:`alike`, each evaluated where the one before leads, in the
-    type that is exact enough.
+    """Places (dim, n) moved by fits of one group of :func:`group_by_shape`, each evaluated where the one before leads,
+    in the type that is exact enough.
 
     Parameters
     ----------
@@ -457,9 +457,9 @@ def moved_back(
     dtype = _common_type(fits, reaches, resolution, known)
     if first.is_culled:
         return places + first.displacement(places.T, dtype).T, np.zeros((1, len(places)))
-    ends, spread, reach = in_turn(places, stacked([fit.radial_sum(dtype) for fit in fits]))
+    ends, spread, reach = evaluate_sequentially(places, stack_sums([fit.radial_sum(dtype) for fit in fits]))
     if dtype is np.float32 and _common_type(fits, np.linalg.norm(reach, axis=1), resolution, known) is np.float64:
-        ends, spread, _ = in_turn(places, stacked([fit.radial_sum(np.float64) for fit in fits]))
+        ends, spread, _ = evaluate_sequentially(places, stack_sums([fit.radial_sum(np.float64) for fit in fits]))
     return ends, spread
 
 
@@ -476,7 +476,7 @@ def _common_type(
     return np.float32
 
 
-def places_between(x: NDArray[np.float64]) -> NDArray[np.float64]:
+def probe_places(x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Places x (n, dim), on the edges of their triangulation and in its simplices; on a line, between neighbours."""
     n, dim = x.shape
     simplices = None
@@ -648,7 +648,7 @@ def _solve_factored(
     solved = solve_by(matrix, origin)
     if matrix.is_updated and not np.abs(solved.miss).max() <= _UPDATED * most:
         origin = ready.origin
-        solved = solve_by(factored_anew(ready, nugget, kernel), origin)
+        solved = solve_by(factor_matrix(ready, nugget, kernel), origin)
     return solved, origin
 
 

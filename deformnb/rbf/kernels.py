@@ -85,7 +85,7 @@ class AbstractKernel(ABC):
         if "profile" in cls.__dict__:
             if "slope" not in cls.__dict__:
                 cls.slope = staticmethod(_derivative(cls.profile, LEAST_DISTANCE**2))  # type: ignore[method-assign,assignment]
-            cls.of_square = staticmethod(with_derivative(cls.profile, cls._along))
+            cls.of_square = staticmethod(with_derivative(cls.profile, cls._jvp))
 
     @staticmethod
     @abstractmethod
@@ -98,7 +98,7 @@ class AbstractKernel(ABC):
         """D phi / d s, finite for s >= 0 (kinks and logarithms cut off next to 0); by JAX where it is not given."""
 
     @classmethod
-    def _along(cls, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+    def _jvp(cls, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
         (s,), (ds,) = primals, tangents
         return cls.profile(s), cls.slope(s) * ds
 
@@ -417,7 +417,7 @@ Phi = Callable[[Any], Any]
 """A radial function of the relative distance rho = r / support, written with ``jax.numpy``."""
 
 
-def kernel_named(kernel: str | type[AbstractKernel] | AbstractKernel | Phi) -> type[AbstractKernel]:
+def as_kernel(kernel: str | type[AbstractKernel] | AbstractKernel | Phi) -> type[AbstractKernel]:
     """The kernel class of a name, of a kernel, or of a function, which is registered if it is not yet.
 
     Raises
@@ -609,7 +609,7 @@ def _check_values(kind: type[AbstractKernel]) -> None:
     )
     found = {}
     for what in _KINDS:
-        found[what] = values = _computed(kind, what, rho**2)
+        found[what] = values = _compute_profile(kind, what, rho**2)
         if not np.isfinite(values).all():
             raise DeformError(
                 f"the kernel {kind.name!r} {'' if what == 'profile' else 'has a derivative that '}"
@@ -624,14 +624,14 @@ def _check_values(kind: type[AbstractKernel]) -> None:
             "a millionth of the support: a displacement would; a kernel is continuous."
         )
     if kind.compact:
-        last = float(_computed(kind, "profile", np.array([1 - 1e-9]))[0])
+        last = float(_compute_profile(kind, "profile", np.array([1 - 1e-9]))[0])
         if abs(last) > 1e-3 * size or phi[rho > 1].any():
             raise DeformError(
                 f"the kernel {kind.name!r} is {last:.4g} at rho = 1, where a compact kernel ends at 0; "
                 "leave compact=True out, or let it end there."
             )
     middle, h = rho[(rho > 0.02) & (rho < 1.5)], 1e-5
-    high, low = (_computed(kind, "profile", (middle + step) ** 2) for step in (h, -h))
+    high, low = (_compute_profile(kind, "profile", (middle + step) ** 2) for step in (h, -h))
     wanted, given = (high - low) / (2 * h), 2 * middle * slope[(rho > 0.02) & (rho < 1.5)]
     kind.steepest = max(kind.steepest, float(np.abs(given).max()))
     wrong = np.abs(wanted - given) > 1e-4 * np.abs(given).max() + 1e-6 * size
@@ -643,7 +643,7 @@ def _check_values(kind: type[AbstractKernel]) -> None:
         )
 
 
-def _computed(kind: type[AbstractKernel], what: str, s: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_profile(kind: type[AbstractKernel], what: str, s: NDArray[np.float64]) -> NDArray[np.float64]:
     padded = np.ones(_MOST)  # one size is compiled
     padded[: s.size] = s
     try:
@@ -689,8 +689,8 @@ def _is_definite(kind: type[AbstractKernel], order: int, sign: int = 1) -> bool:
         regular = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * dim), axis=-1).reshape(-1, dim)
         for x, support in product((regular, rng.uniform(0, 1, regular.shape)), (0.03, 0.15, 0.3, 0.5, 1.0, 2.0, 4.0)):
             squares = ((x[:, None] - x[None]) ** 2).sum(axis=-1) / support**2
-            phi = sign * _computed(kind, "profile", squares.ravel()).reshape(squares.shape)
-            lowest = float(np.linalg.eigvalsh(_beside_polynomials(phi, x, order))[0])
+            phi = sign * _compute_profile(kind, "profile", squares.ravel()).reshape(squares.shape)
+            lowest = float(np.linalg.eigvalsh(_project_out_polynomials(phi, x, order))[0])
             share = lowest / float(np.abs(phi).max())
             if share < -1e-11:  # of rounding 1e-15 were seen
                 return False
@@ -698,7 +698,7 @@ def _is_definite(kind: type[AbstractKernel], order: int, sign: int = 1) -> bool:
     return largest_share > 1e-8
 
 
-def _beside_polynomials(phi: NDArray[np.float64], x: NDArray[np.float64], order: int) -> NDArray[np.float64]:
+def _project_out_polynomials(phi: NDArray[np.float64], x: NDArray[np.float64], order: int) -> NDArray[np.float64]:
     """Phi on the complement of the polynomials of a degree below ``order``."""
     if order == 0:
         return phi

@@ -36,7 +36,7 @@ def map_of(field: AbstractField) -> BackwardMap:
     return BackwardMap(lambda y, _: field.displacement(y), lambda y, _: field.jacobian(y))
 
 
-def searched(
+def search(
     x: Floats, at: BackwardMap, tolerance: float, max_iterations: int, start: Floats | None
 ) -> tuple[Floats, Floats]:
     """The best places found for points x (N, dim), and their errors, from two or three starts."""

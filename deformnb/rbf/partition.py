@@ -118,13 +118,13 @@ class LocalFits(AbstractField):
 
         start = jnp.zeros_like(x), jnp.zeros_like(x[..., :1])
         boxes = tuple(jnp.asarray(a, dtype=x.dtype) for a in (self.low, self.high, self.margin))
-        (total, weight), _ = lax.scan(add, start, (_stacked(self.fits, x.dtype), *boxes))
+        (total, weight), _ = lax.scan(add, start, (_stack_fits(self.fits, x.dtype), *boxes))
         return total / weight
 
     def displacement(self, points: ArrayLike) -> Floats:
         x, shape = self._places(points)
         total, weight, along = np.zeros(x.shape), np.zeros(len(x)), x @ self.frame.T
-        for k, near in self._within(along):
+        for k, near in self._window_factor(along):
             w = np.prod(_steps(along[near], self.low[k], self.high[k], self.margin[k], np), axis=1)
             total[near] += w[:, None] * self.fits[k].displacement(x[near])
             weight[near] += w
@@ -136,7 +136,7 @@ class LocalFits(AbstractField):
         n, dim = x.shape
         blended, along = self.displacement(x), x @ self.frame.T
         total, weight = np.zeros((n, dim, dim)), np.zeros(n)
-        for k, near in self._within(along):
+        for k, near in self._window_factor(along):
             p, m = along[near], self.margin[k]
             down, up = (p - self.low[k]) / m, (self.high[k] - p) / m
             rise = (_step_slope(down) * _step(up, np) - _step(down, np) * _step_slope(up)) / m
@@ -159,7 +159,7 @@ class LocalFits(AbstractField):
             raise DeformError(f"points must have shape (..., {self.dim}), got {x.shape}.")
         return x.reshape(-1, self.dim), x.shape
 
-    def _within(self, along: Floats) -> Any:
+    def _window_factor(self, along: Floats) -> Any:
         for k in range(len(self.fits)):
             low, high = self.low[k] - self.margin[k], self.high[k] + self.margin[k]
             near = np.flatnonzero(((along > low) & (along < high)).all(axis=1))
@@ -167,7 +167,7 @@ class LocalFits(AbstractField):
                 yield k, near
 
 
-def _stacked(fits: tuple[RBFInterpolant, ...], dtype: Any) -> RBFInterpolant:
+def _stack_fits(fits: tuple[RBFInterpolant, ...], dtype: Any) -> RBFInterpolant:
     """The fits as one whose arrays have the fits on their first axis, for a loop of JAX."""
     size, own = max(len(fit.centers) for fit in fits), any(fit.scales is not None for fit in fits)
 
@@ -244,14 +244,14 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     for k in range(len(members)):
         wide = _AROUND * margin[k] * (1 + SAME_DISTANCE)
         near = ((along >= low[k] - wide) & (along <= high[k] + wide)).all(axis=1)
-        fits.append(_fit_part(_part_of(ready, _filled(near, x, tree)), kernel, smoothing))
+        fits.append(_fit_part(_part_of(ready, _fill_neighbours(near, x, tree)), kernel, smoothing))
     worst = max(fits, key=lambda fit: float(fit.missed))
     counts = [int(fit.count) for fit in fits]
     field = LocalFits(tuple(fits), low, high, margin, frame, (), ready.ids, ready.missed)
     deviation = _deviation(field, ready, kernel, smoothing, tree)
     note = (
         f"the {kernel.name} kernel is fitted locally to {len(x)} control points: {len(fits)} fits of {min(counts)} "
-        f"to {max(counts)} points, blended; between points they deviate by up to {_rounded_up(deviation):.2g} from "
+        f"to {max(counts)} points, blended; between points they deviate by up to {_round_up(deviation):.2g} from "
         "the fit of all"
     )
     return replace(field, remarks=(*ready.notes, note, *worst.of_points))
@@ -296,13 +296,13 @@ def _fit_part(part: PreparedPoints, kernel: type[AbstractKernel], smoothing: flo
         radius /= 2
 
 
-def _rounded_up(value: float) -> float:
+def _round_up(value: float) -> float:
     """A number with two digits that is not below this one."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1) if value > 0 else 1.0
     return float(np.ceil(value / unit) * unit)
 
 
-def _filled(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
+def _fill_neighbours(near: NDArray[np.bool_], x: Floats, tree: Any) -> NDArray[np.int64]:
     """Positions of points near a box, and of the nearest others where these are few."""
     at = np.flatnonzero(near)
     if len(at) < min(_LEAST, len(x)):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
-from deformnb.volume.units import checked_unit, ratio
+from deformnb.volume.units import check_unit, ratio
 
 NAMES_SHOWN = 8  # by repr
 
@@ -36,7 +36,7 @@ class HasPlaces(Protocol):
         """N switches, or none."""
 
 
-def _by_name(places: HasPlaces, which: str) -> dict[str, int]:
+def _index_by_name(places: HasPlaces, which: str) -> dict[str, int]:
     found = dict[str, int]()
     for k, name in enumerate(places.names):
         if not name or name in found:
@@ -90,7 +90,7 @@ class ControlPoints:
     def __post_init__(self) -> None:
         check_fields(self, "source", "target", "ids", "names", "active", "weight")
         n = len(self.ids)
-        object.__setattr__(self, "unit", checked_unit(self.unit))
+        object.__setattr__(self, "unit", check_unit(self.unit))
         if self.locked is None:
             object.__setattr__(self, "locked", np.zeros(n, dtype=bool))
         if self.radius is None:
@@ -101,14 +101,14 @@ class ControlPoints:
                 "source and target must both have shape (N, 2) or (N, 3), "
                 f"got {self.source.shape} and {self.target.shape}."
             )
-        counts = [array.shape[0] if array.ndim else -1 for array in self._of_each.values()]
+        counts = [array.shape[0] if array.ndim else -1 for array in self._per_point.values()]
         if {len(self.source), len(self.names), *counts} != {n}:
             raise DeformError(f"{len(self.source)} points need as many ids, names, switches, weights, locks and radii.")
         if len(set(self.ids)) != n:
             twice = sorted({i for i in self.ids if self.ids.count(i) > 1})
             raise DeformError(f"control point ids must differ; {twice} come more than once.")
         self._check_numbers()
-        for array in (self.source, self.target, *self._of_each.values()):
+        for array in (self.source, self.target, *self._per_point.values()):
             array.flags.writeable = False
         if self.next_id > 2**53:
             raise DeformError(f"the id of the next point must be a whole number, got {shown_value(self.next_id)}.")
@@ -124,12 +124,12 @@ class ControlPoints:
         )
 
     @property
-    def _of_each(self) -> dict[str, NDArray[Any]]:
+    def _per_point(self) -> dict[str, NDArray[Any]]:
         """The arrays with one entry for each point, apart from its places, id and name."""
         return {"active": self.active, "weight": self.weight, "locked": self.locked, "radius": self.radius}
 
     def _check_numbers(self) -> None:
-        for what, array in zip(("switches", "weights", "locks", "radii"), self._of_each.values(), strict=True):
+        for what, array in zip(("switches", "weights", "locks", "radii"), self._per_point.values(), strict=True):
             if array.ndim != 1:
                 raise DeformError(f"the {what} of control points must be one for each, got shape {array.shape}.")
         for what, array in (("source", self.source), ("target", self.target)):
@@ -173,14 +173,14 @@ class ControlPoints:
         return cls(
             s,
             t,
-            tuple(range(n)) if ids is None else tuple(_of_each(ids, np.int64, "ids").tolist()),
-            tuple(str(name) for name in ([""] * n if names is None else _listed(names, "names"))),
-            np.ones(n, dtype=bool) if active is None else _of_each(active, np.bool_, "switches"),
-            np.ones(n) if weight is None else _of_each(weight, np.float64, "weights"),
+            tuple(range(n)) if ids is None else tuple(_per_point(ids, np.int64, "ids").tolist()),
+            tuple(str(name) for name in ([""] * n if names is None else _check_list(names, "names"))),
+            np.ones(n, dtype=bool) if active is None else _per_point(active, np.bool_, "switches"),
+            np.ones(n) if weight is None else _per_point(weight, np.float64, "weights"),
             next_id,
-            None if locked is None else _of_each(locked, np.bool_, "locks"),  # type: ignore[arg-type]
+            None if locked is None else _per_point(locked, np.bool_, "locks"),  # type: ignore[arg-type]
             # None becomes nan: a list may leave out single radii
-            None if radius is None else _of_each(radius, np.float64, "radii"),  # type: ignore[arg-type]
+            None if radius is None else _per_point(radius, np.float64, "radii"),  # type: ignore[arg-type]
             unit,
         )
 
@@ -192,7 +192,7 @@ class ControlPoints:
         >>> ControlPoints.from_arrays([[1, 2]], [[1, 3]], unit="mm").in_unit("um").target.tolist()
         [[1000.0, 3000.0]]
         """
-        to = checked_unit(unit)
+        to = check_unit(unit)
         if to in ("", self.unit) or not self.unit:
             return self
         factor = ratio(self.unit, to)
@@ -243,7 +243,7 @@ class ControlPoints:
         if pair == "order":
             found = [(k, k) for k in range(min(counts))]
         elif pair == "name":
-            places = [_by_name(*each) for each in ((moving, "moving"), (fixed, "fixed"))]
+            places = [_index_by_name(*each) for each in ((moving, "moving"), (fixed, "fixed"))]
             found = [(k, places[1][name]) for name, k in places[0].items() if name in places[1]]
         else:
             raise DeformError(f'landmarks are paired by "name" or by "order", got {shown_value(pair)}.')
@@ -385,7 +385,7 @@ class ControlPoints:
 
     def take(self, positions: Iterable[int]) -> ControlPoints:
         """The points at these positions, in this order."""
-        k = _of_each(_listed(positions, "positions"), np.int64, "positions").tolist()
+        k = _per_point(_check_list(positions, "positions"), np.int64, "positions").tolist()
         if k and not -len(self) <= min(k) <= max(k) < len(self):
             raise DeformError(f"there are {len(self)} control points; positions {min(k)} to {max(k)} were requested.")
         return ControlPoints(
@@ -406,7 +406,7 @@ class ControlPoints:
             raise DeformError(f"strength must be a finite number, got {shown_value(strength)}.")
         return replace(self, target=self.source + strength * (self.target - self.source))
 
-    def has_places_of(self, other: ControlPoints) -> bool:
+    def has_same_sources(self, other: ControlPoints) -> bool:
         """True if the same points are active as in another set, with the same sources: they were dragged at most."""
         return (
             self.ids == other.ids
@@ -436,13 +436,13 @@ def as_control_points(given: Any) -> ControlPoints:
     return given
 
 
-def _listed(value: Any, what: str) -> list[Any]:
+def _check_list(value: Any, what: str) -> list[Any]:
     if not isinstance(value, Iterable):
         raise DeformError(f"the {what} of control points are a list, got {shown_value(value)}.")
     return list(value)
 
 
-def _of_each(value: Any, kind: Any, what: str) -> NDArray[Any]:
+def _per_point(value: Any, kind: Any, what: str) -> NDArray[Any]:
     try:
         array = np.array(value, dtype=kind)
         if array.ndim != 1:

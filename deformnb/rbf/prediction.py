@@ -36,11 +36,11 @@ from deformnb.rbf.evaluation import profile_of
 from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import DIRECTIONS, ForwardFit, oriented
-from deformnb.rbf.kernels import kernel_named
-from deformnb.rbf.newton import lengths_of, map_of, searched
+from deformnb.rbf.forward import DIRECTIONS, ForwardFit, orient_points
+from deformnb.rbf.kernels import as_kernel
+from deformnb.rbf.newton import lengths_of, map_of, search
 from deformnb.rbf.points import ControlPoints, as_control_points
-from deformnb.rbf.trends import products, trend_named
+from deformnb.rbf.trends import find_trend, products
 
 PointBlocks = list[NDArray[np.intp]]
 
@@ -187,8 +187,10 @@ class ChosenFit:
     notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        lines = [f"<ChosenFit: {described(self.settings)}>"]
-        lines += [f"  {described(row.settings):<58} {' '.join(f'{v:>9}' for v in _cells(row))}" for row in self.tried]
+        lines = [f"<ChosenFit: {describe_settings(self.settings)}>"]
+        lines += [
+            f"  {describe_settings(row.settings):<58} {' '.join(f'{v:>9}' for v in _cells(row))}" for row in self.tried
+        ]
         if self.tried:
             lines.insert(1, f"  {'fit':<58} {' '.join(f'{title:>9}' for title in _TITLES)}")
         return "\n".join([*lines, *(f"  {note}" for note in self.notes)])
@@ -197,12 +199,12 @@ class ChosenFit:
         head = "".join(f"<th>{title}</th>" for title in ("fit", *_TITLES))
         rows = "".join(
             "<tr>"
-            + "".join(f"<td>{html.escape(text)}</td>" for text in (described(row.settings), *_cells(row)))
+            + "".join(f"<td>{html.escape(text)}</td>" for text in (describe_settings(row.settings), *_cells(row)))
             + "</tr>"
             for row in self.tried
         )
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
-        return f"<p>{html.escape(described(self.settings))}</p><table><tr>{head}</tr>{rows}</table>{notes}"
+        return f"<p>{html.escape(describe_settings(self.settings))}</p><table><tr>{head}</tr>{rows}</table>{notes}"
 
 
 _TITLES = ("one", "eighths", "quarters", "score", "")
@@ -216,7 +218,7 @@ def _cells(row: TriedFit) -> tuple[str, ...]:
     return (*(f"{value:.4g}" for value in numbers), "folds" if row.folds else "")
 
 
-def described(settings: FitSettings) -> str:
+def describe_settings(settings: FitSettings) -> str:
     """Settings of a fit in a few words.
 
     Examples
@@ -224,7 +226,7 @@ def described(settings: FitSettings) -> str:
     >>> described(FitSettings(kernel="thin_plate", smoothing=0.001, direction="forward"))
     'forward, thin_plate, affine trend, smoothing 0.001'
     """
-    kind = kernel_named(settings.kernel)
+    kind = as_kernel(settings.kernel)
     support = f", support {settings.support:.4g}" if kind.compact and isinstance(settings.support, float) else ""
     smoothing = f", smoothing {settings.smoothing:g}" if settings.smoothing else ""
     return f"{settings.direction}, {settings.kernel}, {settings.trend} trend{support}{smoothing}"
@@ -285,7 +287,7 @@ def choose_fit(
     if not every or not all(isinstance(one, Candidate) for one in every):
         raise DeformError(f"candidates are a list of Candidate(FitSettings(...)), got {shown_value(candidates)}.")
     for k, candidate in enumerate(every):
-        tried.append(_tried(candidate, few, judged))
+        tried.append(_try_candidate(candidate, few, judged))
         if progress is not None:
             progress((k + 1) / len(every))
     return _best(tried, given[0], notes)
@@ -374,10 +376,10 @@ def blocks_of(places: Floats, halvings: int) -> PointBlocks:
     return [np.sort(block) for block in halved(np.arange(len(places)), halvings)]
 
 
-def _tried(candidate: Candidate, sets: Sequence[ControlPoints], judged: Sequence[ControlPoints]) -> TriedFit:
+def _try_candidate(candidate: Candidate, sets: Sequence[ControlPoints], judged: Sequence[ControlPoints]) -> TriedFit:
     """One candidate, judged: by the errors of all sets together."""
     direction = candidate.settings.direction
-    size = max(_size(oriented(s, direction).target) for s in sets)
+    size = max(_size(orient_points(s, direction).target) for s in sets)
     relative = candidate.settings.support
     share = float(relative) if isinstance(relative, int | float) else 1.0
     settings = FitSettings(**candidate.settings.as_dict() | {"support": share * size})
@@ -406,15 +408,15 @@ def _schemes(points: ControlPoints) -> tuple[PointBlocks, ...]:
 
 def _errors(points: ControlPoints, settings: FitSettings) -> list[Floats]:
     """Squared distances (n) in the result between targets and where left-out sources come to, for each scheme."""
-    turned, schemes = oriented(points, settings.direction), _schemes(points)
-    kind, trend = kernel_named(settings.kernel), trend_named(settings.trend)
+    turned, schemes = orient_points(points, settings.direction), _schemes(points)
+    kind, trend = as_kernel(settings.kernel), find_trend(settings.trend)
     most = max(len(block) for blocks in schemes for block in blocks)
     if len(points) - most <= parameters_of(settings.trend, points.dim):
         raise DeformError("too few points to leave some out")
     assert isinstance(settings.support, float)
     ready = prepare(turned, kind, settings.support, trend, settings.smoothing)
     if not _is_plain(ready, settings):
-        return [_refitted(points, settings, blocks) for blocks in schemes]
+        return [_refit_errors(points, settings, blocks) for blocks in schemes]
     system = _LinearSystem(ready, turned.source, settings)
     found = []
     for blocks in schemes:
@@ -447,7 +449,7 @@ class _LinearSystem:
 
     def __init__(self, ready: PreparedPoints, values: Floats, settings: FitSettings) -> None:
         self._origin, self._support = ready.origin, ready.support
-        self._kernel, self._is_bent = kernel_named(settings.kernel), settings.trend == "quadratic"
+        self._kernel, self._is_bent = as_kernel(settings.kernel), settings.trend == "quadratic"
         self._x, n = ready.relative, ready.count
         self._scale = float(np.sqrt((self._x**2).sum(axis=1).mean()))
         phi = kernel_values(self._x, self._x, self._kernel)
@@ -510,7 +512,7 @@ def _newton(values: Callable[[Floats], Floats], goal: Floats, start: Floats, siz
     left = lengths_of(r)
     for _ in range(_TURNS):
         slopes = [(values(y + h * e) - values(y - h * e)) / (2 * h) for e in np.eye(y.shape[1])]
-        step = _solved(np.stack(slopes, axis=-1), r)
+        step = _solve(np.stack(slopes, axis=-1), r)
         step *= np.minimum(1.0, _FARTHEST * size / np.maximum(lengths_of(step), 1e-300))[:, None]
         for share in (1.0, 0.5, 0.25, 0.125, 0.03):
             trial = y + share * step
@@ -525,14 +527,14 @@ def _newton(values: Callable[[Floats], Floats], goal: Floats, start: Floats, siz
     return y, left
 
 
-def _solved(a: Floats, r: Floats) -> Floats:
+def _solve(a: Floats, r: Floats) -> Floats:
     """a^-1 r of each row; nothing where a is singular."""
     is_flat = ~(np.abs(np.linalg.det(a)) > 1e-12 * np.prod(np.linalg.norm(a, axis=1), axis=-1))
     a = np.where(is_flat[:, None, None], np.eye(a.shape[-1]), a)
     return np.where(is_flat[:, None], 0.0, np.linalg.solve(a, r[..., None])[..., 0])
 
 
-def _refitted(points: ControlPoints, settings: FitSettings, blocks: PointBlocks) -> Floats:
+def _refit_errors(points: ControlPoints, settings: FitSettings, blocks: PointBlocks) -> Floats:
     """The same by a fit for each block; of points that are left out one by one some are taken."""
     if len(blocks) > _MOST_REFITTED:
         blocks = [blocks[k] for k in np.linspace(0, len(blocks) - 1, _MOST_REFITTED).astype(int)]
@@ -547,6 +549,6 @@ def _squares_of(points: ControlPoints, settings: FitSettings, blocks: PointBlock
         if isinstance(fit, ForwardFit):
             y = source + fit.forward.displacement(source)
         else:
-            y, left = searched(source, map_of(fit), _ROUNDING * size, 50, target)
+            y, left = search(source, map_of(fit), _ROUNDING * size, 50, target)
             y = np.where((left > 1e-4 * size)[:, None], target + 2 * lengths_of(y - target)[:, None], y)
         yield ((y - target) ** 2).sum(axis=1)

@@ -58,7 +58,7 @@ class AbstractRegion(ABC):
     def __call__(self, points: Any) -> Any:
         """The same in pure JAX."""
 
-    def of_few_shapes(self) -> Any:
+    def to_jax(self) -> Any:
         """An equivalent with the same distances in pure JAX, a pytree of arrays of few shapes: each compiles anew."""
         return self
 
@@ -173,13 +173,13 @@ def _nearer(found: tuple[Any, Any], edge: tuple[Any, ...], x: Any, y: Any, xp: A
     return xp.where(nearer, square, found[0]), xp.where(nearer, side, found[1])
 
 
-def _signed(found: tuple[Any, Any], xp: Any) -> Any:
+def _apply_sign(found: tuple[Any, Any], xp: Any) -> Any:
     least, side = found
     distance = xp.sqrt(xp.where(least > 0, least, 1.0)) * (least > 0)  # the root has no slope at 0
     return xp.where(side < 0, -distance, distance)
 
 
-def _to_edges(edges: tuple[Any, ...], points: Any) -> Any:
+def _edge_distances(edges: tuple[Any, ...], points: Any) -> Any:
     """Signed distances (...) of points (..., 2), edge by edge: arrays of (points x edges) took six times as long."""
     x, y = points[..., 0], points[..., 1]
 
@@ -187,7 +187,7 @@ def _to_edges(edges: tuple[Any, ...], points: Any) -> Any:
         return _nearer(found, edge, x, y, jnp), None
 
     start = jnp.full_like(x, jnp.inf), jnp.zeros_like(x)
-    return _signed(lax.scan(compare, start, tuple(map(jnp.asarray, edges)))[0], jnp)
+    return _apply_sign(lax.scan(compare, start, tuple(map(jnp.asarray, edges)))[0], jnp)
 
 
 @pytree(data_fields=["arrays"], meta_fields=[])
@@ -198,10 +198,10 @@ class _Edges:
     arrays: tuple[Any, ...]
 
     def __call__(self, points: Any) -> Any:
-        return _to_edges(self.arrays, points)
+        return _edge_distances(self.arrays, points)
 
 
-_measured = blockwise(lambda edges, places: edges(places.T))
+_distance_samples = blockwise(lambda edges, places: edges(places.T))
 
 # Coordinates for which NumPy takes as long as a compiled function to be called; 87 and 9 ns for each of many places.
 _FEW = 256
@@ -224,13 +224,13 @@ class _Outline(AbstractRegion):
             found = np.full(x.shape, np.inf), np.zeros(x.shape)
             for edge in zip(*self._edges(np.asarray(self.vertices), np), strict=True):
                 found = _nearer(found, edge, x, y, np)
-            return np.asarray(_signed(found, np))
-        return np.asarray(_measured(self.of_few_shapes(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
+            return np.asarray(_apply_sign(found, np))
+        return np.asarray(_distance_samples(self.to_jax(), p.reshape(-1, 2).T)).reshape(p.shape[:-1])
 
     def __call__(self, points: Any) -> Any:
-        return _to_edges(self._edges(jnp.asarray(self.vertices), jnp), jnp.asarray(points))
+        return _edge_distances(self._edges(jnp.asarray(self.vertices), jnp), jnp.asarray(points))
 
-    def of_few_shapes(self) -> _Edges:
+    def to_jax(self) -> _Edges:
         edges = self._edges(np.asarray(self.vertices), np)
         full = 1 << (len(edges[0]) - 1).bit_length()
         return _Edges(tuple(part[np.minimum(np.arange(full), len(part) - 1)] for part in edges))
@@ -354,7 +354,7 @@ class Line(_Outline):
         >>> slit.opening([[5, 2], [9, 6], [5, 8], [5, 20]]).tolist()
         [1.0, 0.5, 0.0, 0.0]
         """
-        ends = [self._along(end, points, xp) for end in self._tips(xp)]
+        ends = [self._end_coordinate(end, points, xp) for end in self._tips(xp)]
         total = xp.ones(xp.asarray(points).shape[:-1])
         for t in ends:
             total = total * t * t * (3.0 - 2.0 * t)
@@ -363,7 +363,7 @@ class Line(_Outline):
     def opening_gradient(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """The derivative (..., 2) of :meth:`opening` at places (..., 2)."""
         tips = self._tips(np)
-        ends = [self._along(end, points, np) for end in tips]
+        ends = [self._end_coordinate(end, points, np) for end in tips]
         total = np.zeros(points.shape)
         for k, (t, (_, outward)) in enumerate(zip(ends, tips, strict=True)):
             others = np.prod([s * s * (3.0 - 2.0 * s) for j, s in enumerate(ends) if j != k], axis=0)
@@ -378,7 +378,7 @@ class Line(_Outline):
         ends = ((v[0], -edges[0] / lengths[0]), (v[-1], edges[-1] / lengths[-1]))
         return [(tip, 2.0 * e / lengths.sum()) for (tip, e), is_tip in zip(ends, self.stops, strict=True) if is_tip]
 
-    def _along(self, end: tuple[Any, Any], points: Any, xp: Any) -> Any:
+    def _end_coordinate(self, end: tuple[Any, Any], points: Any, xp: Any) -> Any:
         tip, outward = end
         return xp.clip(((tip - xp.asarray(points)) * outward).sum(-1), 0.0, 1.0)
 
@@ -558,34 +558,34 @@ class Mask(AbstractRegion):
         return hash((self.lattice, self.values.tobytes()))  # 20 ms for 256^3, and a drag needs it at every block
 
     @cached_property
-    def _measured(self) -> tuple[NDArray[np.float32], Raster | Grid]:
+    def _distance_samples(self) -> tuple[NDArray[np.float32], Raster | Grid]:
         """Signed distances of the centres, and where those lie."""
         values, lattice = self.values, self.lattice
         if values.size > _MOST_VOXELS and isinstance(lattice, Grid):
-            values, lattice = _halved(values, lattice)
+            values, lattice = _halve(values, lattice)
         h = np.asarray(lattice.spacing)[::-1]
         outside, inside = _box_distance(values, h), _box_distance(~values, h)
         return np.where(values, -inside, outside).astype(np.float32), lattice
 
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        distances, lattice = self._measured
+        distances, lattice = self._distance_samples
         p = np.asarray(points, dtype=np.float64)
-        index, beyond = _index_within(lattice, p.reshape(-1, self.dim), np)
+        index, beyond = _clamped_index(lattice, p.reshape(-1, self.dim), np)
         # float32 samples: SciPy would otherwise copy them to float64 at every call
         found = ndimage.map_coordinates(distances, index.T[::-1], order=1, mode="nearest", output=np.float64)
         return (found + beyond).reshape(p.shape[:-1])
 
     @in_full_precision
     def __call__(self, points: Any) -> Any:
-        distances, lattice = self._measured
-        index, beyond = _index_within(lattice, jnp.asarray(points), jnp)
+        distances, lattice = self._distance_samples
+        index, beyond = _clamped_index(lattice, jnp.asarray(points), jnp)
         at = [index[..., k] for k in reversed(range(self.dim))]
         values = jnp.asarray(distances).astype(index.dtype)
         return jax.scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest") + beyond
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
         """The arrays that JAX traces, and the constants that it keeps."""
-        distances, lattice = self._measured
+        distances, lattice = self._distance_samples
         return (distances,), (lattice, self.dim)
 
     @classmethod
@@ -593,11 +593,11 @@ class Mask(AbstractRegion):
         """The object rebuilt from the leaves that JAX returns; nothing is checked."""
         made = object.__new__(cls)
         object.__setattr__(made, "lattice", aux[0])
-        made.__dict__["_measured"] = (leaves[0], aux[0])
+        made.__dict__["_distance_samples"] = (leaves[0], aux[0])
         return made
 
 
-def _halved(values: NDArray[np.bool_], grid: Grid) -> tuple[NDArray[np.bool_], Grid]:
+def _halve(values: NDArray[np.bool_], grid: Grid) -> tuple[NDArray[np.bool_], Grid]:
     """Blocks of 2 x 2 x 2 voxels, set where one of them is."""
     odd = [n % 2 for n in values.shape]
     even = np.pad(values, [(0, n) for n in odd])
@@ -620,7 +620,7 @@ def _box_distance(values: NDArray[np.bool_], spacing: NDArray[np.float64]) -> ND
     return np.sqrt(square)
 
 
-def _index_within(lattice: Raster | Grid, points: Any, xp: Any) -> tuple[Any, Any]:
+def _clamped_index(lattice: Raster | Grid, points: Any, xp: Any) -> tuple[Any, Any]:
     """Fractional index of the nearest place within a lattice, and how far the point lies from there."""
     origin = np.asarray(lattice.origin)
     shape = np.asarray(lattice.shape[::-1])

@@ -39,7 +39,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.kernels import kernel_named
+from deformnb.rbf.kernels import as_kernel
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
@@ -165,7 +165,7 @@ def _path(turn: NDArray[np.float64]) -> NDArray[np.float64]:
 _KEPT_BYTES = 2**27
 
 
-def saturated(t: Any, xp: Any = np) -> Any:
+def smoothstep(t: Any, xp: Any = np) -> Any:
     """A step from 0 to 1 over t from 0 to 1 with two continuous derivatives: 6 t^5 - 15 t^4 + 10 t^3.
 
     >>> saturated(np.array([-1.0, 0.5, 2.0])).tolist()
@@ -179,7 +179,7 @@ def _distance(t: Any, xp: Any = np) -> Any:
     return xp.maximum(t, 0.0)
 
 
-WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": saturated, "distance": _distance}
+WEIGHTS: dict[str, Callable[..., Any]] = {"saturated": smoothstep, "distance": _distance}
 """Weights from a part's distance, in units of its scale: the smooth step, or the paper's distance itself."""
 
 _WEIGHT_SLOPES: dict[str, Callable[[Any], Any]] = {
@@ -265,7 +265,7 @@ _kept: OrderedDict[Any, NDArray[np.float32]] = OrderedDict()
 _keeping = threading.Lock()
 
 
-def kept_distances(
+def cached_distances(
     region: AbstractRegion,
     matrix: NDArray[np.float64],
     shift: NDArray[np.float64],
@@ -276,13 +276,13 @@ def kept_distances(
 
     They are cached from the last edit if they are the same: a drag moves points, and no parts.
     """
-    return _remembered(
+    return _cached(
         (region, matrix.tobytes(), shift.tobytes(), rows.tobytes(), columns.tobytes()),
         lambda: np.maximum(region.signed_distance(_outer_sum(rows, columns) @ matrix.T + shift), 0.0),
     )
 
 
-def kept_gradients(
+def cached_gradients(
     region: AbstractRegion, rows: NDArray[np.float64], columns: NDArray[np.float64]
 ) -> NDArray[np.float32]:
     """The same for distances beside a part that stays, with their gradients: (R C, 1 + dim)."""
@@ -291,7 +291,7 @@ def kept_gradients(
         distance, slope = gradients(region, np.eye(region.dim), _outer_sum(rows, columns).reshape(-1, region.dim))
         return np.concatenate([distance[:, None], slope], axis=1)
 
-    return _remembered((region, "gradients", rows.tobytes(), columns.tobytes()), make)
+    return _cached((region, "gradients", rows.tobytes(), columns.tobytes()), make)
 
 
 def _outer_sum(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -299,7 +299,7 @@ def _outer_sum(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArr
     return np.stack([a[:, None] + b[None, :] for a, b in zip(rows, columns, strict=True)], axis=-1)
 
 
-def _remembered(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float32]:
+def _cached(key: Any, make: Callable[[], NDArray[np.float64]]) -> NDArray[np.float32]:
     with _keeping:
         found = _kept.pop(key, None)
     if found is None:
@@ -454,7 +454,7 @@ class RigidInterpolant(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         if not all(map(_is_still, self.matrices, self.shifts)):
             return super().jacobian_on_outer_sum(r, c)
-        measured = [kept_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
+        measured = [cached_gradients(region, r, c) for region in self.regions]  # a drag moves no parts
         shape = (r.shape[1], c.shape[1])
         weight, rate = weight_gradient(
             [m[:, 0] for m in measured], [m[:, 1:] for m in measured], self.scales, self.weights
@@ -474,7 +474,7 @@ class RigidInterpolant(AbstractField):
         r, c = np.asarray(rows, dtype=np.float64), np.asarray(columns, dtype=np.float64)
         base = self.base.on_outer_sum(r, c, resolution)
         motions = [(np.asarray(m), np.asarray(t)) for m, t in zip(self.matrices, self.shifts, strict=True)]
-        distances = [kept_distances(region, m, t, r, c) for region, (m, t) in zip(self.regions, motions, strict=True)]
+        distances = [cached_distances(region, m, t, r, c) for region, (m, t) in zip(self.regions, motions, strict=True)]
         if all(_is_still(m, t) for m, t in motions):  # the common case, without the drift that is zero everywhere
             return np.asarray(weight_of(distances, self.scales, self.weights, np), dtype=np.float32) * base
         places = _outer_sum(r, c)
@@ -528,7 +528,7 @@ def fit_rigid(
     chosen = [part for part in parts if part.enabled]
     if not chosen:
         return fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-    raw = _checked_weights(chosen, points.dim, kernel)
+    raw = _check_weights(chosen, points.dim, kernel)
     back = [np.eye(points.dim) if p.motion is None else np.asarray(p.motion.inverse.matrix) for p in chosen]
     shifts = [np.zeros(points.dim) if p.motion is None else np.asarray(p.motion.inverse.shift) for p in chosen]
     x = points.target
@@ -584,7 +584,7 @@ Separate the parts, or give them one motion.',)
     found = []
     for k, (name, part) in enumerate(chosen):
         for other_name, other in chosen[k + 1 :]:
-            overlap, contact = _in_common(part, other)
+            overlap, contact = _overlap(part, other)
             if overlap:
                 found.append(
                     f"rigid parts {name} and {other_name} hold the same tissue and move it to different "
@@ -598,7 +598,7 @@ Separate the parts, or give them one motion.',)
     return tuple(found)
 
 
-def _in_common(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
+def _overlap(part: RigidPart, other: RigidPart) -> tuple[bool, bool]:
     """Check whether two parts claim the same tissue with different motions, and whether they overlap after them."""
     overlap = contact = False
     for one, two in ((part, other), (other, part)):
@@ -659,7 +659,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
     return points
 
 
-def carried_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequence[RigidPart]) -> ControlPoints:
+def carry_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequence[RigidPart]) -> ControlPoints:
     """The control points after rigid parts have got other motions: those that a part carried go on with it.
 
     Parameters
@@ -678,7 +678,7 @@ def carried_points(points: ControlPoints, before: Sequence[RigidPart], after: Se
     target = points.target.copy()
     for p, q in zip(before, after, strict=False):
         if p.motion != q.motion and p.region == q.region and p.enabled and q.enabled:
-            goes = _carried(points, p)
+            goes = _carried_mask(points, p)
             target[goes] = points.source[goes] if q.motion is None else q.motion(points.source[goes])
     return points if np.array_equal(target, points.target) else replace(points, target=target)
 
@@ -702,12 +702,12 @@ def scaled_points(points: ControlPoints, parts: Sequence[RigidPart], strength: f
     target = scaled.target.copy()
     for part in parts:
         if part.enabled and part.motion is not None:
-            goes = _carried(points, part)
+            goes = _carried_mask(points, part)
             target[goes] = part.motion.power(strength)(points.source[goes])
     return replace(scaled, target=target)
 
 
-def _carried(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
+def _carried_mask(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
     """Mask of the active points that lie in a part and require what it does."""
     if part.region.dim != points.dim:
         return np.zeros(len(points), dtype=bool)
@@ -716,13 +716,13 @@ def _carried(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
     return np.asarray(points.active & near & (part.region.signed_distance(back) <= 0))
 
 
-def _checked_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
+def _check_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
     """Check whether one of the weights is the distance itself, beside which there is no trend."""
     for part in parts:
         if part.region.dim != dim:
             raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
     raw = any(part.weight == "distance" for part in parts)
-    if raw and kernel_named(kernel).order > 0:
+    if raw and as_kernel(kernel).order > 0:
         raise DeformError(
             f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
             "needs one; take the weight 'saturated' or a Wendland kernel."

@@ -88,17 +88,17 @@ class TipBlend(AbstractField):
     def jax_displacement(self, points: Any) -> Any:
         moves = [fit.jax_displacement(points) for fit in self.fits]
         weights = [line.opening(points + moves[0], jax.numpy)[..., None] for line in self.lines]
-        return blended(moves, weights)
+        return blend_displacements(moves, weights)
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
         moves = [fit.displacement(x) for fit in self.fits]
-        return np.asarray(blended(moves, [w[..., None] for w in self._openings(x + moves[0])]))
+        return np.asarray(blend_displacements(moves, [w[..., None] for w in self._openings(x + moves[0])]))
 
     def on_outer_sum(self, rows: ArrayLike, columns: ArrayLike, resolution: float) -> NDArray[np.float32]:
         moves = [fit.on_outer_sum(rows, columns, resolution) for fit in self.fits]
         source = np.moveaxis(_outer_sum(rows, columns) + moves[0], 0, -1)
-        return np.asarray(blended(moves, [w.astype(np.float32) for w in self._openings(source)]))
+        return np.asarray(blend_displacements(moves, [w.astype(np.float32) for w in self._openings(source)]))
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
         """dD/dx by the product rule, with ``dw/dx = (1 + dD_0/dx)^T grad W``."""
@@ -134,7 +134,7 @@ def _one_less(values: list[Any], weight: Any) -> list[Any]:
     return [a + weight * (b - a) for a, b in zip(values[:half], values[half:], strict=True)]
 
 
-def blended(values: list[Any], weights: list[Any]) -> Any:
+def blend_displacements(values: list[Any], weights: list[Any]) -> Any:
     """The displacements of 2^n fits, blended by the openings of n lines that stop, for NumPy and JAX alike."""
     for weight in reversed(weights):
         values = _one_less(values, weight)
@@ -167,7 +167,7 @@ def check_slits(cuts: Sequence[AbstractRegion], rule: str) -> None:
         )
 
 
-def fits_beside_slits(
+def fits_around_slits(
     points: ControlPoints,
     cuts: Sequence[AbstractRegion],
     fit: Callable[[Sides, ControlPoints, Any], Fit],

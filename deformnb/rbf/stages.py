@@ -21,7 +21,7 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.forward import ForwardFit, check_direction, fit_forward, oriented
+from deformnb.rbf.forward import ForwardFit, check_direction, fit_forward, orient_points
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints, as_control_points
@@ -83,9 +83,9 @@ class Staged(AbstractField):
 
     def displacement(self, points: ArrayLike) -> NDArray[np.float64]:
         x = np.asarray(points, dtype=np.float64)
-        return np.asarray(self._before(x, len(self.fits)) - x)
+        return np.asarray(self._places_before(x, len(self.fits)) - x)
 
-    def _before(self, x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    def _places_before(self, x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
         """The places before the last ``count`` stages of the tissue at places of the result."""
         for fit in self.fits[::-1][:count]:
             x = x + fit.displacement(x)
@@ -155,10 +155,10 @@ def fit_points(
             return fit_rigid(points, parts, support=support, **settings)
         kept = previous if isinstance(previous, RBFInterpolant | LocalFits) else None
         return fit_rbf(points, support=support, previous=kept, **settings)
-    settings["support"] = support or choose_support([oriented(points, direction)], **settings)
+    settings["support"] = support or choose_support([orient_points(points, direction)], **settings)
     return Staged(
         tuple(
-            _fit_stage(_part_of_way(points, j, stages), parts, direction, settings, j, stages)
+            _fit_stage(_partial_drag(points, j, stages), parts, direction, settings, j, stages)
             for j in range(1, stages + 1)
         )
     )
@@ -189,7 +189,7 @@ def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None
         )
 
 
-def _part_of_way(points: ControlPoints, j: int, stages: int) -> ControlPoints:
+def _partial_drag(points: ControlPoints, j: int, stages: int) -> ControlPoints:
     way = points.target - points.source
     last = points.target if j == stages else points.source + j / stages * way
     return replace(points, source=points.source + (j - 1) / stages * way, target=last.copy())

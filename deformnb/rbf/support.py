@@ -19,17 +19,17 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import (
     LARGEST_SET,
     SAME_DISTANCE,
-    at_rest,
     box_diagonal,
     diameter,
     diameter_of,
     prepare,
+    resting_places,
 )
 from deformnb.rbf.cross_validation import balls_of, gap_of, parameters_of, prediction_errors, sample_of
-from deformnb.rbf.interpolant import places_between, solve_prepared
-from deformnb.rbf.kernels import AbstractKernel, kernel_named
+from deformnb.rbf.interpolant import probe_places, solve_prepared
+from deformnb.rbf.kernels import AbstractKernel, as_kernel
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN, are_wide, spreads_of, trend_named
+from deformnb.rbf.trends import THIN, are_wide, find_trend, spreads_of
 from deformnb.volume.volume import Grid
 
 SUPPORT_RULES: dict[str, Callable[[ControlPoints], float | None]] = {"box_diagonal": box_diagonal}
@@ -65,7 +65,7 @@ def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> floa
     A wide kernel extrapolates across a row of points (in space: across a flat set too) more wildly the more points
     the row has; half of its length keeps the map beside it calm, and for smooth kernels a number of gaps.
     """
-    places = at_rest(points)
+    places = resting_places(points)
     if are_wide(places - places.mean(axis=0), np.zeros_like(places)):
         return np.inf
     wide = int((spreads_of(places, places)[1] >= THIN).sum())
@@ -80,7 +80,7 @@ def shortest_support(points: ControlPoints) -> float:
 
     With less some of them would know nothing of any neighbour, and the map would be a needle at each of these.
     """
-    places = at_rest(points)
+    places = resting_places(points)
     return gap_of(places[sample_of(places)])
 
 
@@ -134,7 +134,7 @@ def choose_support(
     >>> choose_support([ControlPoints.from_arrays(square)])
     50.0
     """
-    kind = kernel_named(kernel)
+    kind = as_kernel(kernel)
     used = [points.take(np.flatnonzero(points.active)) for points in sets if points.active.any()]
     sizes = [size for points in used if (size := diameter(points))]
     if not sizes:
@@ -152,7 +152,7 @@ def choose_support(
         return usual
     if current is not None and _is_within(current, least, limit):
         radii.append(current)
-    near = _alike(_errors_of(informative, radii, kind, trend, smoothing))
+    near = _equivalent_radii(_errors_of(informative, radii, kind, trend, smoothing))
     near, solved = near or [usual], list[float]()
     for radius in sorted({*radii, usual}, key=lambda radius: (radius in near, radius == current, radius), reverse=True):
         if solved and radius not in near:  # what is worse is for points that no better one solves
@@ -185,7 +185,7 @@ def _errors_of(
     return {radius: squared[known] for radius, squared in errors.items()} if known.sum() > 1 else {}
 
 
-def _alike(errors: Mapping[float, NDArray[np.float64]]) -> list[float]:
+def _equivalent_radii(errors: Mapping[float, NDArray[np.float64]]) -> list[float]:
     """The radii whose errors are those of the best one, but for their noise or a tenth."""
     if not errors:
         return []
@@ -201,15 +201,13 @@ def _alike(errors: Mapping[float, NDArray[np.float64]]) -> list[float]:
 
 def _folds(points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str, smoothing: float) -> bool:
     """Check whether the map of active points folds at or between them, or between a sample of many."""
-    ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
+    ready = prepare(points, kernel, radius, find_trend(trend), smoothing)
     fit = solve_prepared(ready, kernel, smoothing, None)
     if fit.missed > ready.missed:
         raise DeformError("a support with which the points are missed is no choice.")
     sample = sample_of(ready.targets)
     return (
-        fit.folds_at(places_between(ready.targets[sample]))
-        if len(sample) < ready.count
-        else (fit.folds_between_points())
+        fit.folds_at(probe_places(ready.targets[sample])) if len(sample) < ready.count else (fit.folds_between_points())
     )
 
 
@@ -217,12 +215,12 @@ def _squared_errors(
     points: ControlPoints, radius: float, kernel: type[AbstractKernel], trend: str, smoothing: float
 ) -> NDArray[np.float64]:
     """Squared lengths of the errors of active points that are left out, alone and with those around them."""
-    sample = sample_of(at_rest(points))
+    sample = sample_of(resting_places(points))
     if len(sample) < len(points):
         points = points.take(sample)
     if not len(points):
         raise DeformError("points that are all equally far from their centroid are not sampled.")
-    ready = prepare(points, kernel, radius, trend_named(trend), smoothing)
+    ready = prepare(points, kernel, radius, find_trend(trend), smoothing)
     is_shrunk = ready.trend in ("affine", "quadratic") and ready.span.ridge.any()
     rule = "similarity" if is_shrunk and kernel.order < 3 else ready.trend
     balls = balls_of(ready.relative, 1 + parameters_of(ready.trend, points.dim))

@@ -14,7 +14,7 @@ from deformnb._jax import compiled, jax, jnp
 from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
-from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, steadied
+from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, regularize_moments
 
 
 class Solved(NamedTuple):
@@ -66,9 +66,9 @@ def solve(
         alpha, linear, constant = _least_squares(phi, x, d, one, span, turn, trend)
     elif kernel.order == 3:
         assert q is not None
-        alpha, linear, constant, c = _bordered(phi, x, d, one, span.basis, q, span.quadrics)
+        alpha, linear, constant, c = _bordered_system(phi, x, d, one, span.basis, q, span.quadrics)
     elif kernel.order == 2:
-        alpha, linear, constant, _ = _bordered(phi, x, d, one, span.basis)
+        alpha, linear, constant, _ = _bordered_system(phi, x, d, one, span.basis)
     elif TRENDS[trend].linear is None:
         alpha, linear, constant = _inverse_of(phi)(d), jnp.zeros((x.shape[1],) * 2), jnp.zeros(x.shape[1])
     else:
@@ -136,7 +136,7 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
     rule = TRENDS[trend].linear
     assert rule is not None
     if trend == "affine":
-        moments = steadied(moments, plain, span.ridge)
+        moments = regularize_moments(moments, plain, span.ridge)
     return rule(*moments, span, turn) - jnp.eye(len(turn))
 
 
@@ -159,7 +159,7 @@ def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, tr
     return jnp.linalg.solve(phi, d - one * (x @ linear.T + constant)), linear, constant
 
 
-def _bordered(
+def _bordered_system(
     phi: Any, x: Any, d: Any, one: Any, basis: Any, q: Any = None, quadrics: Any = None
 ) -> tuple[Any, Any, Any, Any]:
     """Eqs. 3-4 as printed, for kernels of order 2 and 3: [Phi P; P^T 0], P = (1, x on the span of the points).
@@ -176,17 +176,17 @@ def _bordered(
     width = p.shape[1]
     factor = jax.scipy.linalg.lu_factor(jnp.block([[phi, p], [p.T, jnp.zeros((width, width))]]))
 
-    def bordered(b: Any) -> Any:
+    def border(b: Any) -> Any:
         return jax.scipy.linalg.lu_solve(factor, jnp.concatenate([b, jnp.zeros((width, dim))]))
 
-    v, last = bordered(d), n + 1 + rank
+    v, last = border(d), n + 1 + rank
     bent = None if q is None else quadrics @ v[last:]
     if rank == dim:
         return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
     linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
     # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
     # fit what is left. Its trend is of the size of that rounding, and is kept.
-    rest = bordered(d - x @ linear.T - (0.0 if q is None else q @ bent))
+    rest = border(d - x @ linear.T - (0.0 if q is None else q @ bent))
     bent = bent if q is None else bent + quadrics @ rest[last:]
     return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
 
@@ -238,17 +238,17 @@ def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Float
     n, dim = x.shape
     given = np.concatenate([d, np.zeros((dim + 1 if order == 2 else 1, dim))])
     if order == 2:
-        v, miss = _refined(matrix, matrix.solve(given), given)
+        v, miss = _refine(matrix, matrix.solve(given), given)
         return Solved(v[:n], v[n + 1 :].T, v[n], miss[:n])
     v = matrix.solve(np.concatenate([np.pad(x, ((0, 1), (0, 0))), given], axis=1))
     s = x.T @ v[:n, :dim]
     linear = _linear_on_host(x, d, (s, s + d.T @ v[:n, :dim]), span, turn, trend)
     given[:n] -= x @ linear.T
-    found, miss = _refined(matrix, v[:, dim:] - v[:, :dim] @ linear.T, given)
+    found, miss = _refine(matrix, v[:, dim:] - v[:, :dim] @ linear.T, given)
     return Solved(found[:n], linear, found[n], miss[:n])
 
 
-def _refined(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Floats]:
+def _refine(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Floats]:
     """A solution and its residual; of points that have moved since they were factored with one step of refinement.
 
     What is interpolated was wrong by 5e-11 of the extent of 220 thin-plate points without it.

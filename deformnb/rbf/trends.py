@@ -90,7 +90,7 @@ def _translation(s: Any, h: Any, span: Span, previous: Any) -> Any:
 
 def _affine(s: Any, h: Any, span: Span, previous: Any) -> Any:
     """M = G + (H - G S) (S + tr(S) ridge)^-1 with the similarity G; without a ridge that is H S^-1."""
-    rotation = nearest_rotation(_held_about_a_row(h, jnp.trace(s), span.ridge), jnp.trace(s), previous)
+    rotation = nearest_rotation(_fix_row_rotation(h, jnp.trace(s), span.ridge), jnp.trace(s), previous)
     similar = jnp.maximum(jnp.sum(rotation * h) / jnp.trace(s), 0.0) * rotation
     is_thin = jnp.any(span.ridge)
     rest = h - jnp.where(is_thin, 1.0, 0.0) * (similar @ s)
@@ -98,7 +98,7 @@ def _affine(s: Any, h: Any, span: Span, previous: Any) -> Any:
     return jnp.where(is_thin, similar + found, found)
 
 
-def _held_about_a_row(h: Any, size: Any, ridge: Any) -> Any:
+def _fix_row_rotation(h: Any, size: Any, ridge: Any) -> Any:
     """H with the smallest turn of a row of points in space added, as much as the row is thin.
 
     The turn about a row is determined by the small offsets of its points alone: a point dragged across the row would
@@ -111,7 +111,7 @@ def _held_about_a_row(h: Any, size: Any, ridge: Any) -> Any:
     image = lax.stop_gradient(h) @ along
     length = jnp.sqrt(jnp.sum(image * image))
     # Half a turn is about the direction in which the row is thinnest, if there is one.
-    aside = jnp.where(weights[2] > _SURELY * weights[1], axes[:, 2], _axis_beside(along))
+    aside = jnp.where(weights[2] > _SURELY * weights[1], axes[:, 2], _transverse_axis(along))
     turn = _smallest_turn(along, jnp.where(length > 0, image / jnp.where(length > 0, length, 1.0), along), aside)
     across = jnp.eye(3, dtype=h.dtype) - jnp.outer(along, along)
     return h + jnp.maximum(weights[1], 0.0) * size * turn @ across
@@ -148,7 +148,7 @@ TRENDS: dict[str, Trend] = {
 """All trends by name; the first is the default."""
 
 
-def trend_named(name: str) -> Trend:
+def find_trend(name: str) -> Trend:
     """The trend of a name; DeformError listing the names if there is none."""
     try:
         return TRENDS[name]
@@ -291,7 +291,7 @@ def _penalty(spreads: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
     return np.where(s < limit, ((limit - s) / s) ** 2 / SOFTNESS, 0.0)
 
 
-def steadied(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tuple[Any, Any]:
+def regularize_moments(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tuple[Any, Any]:
     """S and H (..., dim, dim), to which those of all points alike are added as much as the points are thin.
 
     The energy of a row of points is that of its small wiggles: by it, one point dragged past its neighbours would turn
@@ -373,7 +373,7 @@ def complete(images: Any, basis: Any) -> Any:
     return _smallest_turn(basis[:, 0], images[:, 0])
 
 
-def _axis_beside(q: Any) -> Any:
+def _transverse_axis(q: Any) -> Any:
     """The axis of coordinates that is farthest from the direction q."""
     return jnp.eye(3, dtype=q.dtype)[jnp.argmin(jnp.abs(q))]
 
@@ -390,7 +390,7 @@ def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
     start = jnp.where(opposite, -q, q)
     axis = jnp.cross(start, t)
     k = jnp.array([[0.0, -axis[2], axis[1]], [axis[2], 0.0, -axis[0]], [-axis[1], axis[0], 0.0]])
-    other = _axis_beside(q) if aside is None else aside
+    other = _transverse_axis(q) if aside is None else aside
     other = other - jnp.dot(other, q) * q
     other = other / jnp.sqrt(jnp.sum(other * other))
     half = 2 * jnp.outer(other, other) - jnp.eye(3, dtype=q.dtype)

@@ -15,7 +15,7 @@ from deformnb.document.deformation import STEP_LABELS, Deformation, Step
 from deformnb.document.edits import complete_change, points_between, untouched_step
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart, carried_points, without_conflicts
+from deformnb.rbf.rigid import RigidPart, carry_points, without_conflicts
 from deformnb.session.history import History, HistoryNode
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -269,7 +269,7 @@ class Editing(traitlets.HasTraits):
         """
         with self.lock:
             step, parts = self.step, tuple(parts)
-            step = replace(step, maps=tuple(carried_points(own, step.parts, parts) for own in step.maps))
+            step = replace(step, maps=tuple(carry_points(own, step.parts, parts) for own in step.maps))
             step = step if points is None else step.with_points(points, self.key)
             fields = {} if step.maps == self.step.maps else {"maps": step.maps}
             self.change(label or "change rigid parts", kind, slides=slides, parts=parts, **fields)

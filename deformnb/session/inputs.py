@@ -19,7 +19,7 @@ from deformnb.io.meshes.formats import is_mesh, read_mesh
 from deformnb.io.volumes.formats import describe_file, read_volume
 from deformnb.io.volumes.series import is_series, open_series
 from deformnb.volume.channels import Channels
-from deformnb.volume.converters import converted
+from deformnb.volume.converters import convert
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
 from deformnb.warping.mesh import Mesh, as_mesh, filled, grid_around, is_surface, signed_distance
@@ -66,7 +66,7 @@ def subject_from(given: Any, **options: Any) -> Volume | Channels:
         if len(series) == 1:
             return next(iter(series))
     if not isinstance(given, str | PathLike) and not is_surface(given):
-        found = converted(given)
+        found = convert(given)
         if isinstance(found, Channels):
             return found
         given = found

@@ -20,7 +20,7 @@ WHOLE: Clip = ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
 """Nothing is cut away."""
 
 
-def checked_clip(value: Any) -> Clip:
+def check_clip(value: Any) -> Clip:
     """Three pairs of shares as plain numbers.
 
     Raises
@@ -122,7 +122,7 @@ class ClipBox:
         axes = np.asarray(self.grid.direction).T
         return self.grid.index_to_point(index), np.concatenate([axes, -axes])
 
-    def emptied(self, volume: Volume) -> Volume:
+    def mask_outside(self, volume: Volume) -> Volume:
         """The volume with background in all voxels outside."""
         values = np.where(self.holds(volume.grid), volume.finite_values, volume.dtype.type(volume.background))
         return replace(volume, values=values)

@@ -46,7 +46,7 @@ _PLACES = (
 NO_PLACE = "an array has no place of its own: it lies at the origin, with voxels 1 apart"
 
 
-def converted(given: Any) -> Volume | Channels:
+def convert(given: Any) -> Volume | Channels:
     """The volume or the channels that any accepted object is.
 
     Parameters
@@ -73,7 +73,7 @@ def converted(given: Any) -> Volume | Channels:
         whole: Volume = own()
         return whole
     converter = converter_of(given)
-    return _of_array(given) if converter is None else converter(given)
+    return _from_array(given) if converter is None else converter(given)
 
 
 def converter_of(given: Any) -> Converter | None:
@@ -83,7 +83,7 @@ def converter_of(given: Any) -> Converter | None:
     if is_layer(given):
         return layers.image_of_layer
     if labelled.is_labelled(given):
-        return _of_xarray
+        return _from_xarray
     for kind in type(given).__mro__:
         found = CONVERTERS.get(kind.__module__.partition(".")[0])
         if found is not None:
@@ -93,7 +93,7 @@ def converter_of(given: Any) -> Converter | None:
 
 def states_place(given: Any) -> bool:
     """Check whether an object is an image of another package, which says where it lies; no array and no file is."""
-    return converter_of(given) not in (None, _of_chunks)
+    return converter_of(given) not in (None, _from_chunks)
 
 
 def is_layer(given: Any) -> bool:
@@ -103,7 +103,7 @@ def is_layer(given: Any) -> bool:
 
 def one_volume(given: Any) -> Volume:
     """The volume that an object is; DeformError for several channels, which are no single one."""
-    found = converted(given)
+    found = convert(given)
     if isinstance(found, Volume):
         return found
     if len(found) == 1:
@@ -119,7 +119,7 @@ def several_channels(given: Any) -> Channels:
     if isinstance(given, str | os.PathLike):
         read: Channels = READERS["channels"](given)
         return read
-    found = converted(given)
+    found = convert(given)
     return found if isinstance(found, Channels) else Channels((found,), name=found.name)
 
 
@@ -141,10 +141,10 @@ def grid_of(given: Any) -> Grid:
         raise DeformError(
             f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes one."
         )
-    return converted(given).grid
+    return convert(given).grid
 
 
-def _of_array(given: Any) -> Volume:
+def _from_array(given: Any) -> Volume:
     """A volume of an array without a place; DeformError for what is no array, or has a place that is not understood."""
     if not _is_array(given):
         opened = getattr(given, "name", None)
@@ -201,11 +201,11 @@ def _components(values: NDArray[Any], grid: Grid, name: str) -> Channels:
     return Channels.from_array(values, grid, kind=kind, name=name)
 
 
-def _of_xarray(given: Any) -> Volume | Channels:
+def _from_xarray(given: Any) -> Volume | Channels:
     return labelled.volume_or_channels(given)
 
 
-def _of_sitk(given: Any) -> Volume | Channels:
+def _from_sitk(given: Any) -> Volume | Channels:
     sitk = optional_package("SimpleITK")
     if not isinstance(given, sitk.Image):
         raise DeformError(f"a Volume is needed, got a {type(given).__name__} of SimpleITK, which is no image.")
@@ -216,7 +216,7 @@ def _of_sitk(given: Any) -> Volume | Channels:
     return _components(values.reshape(*first.shape, -1), first.grid, "")
 
 
-def _of_itk(given: Any) -> Volume | Channels:
+def _from_itk(given: Any) -> Volume | Channels:
     """An image of ITK's own Python package, by what it says of the places of its voxels."""
     if not hasattr(given, "GetBufferedRegion") or not hasattr(given, "TransformIndexToPhysicalPoint"):
         raise DeformError(f"a Volume is needed, got a {type(given).__name__} of ITK, which is no image.")
@@ -240,7 +240,7 @@ def _of_itk(given: Any) -> Volume | Channels:
     return replace(Volume.from_array(values.reshape(shape)), grid=grid)
 
 
-def _of_nibabel(given: Any) -> Volume | Channels:
+def _from_nibabel(given: Any) -> Volume | Channels:
     if not hasattr(given, "dataobj") or not hasattr(given, "affine"):
         raise DeformError(f"a Volume is needed, got a {type(given).__name__} of nibabel, which is no image in space.")
     if np.dtype(given.get_data_dtype()).names is None:
@@ -253,7 +253,7 @@ def _of_nibabel(given: Any) -> Volume | Channels:
     return _components(np.moveaxis(parts.T, 0, -1), replace(grid, unit=nibabel_unit(given)), "")
 
 
-def _of_pyvista(given: Any) -> Volume | Channels:
+def _from_pyvista(given: Any) -> Volume | Channels:
     values, affine, name = pyvista_parts(given, None)
     if values.ndim == 3:
         return Volume.from_pyvista(given)
@@ -261,12 +261,12 @@ def _of_pyvista(given: Any) -> Volume | Channels:
     return _components(values, Grid.from_affine(shape, affine, "mm"), name)
 
 
-def _of_chunks(given: Any) -> Volume | Channels:
+def _from_chunks(given: Any) -> Volume | Channels:
     refuse_lazy(given)  # what is not in chunks is an array like any other
-    return _of_array(given)
+    return _from_array(given)
 
 
-def _of_pillow(given: Any) -> Volume | Channels:
+def _from_pillow(given: Any) -> Volume | Channels:
     if given.mode in ("RGB", "RGBA"):
         found = Channels.from_array(np.asarray(given), kind=given.mode.lower())
         return replace(found, volumes=tuple(replace(v, notes=(*v.notes, NO_PLACE)) for v in found))
@@ -284,16 +284,16 @@ def _no_table(given: Any) -> Volume | Channels:
 
 
 CONVERTERS: dict[str, Converter] = {
-    "xarray": _of_xarray,
-    "SimpleITK": _of_sitk,
-    "itk": _of_itk,
-    "nibabel": _of_nibabel,
-    "pyvista": _of_pyvista,
-    "vtkmodules": _of_pyvista,
+    "xarray": _from_xarray,
+    "SimpleITK": _from_sitk,
+    "itk": _from_itk,
+    "nibabel": _from_nibabel,
+    "pyvista": _from_pyvista,
+    "vtkmodules": _from_pyvista,
     "napari": layers.image_of_layer,
-    "dask": _of_chunks,
-    "zarr": _of_chunks,
-    "PIL": _of_pillow,
+    "dask": _from_chunks,
+    "zarr": _from_chunks,
+    "PIL": _from_pillow,
     "pandas": _no_table,
     "polars": _no_table,
 }

@@ -46,8 +46,8 @@ class KnownSpacing:
     def note(self) -> str:
         """Note for a volume that got its true spacing."""
         return (
-            f"this is the {self.title}: its file has a spacing of {_shown(self.header_spacing)}, which is wrong; "
-            f"{_shown(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)"
+            f"this is the {self.title}: its file has a spacing of {_spacing_text(self.header_spacing)}, which is wrong"
+            f"; {_spacing_text(self.spacing)} was taken, after {self.reason} (pass the spacing to have another)"
         )
 
     @property
@@ -55,7 +55,7 @@ class KnownSpacing:
         """Note for a document that was made with the spacing of the file."""
         return (
             f"this document was made on the {self.title} with the wrong spacing of its file, "
-            f"{_shown(self.header_spacing)} instead of {_shown(self.spacing)}"
+            f"{_spacing_text(self.header_spacing)} instead of {_spacing_text(self.spacing)}"
         )
 
     def is_right(self, grid: Grid) -> bool:
@@ -145,5 +145,5 @@ def older_document(sha256: str, spacing: Float3, grid: Grid) -> KnownSpacing | N
     )
 
 
-def _shown(spacing: Float3) -> str:
+def _spacing_text(spacing: Float3) -> str:
     return " x ".join(f"{s:.6g}" for s in spacing)

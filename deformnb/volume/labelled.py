@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from deformnb.checks import finite_array
 from deformnb.errors import DeformError
 from deformnb.volume.channels import Channels
-from deformnb.volume.units import UNITS, common_unit, stated_unit
+from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import EVEN, Grid, Volume, VolumeLike, as_volume, optional_package, refuse_lazy
 
 _SPATIAL = ("z", "y", "x")
@@ -84,7 +84,7 @@ class LabelledAxes:
         starts, steps = zip(*(_line(array, dim) for dim in spatial), strict=True)
         shape = tuple(int(array.sizes[dim]) for dim in spatial)
         rest = 3 - len(spatial)
-        stated = [stated_unit(_unit(array, dim)) for dim in reversed(spatial)]
+        stated = [parse_unit(_unit(array, dim)) for dim in reversed(spatial)]
         units = [one for one, _ in stated]
         unit, factors, notes = common_unit(units + units[:1] * rest)
         origin = (0.0,) * rest + tuple(a * f for a, f in zip(starts, factors[::-1][rest:], strict=True))
@@ -271,10 +271,10 @@ def unstack(array: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], Any]
     ordered = array.transpose(*axes.others, *axes.spatial)
     stack = np.asarray(ordered.values).reshape(-1, *axes.grid.shape)
     volumes = [replace(Volume.from_array(values, name=str(array.name or "")), grid=axes.grid) for values in stack]
-    return volumes, lambda results: _stacked(results, axes, ordered).transpose(*array.dims)
+    return volumes, lambda results: _stack(results, axes, ordered).transpose(*array.dims)
 
 
-def _stacked(results: Sequence[Volume], axes: LabelledAxes, ordered: Any) -> Any:
+def _stack(results: Sequence[Volume], axes: LabelledAxes, ordered: Any) -> Any:
     """Volumes in the place of those of an array whose other dimensions come first."""
     grid = results[0].grid
     values = np.stack([result.values for result in results])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.volume.channels import Channels
-from deformnb.volume.units import common_unit, stated_unit
+from deformnb.volume.units import common_unit, parse_unit
 from deformnb.volume.volume import Grid, Volume
 
 LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
@@ -115,7 +115,7 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
     words = [units] * dims if units is None or isinstance(units, str) else list(units)
     if len(words) != dims:
         raise DeformError(f"the layer has {dims} dimensions and {len(words)} units, {shown_value(units)}.")
-    stated = [stated_unit("" if word is None else str(word)) for word in reversed(words)]
+    stated = [parse_unit("" if word is None else str(word)) for word in reversed(words)]
     unit, factors, notes = common_unit([one for one, _ in stated])
     world[:dims] *= np.asarray(factors)[:, None]
     return world, unit, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes

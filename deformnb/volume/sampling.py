@@ -62,7 +62,7 @@ def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
     return float64() if dtype.name in WIDE or size > LARGEST_INT32 else devices.computing()
 
 
-def on_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
+def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
     """The array as JAX sees it, sharing memory where it can; one copy (with large pages) where it cannot.
 
     ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
@@ -99,8 +99,8 @@ class Within:
         return np.array(values, dtype, copy=copy)
 
 
-def shared(array: NDArray[Any]) -> Any:
-    """An array, or a part of a larger one, as JAX sees it: by :func:`on_device`, or :class:`Within` without a copy.
+def share_with_jax(array: NDArray[Any]) -> Any:
+    """An array, or a part of a larger one, as JAX sees it: by :func:`to_device`, or :class:`Within` without a copy.
 
     The row of the latter begins before the array, where memory can be shared; parts of one shape have rows of one
     length. Only a part at the very beginning or end of the larger array is copied.
@@ -114,20 +114,20 @@ def shared(array: NDArray[Any]) -> Any:
     is_aligned = not (start or any(stride % _ALIGNMENT for stride in array.strides[:-2]))
     is_part = whole.flags.c_contiguous and array.nbytes < whole.nbytes
     if not devices.is_host() or not array.flags.c_contiguous or start % array.itemsize or not array.size:
-        return on_device(array)
+        return to_device(array)
     if not is_part and start:
-        return Within(on_device(_lines(array)), np.int32(start // array.itemsize), array.shape)
+        return Within(to_device(_lines(array)), np.int32(start // array.itemsize), array.shape)
     if is_aligned or not is_part:
-        return on_device(array)
+        return to_device(array)
     length = array.size + _ALIGNMENT // array.itemsize
     values = whole.reshape(-1).view(np.uint8)
     first = array.ctypes.data - start - values.ctypes.data
     if 0 <= first <= values.size - length * array.itemsize:
         row = values[first : first + length * array.itemsize].view(array.dtype)
-        return Within(on_device(row), np.int32(start // array.itemsize), array.shape)
+        return Within(to_device(row), np.int32(start // array.itemsize), array.shape)
     row = aligned_empty((length,), array.dtype)
     np.copyto(row[: array.size].reshape(array.shape), array)
-    return Within(on_device(row), np.int32(0), array.shape)
+    return Within(to_device(row), np.int32(0), array.shape)
 
 
 def _lines(array: NDArray[Any]) -> NDArray[Any]:
@@ -141,18 +141,18 @@ def _lines(array: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(SimpleNamespace(__array_interface__=interface, owner=array))
 
 
-def turned(array: NDArray[Any], axis: int, to: int) -> Any:
+def move_axis(array: NDArray[Any], axis: int, to: int) -> Any:
     """The array in JAX's memory with one axis moved; JAX's own copy turns small types four times as fast as NumPy's.
 
-    It takes twice as long where slices that it reads or writes by turns begin whole pages apart (:func:`spaced`): their
-    lines of memory drive each other out of the cache.
+    It takes twice as long where slices that it reads or writes by turns begin whole pages apart (:func:`add_row_gaps`):
+    their lines of memory drive each other out of the cache.
     """
     check_process()
     with devices.computing():
         return jax.device_put(np.moveaxis(array, axis, to))
 
 
-def spaced(array: NDArray[Any]) -> NDArray[Any]:
+def add_row_gaps(array: NDArray[Any]) -> NDArray[Any]:
     """A copy of slices [slice, row, column] with a gap of one line of memory behind each."""
     size = array[0].size
     lines = np.empty((len(array), size + _ALIGNMENT // array.itemsize), array.dtype)
@@ -315,13 +315,13 @@ def _taps_at(
     return found, ok
 
 
-def _nested(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
+def _weighted_sum(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
     """The weighted sum over all combinations of taps, one axis inside the other."""
     if not taps:
         return read(offset, shift)
     total: Any = None
     for place, step, weight in taps[0]:
-        value = _nested(read, taps[1:], offset + place, shift + step)
+        value = _weighted_sum(read, taps[1:], offset + place, shift + step)
         value = value if weight is None else weight * value
         total = value if total is None else total + value
     return total
@@ -339,13 +339,13 @@ def _products(taps: Sequence[Taps]) -> Taps:
     return result
 
 
-def _stored(taps: Taps) -> Taps:
+def _materialize(taps: Taps) -> Taps:
     """The same taps, behind a barrier: their arrays are computed once, and not again for every voxel."""
     places, weights = lax.optimization_barrier(([tap[0] for tap in taps], [tap[2] for tap in taps]))
     return [(place, tap[1], weight) for place, tap, weight in zip(places, taps, weights, strict=True)]
 
 
-def _finished(value: Any, ok: Any, fill: Any, method: str) -> Any:
+def _to_voxel_type(value: Any, ok: Any, fill: Any, method: str) -> Any:
     """Values in the voxel type of ``fill``: integers rounded (halves up) and clipped, ``fill`` where not ``ok``."""
     if METHODS[method].blends:
         if jnp.issubdtype(fill.dtype, jnp.integer) and METHODS[method].is_spline:  # linear cannot leave the range
@@ -486,7 +486,7 @@ def _general(
             )
             places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
         taps, ok = _taps_at(places, method=method, index=index, near=near)
-        return _finished(_nested(_reader(row, taps, method, compute), taps, start), ok, fill, method)
+        return _to_voxel_type(_weighted_sum(_reader(row, taps, method, compute), taps, start), ok, fill, method)
 
     def plane(q: Any) -> Any:
         if isinstance(field, tuple):
@@ -500,7 +500,7 @@ def _general(
     return each(plane, jnp.arange(whole[0].shape[1]))
 
 
-def _listed(
+def _sample_listed(
     flat: Any,
     d: Any,
     voxels: Any,
@@ -520,7 +520,7 @@ def _listed(
     voxels : their indices z, y, x in the output, whose tables ``whole`` and ``part`` are.
     """
 
-    def added(tables: Any) -> tuple[Any, ...]:
+    def add(tables: Any) -> tuple[Any, ...]:
         z, y, x = (table.at[:, at].get(mode="promise_in_bounds") for table, at in zip(tables, voxels, strict=True))
         none = jnp.zeros((3, 1), z.dtype)
         return none, none, z + y + x
@@ -530,8 +530,8 @@ def _listed(
         flat,
         row,
         matrix,
-        added(whole),
-        added(part),
+        add(whole),
+        add(part),
         fill,
         shape=shape,
         method=method,
@@ -542,7 +542,7 @@ def _listed(
     ).reshape(-1)
 
 
-def _extruded(
+def _sample_extruded(
     flat: Any,
     maps: Any,
     weights: Any,
@@ -579,16 +579,16 @@ def _extruded(
     taps, ok = _taps_at(places, method=method, index=index, near=near)
     if weights is None:
         # These are as small as the map: compute them once. With weights they are as large as the output: never store.
-        taps, ok = [_stored(axis) for axis in taps], lax.optimization_barrier(ok)
+        taps, ok = [_materialize(axis) for axis in taps], lax.optimization_barrier(ok)
     row, start = _row_of(flat)
     read = _reader(row, [fixed, *taps], method, compute)
-    return _finished(_nested(read, [fixed, *taps], start), ok, fill, method)
+    return _to_voxel_type(_weighted_sum(read, [fixed, *taps], start), ok, fill, method)
 
 
 def _slices_in_words(
     slices: Any, moves: Any, weights: Any, whole: Any, part: Any, fill: Any, *, shape: tuple[int, int]
 ) -> Any:
-    """Slices of one or two bytes a voxel, each moved within itself and read linearly, as :func:`_extruded` gives them.
+    """Slices of one or two bytes a voxel, each moved within itself and read linearly, like :func:`_sample_extruded`.
 
     A word per voxel of a slice holds the four voxels of its cell, or with two bytes a voxel those of one row: one or
     two loads for each voxel of the output in place of four. Slices need two rows and two columns at least, and no more
@@ -604,7 +604,7 @@ def _slices_in_words(
     count = shape[0] * columns - held[-1]  # of words; the last voxels begin none
     value_type = jnp.int32 if jnp.issubdtype(fill.dtype, jnp.signedinteger) else jnp.uint32
 
-    def packed(voxels: Any) -> Any:
+    def pack(voxels: Any) -> Any:
         wide = lax.bitcast_convert_type(voxels.reshape(-1), jnp.dtype(f"uint{bits}")).astype(jnp.uint32)
         return sum(wide[shift : shift + count] << bits * k for k, shift in enumerate(held))
 
@@ -612,7 +612,7 @@ def _slices_in_words(
         high = lax.bitcast_convert_type(word << 32 - bits * (k + 1), value_type)  # its sign is that of the voxel
         return (high >> 32 - bits).astype(jnp.int32).astype(jnp.float32)
 
-    def moved(k: Any) -> Any:
+    def move(k: Any) -> Any:
         cells, weights_in, ok = [], [], True
         for a in range(2):
             place = part[a] + sum(weights[m, k] * moves[m][a] for m in range(len(moves)))
@@ -624,15 +624,15 @@ def _slices_in_words(
         # XLA merges loops across its barriers and would pack again for each voxel that is read; what comes out of a
         # conditional is stored. This one's condition always holds.
         voxels = slices.at(k) if isinstance(slices, Within) else lax.dynamic_index_in_dim(slices, k, keepdims=False)
-        words = lax.cond(k >= 0, packed, lambda _: jnp.zeros(count, jnp.uint32), voxels)
+        words = lax.cond(k >= 0, pack, lambda _: jnp.zeros(count, jnp.uint32), voxels)
         parts = [lax.slice_in_dim(words, shift, count - loads[-1] + shift) for shift in loads]
         read = [some.at[at].get(mode="promise_in_bounds", wrap_negative_indices=False) for some in parts]
         read = lax.optimization_barrier(read)  # read, then interpolated: without it words are read for each voxel
         a, b, c, d = (voxel(word, k) for word in read for k in range(len(held)))
         s, t = weights_in
-        return _finished((1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), ok, fill, "linear")
+        return _to_voxel_type((1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), ok, fill, "linear")
 
-    return lax.map(moved, jnp.arange(weights.shape[1]))
+    return lax.map(move, jnp.arange(weights.shape[1]))
 
 
 def _row_taps(
@@ -662,7 +662,7 @@ def _row_taps(
     return [(offset + shift, weight) for offset, shift, weight in _products(taps)], ok
 
 
-def _rows_by(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, method: str, compute: str) -> Any:
+def _sample_rows(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, method: str, compute: str) -> Any:
     """Output rows by :func:`_row_taps`.
 
     table : (shape[0] * shape[1], n), one row of voxels per place on the picture; or [row, column, n]; or :class:`Rows`.
@@ -672,7 +672,7 @@ def _rows_by(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, met
         read = table.reader(method, compute)
     else:
         read = _reader(table.reshape(-1, table.shape[-1]), [each], method, compute)
-    return _finished(_nested(read, [each]), ok[..., None], fill, method)
+    return _to_voxel_type(_weighted_sum(read, [each]), ok[..., None], fill, method)
 
 
 def _rows(
@@ -691,20 +691,20 @@ def _rows(
 ) -> Any:
     """A chunk of output rows that move as a whole: one replicated map, the axis of replication last in memory.
 
-    The arguments are those of :func:`_row_taps` and :func:`_rows_by`.
+    The arguments are those of :func:`_row_taps` and :func:`_sample_rows`.
     """
     found = _row_taps(maps, matrix, whole, part, shape=shape, method=method, compute=compute, index=index, near=near)
     # The barrier makes offsets and weights small arrays of their own; without it they are computed again for every
     # voxel and the rows are not read as vectors (2.5 times slower).
     taps, ok = lax.optimization_barrier(found)
-    return _rows_by(table, taps, ok, fill, method=method, compute=compute)
+    return _sample_rows(table, taps, ok, fill, method=method, compute=compute)
 
 
 _STATIC = ("shape", "method", "compute", "index", "near")
 general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step", "straight"))
-listed = compiled(_listed, on_one_thread=True, static_argnames=_STATIC)
-extruded = compiled(_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
+listed = compiled(_sample_listed, on_one_thread=True, static_argnames=_STATIC)
+extruded = compiled(_sample_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
 slices_in_words = compiled(_slices_in_words, on_one_thread=True, static_argnames=("shape",))
 rows = compiled(_rows, static_argnames=_STATIC)
 row_taps = compiled(_row_taps, static_argnames=_STATIC)
-rows_by = compiled(_rows_by, on_one_thread=True, static_argnames=("method", "compute"))
+rows_by = compiled(_sample_rows, on_one_thread=True, static_argnames=("method", "compute"))

@@ -112,7 +112,9 @@ class TransferFunction:
         values = np.unique(np.concatenate([c[:, 0], o[:, 0]]))
         after = self(values)
         before = np.stack(
-            [_before(c[:, 0], c[:, k], values) for k in (1, 2, 3)] + [_before(o[:, 0], o[:, 1], values)], axis=-1
+            [_left_interpolation(c[:, 0], c[:, k], values) for k in (1, 2, 3)]
+            + [_left_interpolation(o[:, 0], o[:, 1], values)],
+            axis=-1,
         )
         jumps = (before != after).any(axis=1)
         places = np.concatenate([np.flatnonzero(jumps), np.arange(len(values))])
@@ -210,7 +212,7 @@ class TransferFunction:
         )
 
 
-def _before(
+def _left_interpolation(
     nodes: NDArray[np.float64], heights: NDArray[np.float64], values: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Linear interpolation; at a jump what comes before it, where ``np.interp`` gives what comes after."""
@@ -284,12 +286,13 @@ def levels(volume: Volume) -> tuple[float, float, float, float]:
     """Air, the edge between air and tissue, the edge between tissue and dense tissue, and the densest value.
 
     The edges are Otsu's thresholds (IEEE Trans. SMC 9 (1979) 62-66): of all voxels, and of those above the first.
-    Padding is left out, see :func:`smallest_measured`, and outliers that stretch the range, see :func:`typical_range`.
+    Padding is left out, see :func:`smallest_measurement`, and outliers that stretch the range, see
+    :func:`typical_range`.
     """
-    return _measured(volume).levels
+    return _measure(volume).levels
 
 
-def smallest_measured(volume: Volume) -> float:
+def smallest_measurement(volume: Volume) -> float:
     """The smallest value that is no padding: not what scanners write where they have measured nothing.
 
     Padding is what lies far below air in Hounsfield units, such as -2000 or -3024, and one value that fills the slices
@@ -303,14 +306,14 @@ def smallest_measured(volume: Volume) -> float:
     -1000.0
     """
     if volume not in _SMALLEST:
-        _SMALLEST[volume] = _above_padding(volume)
+        _SMALLEST[volume] = _padding_limit(volume)
     return _SMALLEST[volume]
 
 
 _SMALLEST: WeakKeyDictionary[Volume, float] = WeakKeyDictionary()
 
 
-def _above_padding(volume: Volume) -> float:
+def _padding_limit(volume: Volume) -> float:
     low, high = volume.value_range
     if volume.is_labels or volume.dtype == np.bool_ or not low < high:
         return low
@@ -355,8 +358,8 @@ def _fills_corners(volume: Volume, value: float) -> bool:
 def typical_range(volume: Volume) -> tuple[float, float]:
     """The smallest and the largest value, but of padding and of outliers that stretch this range sixteenfold or more.
 
-    Padding is what lies below :func:`smallest_measured`. Outliers are at most 1 in 10 000 voxels, or one: hot voxels, a
-    marker. Labels, bytes and volumes of fewer than 512 voxels have none.
+    Padding is what lies below :func:`smallest_measurement`. Outliers are at most 1 in 10 000 voxels, or one: hot
+    voxels, a marker. Labels, bytes and volumes of fewer than 512 voxels have none.
 
     Examples
     --------
@@ -365,7 +368,7 @@ def typical_range(volume: Volume) -> tuple[float, float]:
     >>> typical_range(Volume.from_array(values))
     (0.0, 999.0)
     """
-    return _measured(volume).range if _may_have_outliers(volume) else volume.value_range
+    return _measure(volume).range if _may_have_outliers(volume) else volume.value_range
 
 
 def _may_have_outliers(volume: Volume) -> bool:
@@ -381,9 +384,9 @@ class _Measured:
 _MEASURED: WeakKeyDictionary[Volume, _Measured] = WeakKeyDictionary()
 
 
-def _measured(volume: Volume) -> _Measured:
+def _measure(volume: Volume) -> _Measured:
     if volume not in _MEASURED:
-        low, high = smallest_measured(volume), volume.value_range[1]
+        low, high = smallest_measurement(volume), volume.value_range[1]
         if high <= low:
             _MEASURED[volume] = _Measured((low, low), (low, low, low, low))
         else:
@@ -400,7 +403,7 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
     if whole.low > volume.background:  # what is below is padding
         size = sum(int(np.count_nonzero(part >= whole.low)) for part in volume.finite_values)
     most, found = max(1, int(OUTLIERS * size)), whole
-    while (ends := _crowded(found, most)) is not None:
+    while (ends := _crowded_bins(found, most)) is not None:
         inside = [part[(part >= ends[0]) & (part <= ends[1])] for part in volume.finite_values]
         low, high = (float(f([f(part) for part in inside if part.size])) for f in (min, max))
         if not low < high or size - sum(part.size for part in inside) > most:  # a spot on an even ground is no outlier
@@ -411,7 +414,7 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
     return found
 
 
-def _crowded(counts: Histogram, most: int) -> tuple[float, float] | None:
+def _crowded_bins(counts: Histogram, most: int) -> tuple[float, float] | None:
     """Edges of the few bins that hold all that is counted but ``most`` voxels; None if they are not few."""
     below = np.concatenate([[0], np.cumsum(counts.counts)])
     ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which that many lie
@@ -453,7 +456,7 @@ def _otsu(counts: NDArray[np.int64]) -> int:
     return int(np.nanargmax(np.where(np.isfinite(between), between, -1.0)))
 
 
-def _rising(values: list[float]) -> list[float]:
+def _make_increasing(values: list[float]) -> list[float]:
     return [float(v) for v in np.maximum.accumulate(values)]
 
 
@@ -484,7 +487,7 @@ def _function(
     volume: Volume, values: list[float], colors: list[tuple[float, float, float]], alphas: list[float]
 ) -> TransferFunction:
     """Colours and alphas of values, each at least the one before, for layers of :func:`_layer`."""
-    v = _rising(values)
+    v = _make_increasing(values)
     return TransferFunction(
         tuple((a, *c) for a, c in zip(v, colors, strict=True)), tuple(zip(v, alphas, strict=True)), _layer(volume)
     )

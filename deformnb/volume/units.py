@@ -140,7 +140,7 @@ def find_unit(text: object) -> str | None:
     return UNIT_WORDS.get(word) or UNIT_LOWER_WORDS.get(word.lower())
 
 
-def checked_unit(text: object) -> str:
+def check_unit(text: object) -> str:
     """The symbol of a unit; "" for none.
 
     Raises
@@ -162,7 +162,7 @@ def checked_unit(text: object) -> str:
     return found
 
 
-def stated_unit(text: object) -> tuple[str, tuple[str, ...]]:
+def parse_unit(text: object) -> tuple[str, tuple[str, ...]]:
     """The unit that a file states, and a note where that is none that is known.
 
     Examples

@@ -27,7 +27,7 @@ from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3, Spacing
 from deformnb.checks import LARGEST_COORDINATE, check_arguments, check_fields, finite_array, real_array, shown_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
-from deformnb.volume.units import checked_unit, find_unit, ratio
+from deformnb.volume.units import check_unit, find_unit, ratio
 
 KEPT = frozenset({"bool", "int8", "uint8", "int16", "uint16", "int32", "float32", "float64"})
 
@@ -460,8 +460,8 @@ class Grid:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "shape", checked_shape(self.shape))
-        object.__setattr__(self, "unit", checked_unit(self.unit))
+        object.__setattr__(self, "shape", check_shape(self.shape))
+        object.__setattr__(self, "unit", check_unit(self.unit))
         object.__setattr__(self, "spacing", as_spacing(self.spacing))
         origin = finite_array(self.origin, (3,), "origin must be three finite numbers (x, y, z)")
         object.__setattr__(self, "origin", tuple(origin.tolist()))
@@ -501,7 +501,7 @@ class Grid:
         >>> Grid((4, 5, 6), (0.5, 0.5, 2.0), unit="mm").in_unit("micrometer").spacing
         (500.0, 500.0, 2000.0)
         """
-        to = checked_unit(unit)
+        to = check_unit(unit)
         if to in ("", self.unit) or not self.unit:
             return self
         spacing, origin = (_rescaled(lengths, self.unit, to) for lengths in (self.spacing, self.origin))
@@ -645,7 +645,7 @@ class Grid:
         if not (np.isfinite(lengths).all() and (lengths > 0).all()):
             raise DeformError(f"a margin of {shown_value(margin)} leaves nothing of a box of {self.lengths}.")
         if shape is not None:
-            counts = np.asarray(checked_shape(shape)[::-1], dtype=np.int64)
+            counts = np.asarray(check_shape(shape)[::-1], dtype=np.int64)
             new = lengths / counts
         else:
             new = _one_or_three(self.spacing if spacing is None else spacing, "spacing")
@@ -691,7 +691,7 @@ def as_spacing(given: Spacing) -> Float3:
     return x, y, z
 
 
-def checked_shape(shape: object) -> tuple[int, int, int]:
+def check_shape(shape: object) -> tuple[int, int, int]:
     """(nz, ny, nx) of whole numbers from 1 on; DeformError for anything else."""
     sizes = real_array(shape)
     whole = sizes is not None and sizes.shape == (3,) and bool((sizes == np.floor(sizes)).all())
@@ -955,11 +955,11 @@ class Volume:
 
     def at_own_resolution(self, box: Grid) -> Grid:
         """A box that is stated in voxels of the finest level, in voxels as large as those of this volume."""
-        return _resized(box, self.finest_grid, self.grid)
+        return _resize_box(box, self.finest_grid, self.grid)
 
     def at_finest_resolution(self, box: Grid) -> Grid:
         """A box that is stated in voxels of this volume, in voxels as large as those of the finest level."""
-        return _resized(box, self.grid, self.finest_grid)
+        return _resize_box(box, self.grid, self.finest_grid)
 
     def to_pyvista(self) -> Any:
         """A ``pyvista.ImageData`` that shares these voxels as point data, named like the volume or else "values".
@@ -1032,10 +1032,10 @@ class Volume:
     @property
     def finite_values(self) -> NDArray[Any]:
         """The voxels with NaN and infinity replaced by the background; the same array if all are finite."""
-        return self.values if self._repaired is None else self._repaired
+        return self.values if self._finite_values is None else self._finite_values
 
     @cached_property
-    def _repaired(self) -> NDArray[Any] | None:
+    def _finite_values(self) -> NDArray[Any] | None:
         values = self.values
         if values.dtype.kind != "f" or np.isfinite(values).all():
             return None
@@ -1051,7 +1051,7 @@ pyvista or VTK; a DataArray or a Dataset of one variable of xarray; a layer of n
 [z, y, x], which lies at the origin with voxels 1 apart. Every one of them lies where its own package says."""
 
 
-def _resized(box: Grid, old: Grid, new: Grid) -> Grid:
+def _resize_box(box: Grid, old: Grid, new: Grid) -> Grid:
     """The box in voxels that are as many times larger as those of one grid are larger than those of another."""
     if box == old:
         return new

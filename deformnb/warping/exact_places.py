@@ -20,11 +20,11 @@ from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax,
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, SideChoice
-from deformnb.rbf.evaluation import RadialSum, checked_parts, outer_sum, stacked
+from deformnb.rbf.evaluation import RadialSum, check_parts, outer_sum, stack_sums
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Identity, grid_lines
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.slits import TipBlend, blended
+from deformnb.rbf.slits import TipBlend, blend_displacements
 from deformnb.rbf.stages import Staged
 from deformnb.volume.volume import Grid
 from deformnb.warping.planning import NOT_FINITE
@@ -67,7 +67,7 @@ class _Tips:
     def __call__(self, x: Components) -> list[Any]:
         moves = [jnp.stack(fit(x)) for fit in self.fits]
         source = jnp.moveaxis(jnp.stack(x) + moves[0], 0, -1)
-        return list(blended(moves, [line.opening(source, jnp) for line in self.lines]))
+        return list(blend_displacements(moves, [line.opening(source, jnp) for line in self.lines]))
 
 
 @pytree(data_fields=["maps", "frame", "origin", "depth", "knots", "weights"])
@@ -146,7 +146,7 @@ def _on_lattice(forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[i
         d, opacity = _seen(form, ends)
         ends = [x + along for x, along in zip(ends, d, strict=True)]
         shown = opacity if shown is None else shown if opacity is None else shown * opacity
-    moved, is_finite = checked_parts(x - x0 for x, x0 in zip(ends, start, strict=True))
+    moved, is_finite = check_parts(x - x0 for x, x0 in zip(ends, start, strict=True))
     return moved, None if shown is None else shown.astype(jnp.float32), is_finite
 
 
@@ -222,7 +222,7 @@ def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | Non
         case Staged() if all(isinstance(fit, RBFInterpolant) and not fit.is_culled for fit in field.fits):
             kind = _type_of(field.fits, corners, resolution)
             sums = [fit.radial_sum(kind) for fit in field.fits[::-1]]
-            return _Stages(stacked(sums)) if len(set(map(jax.tree.structure, sums))) == 1 else None
+            return _Stages(stack_sums(sums)) if len(set(map(jax.tree.structure, sums))) == 1 else None
         case TipBlend():
             fits = all_of(field.fits)
             return fits and _Tips(fits, field.lines)

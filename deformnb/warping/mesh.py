@@ -18,7 +18,7 @@ from deformnb._typing import Progress
 from deformnb.checks import any_array, check_fields, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
-from deformnb.volume.units import checked_unit, ratio
+from deformnb.volume.units import check_unit, ratio
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume, optional_package
 from deformnb.warping import triangles
 from deformnb.warping.points import warp_points
@@ -58,7 +58,7 @@ class Mesh:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "unit", checked_unit(self.unit))
+        object.__setattr__(self, "unit", check_unit(self.unit))
         points, faces = _numbers(self.points, "corners", np.float64), _numbers(self.faces, "faces", np.int64)
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
@@ -107,7 +107,7 @@ class Mesh:
         >>> Mesh([[1, 2, 3]], [], unit="mm").in_unit("µm").points.tolist()
         [[1000.0, 2000.0, 3000.0]]
         """
-        to = checked_unit(unit)
+        to = check_unit(unit)
         if to in ("", self.unit) or not self.unit:
             return self
         return replace(self, points=self.points * ratio(self.unit, to), unit=to)

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import AbstractField, links_of
-from deformnb.volume.sampling import on_device
+from deformnb.volume.sampling import to_device
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
 from deformnb.warping.border_cells import Regional
@@ -235,7 +235,7 @@ class NodeTable:
             first = min(part.start // h, present - count)
             tables.append(((n // h - first).astype(np.int32), np.stack(lagrange(n % h / h)).astype(np.float32)))
             some.append(slice(first, first + count))
-        nodes = on_device(lattice.nodes[:, *some])
+        nodes = to_device(lattice.nodes[:, *some])
         d = planning.along_x(nodes, _weights(self._grid.shape[2], h))
         return Displacements(d, tuple(tables), exact=chain(*exact))
 

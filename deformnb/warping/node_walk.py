@@ -22,10 +22,10 @@ from deformnb.rbf.cuts import Decoupled, Sides
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
 from deformnb.rbf.forward import ForwardFit
-from deformnb.rbf.interpolant import RBFInterpolant, alike, moved_back
+from deformnb.rbf.interpolant import RBFInterpolant, group_by_shape, pull_back
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Polygon
 from deformnb.rbf.rigid import RigidInterpolant, drift_and_weight
-from deformnb.rbf.slits import TipBlend, blended
+from deformnb.rbf.slits import TipBlend, blend_displacements
 from deformnb.rbf.stages import Staged
 
 NEAR_CUT, BENT = 1, 2
@@ -162,8 +162,8 @@ class Walk:
         return x
 
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
-        for group in alike(fits):
-            ends, spreads = moved_back(group, x.reshape(len(x), -1), self.resolution, self.types)
+        for group in group_by_shape(fits):
+            ends, spreads = pull_back(group, x.reshape(len(x), -1), self.resolution, self.types)
             # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
             widths = [
                 (_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
@@ -220,7 +220,7 @@ class Walk:
     def _beside_tips(self, field: TipBlend, x: Floats) -> Floats:
         moves = [self.through(fit, x) for fit in field.fits]
         source = np.moveaxis(x + moves[0], 0, -1)
-        return np.asarray(blended(moves, [line.opening(source) for line in field.lines]))
+        return np.asarray(blend_displacements(moves, [line.opening(source) for line in field.lines]))
 
     def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
         """Displacements of a cut field; places are marked unless they and their sources lie deep in one region."""
@@ -312,7 +312,7 @@ def _largest_scale(fit: RBFInterpolant) -> float:
 
 def _distances(regions: Sequence[AbstractRegion], places: Floats) -> Floats:
     """Signed distances (regions, z, y, x) of places to regions of their dimension."""
-    few = tuple(region.of_few_shapes() for region in regions)
+    few = tuple(region.to_jax() for region in regions)
     return np.asarray(_measured(few, places.reshape(len(places), -1))).reshape(len(regions), *places.shape[1:])
 
 

@@ -27,7 +27,7 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, DisplacementField, grid_lines, raster_lines
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.volume.plane import Plane, Raster
-from deformnb.volume.sampling import METHODS, NEAR, on_device, shared
+from deformnb.volume.sampling import METHODS, NEAR, share_with_jax, to_device
 from deformnb.volume.volume import Grid
 
 _Part = TypeVar("_Part")
@@ -334,7 +334,7 @@ def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], 
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
     before, (left, right) = tables.pop()
     d = checked(left * some[..., before] + right * some[..., before + 1])
-    return tuple(on_device(component) for component in d), tuple(tables)
+    return tuple(to_device(component) for component in d), tuple(tables)
 
 
 def _is_parallel(at: Places) -> bool:
@@ -358,12 +358,12 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
         d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return shared(checked(d))
+            return share_with_jax(checked(d))
     if step > 1 and grid.shape[2] > step:
         return _coarse_along_x(field, grid, step)
     with devices.computing():  # else JAX would take what is done to the result to the device that it prefers
         stays = _on_device(field, grid)
-        return tuple(on_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else stays
+        return tuple(to_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else stays
 
 
 def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
@@ -408,7 +408,7 @@ def seen(field: AbstractField, grid: Grid, step: int = 1) -> tuple[Any, NDArray[
         return displacements(field, grid, step), None
     d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
     d = checked(d).reshape(3, *grid.shape)
-    return tuple(on_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
+    return tuple(to_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
 
 
 def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:

@@ -25,10 +25,10 @@ from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, searched
+from deformnb.rbf.newton import BackwardMap, keep_better, lengths_of, map_of, newton, search
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import NAMES_SHOWN, ControlPoints
-from deformnb.volume.units import checked_unit, ratio
+from deformnb.volume.units import check_unit, ratio
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
 
 POINTS_AT_A_TIME = 2**14
@@ -168,7 +168,7 @@ def moved(
     if isinstance(field, Decoupled):
         return _beside_cuts(x, field, tolerance, max_iterations)
     if isinstance(field, ForwardFit):
-        return field.ends_of(x, tolerance)
+        return field.target_places(x, tolerance)
     if start is None and len(field.steps) > 1:
         y, found = x, np.ones(len(x), dtype=bool)
         for step in field.steps:
@@ -180,7 +180,7 @@ def moved(
     if isinstance(field, Extrusion) and _is_exact(field):
         y, error = _in_the_plane(x, field, tolerance, max_iterations, start)
     else:
-        y, error = searched(x, map_of(field), tolerance, max_iterations, start)
+        y, error = search(x, map_of(field), tolerance, max_iterations, start)
     left = np.flatnonzero(~(error <= tolerance))
     if len(left) and thorough:
         y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
@@ -269,7 +269,7 @@ def _in_the_plane(
             lambda y, k: _sum(w[k, None] * m.displacement(y) for m, w in parts),
             lambda y, k: _sum(w[k, None, None] * m.jacobian(y) for m, w in parts),
         )
-        y, error = searched(ab, total, tolerance, max_iterations, first)
+        y, error = search(ab, total, tolerance, max_iterations, first)
     return x + (y - ab) @ plane.frame[:2], error
 
 
@@ -333,7 +333,7 @@ class Landmarks:
 
     def __post_init__(self) -> None:
         check_fields(self, "notes")
-        object.__setattr__(self, "unit", checked_unit(self.unit))
+        object.__setattr__(self, "unit", check_unit(self.unit))
         points = _places(self.points, "landmarks")
         bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
         if len(bad):
@@ -377,7 +377,7 @@ class Landmarks:
         >>> Landmarks([[1, 2, 3]], unit="mm").in_unit("µm").points.tolist()
         [[1000.0, 2000.0, 3000.0]]
         """
-        to = checked_unit(unit)
+        to = check_unit(unit)
         if to in ("", self.unit) or not self.unit:
             return self
         factor = ratio(self.unit, to)

@@ -26,7 +26,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
 from deformnb.volume.channels import Channels
-from deformnb.volume.converters import converted
+from deformnb.volume.converters import convert
 from deformnb.volume.labelled import is_labelled, unstack
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
@@ -185,7 +185,7 @@ def volumes_of(given: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], A
     """
     if is_labelled(given):
         return unstack(given)
-    subject = converted(given)
+    subject = convert(given)
     if isinstance(subject, Channels):
         return list(subject), subject.with_volumes
     return [subject], lambda results: results[0]
@@ -286,7 +286,7 @@ class Warper:
         if devices.is_host() and axis not in self._tables:
             rows = np.moveaxis(self._voxels, axis, 2)
             with self._arithmetic():
-                self._tables[axis] = None if axis == 2 else sampling.on_device(rows, (-1, rows.shape[2]))
+                self._tables[axis] = None if axis == 2 else sampling.to_device(rows, (-1, rows.shape[2]))
 
     @property
     def _voxels(self) -> NDArray[Any]:
@@ -309,7 +309,7 @@ class Warper:
         values = self._voxels
         if METHODS[self.method].is_spline:
             values = sampling.spline_coefficients(values, self.compute)
-        return sampling.shared(values)
+        return sampling.share_with_jax(values)
 
     def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
@@ -414,14 +414,14 @@ class Warper:
 
         def moved(voxels: NDArray[Any], _part: slice) -> NDArray[Any]:
             rows = sampling.rows_by(
-                sampling.turned(sampling.spaced(voxels) if gap else voxels, normal, 2),
+                sampling.move_axis(sampling.add_row_gaps(voxels) if gap else voxels, normal, 2),
                 taps,
                 ok,
                 self._fill,
                 method=self.method,
                 compute=self.compute,
             )
-            slices = np.asarray(sampling.turned(np.asarray(rows), 2, normal))
+            slices = np.asarray(sampling.move_axis(np.asarray(rows), 2, normal))
             return slices[:, :count] if gap else slices
 
         return moved
@@ -447,7 +447,7 @@ class Warper:
         def moved(voxels: NDArray[Any], part: slice) -> NDArray[Any]:
             return as_numpy(
                 sampling.extruded(
-                    sampling.shared(voxels),
+                    sampling.share_with_jax(voxels),
                     maps,
                     weights[:, part],
                     matrix,
@@ -490,7 +490,13 @@ class Warper:
         def moved(voxels: NDArray[Any], some: slice) -> NDArray[Any]:
             slices = np.moveaxis(voxels, normal, 0)
             result = sampling.slices_in_words(
-                sampling.shared(slices), moves, weights[:, some], whole, part, self._fill, shape=slices.shape[1:]
+                sampling.share_with_jax(slices),
+                moves,
+                weights[:, some],
+                whole,
+                part,
+                self._fill,
+                shape=slices.shape[1:],
             )
             return np.moveaxis(as_numpy(result), 0, normal)
 
@@ -798,7 +804,7 @@ def warp_picture(
         pixels = sampling.spline_coefficients(pixels, compute, axes=(0, 1))
     with sampling.arithmetic(values.dtype, 0):
         # The channels of a pixel are what a row of voxels is to a replicated map: they move together.
-        table = sampling.on_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
+        table = sampling.to_device(pixels.reshape(raster.shape[0] * raster.shape[1], -1))
     at = planning.picture_places(raster, output, compute)
     settings = {
         "shape": raster.shape,

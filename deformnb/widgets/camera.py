@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._typing import Image, Progress
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera
-from deformnb.volume.clip import WHOLE, Clip, checked_clip
+from deformnb.volume.clip import WHOLE, Clip, check_clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
 
@@ -110,7 +110,7 @@ class ClipTrait(traitlets.TraitType[Clip, Any]):
     info_text = "three rising pairs of shares from 0 to 1"
 
     def validate(self, obj: Any, value: Any) -> Clip:
-        return checked_clip(value)
+        return check_clip(value)
 
 
 def checked_camera(value: Any) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from numpy.polynomial import chebyshev
 
 from deformnb._jax import compiled, float64
 from deformnb._typing import Floats
-from deformnb.rbf.kernels import BUILT_IN, LEAST_DISTANCE, AbstractKernel, kernel_named
+from deformnb.rbf.kernels import BUILT_IN, LEAST_DISTANCE, AbstractKernel, as_kernel
 
 _DEGREE = 15
 _LOWEST, _HIGHEST = round(2 * np.log2(LEAST_DISTANCE)), 40  # exponents of 2 of s
@@ -65,7 +65,7 @@ class KernelTable:
 
 def table_for_page(name: str) -> dict[str, Any] | None:
     """The table of a kernel by its name, as JSON; None for those that front ends have themselves."""
-    return None if name in BUILT_IN else _json_of(kernel_named(name))
+    return None if name in BUILT_IN else _json_of(as_kernel(name))
 
 
 @cache

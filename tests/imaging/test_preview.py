@@ -76,7 +76,7 @@ def test_what_is_clipped_is_not_drawn() -> None:
     seen = camera(volume, (0.0, 1.0, 0.0))
     part = ClipBox.of(volume.grid, ((0, 0.5), (0, 1), (0, 1)))
     clipped = draw_slices(volume, seen, SIZE, RED, DARK, part=part)
-    emptied = draw_slices(part.emptied(volume), seen, SIZE, RED, DARK)
+    emptied = draw_slices(part.mask_outside(volume), seen, SIZE, RED, DARK)
     assert (clipped != draw_slices(volume, seen, SIZE, RED, DARK)).any()
     assert np.abs(clipped.astype(int) - emptied).mean() < 1  # but for the light at the face
 

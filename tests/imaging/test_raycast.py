@@ -9,7 +9,7 @@ import pytest
 
 from deformnb.imaging.projection import project
 from deformnb.imaging.raycast import PerspectiveCamera
-from deformnb.volume.clip import ClipBox, checked_clip
+from deformnb.volume.clip import ClipBox, check_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
@@ -29,7 +29,7 @@ def shape() -> Volume:
 def part_of(axis: int, pair: tuple[float, float]) -> ClipBox:
     clip = [[0.0, 1.0] for _ in range(3)]
     clip[axis] = list(pair)
-    part = ClipBox.of(GRID, checked_clip(clip))
+    part = ClipBox.of(GRID, check_clip(clip))
     assert part is not None
     return part
 
@@ -43,7 +43,7 @@ def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, 
         # Labels are not interpolated: between a voxel and an emptied one lies nothing.
         labels = replace(shape(), is_labels=True)
         cut = project(labels, plane, "mip", spacing=0.5, part=part).values
-        assert (cut == project(part.emptied(labels), plane, "mip", spacing=0.5).values).all()
+        assert (cut == project(part.mask_outside(labels), plane, "mip", spacing=0.5).values).all()
         assert (cut != project(labels, plane, "mip", spacing=0.5).values).any()
 
 
@@ -83,7 +83,7 @@ def test_a_face_that_was_cut_is_lit_evenly_whatever_lies_behind_it() -> None:
     ahead = float((np.asarray(GRID.direction).T @ plane.normal)[axis])
     part = part_of(axis, (0.5, 1.0) if ahead > 0 else (0.0, 0.5))
     cut = project(noisy, plane, "shaded", transfer=SOLID, spacing=0.5, part=part)
-    emptied = project(part.emptied(noisy), plane, "shaded", transfer=SOLID, spacing=0.5)
+    emptied = project(part.mask_outside(noisy), plane, "shaded", transfer=SOLID, spacing=0.5)
     face = _inner(cut, part, axis, plane)
     assert face.sum() > 50
     assert cut.values[face][:, 0].std() < 0.25 * emptied.values[face][:, 0].std()

@@ -17,7 +17,7 @@ from deformnb.analysis.folds import jacobian_determinant
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import fit_forward, oriented
+from deformnb.rbf.forward import fit_forward, orient_points
 from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
@@ -46,7 +46,7 @@ CASES: dict[str, tuple[ControlPoints, dict[str, Any], list[RigidPart]]] = {
 def test_fits_forward_in_the_browser_are_those_of_the_package(name: str) -> None:
     points, given, parts = CASES[name]
     settings = {"direction": "forward", **given}
-    size = box_diagonal(oriented(points, "forward"))
+    size = box_diagonal(orient_points(points, "forward"))
     found = answer(points, {"support": size, **settings}, parts)
     if "error" in found:
         with pytest.raises(DeformError) as caught:

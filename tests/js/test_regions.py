@@ -20,7 +20,7 @@ from deformnb.rbf.fit_settings import FitSettings
 from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points, fit_rigid
 from deformnb.volume.plane import Raster
 
 FILES = ("maths/rbf.ts", "maths/regions.ts", "maths/rigid_stages.ts", "maths/cuts.ts")
@@ -232,7 +232,7 @@ def test_the_points_that_a_part_carries_go_with_it_here_and_there(strength: floa
             "settings": {"strength": strength, "support": 300.0},
         },
     )
-    moved = carried_points(points, [TURNED], [bent])
+    moved = carry_points(points, [TURNED], [bent])
     np.testing.assert_allclose(found, moved.target, atol=1e-9)
     assert np.linalg.norm(moved.target[8:10] - points.target[8:10], axis=1).min() > 5
     np.testing.assert_array_equal(moved.target[[*range(8), 10]], points.target[[*range(8), 10]])

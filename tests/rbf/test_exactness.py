@@ -27,7 +27,7 @@ from deformnb.imaging.thompson import magnified
 from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.conditioning import prepare
-from deformnb.rbf.evaluation import in_turn, stacked
+from deformnb.rbf.evaluation import evaluate_sequentially, stack_sums
 from deformnb.rbf.exactness import DERIVATIVE, EXACT, EXACT_PLACE, SHARES
 from deformnb.rbf.extrusion import Extrusion, modulate
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, Rescaled, blend, compose
@@ -143,7 +143,7 @@ def one_after_the_other(m: Made) -> np.ndarray:
     if not isinstance(m.fit, RBFInterpolant) or m.fit.is_culled:
         return m.fit(m.target)
     reach = float(np.linalg.norm((m.target - m.fit.origin) / m.fit.support, axis=1).max())
-    ends, *_ = in_turn(m.target.T.copy(), stacked([m.fit.radial_sum(m.fit.type_within(reach, 1.0))]))
+    ends, *_ = evaluate_sequentially(m.target.T.copy(), stack_sums([m.fit.radial_sum(m.fit.type_within(reach, 1.0))]))
     return ends.T - m.target
 
 
@@ -359,7 +359,7 @@ def test_the_error_of_32_bits_is_not_above_its_estimate(name: str, kernel: str) 
         pytest.skip("the system of all is singular; local fits are evaluated in 64 bits")
     x = m.target[:200] + 0.3
     reach = float(np.linalg.norm((x - m.fit.origin) / m.fit.support, axis=1).max())
-    ends, *_ = in_turn(x.T.copy(), stacked([m.fit.radial_sum(np.float32)]))
+    ends, *_ = evaluate_sequentially(x.T.copy(), stack_sums([m.fit.radial_sum(np.float32)]))
     error = np.abs(ends.T - x - m.fit(x)).max()
     assert error <= m.fit.float32_error(reach)
 

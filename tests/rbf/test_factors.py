@@ -103,7 +103,7 @@ def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit(
 def test_between_drags_of_one_point_the_sources_of_others_and_the_trend_may_change(
     kernel: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deformnb.rbf.interpolant.factored_anew", None)  # for want of exactness: never called
+    monkeypatch.setattr("deformnb.rbf.interpolant.factor_matrix", None)  # for want of exactness: never called
     points, at = scattered(220, 2, seed=12), np.random.default_rng(3).uniform(0, 100, (50, 2))
     settings: dict[str, Any] = {"kernel": kernel, "support": 40.0}
     fit_rbf(points, **settings)

@@ -14,7 +14,7 @@ from scipy.optimize import root
 
 from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import DIRECTIONS, ForwardFit, fit_forward, oriented
+from deformnb.rbf.forward import DIRECTIONS, ForwardFit, fit_forward, orient_points
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints
@@ -167,8 +167,8 @@ def test_what_does_not_go_together_is_refused() -> None:
 
 def test_directions_exchange_sources_and_targets() -> None:
     points = bent()
-    assert oriented(points, DIRECTIONS[0]) is points
-    assert np.array_equal(oriented(points, "forward").displacement, -points.displacement)
+    assert orient_points(points, DIRECTIONS[0]) is points
+    assert np.array_equal(orient_points(points, "forward").displacement, -points.displacement)
 
 
 @pytest.mark.parametrize("points", [ControlPoints.empty(), bent().reset()])

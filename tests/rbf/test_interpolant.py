@@ -496,7 +496,7 @@ def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no
 def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """Centred before the cast, float32 is enough wherever the picture lies."""
     used, evaluate = [], rbf.at_lattice
-    monkeypatch.setattr(rbf, "at_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
+    monkeypatch.setattr(rbf, "evaluate_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
     for offset in (0.0, 4e6):
         points = ControlPoints.from_arrays(sources(2) + offset, sources(2) + drag(2, 0.2) + offset)
         fit_rbf(points, support=SUPPORT).on_raster(Raster((100, 100), (1.0, 1.0), (offset, offset)))
@@ -645,7 +645,7 @@ def test_the_error_in_float32_stays_below_its_estimate(kernel: str, support: flo
     columns = np.stack([line, np.zeros(40), np.zeros(40)])
     lines = fit._relative_lines(rows, columns)
     found, exact = (
-        evaluation.at_lattice(*lines, fit._leaves(kind), fit.kernel, kind) for kind in (np.float32, np.float64)
+        evaluation.evaluate_lattice(*lines, fit._leaves(kind), fit.kernel, kind) for kind in (np.float32, np.float64)
     )
     reach = float(np.sqrt(sum(np.abs(part).max() ** 2 for part in (*lines[0], *lines[1]))))
     assert np.abs(found - exact).max() <= fit.float32_error(reach)

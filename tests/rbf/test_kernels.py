@@ -26,7 +26,7 @@ from deformnb.rbf.kernels import (
     AbstractKernel,
     Gaussian,
     WendlandC2,
-    kernel_named,
+    as_kernel,
     register_kernel,
 )
 from deformnb.rbf.points import ControlPoints
@@ -183,7 +183,7 @@ def test_a_support_that_is_no_length_is_refused(support: float) -> None:
 
 def test_unknown_names_list_the_known_ones() -> None:
     with pytest.raises(DeformError, match=r"unknown kernel 'tps'; choose one of wendland_c2, .*linear"):
-        kernel_named("tps")
+        as_kernel("tps")
 
 
 @pytest.mark.parametrize("name", KERNELS)
@@ -270,7 +270,7 @@ def test_a_class_without_a_slope_gets_it_from_jax() -> None:
             np.asarray(Bump.slope(jnp.asarray(s))), np.asarray(WendlandC2.slope(jnp.asarray(s))), atol=1e-12
         )
         assert np.isfinite(float(Bump.slope(jnp.float64(0.0))))
-    assert kernel_named(Bump(3.0)) is kernel_named("bump") is Bump
+    assert as_kernel(Bump(3.0)) is as_kernel("bump") is Bump
     step = Step((some_points(),), PLANE, kernel=Bump(30.0))
     assert (step.kernel, step.support) == ("bump", 30.0)
 
@@ -280,7 +280,7 @@ def test_steps_editors_and_edits_take_a_function_and_keep_its_name() -> None:
     step = Step((some_points(),), PLANE, kernel=matern)
     assert step.kernel == "matern"
     assert replace(step, kernel=matern) == step
-    assert kernel_named(matern) is KERNELS["matern"]  # which is not registered twice
+    assert as_kernel(matern) is KERNELS["matern"]  # which is not registered twice
     assert FitSettings(kernel=matern).fit(some_points()).kernel is KERNELS["matern"]
     assert Choice("", registry=KERNELS).options[-1] == ("matern", "Matern")
     document = Deformation((step,))

@@ -18,7 +18,7 @@ from deformnb.rbf.prediction import (
     ChosenFit,
     blocks_of,
     choose_fit,
-    described,
+    describe_settings,
     usual_candidates,
 )
 
@@ -88,7 +88,9 @@ def test_the_maps_that_made_the_points_are_found() -> None:
         assert (chosen.settings.trend, chosen.settings.direction) == ("quadratic", direction)
         assert chosen.tried[0].error < 2e-7 * 182  # no error, of points that are as wide
     turned = ControlPoints.from_arrays(source, source @ [[0.9, 0.2], [-0.3, 1.1]] + 5)
-    assert described(choose_fit(turned).settings) == "backward, thin_plate, affine trend"  # the plainest of equals
+    assert (
+        describe_settings(choose_fit(turned).settings) == "backward, thin_plate, affine trend"
+    )  # the plainest of equals
 
 
 def test_noise_is_smoothed() -> None:

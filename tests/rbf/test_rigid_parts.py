@@ -18,7 +18,7 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
-from deformnb.rbf.rigid import WEIGHTS, RigidInterpolant, RigidMotion, RigidPart, fit_rigid, saturated
+from deformnb.rbf.rigid import WEIGHTS, RigidInterpolant, RigidMotion, RigidPart, fit_rigid, smoothstep
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Raster
 
@@ -89,7 +89,7 @@ def test_equation_6_with_the_smooth_step(kernel: str) -> None:
         given.target,
         given.displacement,
         lambda r: float(oracle.radial(kernel, r / SUPPORT)),
-        lambda x: float(saturated(max(x[0], 0.0) / scale)),
+        lambda x: float(smoothstep(max(x[0], 0.0) / scale)),
     )
     for x in places(2, 20):
         oracle.assert_close(fit.displacement(x), wanted(x), atol=1e-9)

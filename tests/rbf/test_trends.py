@@ -15,7 +15,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.trends import THIN, TRENDS, are_wide, complete, nearest_rotation, ridge_of, spreads_of, trend_named
+from deformnb.rbf.trends import THIN, TRENDS, are_wide, complete, find_trend, nearest_rotation, ridge_of, spreads_of
 
 SUPPORT = 80.0
 
@@ -258,7 +258,7 @@ def test_the_penalty_across_a_thin_direction_is_that_of_its_formula(spread: floa
 
 def test_unknown_trends_are_refused_with_a_list() -> None:
     with pytest.raises(DeformError, match="unknown trend 'afine'; choose one of affine, similarity, rigid"):
-        trend_named("afine")
+        find_trend("afine")
     assert len({t.title for t in TRENDS.values()}) == len(TRENDS)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deformnb.errors import DeformError
-from deformnb.volume.clip import WHOLE, ClipBox, checked_clip
+from deformnb.volume.clip import WHOLE, ClipBox, check_clip
 from deformnb.volume.volume import Grid, Volume
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))
@@ -36,13 +36,13 @@ GRID = Grid((4, 6, 10), (0.5, 1.0, 2.0), (3.0, -4.0, 5.0), TURNED)
 )
 def test_what_is_no_clip_is_refused(value: Any) -> None:
     with pytest.raises(DeformError, match=r"three pairs|shares of a clip"):
-        checked_clip(value)
+        check_clip(value)
 
 
 def test_a_clip_is_plain_numbers_whatever_it_came_as() -> None:
     wanted = ((0.0, 0.5), (0.25, 1.0), (0.0, 1.0))
-    assert checked_clip(np.array(wanted)) == checked_clip([[-0.0, 0.5], (0.25, 1), [0, 1]]) == wanted
-    assert all(type(share) is float for pair in checked_clip(np.array(wanted)) for share in pair)
+    assert check_clip(np.array(wanted)) == check_clip([[-0.0, 0.5], (0.25, 1), [0, 1]]) == wanted
+    assert all(type(share) is float for pair in check_clip(np.array(wanted)) for share in pair)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +59,7 @@ def test_a_clip_is_plain_numbers_whatever_it_came_as() -> None:
 def test_shares_count_along_the_index_axes(axis: int, pair: tuple[float, float], wanted: list[int]) -> None:
     clip = [list(p) for p in WHOLE]
     clip[axis] = list(pair)
-    part = ClipBox.of(GRID, checked_clip(clip))
+    part = ClipBox.of(GRID, check_clip(clip))
     assert part is not None
     held = part.holds(GRID)
     rows = np.moveaxis(held, 2 - axis, 0).reshape(GRID.shape[2 - axis], -1)
@@ -94,7 +94,7 @@ def test_a_voxel_outside_becomes_background() -> None:
     volume = Volume(np.arange(240, dtype=np.int16).reshape(GRID.shape) + 7, GRID)
     part = ClipBox.of(GRID, ((0.0, 0.5), (0.0, 1.0), (0.0, 1.0)))
     assert part is not None
-    emptied = part.emptied(volume).values
+    emptied = part.mask_outside(volume).values
     assert (emptied[..., :5] == volume.values[..., :5]).all()
     assert (emptied[..., 5:] == 7).all()
     assert emptied.dtype == np.int16

@@ -93,7 +93,7 @@ def test_a_place_beyond_the_near_ones_stays_outside(move: float) -> None:
 
 
 def _round(values: np.ndarray, dtype: str, method: str = "linear") -> np.ndarray:
-    return np.asarray(sampling._finished(jnp.asarray(values, jnp.float32), True, np.dtype(dtype).type(0), method))
+    return np.asarray(sampling._to_voxel_type(jnp.asarray(values, jnp.float32), True, np.dtype(dtype).type(0), method))
 
 
 def test_bytes_are_rounded_as_other_integers_are() -> None:
@@ -118,9 +118,9 @@ def test_spline_coefficients_equal_scipys(shape: tuple[int, int, int]) -> None:
 def test_aligned_memory_is_shared_and_other_memory_is_copied(dtype: str) -> None:
     aligned = sampling.aligned_empty((3, 5), np.dtype(dtype))
     aligned[...] = np.arange(15).reshape(3, 5)
-    assert sampling.on_device(aligned).unsafe_buffer_pointer() == aligned.ctypes.data
+    assert sampling.to_device(aligned).unsafe_buffer_pointer() == aligned.ctypes.data
     for other in (aligned[1:], aligned.T, aligned[:, ::-1]):
-        array = sampling.on_device(other)
+        array = sampling.to_device(other)
         assert array.unsafe_buffer_pointer() != other.ctypes.data
         assert (np.asarray(array) == other).all()
 
@@ -135,14 +135,14 @@ def test_parts_of_a_larger_array_are_shared_wherever_they_begin(dtype: str) -> N
     whole = sampling.aligned_empty((count + 1,), np.dtype(dtype))[1:].reshape(9, 8, 5, 3)
     whole[...] = np.arange(count).reshape(whole.shape) % 251
     parts = [whole[k : k + 3] for k in (0, 3, 6)]
-    seen = [sampling.shared(part) for part in parts]
+    seen = [sampling.share_with_jax(part) for part in parts]
     assert len({(each.row.shape, each.shape) for each in seen}) == 1
     for part, each in zip(parts, seen, strict=True):
         np.testing.assert_array_equal(each, part)
         np.testing.assert_array_equal(each.at(1), part[1])
     first = seen[1].row.unsafe_buffer_pointer() + int(seen[1].start) * whole.itemsize
     assert first == parts[1].ctypes.data
-    np.testing.assert_array_equal(sampling.shared(whole[3:6, ::-1]), whole[3:6, ::-1])  # not contiguous
+    np.testing.assert_array_equal(sampling.share_with_jax(whole[3:6, ::-1]), whole[3:6, ::-1])  # not contiguous
 
 
 @shared_memory
@@ -154,7 +154,7 @@ def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> N
         memory = memoryview(sampling.aligned_empty((100 * size,), np.dtype(np.uint8)))
         whole = np.frombuffer(memory[first * size : (first + 90) * size], dtype).reshape(9, 10)
         whole[...] = np.arange(90).reshape(9, 10)
-        seen = sampling.shared(whole)
+        seen = sampling.share_with_jax(whole)
         np.testing.assert_array_equal(seen, whole)
         row, start = (seen.row, int(seen.start)) if first else (seen, 0)
         assert row.unsafe_buffer_pointer() + start * size == whole.ctypes.data
@@ -183,5 +183,5 @@ def test_products_are_the_nested_sum() -> None:
     taps: list[Any] = [
         list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True)) for _ in range(2)
     ]
-    nested = sampling._nested(lambda k, shift: table[k + shift], taps)
+    nested = sampling._weighted_sum(lambda k, shift: table[k + shift], taps)
     assert sum(w * table[k + shift] for k, shift, w in sampling._products(taps)) == pytest.approx(nested, abs=1e-14)

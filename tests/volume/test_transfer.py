@@ -19,7 +19,7 @@ from deformnb.volume.transfer import (
     histogram,
     levels,
     preset,
-    smallest_measured,
+    smallest_measurement,
     typical_range,
 )
 from deformnb.volume.volume import Volume
@@ -358,7 +358,7 @@ def test_padding_of_hounsfield_units_changes_no_level_and_no_preset(kind: str, p
     plain = trunk()
     padded = plain.copy()
     padded[:, outside_circle()] = padding
-    assert smallest_measured(volume_of(padded)) == padded[padded > padding].min()
+    assert smallest_measurement(volume_of(padded)) == padded[padded > padding].min()
     oracle.assert_close(levels(volume_of(padded)), levels(volume_of(plain)), atol=40)
     assert typical_range(volume_of(padded))[0] > -1100
     assert preset(kind, volume_of(padded))([padding, -1000.0])[:, 3].tolist() == [0, 0]
@@ -371,7 +371,7 @@ def test_one_value_outside_of_a_scanners_circle_is_padding_on_any_scale(axis: in
     values = trunk(air=300, scale=2)
     values[:, outside_circle()] = -700
     volume = volume_of(np.moveaxis(values, 0, axis))
-    assert 200 < smallest_measured(volume) < 300
+    assert 200 < smallest_measurement(volume) < 300
     _, air, _, _ = levels(volume)
     assert 300 < air < 300 + 2 * 900
     assert preset("surface", volume)([-700.0, 300.0])[:, 3].tolist() == [0, 0]
@@ -380,12 +380,12 @@ def test_one_value_outside_of_a_scanners_circle_is_padding_on_any_scale(axis: in
 def test_the_air_around_a_body_and_values_in_between_are_no_padding() -> None:
     body = np.zeros((16, 40, 40), np.int16)
     body[:, 8:32, 5:35] = np.random.default_rng(4).integers(90, 110, (16, 24, 30))
-    assert smallest_measured(volume_of(body)) == 0
+    assert smallest_measurement(volume_of(body)) == 0
     spread = np.random.default_rng(4).integers(-30000, 30000, (9, 9, 9)).astype(np.int16)
-    assert smallest_measured(volume_of(spread)) == spread.min()
+    assert smallest_measurement(volume_of(spread)) == spread.min()
     labels = np.zeros((8, 40, 40), np.int16)
     labels[:, ~outside_circle()] = 3
-    assert smallest_measured(Volume.from_array(labels, is_labels=True)) == 0
+    assert smallest_measurement(Volume.from_array(labels, is_labels=True)) == 0
 
 
 def test_a_ct_starts_with_bone_in_translucent_skin() -> None:

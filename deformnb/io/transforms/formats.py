@@ -35,7 +35,7 @@ from deformnb.rbf.fields import (
     HasField,
     Identity,
     as_transform_field,
-    converted,
+    convert_unit,
     in_unit,
     with_unit,
 )
@@ -334,7 +334,7 @@ def _write(
     assert row is not None
     assert row.write is not None
     if grid.unit and not row.states_unit:
-        field, grid = converted(field, grid.unit, "mm"), grid.in_unit("mm")
+        field, grid = convert_unit(field, grid.unit, "mm"), grid.in_unit("mm")
     row.write(field, path, grid, remark, overwrite, progress)
 
 

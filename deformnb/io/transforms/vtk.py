@@ -14,7 +14,7 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.io.transforms.displacement_images import checked_displacements
 from deformnb.io.volumes.vti import read_vectors, write_vectors
-from deformnb.rbf.fields import AbstractField, HasField, as_transform_field, converted
+from deformnb.rbf.fields import AbstractField, HasField, as_transform_field, convert_unit
 from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid, optional_package
 
 
@@ -47,7 +47,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
     """
     own = as_grid(grid)
     lattice = own.in_unit("mm")
-    field = converted(as_transform_field(transform, own), own.unit, lattice.unit)
+    field = convert_unit(as_transform_field(transform, own), own.unit, lattice.unit)
     pyvista, vtk = optional_package("pyvista"), optional_package("vtkmodules.vtkFiltersHybrid")
     turned = np.asarray(lattice.direction)
     plain = lattice.direction == IDENTITY

@@ -34,7 +34,7 @@ from deformnb.io.volumes import (
 from deformnb.io.volumes.headers import SINGLE, Header
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing
-from deformnb.volume.units import checked_unit
+from deformnb.volume.units import check_unit
 from deformnb.volume.volume import (
     NIFTI_UNITS,
     Grid,
@@ -305,7 +305,7 @@ def read_volume(
     place = located(path)
     step = _checked_stride(stride)
     spacing = _checked_spacing(spacing)
-    given_unit = None if unit is None else checked_unit(unit)
+    given_unit = None if unit is None else check_unit(unit)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series, uneven_slices)
         header = header if given_unit is None else in_given_unit(header, given_unit)

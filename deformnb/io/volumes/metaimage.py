@@ -45,7 +45,7 @@ from deformnb.io.volumes.voxels import (
     write_packed,
     write_pair,
 )
-from deformnb.volume.units import stated_unit
+from deformnb.volume.units import parse_unit
 from deformnb.volume.volume import Matrix3, Volume
 
 _TYPES = {
@@ -160,7 +160,7 @@ def read_header(path: Path) -> Header:
     labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)
     # ITK, whose format this is, means millimetres and never writes the field.
-    unit, unit_notes = stated_unit(fields.get("distanceunits", "mm"))
+    unit, unit_notes = parse_unit(fields.get("distanceunits", "mm"))
     notes += unit_notes
     crc = proven_crc(comment, fields["elementdatafile"])
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))

@@ -49,7 +49,7 @@ from deformnb.io.volumes.voxels import (
     write_packed,
     write_pair,
 )
-from deformnb.volume.units import common_unit, stated_unit
+from deformnb.volume.units import common_unit, parse_unit
 from deformnb.volume.volume import Volume
 
 _TYPES = {
@@ -343,7 +343,7 @@ def _unit(path: Path, fields: dict[str, str], axes: list[int]) -> tuple[str, NDA
             f"the field '{'space units' if name == 'spaceunits' else name}' names {len(words)} units for "
             f"{len(axes)} axes.",
         )
-    stated = [stated_unit(words[axis]) for axis in wanted]
+    stated = [parse_unit(words[axis]) for axis in wanted]
     units = [unit for unit, _ in stated]
     unit, factors, notes = common_unit(units + units[:1] * (3 - len(units)))
     return unit, np.array(factors), tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes

@@ -34,7 +34,7 @@ from deformnb.io.volumes.headers import (
     checked_layout,
     volume_shape,
 )
-from deformnb.volume.units import UNITS, common_unit, stated_unit
+from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
 if TYPE_CHECKING:
@@ -389,7 +389,7 @@ def _doubts(levels: list[Level], about: Mapping[str, Any], datasets: list[Any]) 
 def _unit(axes: list[Mapping[str, Any]]) -> tuple[str, tuple[float, ...], tuple[str, ...]]:
     """The unit of lengths, by how much the numbers along x, y and z are multiplied to be in it, and notes."""
     given = {str(axis["name"]): axis.get("unit") or "" for axis in axes}
-    stated = [stated_unit(given[name]) for name in "xyz" if name in given]
+    stated = [parse_unit(given[name]) for name in "xyz" if name in given]
     units = [unit for unit, _ in stated]
     unit, factors, notes = common_unit(units + units[:1] * (3 - len(units)))
     return unit, factors, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes

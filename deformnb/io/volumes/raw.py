@@ -31,7 +31,7 @@ from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import fail, shown
 from deformnb.io.volumes.headers import Header, VoxelBlocks, volume_shape
 from deformnb.io.volumes.voxels import Source, checked_bytes, slabs_of_bytes
-from deformnb.volume.units import stated_unit
+from deformnb.volume.units import parse_unit
 from deformnb.volume.volume import Volume, cast
 
 _FORMAT = "deformnb volume"
@@ -95,7 +95,7 @@ def _geometry(side: Path, fields: dict[str, Any]) -> tuple[dict[str, Any], tuple
         if not isinstance(fields["is_labels"], bool):
             raise fail(side, "the field 'is_labels' should be true or false.")
         known["is_labels"] = fields["is_labels"]
-    unit, notes = stated_unit(fields.get("unit", ""))
+    unit, notes = parse_unit(fields.get("unit", ""))
     return known | {"unit": unit}, notes
 
 

@@ -35,7 +35,7 @@ from deformnb.io.volumes.formats import (
 from deformnb.io.volumes.headers import MOST_MOMENTS, Header, Layout
 from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
-from deformnb.volume.units import checked_unit
+from deformnb.volume.units import check_unit
 from deformnb.volume.volume import Grid, Volume, as_spacing
 
 _HEADERS: dict[str, Callable[[Path, Volume, Layout], bytes]] = {
@@ -135,7 +135,7 @@ def open_series(
         kind, header = read_any_header(place)
         if kind == "image":
             header = images.read_colour_header(place)
-        header = header if unit is None else in_given_unit(header, checked_unit(unit))
+        header = header if unit is None else in_given_unit(header, check_unit(unit))
         grid, notes = header.grid(None if spacing is None else as_spacing(spacing))
         dtype = _kept_type(header)
         needed = grid.size * dtype.itemsize * header.layout.channels + header.working_bytes

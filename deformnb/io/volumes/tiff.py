@@ -56,7 +56,7 @@ from deformnb.io.volumes.tiff_pages import (
     whole_numbers,
 )
 from deformnb.io.volumes.voxels import stored_dtype
-from deformnb.volume.units import common_unit, ratio, stated_unit
+from deformnb.volume.units import common_unit, parse_unit, ratio
 from deformnb.volume.volume import IDENTITY, Grid, Volume, optional_package, voxel_checksum
 
 TIFF_SUFFIXES = (".ome.tif", ".ome.tiff", ".tif", ".tiff")
@@ -525,7 +525,7 @@ def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[st
 
 def _in_one_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[str, ...]]:
     """Lengths along x, y and z in the unit of x, with that unit and notes."""
-    stated = [stated_unit(unit) for unit in units]
+    stated = [parse_unit(unit) for unit in units]
     unit, (a, b, c), notes = common_unit([one for one, _ in stated])
     x, y, z = lengths
     return (x * a, y * b, z * c), unit, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes

@@ -325,7 +325,10 @@ class EditedPoints(SyncedWidget):
         old, new, current = change["old"], change["new"], None
         if change["name"] == "points":
             chosen = self.settings.chosen_support
-            is_the_same, current = isinstance(old, ControlPoints) and new.has_places_of(old), chosen and chosen.radius
+            is_the_same, current = (
+                isinstance(old, ControlPoints) and new.has_same_sources(old),
+                chosen and chosen.radius,
+            )
         else:
             is_the_same = isinstance(old, FitSettings) and all(
                 getattr(old, name) == getattr(new, name) for name in CHOOSE_SUPPORT

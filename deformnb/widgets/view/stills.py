@@ -26,7 +26,7 @@ from deformnb.imaging.preview import draw_slices, draw_slices_mip
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.session.exports import Seen
-from deformnb.volume.clip import WHOLE, Clip, ClipBox, checked_clip
+from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
@@ -404,7 +404,7 @@ class CoreScene:
 
     def set_clip(self, clip: Clip) -> None:
         """Clip the box."""
-        self._clip = checked_clip(clip)
+        self._clip = check_clip(clip)
 
     def set_ambient_occlusion(self, is_on: bool) -> None:
         """Darken hollows, which VTK cannot: off from the start, so that both draw alike."""

@@ -33,7 +33,7 @@ from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed, DisplacementField, Identity
 from deformnb.rbf.regions import Line
-from deformnb.volume.clip import WHOLE, Clip, checked_clip
+from deformnb.volume.clip import WHOLE, Clip, check_clip
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, levels
 from deformnb.volume.volume import Grid, Volume
@@ -413,7 +413,7 @@ class VtkScene:
 
     def set_clip(self, clip: Clip) -> None:
         """Clip the box: shares along its axes as in a view's ``clip``."""
-        self._clip = checked_clip(clip)
+        self._clip = check_clip(clip)
         self._apply_clip()
 
     def set_shows(self, shows: str) -> None:

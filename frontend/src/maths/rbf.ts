@@ -538,7 +538,7 @@ function rbfTrendMap(s: Matrix, h: Matrix, { basis, ridge }: Span, turn: Matrix,
 
 /**
  * H with the smallest turn of a row of points in space added, as much as the row is thin: see
- * deformnb.rbf.trends._held_about_a_row.
+ * deformnb.rbf.trends._fix_row_rotation.
  */
 function rbfHeldAboutRow(h: Matrix, size: number, ridge: Matrix) {
   if (h.length === 2) return h;

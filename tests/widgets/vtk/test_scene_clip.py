@@ -12,7 +12,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
-from deformnb.volume.clip import WHOLE, ClipBox, checked_clip
+from deformnb.volume.clip import WHOLE, ClipBox, check_clip
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.stills import CoreScene
@@ -62,7 +62,7 @@ DEFORMED = {
 
 
 def cut(axis: int, pair: tuple[float, float]) -> Any:
-    return checked_clip([pair if k == axis else (0.0, 1.0) for k in range(3)])
+    return check_clip([pair if k == axis else (0.0, 1.0) for k in range(3)])
 
 
 def silhouette(image: Any) -> np.ndarray:
@@ -183,7 +183,7 @@ def test_emptied_voxels_and_planes_agree() -> None:
     values = np.asarray(voxels.image.active_scalars).reshape(voxels.lattice.shape)
     part = ClipBox.of(GRID, cut(0, (0.25, 0.75)))
     assert part is not None
-    inner = part.emptied(body()).values
+    inner = part.mask_outside(body()).values
     # One voxel of padding, and whole voxels: those that the sides go through may stay.
     assert (values[1:-1, 1:-1, 1:-1] > 0).sum() - (inner > 0).sum() in range(2 * 24 * 20 + 1)
     planes = clipping_planes(voxels.lattice, kept)

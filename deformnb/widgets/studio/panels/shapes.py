@@ -18,7 +18,7 @@ from deformnb._deferred import scipy
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask
-from deformnb.rbf.rigid import RigidMotion, RigidPart, carried_points, without_conflicts
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points, without_conflicts
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import basic_widgets as basic
@@ -104,7 +104,7 @@ def edit_parts(
     try:
         session.editing.edit_parts(parts, label, kind, slides=slides)
     except DeformError:
-        points = carried_points(session.editing.points, session.editing.step.parts, parts)
+        points = carry_points(session.editing.points, session.editing.step.parts, parts)
         if editor is None or session.editing.step.plane is None or without_conflicts(points, parts) == points:
             raise
         editor.propose(parts, label)
