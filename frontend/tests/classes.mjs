@@ -15,6 +15,9 @@ function* nodesOf(node) {
   for (const child of children) yield* nodesOf(child);
 }
 
+/** The heirs of a class fill in its methods, some by those of a tool that the class does not know. */
+const isHeir = (node) => node.heritageClauses?.some(({ token }) => token === ast.SyntaxKind.ExtendsKeyword) ?? false;
+
 /** The function that a method calls with its own arguments and nothing else, such as this.messages.send; or null. */
 function forwardedBy(method, text) {
   const [only, ...others] = method.body?.statements ?? [];
@@ -31,6 +34,7 @@ function describe(node, text) {
   const isMethod = (m) =>
     ast.isMethodDeclaration(m) || ast.isGetAccessorDeclaration(m) || ast.isSetAccessorDeclaration(m);
   const methods = node.members.filter(isMethod),
+    own = isHeir(node) ? [] : methods,
     start = node.members.find(ast.isConstructorDeclaration);
   const inner = [...nodesOf(node)];
   return {
@@ -38,9 +42,7 @@ function describe(node, text) {
     attributes: node.members.filter(ast.isPropertyDeclaration).length,
     given: (start?.parameters ?? []).map(({ type }) => type?.typeName?.text).filter(Boolean),
     makes: inner.filter(ast.isNewExpression).map(({ expression }) => expression.text),
-    forwards: methods
-      .filter((method) => method.name.text !== "close" && forwardedBy(method, text))
-      .map((m) => m.name.text),
+    forwards: own.filter((m) => m.name.text !== "close" && forwardedBy(m, text)).map((m) => m.name.text),
   };
 }
 

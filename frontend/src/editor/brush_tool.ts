@@ -4,6 +4,7 @@ import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { BrushGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
@@ -144,6 +145,10 @@ export class Brush {
     this.at = at;
     this.isByKeys = false;
     this.editor.frames.invalidate();
+  }
+
+  grab(at: Vector2, isFinger: boolean) {
+    return new BrushGesture(at, this, isFinger);
   }
 
   press(at: Vector2) {

@@ -81,6 +81,16 @@ export class Frames {
     }
   }
 
+  /** Call a handler at an event; an error of it is shown. */
+  listen<K extends keyof HTMLElementEventMap>(
+    target: EventTarget,
+    name: K,
+    handler: (event: HTMLElementEventMap[K]) => void,
+    options: AddEventListenerOptions = {},
+  ) {
+    target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), options);
+  }
+
   invalidate() {
     if (!this.request) this.request = requestAnimationFrame(() => this.#run());
   }

@@ -1,12 +1,17 @@
 // The modes of the editor: adding, selecting, the pen, a brush, and the tools that are put away for another.
 
 import type { Vector2 } from "../types.ts";
+import type { Gesture } from "./gesture.ts";
 import type { EditorParts } from "./parts.ts";
 
 /** A tool that is taken up and put away. */
 interface HeldTool {
   readonly isOn: boolean;
   stop(): boolean;
+  /** The gesture that a press begins, or null. */
+  grab(at: Vector2, isFinger: boolean): Gesture | null;
+  /** Follow a pointer that is not down. */
+  hover?(at: Vector2): void;
   /** Whether a key means something to the tool. */
   key(key: string, event: KeyboardEvent, arrow?: Vector2): boolean;
 }

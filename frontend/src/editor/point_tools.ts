@@ -30,12 +30,11 @@ import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { LayeredFit, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
+import type { Moved } from "./gesture.ts";
 import { pointLabel } from "./handles.ts";
 import { PointMirror } from "./mirror.ts";
 import type { EditorParts } from "./parts.ts";
 import { SnapGrid } from "./snap_grid.ts";
-/** The places of points that a drag moves */
-export type Moved = "target" | "source" | "both";
 /** Points, ids of those that turn, the centre */
 export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
 /** A point that a rigid part does not let in */
@@ -163,14 +162,15 @@ export class PointTools {
   drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean = false) {
     const { editor, drag0 } = this;
     if (!drag0) return;
-    if (!ids.length) {
+    const free = freeIds(drag0, withRims(drag0, ids));
+    if (!free.length) {
       this.hintLocked([id]);
       return;
     }
     const f = (what === "target" ? editor.layers.nodes.pull : 1) / editor.viewport.view.k;
     const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose),
       lead = this.mirror.sideOf(id);
-    this.#show(drag0, (t) => this.mirror.edit(drag0, movedPoints(drag0, ids, t * way[0]!, t * way[1]!, what), lead));
+    this.#show(drag0, (t) => this.mirror.edit(drag0, movedPoints(drag0, free, t * way[0]!, t * way[1]!, what), lead));
   }
 
   /**

@@ -1,28 +1,20 @@
-import { freeIds, turnOfDrag, withRims } from "../maths/points.ts";
+// Pointers over the picture of an editor: which gesture a press begins.
+
 import type { Vector2 } from "../types.ts";
 import { slackOf } from "../ui/dom.ts";
+import {
+  BandGesture,
+  type Gesture,
+  type GrabbedPoint,
+  PanGesture,
+  PointsGesture,
+  TapGesture,
+  TurnGesture,
+} from "./gesture.ts";
+import { AxisGesture, PartGesture, PinchGesture, ShapeGesture, WindowGesture } from "./gestures.ts";
 import { isRightClick, keepFromScrolling } from "./handles.ts";
 import type { ShapeGrip } from "./hit_test.ts";
-import type { PartHandle } from "./motion_handles.ts";
 import type { EditorParts } from "./parts.ts";
-import type { Moved, Turn } from "./point_tools.ts";
-export type TwoFingers = { x: number; y: number; gap: number };
-/** What a click with the right button removes. */
-export type RightClick = { id: number | null; shape: ShapeGrip | null };
-
-/** A gesture under way: where it began, where the pointer is, and whether that has not moved yet. */
-export type Gesture = { from: Vector2; at: Vector2; isPress: boolean } & (
-  | { kind: "pan" | "tap" | "band"; adds: boolean; shape: ShapeGrip | null; before?: Vector2 }
-  | { kind: "points"; id: number; ids: number[]; what: Moved; adds: boolean; was: boolean; isNew: boolean }
-  | { kind: "shape"; grip: ShapeGrip }
-  | { kind: "part"; handle: PartHandle }
-  | { kind: "turn"; turn: Turn; about: Vector2; start: Vector2; scales: boolean }
-  | { kind: "axis"; c: number; start: number }
-  | { kind: "pinch"; was: TwoFingers }
-  | { kind: "window"; click: RightClick | null }
-  | { kind: "pen" }
-  | { kind: "brush" }
-);
 
 /** What the pointers use of the editor. */
 export type PointerEditor = EditorParts<
@@ -39,168 +31,179 @@ export type PointerEditor = EditorParts<
  */
 export class Gestures {
   editor: PointerEditor;
-  pointers: Map<number, Vector2>;
-  gesture: Gesture | null;
-  kind: string;
-  isOthers: boolean;
-  isSpaceDown: boolean;
+
+  /** Places of the pointers that are down. */
+  pointers: Map<number, Vector2> = new Map();
+
+  gesture: Gesture | null = null;
+
+  kind = "mouse"; // of the pointer that went down last
+
+  isOthers = false; // whether its press belongs to the page around
+
+  isSpaceDown = false;
 
   constructor(editor: PointerEditor) {
     this.editor = editor;
-    /** Places of the pointers that are down. */
-    this.pointers = new Map();
-    this.gesture = null;
-    this.kind = "mouse"; // of the pointer that went down last
-    this.isOthers = false; // whether its press belongs to the page around
-    this.isSpaceDown = false;
-    const { svg, root, closing } = editor.stage,
+    const { frames } = editor,
+      { svg, root, closing } = editor.stage,
       { signal } = closing,
-      options = { signal, passive: false };
-    svg.addEventListener("pointerdown", (e) => editor.frames.guard(() => this.#down(e)), { signal });
-    svg.addEventListener("pointermove", (e) => editor.frames.guard(() => this.#move(e)), { signal });
-    svg.addEventListener("pointerup", (e) => editor.frames.guard(() => this.#up(e)), { signal });
-    svg.addEventListener("pointercancel", (e) => editor.frames.guard(() => this.#up(e, true)), { signal });
-    svg.addEventListener("pointerleave", () => editor.frames.guard(() => this.#leave()), { signal });
-    svg.addEventListener(
+      options = { signal };
+    frames.listen(svg, "pointerdown", (e) => this.#down(e), options);
+    frames.listen(svg, "pointermove", (e) => this.#move(e), options);
+    frames.listen(svg, "pointerup", (e) => this.#up(e), options);
+    frames.listen(svg, "pointercancel", (e) => this.#up(e, true), options);
+    frames.listen(svg, "pointerleave", () => this.#leave(), options);
+    frames.listen(
+      svg,
       "lostpointercapture",
       (e) => {
-        if (this.pointers.has(e.pointerId)) editor.frames.guard(() => this.#up(e, true));
+        if (this.pointers.has(e.pointerId)) this.#up(e, true);
       },
-      { signal },
+      options,
     );
-    svg.addEventListener("dblclick", (e) => editor.frames.guard(() => this.#doubleClick(e)), { signal });
-    svg.addEventListener("contextmenu", (e) => editor.frames.guard(() => this.#contextMenu(e)), { signal });
-    svg.addEventListener(
+    frames.listen(svg, "dblclick", (e) => this.#doubleClick(e), options);
+    frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
+    frames.listen(
+      svg,
       "touchstart",
       (e) => {
         if (this.isOthers) keepFromScrolling(e);
       },
-      options,
+      { signal, passive: false },
     );
-    root.addEventListener(
+    frames.listen(
+      root,
       "keyup",
       (e) => {
         if (e.key === " ") this.space(false);
       },
-      { signal },
+      options,
     );
-    root.addEventListener(
+    frames.listen(
+      root,
       "focusout",
       ({ relatedTarget }) => {
         if (!(relatedTarget instanceof Node && root.contains(relatedTarget))) this.space(false);
       },
-      { signal },
+      options,
     );
   }
 
   // ---- pointers -----------------------------------------------------------------------------------------------------
 
   #down(event: PointerEvent) {
-    const { editor } = this;
-    if (editor.points.isWaiting) return;
-    const at = this.editor.stage.placeOf(event),
-      press = { from: at, at, isPress: true };
+    const { points, stage, viewport } = this.editor;
+    if (points.isWaiting) return;
+    const at = stage.placeOf(event);
     this.pointers.set(event.pointerId, at);
     this.kind = event.pointerType || "mouse";
-    this.isOthers = this.kind === "touch" && !editor.stage.isWorkedIn; // before this press gives it the focus
-    editor.stage.svg.setPointerCapture(event.pointerId);
-    const { kind = "" } = this.gesture ?? {};
-    if (this.pointers.size === 2 && !["points", "turn", "axis", "part"].includes(kind)) {
-      this.#startPinch();
+    this.isOthers = this.kind === "touch" && !stage.isWorkedIn; // before this press gives it the focus
+    stage.svg.setPointerCapture(event.pointerId);
+    if (this.pointers.size === 2 && !this.gesture?.isHolding) {
+      this.cancel();
+      this.gesture = new PinchGesture(this.pointers, viewport);
       return;
     }
     if (this.gesture) return;
-    const grabbed = this.editor.tools.hits.pointAt(event),
-      mark = this.editor.tools.hits.markAt(event),
-      shape = grabbed ? null : this.#ownShapeAt(event);
     event.preventDefault();
-    if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) {
-      this.gesture = { ...press, isPress: false, kind: "pan", adds: false, shape: null };
-    } else if (event.button === 2 && this.kind !== "touch") {
-      const click = isRightClick(event)
-        ? { id: grabbed?.id ?? null, shape: grabbed ? null : this.editor.tools.hits.shapeAt(event) }
-        : null;
-      this.gesture = { ...press, kind: "window", click };
-    } else if (event.button !== 0) this.gesture = null;
-    else if (editor.tools.window.isOn && !this.isOthers) {
-      editor.stage.focus();
-      this.gesture = { ...press, kind: "window", click: null };
-    } else if (editor.tools.wand.isOn) {
-      editor.stage.focus();
-      editor.tools.wand.pick(at);
-      this.gesture = null;
-    } else if (editor.tools.pen.isOn) {
-      editor.stage.focus();
-      this.gesture = { ...press, kind: "pen" };
-    } else if (mark === "axis") this.#grabAxis(at);
-    else if (editor.tools.brush.isOn) {
-      editor.stage.focus();
-      this.gesture = { ...press, isPress: false, kind: "brush" };
-      editor.tools.brush.press(at);
-    } else if (mark === "swap") editor.tools.shapes.turn();
-    else if (mark === "turn") this.#grabTurn(at);
-    else if (shape) this.#grabShape(shape, at);
-    else if (grabbed) this.#grab(event, grabbed, at);
-    else if (editor.tools.modes.isAdding) {
-      editor.stage.focus();
-      const id = editor.tools.points.addAt(at, event.altKey);
-      if (id !== null) this.#grab(event, { id, what: "target" }, at, true);
-    } else this.#press(event, at);
-    editor.stage.element.classList.toggle("dnb-ed-panning", this.gesture?.kind === "pan" && this.kind !== "touch");
+    this.gesture = this.#begin(event, at);
+    stage.element.classList.toggle("dnb-ed-panning", this.gesture instanceof PanGesture && this.kind !== "touch");
+  }
+
+  /** The gesture that a press begins, or null. */
+  #begin(event: PointerEvent, at: Vector2): Gesture | null {
+    const { layers, stage, tools, viewport } = this.editor,
+      { brush, hits, modes, points, shapes, window } = tools;
+    const grabbed = hits.pointAt(event),
+      mark = hits.markAt(event),
+      shape = grabbed ? null : this.#ownShapeAt(event);
+    if (event.button === 1 || (event.button === 0 && this.isSpaceDown)) return new PanGesture(at, viewport);
+    if (event.button === 2 && this.kind !== "touch") {
+      const id = grabbed?.id ?? null,
+        under = grabbed ? null : hits.shapeAt(event);
+      return new WindowGesture(at, window, isRightClick(event) ? () => this.#rightClicked(id, under) : null);
+    }
+    if (event.button !== 0) return null;
+    const tool = modes.held;
+    if (tool && !(tool === window && this.isOthers) && !(tool === brush && mark === "axis")) {
+      stage.focus();
+      return tool.grab(at, this.kind === "touch");
+    }
+    if (mark === "axis") {
+      layers.marks.grip.focus({ preventScroll: true });
+      return new AxisGesture(at, points.mirror, viewport);
+    }
+    if (mark === "swap") {
+      shapes.turn();
+      return null;
+    }
+    if (mark === "turn") {
+      const turn = points.beginTurn();
+      const turnTo = (angle: number, factor: number) => turn && points.turnTo(turn, angle, factor);
+      return (
+        turn &&
+        new TurnGesture(at, viewport.onView(turn.about), turnTo, (isCancelled, kind) =>
+          points.endDrag(isCancelled, kind),
+        )
+      );
+    }
+    if (shape) {
+      this.#focusShape(shape);
+      return shape.handle ? new PartGesture(at, tools.parts, shape.handle) : new ShapeGesture(at, shapes, shape);
+    }
+    if (grabbed) return this.#grab(event, grabbed, at);
+    if (!modes.isAdding) return this.#press(event, at);
+    stage.focus();
+    const id = points.addAt(at, event.altKey);
+    return id === null ? null : this.#grab(event, { id, what: "target", isNew: true }, at);
+  }
+
+  #grab(event: PointerEvent, grabbed: GrabbedPoint, at: Vector2) {
+    const { layers, points, tools } = this.editor,
+      made = new PointsGesture(event, at, grabbed, points, tools.modes.isSelecting, tools.points);
+    layers.handles.focus(grabbed.id);
+    return made;
   }
 
   /**
    * On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
    */
   #press(event: PointerEvent, at: Vector2) {
-    const { editor, isOthers } = this,
+    const { layers, messages, points, stage, tools, viewport } = this.editor,
+      { hits, modes } = tools,
       isFinger = this.kind === "touch";
-    if (!isOthers) editor.stage.focus();
-    const kind = isOthers ? "tap" : isFinger && !editor.tools.modes.isSelecting ? "pan" : "band";
-    this.gesture = {
-      kind,
-      from: at,
-      at,
-      isPress: true,
-      adds: editor.tools.modes.isSelecting || event.shiftKey || event.ctrlKey,
-      shape: editor.tools.modes.isSelecting ? null : this.editor.tools.hits.shapeAt(event),
-    };
+    if (!this.isOthers) stage.focus();
+    const adds = modes.isSelecting || event.shiftKey || event.ctrlKey,
+      shape = modes.isSelecting ? null : hits.shapeAt(event);
+    const click = () => this.#clicked(shape, adds);
+    if (this.isOthers) {
+      const advise = () => messages.hint("Tap the picture first, then a finger moves it", 4000);
+      return new TapGesture(at, advise, () => {
+        stage.focus();
+        click();
+      });
+    }
+    if (isFinger && !modes.isSelecting) return new PanGesture(at, viewport, click);
+    return new BandGesture(at, points, adds, {
+      show: (band) => layers.handles.showBand(band),
+      inside: (band) => points.inside(band),
+      click,
+      end: () => {
+        if (points.selected.size === 0 && !points.isLocked) messages.hint("Double-click adds a point to drag", 5000);
+      },
+    });
   }
 
-  #grab(event: PointerEvent, { id, what }: { id: number; what: "target" | "source" }, at: Vector2, isNew = false) {
-    const { editor } = this,
-      was = editor.points.selected.has(id);
-    const adds = editor.tools.modes.isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
-    if (!was) editor.points.select(adds ? [...editor.points.selected, id] : [id]);
-    editor.layers.handles.focus(id);
-    const ids = editor.points.selected.has(id) ? [...editor.points.selected] : [id];
-    this.gesture = {
-      kind: "points",
-      id,
-      from: at,
-      at,
-      isPress: true,
-      adds,
-      was,
-      isNew,
-      what: event.altKey ? "both" : what,
-      ids: freeIds(editor.points.list, withRims(editor.points.list, ids)),
-    };
-  }
-
-  #grabTurn(at: Vector2) {
-    const turn = this.editor.tools.points.beginTurn();
-    if (!turn) return;
-    const about = this.editor.viewport.onView(turn.about),
-      start: Vector2 = [at[0] - about[0], at[1] - about[1]];
-    this.gesture = { kind: "turn", turn, about, start, from: at, at, isPress: true, scales: false };
-  }
-
-  #grabAxis(at: Vector2) {
-    const { editor } = this,
-      mirror = editor.tools.points.mirror.state;
-    editor.layers.marks.grip.focus({ preventScroll: true });
-    this.gesture = { kind: "axis", from: at, at, isPress: true, c: mirror.axis === "a" ? 0 : 1, start: mirror.at };
+  /** A press on the picture that did not move. */
+  #clicked(shape: ShapeGrip | null, adds: boolean) {
+    const { points, tools } = this.editor;
+    if (adds) return;
+    if (shape) this.#focusShape(shape);
+    else {
+      points.select([]);
+      tools.shapes.choice.choose(null);
+    }
   }
 
   /**
@@ -216,13 +219,6 @@ export class Gestures {
     return grip && chosen?.what === grip.chosen.what && chosen.index === grip.chosen.index ? grip : null;
   }
 
-  #grabShape(grip: ShapeGrip, at: Vector2) {
-    this.#focusShape(grip);
-    this.gesture = grip.handle
-      ? { kind: "part", handle: grip.handle, from: at, at, isPress: true }
-      : { kind: "shape", grip, from: at, at, isPress: true };
-  }
-
   #focusShape(grip: ShapeGrip) {
     const { editor } = this,
       { shapes: shapeTools } = editor.tools;
@@ -234,52 +230,15 @@ export class Gestures {
   }
 
   #move(event: PointerEvent) {
-    const { editor } = this,
-      { parts: partTools, points: pointTools, shapes: shapeTools } = editor.tools,
-      at = this.editor.stage.placeOf(event),
-      g = this.gesture;
-    if (!this.pointers.has(event.pointerId)) {
-      if (editor.tools.pen.isOn) editor.tools.pen.hover(at);
-      if (editor.tools.brush.isOn) editor.tools.brush.hover(at);
-      editor.panels.status.pointAt(event.pointerType === "touch" ? null : at);
-      return;
+    const { panels, stage, tools } = this.editor,
+      at = stage.placeOf(event);
+    if (this.pointers.has(event.pointerId)) {
+      this.pointers.set(event.pointerId, at);
+      this.gesture?.move(at, slackOf(this.kind), event);
+    } else {
+      tools.modes.held?.hover?.(at);
+      panels.status.pointAt(event.pointerType === "touch" ? null : at);
     }
-    this.pointers.set(event.pointerId, at);
-    if (!g) return;
-    if (g.kind === "pinch") {
-      this.#pinch(g);
-      return;
-    }
-    if (g.kind === "brush") {
-      editor.tools.brush.drag(at);
-      return;
-    }
-    const by: Vector2 = [at[0] - g.from[0], at[1] - g.from[1]];
-    if (g.isPress && Math.hypot(by[0], by[1]) < slackOf(this.kind)) return;
-    if (g.kind === "pan") editor.viewport.panBy(at[0] - g.at[0], at[1] - g.at[1]);
-    else if (g.kind === "band") this.#band(g, at);
-    else if (g.kind === "window") {
-      if (g.isPress) editor.tools.window.begin();
-      editor.tools.window.drag(by);
-    } else if (g.kind === "pen") editor.tools.pen.drag(at);
-    else if (g.kind === "turn") {
-      // about the middle of the selection; Alt scales instead, Shift goes in steps
-      const [angle, factor] = turnOfDrag(g.start, [at[0] - g.about[0], at[1] - g.about[1]], event);
-      g.scales = event.altKey;
-      pointTools.turnTo(g.turn, angle, factor);
-    } else if (g.kind === "axis") pointTools.mirror.moveAxis(g.start + by[g.c]! / editor.viewport.view.k, false);
-    else if (g.kind === "shape") {
-      if (g.isPress) shapeTools.beginDrag(g.grip);
-      shapeTools.drag(by[0], by[1]);
-    } else if (g.kind === "part") {
-      if (g.isPress) partTools.beginDrag(g.handle, g.from);
-      partTools.drag(at, event.shiftKey);
-    } else if (g.kind === "points") {
-      if (g.isPress) pointTools.beginDrag();
-      pointTools.drag(g.ids, by as Vector2, g.what, g.id, event.altKey);
-    }
-    g.isPress = false;
-    g.at = at;
   }
 
   #leave() {
@@ -291,109 +250,22 @@ export class Gestures {
     if (brush.isOn && !this.gesture && !brush.isByKeys) brush.hover(null);
   }
 
-  #band(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>, at: Vector2) {
-    const box = {
-      x: Math.min(g.from[0], at[0]),
-      y: Math.min(g.from[1], at[1]),
-      width: Math.abs(at[0] - g.from[0]),
-      height: Math.abs(at[1] - g.from[1]),
-    };
-    this.editor.layers.handles.showBand(box);
-    g.before ??= (g.adds ? [...this.editor.points.selected] : []) as Vector2;
-    this.editor.points.select([...g.before, ...this.editor.points.inside(box)]);
-  }
-
   #up(event: PointerEvent, isCancelled = false) {
-    const { editor, gesture: g } = this,
-      { parts: partTools, points: pointTools, shapes: shapeTools } = editor.tools;
+    const { gesture } = this,
+      { stage } = this.editor;
     this.pointers.delete(event.pointerId);
-    if (!g) return;
-    if (g.kind === "pinch") {
-      if (this.pointers.size === 0) this.gesture = null;
-      return;
-    }
+    if (!gesture || (gesture instanceof PinchGesture && this.pointers.size > 0)) return;
     this.gesture = null;
-    editor.stage.element.classList.remove("dnb-ed-panning");
-    editor.layers.handles.showBand(null);
-    if (g.kind === "window") {
-      if (!g.isPress) editor.tools.window.end(isCancelled);
-      else if (g.click && !isCancelled) this.#rightClicked(g.click);
-    } else if (g.kind === "pen") {
-      if (!isCancelled && editor.tools.pen.isOn) editor.tools.pen.up(g.from, this.editor.stage.placeOf(event));
-    } else if (g.kind === "shape") {
-      if (!g.isPress) shapeTools.endDrag(isCancelled);
-    } else if (g.kind === "part") partTools.endDrag(isCancelled);
-    else if (g.kind === "brush") {
-      editor.tools.brush.lift(isCancelled);
-      if (this.kind === "touch") editor.tools.brush.hover(null); // a finger that is away points nowhere
-    } else if (g.kind === "turn") pointTools.endDrag(isCancelled || g.isPress, g.scales ? "scale" : "turn");
-    else if (g.kind === "axis") pointTools.mirror.moveAxis(isCancelled ? g.start : pointTools.mirror.state.at, true);
-    else if (g.kind === "points") {
-      if (!g.isPress) pointTools.endDrag(isCancelled);
-      else if (g.was && !g.isNew)
-        editor.points.select(g.adds ? [...editor.points.selected].filter((id) => id !== g.id) : [g.id]);
-    } else if (g.isPress && !isCancelled) this.#clicked(g);
-    else if (g.kind === "tap" && !isCancelled)
-      editor.messages.hint("Tap the picture first, then a finger moves it", 4000);
-    else if (
-      g.kind === "band" &&
-      !g.isPress &&
-      !isCancelled &&
-      editor.points.selected.size === 0 &&
-      !editor.points.isLocked
-    ) {
-      editor.messages.hint("Double-click adds a point to drag", 5000);
-    }
-  }
-
-  /** A press on the picture that did not move. */
-  #clicked(g: Extract<Gesture, { kind: "pan" | "tap" | "band" }>) {
-    const { editor } = this;
-    if (g.kind === "tap") editor.stage.focus();
-    if (g.shape && !g.adds) this.#focusShape(g.shape);
-    else if (!g.adds) {
-      editor.points.select([]);
-      editor.tools.shapes.choice.choose(null);
-    }
+    stage.element.classList.remove("dnb-ed-panning");
+    gesture.end(isCancelled, stage.placeOf(event));
   }
 
   /** Escape during a drag: as if it had not begun. */
   cancel() {
-    const { editor, gesture: g } = this,
-      { parts: partTools, points: pointTools, shapes: shapeTools } = editor.tools;
+    const { gesture } = this;
     this.gesture = null;
-    editor.layers.handles.showBand(null);
-    if (g?.kind === "part") partTools.endDrag(true);
-    if ((g?.kind === "points" && !g.isPress) || g?.kind === "turn") pointTools.endDrag(true);
-    if (g?.kind === "brush") editor.tools.brush.lift(true);
-    if (g?.kind === "window") editor.tools.window.end(true);
-    if (g?.kind === "axis") pointTools.mirror.moveAxis(g.start, true);
-    if (g?.kind === "shape" && !g.isPress) shapeTools.endDrag(true);
-    return g !== null;
-  }
-
-  #startPinch() {
-    const { editor, gesture: g } = this,
-      was = this.#twoFingers(),
-      at: Vector2 = [was.x, was.y];
-    editor.layers.handles.showBand(null);
-    if (g?.kind === "brush") editor.tools.brush.lift(true);
-    if (g?.kind === "window") editor.tools.window.end(true);
-    if (g?.kind === "band" && g.before) editor.points.select(g.before); // a band that was to be two fingers
-    this.gesture = { kind: "pinch", was, from: at, at, isPress: false };
-  }
-
-  #twoFingers(): TwoFingers {
-    const [[ax, ay], [bx, by]] = [...this.pointers.values()] as [Vector2, Vector2];
-    return { x: (ax + bx) / 2, y: (ay + by) / 2, gap: Math.max(10, Math.hypot(ax - bx, ay - by)) };
-  }
-
-  #pinch(g: { was: TwoFingers }) {
-    if (this.pointers.size < 2) return;
-    const now = this.#twoFingers();
-    this.editor.viewport.panBy(now.x - g.was.x, now.y - g.was.y);
-    this.editor.viewport.zoomAt(now.gap / g.was.gap, now.x, now.y);
-    g.was = now;
+    gesture?.end(true, gesture.at);
+    return gesture !== null;
   }
 
   #doubleClick(event: MouseEvent) {
@@ -427,7 +299,7 @@ export class Gestures {
   /**
    * A click with the right button: the button may as well begin a drag, and some systems ask for the menu at the press.
    */
-  #rightClicked({ id, shape }: RightClick) {
+  #rightClicked(id: number | null, shape: ShapeGrip | null) {
     const {
       tools: { shapes: shapeTools, points: pointTools },
       points: { isLocked },

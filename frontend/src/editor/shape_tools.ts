@@ -31,6 +31,7 @@ import {
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { PenGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
 import { ShapeChoice } from "./shape_choice.ts";
 import type { Draft, Grip } from "./shape_handles.ts";
@@ -115,6 +116,10 @@ export class Pen {
   #gap(place: Vector2, at: Vector2) {
     const [x, y] = this.editor.viewport.onView(place);
     return Math.hypot(x - at[0], y - at[1]);
+  }
+
+  grab(at: Vector2) {
+    return new PenGesture(at, this);
   }
 
   hover(at: Vector2) {

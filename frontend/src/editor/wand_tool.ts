@@ -159,6 +159,11 @@ export class Wand {
     clearTimeout(this.timer);
   }
 
+  grab(at: Vector2) {
+    this.pick(at);
+    return null;
+  }
+
   /** @param at CSS pixels */
   pick(at: Vector2) {
     const { editor } = this,

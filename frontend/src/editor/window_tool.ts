@@ -4,6 +4,7 @@
 import { RestingTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { WindowGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
@@ -160,6 +161,10 @@ export class WindowTool {
   }
 
   // ---- drags and keys -----------------------------------------------------------------------------------------------
+
+  grab(at: Vector2) {
+    return new WindowGesture(at, this, null);
+  }
 
   begin() {
     const { window, editor } = this;
