@@ -243,14 +243,15 @@ function documentOf({ document }: Template, { volume: { name, grid }, sha256 }: 
 
 /** A page of an open file. */
 class FilePage extends StandalonePage {
-  name: string;
-  isSaved: boolean;
+  isSaved = true;
 
   /** @param name of the file without suffix */
-  constructor(data: PageData, widgets: Values, name: string) {
+  constructor(
+    data: PageData,
+    widgets: Values,
+    readonly name: string,
+  ) {
     super(data, widgets);
-    this.name = name;
-    this.isSaved = true;
   }
 
   get downloads() {
@@ -324,12 +325,10 @@ class FilePage extends StandalonePage {
 
 /** The page, with a file or without. */
 class FileOpener {
-  template: Template;
-  widgets: Values;
-  page: FilePage | null;
-  opened: Opened | null;
+  page: FilePage | null = null;
+  opened: Opened | null = null;
   side: string;
-  work: AbortController | null;
+  work: AbortController | null = null;
   chooser: HTMLInputElement;
   button: HTMLButtonElement;
   words: HTMLSpanElement;
@@ -338,13 +337,11 @@ class FileOpener {
   bar: HTMLProgressElement;
   cancel: HTMLButtonElement;
 
-  constructor(template: Template, widgets: Values) {
-    this.template = template;
-    this.widgets = widgets;
-    this.page = null;
-    this.opened = null;
+  constructor(
+    readonly template: Template,
+    readonly widgets: Values,
+  ) {
     this.side = SIDE;
-    this.work = null;
     const root = pagePart("open");
     this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
     this.button = textElement(

@@ -177,27 +177,23 @@ export function showOnPage(text: string) {
 }
 
 export class StandalonePage {
-  data: PageData;
-  isStill: boolean;
-  cut: HTMLDetailsElement | null;
+  isStill = false;
+  cut: HTMLDetailsElement | null = null; // the sliders that cut the volume
   image: HTMLImageElement | null;
-  closing: AbortController;
-  ends: (() => void)[];
+  closing = new AbortController();
+  /** What ends the widgets */
+  ends: (() => void)[] = [];
   editor: PlainModel;
   view: PlainModel | null;
-  widgets: Values;
   sliders: ClipSliders | undefined;
 
   /** @param widgets their exports */
-  constructor(data: PageData, widgets: Values) {
-    this.data = data;
-    this.isStill = false;
-    this.cut = null; // the sliders that cut the volume
+  constructor(
+    readonly data: PageData,
+    readonly widgets: Values,
+  ) {
     this.image = document.querySelector(".dnb-page-still") as HTMLImageElement | null;
     const still = data.still ?? new DataView(bytesOfText(this.image?.src.split(",")[1] ?? "").buffer);
-    this.closing = new AbortController();
-    /** What ends the widgets */
-    this.ends = [];
     this.editor = new PlainModel(data.editor, { deliver: editorAnswers(() => this.editor) });
     this.view =
       data.view &&
@@ -210,7 +206,6 @@ export class StandalonePage {
           isDrawn: ({ sides }) => this.warn(sides),
         }),
       });
-    this.widgets = widgets;
   }
 
   async open() {

@@ -36,10 +36,11 @@ function describe(node, text) {
   const methods = node.members.filter(isMethod),
     own = isHeir(node) ? [] : methods,
     start = node.members.find(ast.isConstructorDeclaration);
+  const stored = (start?.parameters ?? []).filter(({ modifiers }) => modifiers?.length); // parameter properties
   const inner = [...nodesOf(node)];
   return {
     methods: new Set(methods.map(({ name }) => name.text)).size,
-    attributes: node.members.filter(ast.isPropertyDeclaration).length,
+    attributes: node.members.filter(ast.isPropertyDeclaration).length + stored.length,
     given: (start?.parameters ?? []).map(({ type }) => type?.typeName?.text).filter(Boolean),
     makes: inner.filter(ast.isNewExpression).map(({ expression }) => expression.text),
     forwards: own.filter((m) => m.name.text !== "close" && forwardedBy(m, text)).map((m) => m.name.text),

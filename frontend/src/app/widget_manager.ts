@@ -55,14 +55,15 @@ let sent = 0; // messages of this page
 
 /** The channel of one widget. */
 class SocketComm {
-  session: Session;
   comm_id: string;
   receive: (message: object) => void;
 
   target_name = "jupyter.widget";
 
-  constructor(session: Session, id: string) {
-    this.session = session;
+  constructor(
+    readonly session: Session,
+    id: string,
+  ) {
     this.comm_id = id;
     this.receive = () => {};
   }
@@ -93,18 +94,14 @@ interface Opened {
 }
 
 export class WidgetManager extends ManagerBase {
-  session: Session;
-  comms: Map<string, SocketComm>;
-  isClosed: boolean;
+  comms = new Map<string, SocketComm>();
+  isClosed = false;
   opened: Promise<void>;
   haveOpened: () => void = () => {};
   subscription: object;
 
-  constructor(session: Session) {
+  constructor(readonly session: Session) {
     super();
-    this.session = session;
-    this.comms = new Map();
-    this.isClosed = false;
     /** The states of all widgets are there; messages may come before them */
     this.opened = new Promise((resolve) => {
       this.haveOpened = resolve;

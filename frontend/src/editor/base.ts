@@ -56,7 +56,6 @@ export interface EditorCommands extends ToolbarHost {
 
 /** The drawing and the messages that both editors share. */
 export abstract class EditorDrawing {
-  model: Model;
   sender: Sender;
   root: HTMLDivElement;
   messages: Messages;
@@ -65,8 +64,7 @@ export abstract class EditorDrawing {
 
   abstract commands: EditorCommands;
 
-  constructor(model: Model) {
-    this.model = model;
+  constructor(readonly model: Model) {
     this.sender = senderOf(busOf(model), model);
     // Wherever a press in it goes, the keys are the editor's from then on.
     this.root = pageElement("div", "dnb-editor", null, { tabindex: "-1", role: "group", ...OWN_KEYS });

@@ -22,28 +22,20 @@ export type BrushEditor = EditorParts<"model" | "frames" | "messages" | "stage" 
 
 /** A brush in use, its circle and its bar. */
 export class Brush {
-  editor: BrushEditor;
-  tool: string | null;
-  at: Vector2 | null;
-  from: Vector2;
-  stroke: Stroke | null;
-  isByKeys: boolean;
-  timer: number;
+  tool: string | null = null;
+  /** The place of the circle in CSS pixels. */
+  at: Vector2 | null = null;
+  from: Vector2 = [0, 0]; // the start of the stroke
+  stroke: Stroke | null = null;
+  isByKeys = false;
+  timer = 0;
   bar: HTMLDivElement;
   title: HTMLSpanElement;
   slider: HTMLInputElement;
   value: HTMLSpanElement;
   done: HTMLButtonElement;
 
-  constructor(editor: BrushEditor) {
-    this.editor = editor;
-    this.tool = null;
-    /** The place of the circle in CSS pixels. */
-    this.at = null;
-    this.from = [0, 0]; // the start of the stroke
-    this.stroke = null;
-    this.isByKeys = false;
-    this.timer = 0;
+  constructor(readonly editor: BrushEditor) {
     this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
       hidden: "",
       role: "group",

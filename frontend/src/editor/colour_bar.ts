@@ -16,7 +16,6 @@ const LEAST_HEIGHT = 60,
 export type ColourBarEditor = EditorParts<"frames" | "stage" | "viewport" | "picture", "window">;
 
 export class ColourBar {
-  editor: ColourBarEditor;
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
@@ -31,8 +30,7 @@ export class ColourBar {
 
   drawn = "";
 
-  constructor(editor: ColourBarEditor) {
-    this.editor = editor;
+  constructor(readonly editor: ColourBarEditor) {
     this.root = pageElement("div", "dnb-ed-colours", editor.stage.element, {
       hidden: "",
       role: "group",

@@ -65,11 +65,7 @@ const SHAPE_COMMANDS: Record<string, (shapes: CommandEditor["tools"]["shapes"]) 
 };
 
 export class Commands implements EditorCommands {
-  editor: CommandEditor;
-
-  constructor(editor: CommandEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: CommandEditor) {}
 
   guard(action: () => void) {
     this.editor.frames.guard(action);

@@ -21,14 +21,12 @@ export type CutBarEditor = EditorParts<
 >;
 
 export class CutBar {
-  editor: CutBarEditor;
   bar: HTMLDivElement;
   stops: HTMLInputElement;
   front: HTMLInputElement;
   pull: HTMLButtonElement;
 
-  constructor(editor: CutBarEditor) {
-    this.editor = editor;
+  constructor(readonly editor: CutBarEditor) {
     this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage.element, {
       hidden: "",
       role: "group",

@@ -16,8 +16,6 @@ export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof pro
 export type MapEditor = EditorParts<"model" | "bus" | "frames" | "points" | "picture" | "viewport">;
 
 export class EditedMap {
-  editor: MapEditor;
-
   origin = Math.random().toString(36).slice(2); // of the points that are published: this view
 
   isDirty = true; // whether the points are to be fitted again
@@ -34,9 +32,7 @@ export class EditedMap {
 
   folds: Folds | null = null;
 
-  constructor(editor: MapEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: MapEditor) {}
 
   /** @returns of a fit, with the shapes as they are during a drag */
   get settings(): FitSettings {

@@ -8,7 +8,6 @@ import type { EditorParts } from "./parts.ts";
 export type PointsEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "picture" | "viewport">;
 
 export class EditedPoints {
-  editor: PointsEditor;
   list: Point[];
   shapes: Shapes;
   selected: Set<number>;
@@ -20,9 +19,8 @@ export class EditedPoints {
   /** Called when points are selected: then no shape is chosen. */
   onSelect: () => void = () => {};
 
-  constructor(editor: PointsEditor) {
+  constructor(readonly editor: PointsEditor) {
     const { model, sender } = editor;
-    this.editor = editor;
     this.list = sender.points;
     this.shapes = sender.shapes;
     this.selected = new Set(model.get("selected"));

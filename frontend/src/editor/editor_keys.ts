@@ -26,11 +26,8 @@ export type KeysEditor = EditorParts<
 
 /** Keys pressed anywhere in the editor. */
 export class EditorKeys {
-  editor: KeysEditor;
-
-  constructor(editor: KeysEditor) {
+  constructor(readonly editor: KeysEditor) {
     const { root, closing } = editor.stage;
-    this.editor = editor;
     root.addEventListener("keydown", (e) => editor.frames.guard(() => this.key(e)), { signal: closing.signal });
   }
 

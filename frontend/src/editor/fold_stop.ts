@@ -16,16 +16,12 @@ export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture">
 
 /** Looks ahead whether a drag would fold the map where tissue is seen. */
 export class FoldStop {
-  editor: FoldStopEditor;
-  note: string;
-  least0: number | null;
+  note = ""; // the reason why a drag was stopped
+  /** The smallest det J before the drag. */
+  least0: number | null = null;
   start: MapState;
 
-  constructor(editor: FoldStopEditor) {
-    this.editor = editor;
-    this.note = ""; // the reason why a drag was stopped
-    /** The smallest det J before the drag. */
-    this.least0 = null;
+  constructor(readonly editor: FoldStopEditor) {
     /** What the editor showed when the drag began. */
     this.start = { points: [], shapes: { cuts: [], parts: [] } };
   }

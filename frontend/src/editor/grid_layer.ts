@@ -12,14 +12,10 @@ export type GridLines = ReturnType<typeof deformedGrid>;
 export type GridEditor = EditorParts<"model" | "frames" | "theme" | "picture" | "viewport">;
 
 export class GridLayer {
-  editor: GridEditor;
-
   /** The grid that was drawn, and what it was made of; null where it is to be made anew. */
   last: { key: unknown[]; lines: GridLines } | null = null;
 
-  constructor(editor: GridEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: GridEditor) {}
 
   /** Whether there is a grid to show. */
   get isOn() {

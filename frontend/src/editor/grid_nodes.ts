@@ -34,20 +34,14 @@ export type NodesEditor = EditorParts<
 
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {
-  editor: NodesEditor;
-  nodes: NodeParts[];
-  made: { key: unknown[]; places: GridPlaces } | null;
-  current: number;
-  drag: NodeDrag | null;
+  nodes: NodeParts[] = [];
+  /** Places of the nodes, and what they were made of. */
+  made: { key: unknown[]; places: GridPlaces } | null = null;
+  current = 0; // the node at which Tab stops
+  drag: NodeDrag | null = null;
   group: SVGGElement;
 
-  constructor(editor: NodesEditor) {
-    this.editor = editor;
-    this.nodes = [];
-    /** Places of the nodes, and what they were made of. */
-    this.made = null;
-    this.current = 0; // the node at which Tab stops
-    this.drag = null;
+  constructor(readonly editor: NodesEditor) {
     this.group = svgElement("g", { class: "dnb-ed-nodes", role: "group", "aria-label": "Nodes of the grid" });
     editor.stage.svg.insertBefore(this.group, editor.layers.handles.arrows); // under the points
     const { group } = this,

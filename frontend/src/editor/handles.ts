@@ -115,28 +115,24 @@ function pointTip(p: DrawnPoint, reach: number) {
 
 /** The points as elements, which can have the focus and be dragged. */
 export class Handles<P extends DrawnPoint = DrawnPoint> {
-  svg: SVGSVGElement;
-  words: PointWords<P>;
   radii: SVGGElement;
   arrows: SVGGElement;
   points: SVGGElement;
   band: SVGRectElement;
-  byId: Map<number, HandleParts>;
-  suspects: Set<number>;
-  stop: number | null;
+  byId = new Map<number, HandleParts>();
+  /** Ids of points that get a dashed ring. */
+  suspects = new Set<number>();
+  /** The one point that Tab leads to: that in focus, or the last that was. */
+  stop: number | null = null;
 
-  constructor(svg: SVGSVGElement, words: PointWords<P> = { label: pointLabel, tip: pointTip }) {
-    this.svg = svg;
-    this.words = words;
+  constructor(
+    readonly svg: SVGSVGElement,
+    readonly words: PointWords<P> = { label: pointLabel, tip: pointTip },
+  ) {
     this.radii = svgElement("g", { class: "dnb-ed-radii", "aria-hidden": "true" }, svg);
     this.arrows = svgElement("g", { class: "dnb-ed-arrows", "aria-hidden": "true" }, svg);
     this.points = svgElement("g", { class: "dnb-ed-points", role: "group", "aria-label": "Points" }, svg);
     this.band = svgElement("rect", { class: "dnb-ed-band", visibility: "hidden" }, svg);
-    this.byId = new Map();
-    /** Ids of points that get a dashed ring. */
-    this.suspects = new Set();
-    /** The one point that Tab leads to: that in focus, or the last that was. */
-    this.stop = null;
     // Not on the SVG: Chromium takes a part of an SVG that listens to the focus for one that can have it.
     svg.parentElement?.addEventListener("focusin", ({ target }) => {
       const point = target instanceof Element && this.points.contains(target) ? target.closest("[data-id]") : null;

@@ -21,11 +21,7 @@ function numberOf(text: string | undefined) {
 export type HitEditor = EditorParts<"frames" | "stage", "shapes">;
 
 export class HitTest {
-  editor: HitEditor;
-
-  constructor(editor: HitEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: HitEditor) {}
 
   /**
    * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A

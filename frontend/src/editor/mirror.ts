@@ -10,11 +10,7 @@ import type { EditorParts } from "./parts.ts";
 export type MirrorEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "points" | "map" | "picture">;
 
 export class PointMirror {
-  editor: MirrorEditor;
-
-  constructor(editor: MirrorEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: MirrorEditor) {}
 
   /** Whether it is on, the axis that it crosses, "a" or "b", and where. */
   get state() {

@@ -25,15 +25,11 @@ export type ModesEditor = EditorParts<
 >;
 
 export class Modes {
-  editor: ModesEditor;
-
   isAdding = false;
 
   isSelecting = false;
 
-  constructor(editor: ModesEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: ModesEditor) {}
 
   setAdding(isAdding: boolean) {
     const { frames, messages, points, stage } = this.editor;

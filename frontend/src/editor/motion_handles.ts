@@ -15,7 +15,6 @@ const AROUND = 18; // from the farthest corner of a part to the ring
 const CROSS_ROOM = 22; // radius of a part below which the cross would cover all that can be dragged
 
 export class MotionHandles {
-  svg: SVGSVGElement;
   root: SVGGElement;
   ring: SVGGElement;
   circles: SVGCircleElement[];
@@ -23,8 +22,10 @@ export class MotionHandles {
   cross: SVGGElement;
 
   /** @param grips of outlines */
-  constructor(svg: SVGSVGElement, grips: SVGElement) {
-    this.svg = svg;
+  constructor(
+    readonly svg: SVGSVGElement,
+    grips: SVGElement,
+  ) {
     const ring = svgElement("g", { "data-motion": "turn", class: "dnb-ed-turn-ring", visibility: "hidden" });
     svg.insertBefore(ring, grips); // corners on the ring stay within reach; knob and cross lie over them
     this.root = svgElement("g", { class: "dnb-ed-motion", visibility: "hidden" });

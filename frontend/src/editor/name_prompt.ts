@@ -14,14 +14,12 @@ export interface Naming {
 export type PromptEditor = EditorParts<"frames" | "stage" | "viewport">;
 
 export class NamePrompt {
-  editor: PromptEditor;
   input: HTMLInputElement;
 
   /** The name that is being requested. */
   naming: Naming | null = null;
 
-  constructor(editor: PromptEditor) {
-    this.editor = editor;
+  constructor(readonly editor: PromptEditor) {
     const { element, closing } = editor.stage,
       { signal } = closing;
     this.input = pageElement("input", "dnb-ed-input", element, {

@@ -108,13 +108,11 @@ export type GhostEditor = EditorParts<"model" | "stage" | "viewport" | "picture"
 
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
 export class Ghost {
-  editor: GhostEditor;
   image: HTMLImageElement;
-  bytes: DataView<ArrayBuffer> | null;
-  url: string;
+  bytes: DataView<ArrayBuffer> | null = null;
+  url = "";
 
-  constructor(editor: GhostEditor) {
-    this.editor = editor;
+  constructor(readonly editor: GhostEditor) {
     this.image = pageElement("img", "dnb-ed-ghost", editor.stage.element, {
       alt: "",
       "aria-hidden": "true",
@@ -122,8 +120,6 @@ export class Ghost {
       hidden: "",
     });
     editor.stage.svg.before(this.image);
-    this.bytes = null;
-    this.url = "";
   }
 
   /** As the traits have it, over the whole of the picture. */
@@ -203,22 +199,22 @@ export type OverlayEditor = EditorParts<
 
 /** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
 export class Overlay {
-  editor: OverlayEditor;
   canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
   small: HTMLCanvasElement;
   hatch: string | CanvasPattern;
   worst: SVGGElement;
   key: HTMLDivElement;
-  drawn: unknown[] | null;
-  pieces: FoldPieces | null;
-  isUsed: boolean;
-  described: string;
-  gain: string;
+  /** The values that the canvas was drawn from. */
+  drawn: unknown[] | null = null;
+  /** The folds that are drawn, in places of the picture. */
+  pieces: FoldPieces | null = null;
+  isUsed = false; // whether there is anything on the canvas
+  described = ""; // the values that the legend was made from
+  gain = ""; // the same of the strains
   select: HTMLSelectElement;
 
-  constructor(editor: OverlayEditor) {
-    this.editor = editor;
+  constructor(readonly editor: OverlayEditor) {
     this.canvas = pageElement("canvas", "dnb-ed-overlay", editor.stage.element, { "aria-hidden": "true" });
     this.context = context2d(this.canvas);
     this.small = document.createElement("canvas"); // for an image that is magnified
@@ -234,13 +230,6 @@ export class Overlay {
       "aria-label": "legend",
       hidden: "",
     });
-    /** The values that the canvas was drawn from. */
-    this.drawn = null;
-    /** The folds that are drawn, in places of the picture. */
-    this.pieces = null;
-    this.isUsed = false; // whether there is anything on the canvas
-    this.described = ""; // the values that the legend was made from
-    this.gain = ""; // the same of the strains
     editor.stage.svg.before(this.canvas); // the handles lie over it
     const menus = editor.panels.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });

@@ -52,15 +52,16 @@ export function greyTable(most: number, [first, last]: Vector2, [low, high]: Vec
 
 /** The grey values of a picture, as numbers of equally spaced values of a range. */
 class GreyValues {
-  numbers: Uint8Array<ArrayBufferLike> | Uint16Array<ArrayBufferLike>;
   most: number;
   range: Vector2;
   window: Vector2;
   unit: string;
   least: number;
 
-  constructor(numbers: Uint8Array | Uint16Array, { range, window, unit = "" }: PictureRaster) {
-    this.numbers = numbers;
+  constructor(
+    readonly numbers: Uint8Array<ArrayBufferLike> | Uint16Array<ArrayBufferLike>,
+    { range, window, unit = "" }: PictureRaster,
+  ) {
     this.most = numbers instanceof Uint8Array ? 255 : 65535;
     this.range = range ?? [0, this.most];
     this.window = window ?? this.range; // the automatic one
@@ -88,7 +89,6 @@ export function colourTable(colours: ArrayLike<number> | null | undefined) {
 
 /** The pixels of a picture, at as many sizes as are looked at. */
 export class PictureSource {
-  raster: PictureRaster;
   grey: GreyValues | null;
   channels: number;
 
@@ -100,9 +100,11 @@ export class PictureSource {
   levels: Level[] = [];
 
   /** @param pixels grey, or height * width * 4 */
-  constructor(pixels: Bytes | GreyValues, raster: PictureRaster) {
+  constructor(
+    pixels: Bytes | GreyValues,
+    readonly raster: PictureRaster,
+  ) {
     const [height, width] = raster.shape;
-    this.raster = raster;
     this.grey = pixels instanceof GreyValues ? pixels : null;
     this.channels = this.grey ? 1 : 4;
     if (pixels instanceof GreyValues) this.setWindow(pixels.window);
@@ -263,32 +265,25 @@ export function halved({ pixels, width, height }: Level, channels: number): Leve
 
 /** Warps a picture and draws it on a canvas. */
 export class Painter {
-  canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
   scratch: HTMLCanvasElement;
   scratchContext: CanvasRenderingContext2D;
   colours: Uint32Array<ArrayBuffer>;
-  source: PictureSource | null;
+  source: PictureSource | null = null;
   image: ImageData;
-  paper: number[];
-  maps: Float32Array[];
-  sampled: LayeredFit | null;
-  cost: number;
+  paper: number[] = [0, 0, 0]; // red, green and blue of what lies around the picture
+  /** The places of the nodes under each fit, in pixels of a level. */
+  maps: Float32Array[] = [];
+  /** The fit that was painted, known at those nodes while something moves. */
+  sampled: LayeredFit | null = null;
+  cost = 15e-6; // milliseconds per pixel, measured from then on
 
-  constructor(canvas: HTMLCanvasElement) {
-    this.canvas = canvas;
+  constructor(readonly canvas: HTMLCanvasElement) {
     this.context = context2d(canvas, { alpha: false });
     this.scratch = document.createElement("canvas");
     this.scratchContext = context2d(this.scratch, { alpha: false });
     this.colours = GREYS; // of grey values
-    this.source = null;
     this.image = new ImageData(1, 1);
-    this.paper = [0, 0, 0]; // red, green and blue of what lies around the picture
-    /** The places of the nodes under each fit, in pixels of a level. */
-    this.maps = [];
-    /** The fit that was painted, known at those nodes while something moves. */
-    this.sampled = null;
-    this.cost = 15e-6; // milliseconds per pixel, measured from then on
   }
 
   /** Give the canvas a size, which empties it; false if it has that size. */
@@ -657,14 +652,9 @@ const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for t
  * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
  */
 class LayerPlan {
-  layered: LayeredFit;
-  maps: Float32Array<ArrayBufferLike>[];
-  nodes: Lattice;
   origin: Vector2;
   scale: Vector2;
   shift: number;
-  softness: number;
-  isMoving: boolean;
   isShort: boolean;
   here: Float32Array<ArrayBuffer>[];
   depths: Float32Array<ArrayBuffer>[];
@@ -682,21 +672,16 @@ class LayerPlan {
 
   /** @param maps one for each fit, and the identity for regions without points, which stay */
   constructor(
-    layered: LayeredFit,
-    maps: Float32Array[],
-    nodes: Lattice,
+    readonly layered: LayeredFit,
+    readonly maps: Float32Array<ArrayBufferLike>[],
+    public nodes: Lattice,
     { origin, scale, shift }: LevelPlaces,
-    softness: number,
-    isMoving: boolean,
+    readonly softness: number,
+    readonly isMoving: boolean,
   ) {
-    this.layered = layered;
-    this.maps = maps;
-    this.nodes = nodes;
     this.origin = origin;
     this.scale = scale;
     this.shift = shift;
-    this.softness = softness;
-    this.isMoving = isMoving;
     this.isShort = layered.regions.reduce((sum, { edges }) => sum + (edges ?? 0), 0) <= FEW_EDGES;
     // Distances of every node to the cuts, and the depth of its images within their regions.
     this.here = layered.regions.map(() => new Float32Array(nodes.rows * nodes.columns));

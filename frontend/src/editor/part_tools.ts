@@ -48,18 +48,13 @@ export type PartEditor = EditorParts<
 >;
 
 export class PartTools {
-  editor: PartEditor;
   handles: MotionHandles;
-  drag0: PartDrag | null;
-  isLive: boolean;
-  isSent: boolean;
+  drag0: PartDrag | null = null;
+  isLive = false; // whether the part has moved since Python was told
+  isSent = false; // whether Python has been told anything of this drag
 
-  constructor(editor: PartEditor) {
-    this.editor = editor;
+  constructor(readonly editor: PartEditor) {
     this.handles = new MotionHandles(editor.stage.svg, editor.tools.shapes.handles.grips);
-    this.drag0 = null;
-    this.isLive = false; // whether the part has moved since Python was told
-    this.isSent = false; // whether Python has been told anything of this drag
     editor.points.draggers.push(this);
   }
 

@@ -83,21 +83,15 @@ export type PointEditor = EditorParts<
 
 /** Edits of the control points. */
 export class PointTools {
-  editor: PointEditor;
-  drag0: Point[] | null;
-  isLive: boolean;
-  isSent: boolean;
-  strokeSide: number;
+  /** The points before a drag, null while there is none. */
+  drag0: Point[] | null = null;
+  isLive = false; // whether points on their way have not been sent yet
+  isSent = false; // whether points of this drag have been sent
+  strokeSide = 0; // the side of the mirror on which the stroke of a brush began
   mirror: PointMirror;
   snap: SnapGrid;
 
-  constructor(editor: PointEditor) {
-    this.editor = editor;
-    /** The points before a drag, null while there is none. */
-    this.drag0 = null;
-    this.isLive = false; // whether points on their way have not been sent yet
-    this.isSent = false; // whether points of this drag have been sent
-    this.strokeSide = 0; // the side of the mirror on which the stroke of a brush began
+  constructor(readonly editor: PointEditor) {
     this.mirror = new PointMirror(editor);
     this.snap = new SnapGrid(editor);
     editor.points.draggers.push(this);

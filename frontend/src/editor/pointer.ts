@@ -30,8 +30,6 @@ export type PointerEditor = EditorParts<
  * Until someone works in the editor, a finger scrolls the page around.
  */
 export class Gestures {
-  editor: PointerEditor;
-
   /** Places of the pointers that are down. */
   pointers: Map<number, Vector2> = new Map();
 
@@ -43,8 +41,7 @@ export class Gestures {
 
   isSpaceDown = false;
 
-  constructor(editor: PointerEditor) {
-    this.editor = editor;
+  constructor(readonly editor: PointerEditor) {
     const { frames } = editor,
       { svg, root, closing } = editor.stage,
       { signal } = closing,

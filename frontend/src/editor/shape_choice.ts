@@ -9,13 +9,10 @@ import type { Chosen } from "./shape_handles.ts";
 export type ChoiceEditor = EditorParts<"model" | "sender" | "frames" | "points">;
 
 export class ShapeChoice {
-  editor: ChoiceEditor;
-
   /** The list in which it is, and its place there. */
   chosen: Chosen | null = null;
 
-  constructor(editor: ChoiceEditor) {
-    this.editor = editor;
+  constructor(readonly editor: ChoiceEditor) {
     editor.points.onSelect = () => this.choose(null);
   }
 

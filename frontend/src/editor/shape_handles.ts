@@ -72,17 +72,15 @@ export const REGION_FORMS = [
 
 /** The shapes as elements, which can have the focus and be dragged. */
 export class ShapeHandles {
-  svg: SVGSVGElement;
   hatch: string;
   root: SVGGElement;
   grips: SVGGElement;
   swap: SVGGElement;
   draft: SVGGElement;
-  shown: Map<string, ShapeParts>;
+  shown = new Map<string, ShapeParts>();
   draftParts: (SVGCircleElement | SVGPathElement)[];
 
-  constructor(svg: SVGSVGElement) {
-    this.svg = svg;
+  constructor(readonly svg: SVGSVGElement) {
     const defs = svgElement("defs", {}, svg),
       id = `dnb-hatch-${Math.random().toString(36).slice(2)}`;
     const hatch = svgElement(
@@ -118,7 +116,6 @@ export class ShapeHandles {
       this.swap,
     );
     this.draft = svgElement("g", { class: "dnb-ed-draft", visibility: "hidden", "aria-hidden": "true" }, svg);
-    this.shown = new Map();
     this.draftParts = ["case", "line", "next", "start", "cursor"].map((name, k) =>
       svgElement(k < 3 ? "path" : "circle", { class: `dnb-ed-draft-${name}` }, this.draft),
     );

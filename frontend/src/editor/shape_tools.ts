@@ -59,18 +59,12 @@ export type PenEditor = EditorParts<"frames" | "messages" | "stage" | "viewport"
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
 export class Pen {
-  editor: PenEditor;
-  endedAt: number;
-  draft: PenDraft | null;
-  stroke: Vector2[] | null;
+  endedAt = -Infinity;
+  draft: PenDraft | null = null;
+  /** Places of a stroke from where the pointer went down. */
+  stroke: Vector2[] | null = null;
 
-  constructor(editor: PenEditor) {
-    this.editor = editor;
-    this.endedAt = -Infinity;
-    this.draft = null;
-    /** Places of a stroke from where the pointer went down. */
-    this.stroke = null;
-  }
+  constructor(readonly editor: PenEditor) {}
 
   get isOn() {
     return this.draft !== null;
@@ -283,20 +277,16 @@ export type ShapeEditor = EditorParts<
 
 /** Edits of the cuts and rigid parts, and the choice of one of them. */
 export class ShapeTools {
-  editor: ShapeEditor;
   handles: ShapeHandles;
   choice: ShapeChoice;
-  drag0: ShapeDrag | null;
-  offered: Offer | null;
+  /** The shapes before a drag, null while there is none. */
+  drag0: ShapeDrag | null = null;
+  /** The edit that waits for an answer. */
+  offered: Offer | null = null;
 
-  constructor(editor: ShapeEditor) {
-    this.editor = editor;
+  constructor(readonly editor: ShapeEditor) {
     this.handles = new ShapeHandles(editor.stage.svg);
     this.choice = new ShapeChoice(editor);
-    /** The shapes before a drag, null while there is none. */
-    this.drag0 = null;
-    /** The edit that waits for an answer. */
-    this.offered = null;
     editor.points.draggers.push(this);
     editor.messages.onReplace = () => this.forgetOffer();
   }

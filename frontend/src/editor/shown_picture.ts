@@ -12,7 +12,6 @@ import { Slices } from "./slices.ts";
 export type PictureEditor = EditorParts<"model" | "frames" | "messages" | "stage">;
 
 export class ShownPicture {
-  editor: PictureEditor;
   painter: Painter;
   compare: CompareControls;
   slices: Slices;
@@ -23,8 +22,7 @@ export class ShownPicture {
 
   #requests = 0; // of pictures
 
-  constructor(editor: PictureEditor) {
-    this.editor = editor;
+  constructor(readonly editor: PictureEditor) {
     this.painter = new Painter(editor.stage.canvas);
     this.compare = new CompareControls(editor.stage.element, () => editor.frames.moving());
     this.slices = new Slices(editor.model, editor.messages);

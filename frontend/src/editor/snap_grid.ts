@@ -9,11 +9,7 @@ import type { EditorParts } from "./parts.ts";
 export type SnapEditor = EditorParts<"model" | "messages" | "picture">;
 
 export class SnapGrid {
-  editor: SnapEditor;
-
-  constructor(editor: SnapEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: SnapEditor) {}
 
   /** A cell of the grid that is drawn. */
   get #cell() {

@@ -4,8 +4,6 @@ import type { Vector2 } from "../types.ts";
 import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
 
 export class Stage {
-  host: HTMLElement;
-  root: HTMLElement;
   element: HTMLDivElement;
   canvas: HTMLCanvasElement;
   svg: SVGSVGElement;
@@ -18,9 +16,10 @@ export class Stage {
    * @param host the element that the page gives to the editor
    * @param root the editor's own element in it
    */
-  constructor(host: HTMLElement, root: HTMLElement) {
-    this.host = host;
-    this.root = root;
+  constructor(
+    readonly host: HTMLElement,
+    readonly root: HTMLElement,
+  ) {
     this.element = pageElement("div", "dnb-ed-stage", root, { tabindex: "0", role: "application", ...OWN_KEYS });
     this.canvas = pageElement("canvas", "dnb-ed-canvas", this.element, { "aria-hidden": "true" });
     this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.element);

@@ -26,17 +26,15 @@ export type StatusEditor = EditorParts<
 
 /** The line's elements and their texts. */
 export class StatusLine {
-  editor: StatusEditor;
   slice: HTMLSpanElement;
   facts: HTMLSpanElement;
   legend: HTMLSpanElement;
   value: HTMLSpanElement;
   folds: HTMLSpanElement;
   notes: HTMLDivElement;
-  legendKey: string;
+  legendKey = ""; // of what is shown
 
-  constructor(editor: StatusEditor) {
-    this.editor = editor;
+  constructor(readonly editor: StatusEditor) {
     const root = pageElement("div", "dnb-ed-status", editor.stage.root);
     const state = pageElement("div", "dnb-ed-state", root); // one line, and below it the next step
     this.slice = pageElement("span", "dnb-ed-slice", state, { title: "the slice, and its depth from the middle" });
@@ -45,7 +43,6 @@ export class StatusLine {
     this.value = pageElement("span", "dnb-ed-value", state, { title: VALUE_TIP });
     this.folds = pageElement("span", "dnb-ed-folds", state);
     this.notes = pageElement("div", "dnb-ed-notes", root);
-    this.legendKey = ""; // of what is shown
   }
 
   /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */

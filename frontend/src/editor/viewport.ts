@@ -12,15 +12,11 @@ const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
 export type ViewportEditor = EditorParts<"frames" | "picture">;
 
 export class Viewport {
-  editor: ViewportEditor;
-
   view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
 
   isFitted = true; // whether the view shows the whole picture
 
-  constructor(editor: ViewportEditor) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: ViewportEditor) {}
 
   /**
    * The place of the picture at a place of the view.

@@ -35,7 +35,6 @@ export type WandEditor = EditorParts<
 >;
 
 export class Wand {
-  editor: WandEditor;
   outline: Outline;
   bar: HTMLDivElement;
   rule: HTMLSelectElement;
@@ -56,8 +55,7 @@ export class Wand {
 
   timer = 0;
 
-  constructor(editor: WandEditor) {
-    this.editor = editor;
+  constructor(readonly editor: WandEditor) {
     const root = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.stage.svg);
     const path = (name: string) => svgElement("path", { class: `dnb-ed-wand-${name}` }, root);
     this.outline = { root, fill: path("fill"), lines: [path("case"), path("line")], cross: path("cross") };

@@ -7,14 +7,11 @@ import type { EditorParts } from "./parts.ts";
 export type WheelEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "brush">;
 
 export class Wheel {
-  editor: WheelEditor;
-
   #steps = new WheelSteps();
 
-  constructor(editor: WheelEditor) {
+  constructor(readonly editor: WheelEditor) {
     const { element, closing } = editor.stage,
       options = { signal: closing.signal, passive: false };
-    this.editor = editor;
     element.addEventListener("wheel", (e) => editor.frames.guard(() => this.#turn(e)), options);
   }
 

@@ -57,7 +57,6 @@ export type WindowEditor = EditorParts<"model" | "frames" | "messages" | "stage"
 
 /** The tool, and a drag of the window under way. */
 export class WindowTool {
-  editor: WindowEditor;
   trait: RestingTrait;
   bar: HTMLDivElement;
   value: HTMLSpanElement;
@@ -70,8 +69,7 @@ export class WindowTool {
   /** The same in values. */
   start: Vector2 = [0, 1];
 
-  constructor(editor: WindowEditor) {
-    this.editor = editor;
+  constructor(readonly editor: WindowEditor) {
     this.trait = new RestingTrait(editor.model, "window");
     this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
       hidden: "",

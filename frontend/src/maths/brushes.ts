@@ -42,22 +42,21 @@ function gapTo(points: Point[], place: Vector) {
 }
 
 export class Stroke {
-  points: Point[];
   middle: Vector2;
-  radius: number;
   tool: string;
   id: number;
   sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
   box: Vector4;
   reach: number;
   settle: (place: Vector) => Vector;
-  way: number;
-  done: number;
-  swell: number;
+  way = 0;
+  done = 0;
+  swell = 0;
   number: number;
-  held: number | null;
-  isBegun: boolean;
-  lead: number;
+  /** The id of the point in the middle */
+  held: number | null = null;
+  isBegun = false;
+  lead = 0; // the side of a mirror that decides, for mirroredEdit
   lockedBy: Point | null;
   source: (place: Vector) => Vector | null;
 
@@ -68,9 +67,9 @@ export class Stroke {
    * picture; reach: of points, 0 for everywhere; settle(place): moves a new place, such as to the axis of a mirror.
    */
   constructor(
-    points: Point[],
+    public points: Point[],
     middle: Vector2,
-    radius: number,
+    readonly radius: number,
     {
       tool,
       id,
@@ -87,23 +86,14 @@ export class Stroke {
       settle?: (place: Vector) => Vector;
     },
   ) {
-    this.points = points;
     this.middle = [...middle];
-    this.radius = radius;
     this.tool = tool;
     this.id = id;
     this.sourceAt = sourceAt;
     this.box = box;
     this.reach = reach;
     this.settle = settle;
-    this.way = 0;
-    this.done = 0;
-    this.swell = 0;
     this.number = nextStroke(points);
-    /** The id of the point in the middle */
-    this.held = null;
-    this.isBegun = false;
-    this.lead = 0; // the side of a mirror that decides, for mirroredEdit
     const taken = points
       .filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
       .sort((p, q) => distanceTo(p, middle) - distanceTo(q, middle))

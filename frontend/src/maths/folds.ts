@@ -332,18 +332,14 @@ export function foldPieces(
 
 /** Squares of a lattice side by side as one rectangle: a canvas is slow with many small ones. */
 export class Runs {
-  fill: Polygon[];
-  origin: Vector2;
-  spacing: Vector2;
-  open: Map<number, [first: number, last: number]>;
+  /** The open run of each row */
+  open = new Map<number, [first: number, last: number]>();
 
-  constructor(fill: Polygon[], origin: Vector2, spacing: Vector2) {
-    this.fill = fill;
-    this.origin = origin;
-    this.spacing = spacing;
-    /** The open run of each row */
-    this.open = new Map();
-  }
+  constructor(
+    readonly fill: Polygon[],
+    readonly origin: Vector2,
+    readonly spacing: Vector2,
+  ) {}
 
   add(row: number, column: number) {
     const run = this.open.get(row);

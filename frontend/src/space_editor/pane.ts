@@ -27,8 +27,6 @@ function contextOf(canvas: HTMLCanvasElement) {
 }
 
 export class SpacePane {
-  editor: SpaceEditorView;
-  index: number;
   root: HTMLDivElement;
   title: HTMLSpanElement;
   place: HTMLSpanElement;
@@ -60,9 +58,11 @@ export class SpacePane {
   flat: WeakMap<Point, FlatPoint> = new WeakMap();
   flatAt = "";
 
-  constructor(editor: SpaceEditorView, index: number, parent: HTMLElement) {
-    this.editor = editor;
-    this.index = index;
+  constructor(
+    readonly editor: SpaceEditorView,
+    readonly index: number,
+    parent: HTMLElement,
+  ) {
     this.root = pageElement("div", `dnb-sp-pane dnb-sp-pane${index}`, parent, { role: "group" });
     const head = pageElement("div", "dnb-sp-head", this.root);
     this.title = pageElement("span", "dnb-sp-title", head);

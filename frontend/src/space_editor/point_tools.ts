@@ -26,11 +26,7 @@ export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an 
 export type Moved = "target" | "source" | "both";
 
 export class SpacePointTools {
-  editor: SpaceEditorView;
-
-  constructor(editor: SpaceEditorView) {
-    this.editor = editor;
-  }
+  constructor(readonly editor: SpaceEditorView) {}
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 

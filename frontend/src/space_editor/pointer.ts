@@ -40,18 +40,16 @@ export type Gesture = PlainGesture | MirrorGesture | TurnGesture | BandGesture |
  * Pointers of one picture: points, the cross-hair, and the view with the middle button or with the space bar held.
  */
 export class PaneGestures {
-  editor: SpaceEditorView;
-  pane: SpacePane;
-
   gesture: Gesture | null = null;
   /** The place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms */
   box: DOMRect | null = null;
   isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
   wheelSteps = new WheelSteps();
 
-  constructor(editor: SpaceEditorView, pane: SpacePane) {
-    this.editor = editor;
-    this.pane = pane;
+  constructor(
+    readonly editor: SpaceEditorView,
+    readonly pane: SpacePane,
+  ) {
     const on = <K extends keyof HTMLElementEventMap>(
       target: Element,
       name: K,

@@ -46,54 +46,40 @@ export const CLOCK: Clock = {
 };
 
 export class Sender {
-  clock: Clock;
   id: string;
-  seq: number;
-  last: number;
-  lastAt: number;
-  points: Point[];
+  seq = 0; // number of the last message
+  last = 0; // number of the last message that Python has to have seen before its values are taken
+  lastAt = -Infinity;
+  points: Point[] = [];
   shapes: Shapes;
-  nextId: number;
-  models: { model: Model; handlers: Record<string, ModelHandler> }[];
-  listeners: Set<(what: Change) => void>;
+  nextId = 0;
+  models: { model: Model; handlers: Record<string, ModelHandler> }[] = [];
+  listeners = new Set<(what: Change) => void>();
   history: History<State>;
   waiting: Record<"move" | "end", Set<number>>;
   pending: {
     move: { points: Point[]; part?: MovedPart } | null;
     end: { kind: PointsEdit["kind"]; joins: boolean; points: Point[] } | null;
   };
-  status: string;
-  isAnswered: boolean;
-  isCut: boolean;
-  drawn: PointsEdit["drawn"] | null;
-  steps: { seq: number; what: string }[];
+  status = ""; // "", "busy", "unanswered", "detached" or "lost"
+  isAnswered = false;
+  isCut = false;
+  /** Measurements of a view during a drag, sent with its end */
+  drawn: PointsEdit["drawn"] | null = null;
+  steps: { seq: number; what: string }[] = [];
 
   #isFilled = false; // whether points have been received
   #isGreeted = false;
   #timer = 0;
   #greeting = 0;
 
-  constructor(clock = CLOCK) {
-    this.clock = clock;
+  constructor(readonly clock: Clock = CLOCK) {
     this.id = newId();
-    this.seq = 0; // number of the last message
-    this.last = 0; // number of the last message that Python has to have seen before its values are taken
-    this.lastAt = -Infinity;
-    this.points = [];
     this.shapes = { cuts: [], parts: [] };
-    this.nextId = 0;
-    this.models = [];
-    this.listeners = new Set();
     this.history = new History();
     /** Numbers of the messages in flight */
     this.waiting = { move: new Set(), end: new Set() };
     this.pending = { move: null, end: null };
-    this.status = ""; // "", "busy", "unanswered", "detached" or "lost"
-    this.isAnswered = false;
-    this.isCut = false;
-    /** Measurements of a view during a drag, sent with its end */
-    this.drawn = null;
-    this.steps = [];
   }
 
   // ---- models and listeners -----------------------------------------------------------------------------------------
@@ -418,18 +404,15 @@ const REST = 150; // milliseconds
  * before the user turns to another widget, which may change it too; until then Python's value is old.
  */
 export class RestingTrait {
-  model: Model;
-  name: string;
-
   #timer = 0;
 
   /** What waits */
   #value: unknown = null;
 
-  constructor(model: Model, name: string) {
-    this.model = model;
-    this.name = name;
-  }
+  constructor(
+    readonly model: Model,
+    readonly name: string,
+  ) {}
 
   get isAhead() {
     return this.#timer !== 0;
@@ -468,11 +451,10 @@ export function senderOf(bus: Bus, model: Model) {
 /** A value of one view on its way to Python, such as a curve. */
 export class EditLink {
   post: (message: ValueEdit) => void;
-  now: () => number;
   id: string;
-  seq: number;
-  last: number;
-  waiting: Set<number>;
+  seq = 0;
+  last = 0; // number of the last end
+  waiting = new Set<number>();
 
   #sentAt = 0;
   #endedAt = 0;
@@ -480,13 +462,12 @@ export class EditLink {
   #pending: object | null = null;
 
   /** @param now milliseconds */
-  constructor(send: (message: ValueEdit) => void, now: () => number = () => performance.now()) {
+  constructor(
+    send: (message: ValueEdit) => void,
+    readonly now: () => number = () => performance.now(),
+  ) {
     this.post = send;
-    this.now = now;
     this.id = newId();
-    this.seq = 0;
-    this.last = 0; // number of the last end
-    this.waiting = new Set();
   }
 
   /** Send a value during a drag. */

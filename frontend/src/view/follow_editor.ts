@@ -171,20 +171,17 @@ export const SHAPES = ["cuts", "cut_rule", "parts"];
 const FOLLOWED = ["points", ...FIT_TRAITS];
 
 export class FieldLink {
-  model: Model;
-  apply: (planar: PlanarField, isDrawing: boolean) => void;
-  move: (isMoving: boolean) => void;
-  awaited: Detail | null;
-  base: PlanarField | null;
+  awaited: Detail | null = null; // the newest movement, if its maps have not been made
+  base: PlanarField | null = null; // the maps that are shown
   followed: FollowedModel;
-  editor: Model | null;
-  bus: Bus | null;
-  count: number;
-  ms: number;
-  isMoving: boolean;
-  index: number | null;
-  expected: string | null;
-  settled: string;
+  editor: Model | null = null;
+  bus: Bus | null = null;
+  count = 0; // fits that were sampled here
+  ms = 0; // of the last of them
+  isMoving = false;
+  index: number | null = null; // of the map that the editor's points make
+  expected: string | null = null; // of what Python's maps are made
+  settled = "";
 
   /**
    * @param model the view's
@@ -192,24 +189,11 @@ export class FieldLink {
    * @param move is called at a movement, and at its end: the view calls catchUp for the maps when it draws, for points move more often than a volume is drawn
    */
   constructor(
-    model: Model,
-    apply: (planar: PlanarField, isDrawing: boolean) => void,
-    move: (isMoving: boolean) => void,
+    readonly model: Model,
+    readonly apply: (planar: PlanarField, isDrawing: boolean) => void,
+    public move: (isMoving: boolean) => void,
   ) {
-    this.model = model;
-    this.apply = apply;
-    this.move = move;
-    this.awaited = null; // the newest movement, if its maps have not been made
-    this.base = null; // the maps that are shown
     this.followed = new FollowedModel(model);
-    this.editor = null;
-    this.bus = null;
-    this.count = 0; // fits that were sampled here
-    this.ms = 0; // of the last of them
-    this.isMoving = false;
-    this.index = null; // of the map that the editor's points make
-    this.expected = null; // of what Python's maps are made
-    this.settled = "";
   }
 
   async follow(reference: string | Model | null) {

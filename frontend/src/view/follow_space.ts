@@ -26,12 +26,12 @@ export class SpaceLink {
     follows: (sender: string) => void;
   };
   followed: FollowedModel;
-  editor: Model | null;
-  bus: Bus | null;
-  given: { space: SpaceField; key: string; shape: Vector3 } | null;
-  shown: SpaceField | null;
-  awaited: Detail | null;
-  count: number;
+  editor: Model | null = null;
+  bus: Bus | null = null;
+  given: { space: SpaceField; key: string; shape: Vector3 } | null = null; // by Python, if it is the fit of the points alone
+  shown: SpaceField | null = null;
+  awaited: Detail | null = null; // the newest movement, if its field has not been made
+  count = 0; // fits that were sampled here
 
   /**
    * @param model the view's
@@ -51,12 +51,6 @@ export class SpaceLink {
   ) {
     this.view = view;
     this.followed = new FollowedModel(model);
-    this.editor = null;
-    this.bus = null;
-    this.given = null; // by Python, if it is the fit of the points alone
-    this.shown = null;
-    this.awaited = null; // the newest movement, if its field has not been made
-    this.count = 0; // fits that were sampled here
   }
 
   async follow(reference: string | Model | null) {

@@ -34,8 +34,7 @@ import { floatsOf, VolumeLoader } from "./volume_loader.ts";
 const FEWEST = 32 ** 3; // voxels that are still worth a look
 
 export class LiveVolumeView {
-  model: Model;
-  closed: boolean;
+  closed = false;
   messages: ViewMessages;
   elements: ViewElements;
   root: HTMLDivElement;
@@ -43,19 +42,19 @@ export class LiveVolumeView {
   pixels: Vector2;
   flicker: Flicker;
   shown: Shows;
-  info: VolumeInfo | null;
-  field: Field | null;
-  values: Uint8Array | null;
-  loader: VolumeLoader | null;
-  caster: RayCaster | null;
-  loop: FrameLoop | null;
-  still: StillPicture | null;
-  isScarce: boolean;
-  wasTooMuch: boolean;
+  info: VolumeInfo | null = null;
+  field: Field | null = null;
+  values: Uint8Array | null = null; // the voxels, once all are here
+  loader: VolumeLoader | null = null;
+  caster: RayCaster | null = null; // null where WebGL is missing
+  loop: FrameLoop | null = null;
+  still: StillPicture | null = null; // where WebGL is missing
+  isScarce = false; // whether the GPU did not hold all voxels
+  wasTooMuch = false;
   sent: { received: number };
-  movie: MovieFrames | null;
-  cuts: KnownCuts;
-  stats: Record<string, number> | null;
+  movie: MovieFrames | null = null; // that is drawn for Python
+  cuts: KnownCuts = {};
+  stats: Record<string, number> | null = null; // measurements of the last full picture
   camera: ViewCamera;
   progress: HTMLDivElement;
   link: FieldLink;
@@ -64,9 +63,10 @@ export class LiveVolumeView {
   pointer: PointerControls;
   spacePoints: SpacePoints;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
-    this.closed = false;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-live", {
       showView: (view) => this.showView(view),
@@ -81,19 +81,7 @@ export class LiveVolumeView {
     this.pixels = [this.canvas.width, this.canvas.height]; // of the full picture
     this.flicker = this.elements.flicker;
     this.shown = this.elements.shows;
-    this.info = null;
-    this.field = null;
-    this.values = null; // the voxels, once all are here
-    this.loader = null;
-    this.caster = null; // null where WebGL is missing
-    this.loop = null;
-    this.still = null; // where WebGL is missing
-    this.isScarce = false; // whether the GPU did not hold all voxels
-    this.wasTooMuch = false;
     this.sent = { received: 0 };
-    this.movie = null; // that is drawn for Python
-    this.cuts = {};
-    this.stats = null; // measurements of the last full picture
     this.camera = new ViewCamera(this);
     this.progress = pageElement("div", "dnb-progress", this.root, {
       role: "progressbar",

@@ -35,7 +35,6 @@ interface MovieLooks {
 }
 
 export class MovieFrames {
-  view: MovieSource;
   id: string;
   looks: MovieLooks;
   canvas: HTMLCanvasElement;
@@ -53,10 +52,12 @@ export class MovieFrames {
   isReady: Promise<void>;
 
   /** @param first the first request for a frame: its size and looks are those of all */
-  constructor(view: MovieSource, { id, size, looks: given }: MovieFrame) {
+  constructor(
+    readonly view: MovieSource,
+    { id, size, looks: given }: MovieFrame,
+  ) {
     const [width, height] = size,
       looks = given as unknown as MovieLooks;
-    this.view = view;
     this.id = id;
     this.looks = looks;
     this.canvas = Object.assign(document.createElement("canvas"), { width, height });

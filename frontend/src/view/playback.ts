@@ -23,17 +23,12 @@ export interface PlayedView {
 }
 
 export class TimeLink {
-  view: PlayedView;
-  frames: Moments | null;
-  bus: Bus | null;
-  player: Model | null;
+  frames: Moments | null = null;
+  bus: Bus | null = null;
+  player: Model | null = null;
   followed: FollowedModel;
 
-  constructor(view: PlayedView) {
-    this.view = view;
-    this.frames = null;
-    this.bus = null;
-    this.player = null;
+  constructor(readonly view: PlayedView) {
     this.followed = new FollowedModel(view.model);
   }
 

@@ -10,18 +10,12 @@ const TURN = 2.6; // radians for a drag across the smaller side of the view
 const KEY_TURN = Math.PI / 36;
 
 export class PointerControls {
-  view: VolumeViewLike;
-  points: Map<number, Vector2>;
-  moving: boolean;
-  rest: number;
-  closed: AbortController;
+  points = new Map<number, Vector2>(); // the places of the pointers that are down, by their ids
+  moving = false;
+  rest = 0;
+  closed = new AbortController();
 
-  constructor(view: VolumeViewLike) {
-    this.view = view;
-    this.points = new Map(); // the places of the pointers that are down, by their ids
-    this.moving = false;
-    this.rest = 0;
-    this.closed = new AbortController();
+  constructor(readonly view: VolumeViewLike) {
     const { canvas } = view,
       { signal } = this.closed;
     const add = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) =>

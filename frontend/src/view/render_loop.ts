@@ -78,35 +78,31 @@ const PASSES: Vector2[] = [
   ];
 
 export class FrameLoop {
-  caster: RayCaster;
-  pictures: (width: number, height: number) => Picture[];
-  options: () => { target: number; settle: number };
-  report: (loop: FrameLoop) => void;
-  catchUp: () => void;
   halvings: number;
   pixelCost: number;
-  moved: number;
-  dropped: number;
-  isRequested: boolean;
-  work: Work | null;
-  held: boolean;
-  layer: number;
-  mixture: number | null;
-  drawn: Record<number, string>;
-  showing: string | null;
-  over: string | null;
-  parts: number;
-  begun: (() => void)[];
-  quickCost: number;
-  quickCosts: number[];
-  rush: Rush | null;
-  change: (() => void) | null;
+  moved = 0;
+  dropped = -Infinity; // when a finger or a button was lifted last
+  isRequested = false;
+  work: Work | null = null;
+  held = false;
+  layer = 0; // the one on the screen
+  /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. */
+  mixture: number | null = null;
+  drawn: Record<number, string> = {}; // by layer: the best picture that is up to date, "full" or a name for fewer pixels
+  showing: string | null = null; // the picture on the canvas
+  over: string | null = null; // the one that a mixture lays over it
+  parts = 1; // pictures side by side
+  begun: (() => void)[] = []; // called when the next quick picture has begun
+  quickCost = 0; // ms for a pixel of a quick picture, measured with the first
+  quickCosts: number[] = []; // the same of the last of them
+  rush: Rush | null = null;
+  change: (() => void) | null = null; // what comes with the next quick picture
   times: { drag: number[]; full: number; passes: number; frames: number };
-  sync: WebGLSync | null;
-  isShowing: boolean;
-  waiting: number;
-  frame: number;
-  closed: boolean;
+  sync: WebGLSync | null = null; // of the work that the GPU has not finished
+  isShowing = false; // whether a frame with a changed canvas is put together
+  waiting = 0;
+  frame = 0;
+  closed = false;
 
   /**
    * @param pictures gives what is seen in a canvas of that size
@@ -115,42 +111,15 @@ export class FrameLoop {
    * @param catchUp is called before anything is drawn, for what is made only then
    */
   constructor(
-    caster: RayCaster,
-    pictures: (width: number, height: number) => Picture[],
-    options: () => { target: number; settle: number },
-    report: (loop: FrameLoop) => void,
-    catchUp: () => void,
+    readonly caster: RayCaster,
+    readonly pictures: (width: number, height: number) => Picture[],
+    readonly options: () => { target: number; settle: number },
+    readonly report: (loop: FrameLoop) => void,
+    readonly catchUp: () => void,
   ) {
-    this.caster = caster;
-    this.pictures = pictures;
-    this.options = options;
-    this.report = report;
-    this.catchUp = catchUp;
     this.halvings = caster.isSoftware ? 4 : 1; // how often the pixels of a quick picture are halved
     this.pixelCost = caster.isSoftware ? 2e-3 : 2e-5; // ms, of the full picture; measured as soon as there is one
-    this.moved = 0;
-    this.dropped = -Infinity; // when a finger or a button was lifted last
-    this.isRequested = false;
-    this.work = null;
-    this.held = false;
-    this.layer = 0; // the one on the screen
-    /** The share of layer 1 laid over layer 0; null where one layer is seen at a time. */
-    this.mixture = null;
-    this.drawn = {}; // by layer: the best picture that is up to date, "full" or a name for fewer pixels
-    this.showing = null; // the picture on the canvas
-    this.over = null; // the one that a mixture lays over it
-    this.parts = 1; // pictures side by side
-    this.begun = []; // called when the next quick picture has begun
-    this.quickCost = 0; // ms for a pixel of a quick picture, measured with the first
-    this.quickCosts = []; // the same of the last of them
-    this.rush = null;
-    this.change = null; // what comes with the next quick picture
     this.times = { drag: [] as number[], full: 0, passes: 0, frames: 0 };
-    this.sync = null; // of the work that the GPU has not finished
-    this.isShowing = false; // whether a frame with a changed canvas is put together
-    this.waiting = 0;
-    this.frame = 0;
-    this.closed = false;
   }
 
   /** Draws soon, since something has changed. `held`: a finger or a button is still down. */

@@ -27,37 +27,37 @@ const PATIENCE = 700; // milliseconds after which a camera without a picture is 
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
 export class ServerVolumeView {
-  model: Model;
-  closed: boolean;
+  closed = false;
   messages: ViewMessages;
   elements: ViewElements;
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   flicker: Flicker;
   shown: Shows;
-  info: VolumeInfo | null;
-  layers: ImageBitmap[];
-  drawn: number;
-  count: number;
-  isFull: boolean;
-  number: number;
-  answered: number;
-  sentAt: number;
-  isLate: boolean;
-  retry: number;
-  sized: string;
-  resizing: number;
+  info: VolumeInfo | null = null;
+  layers: ImageBitmap[] = []; // the pictures that came last
+  drawn = 0; // their number in Python
+  count = 0; // of pictures that have been drawn
+  isFull = false;
+  number = 0; // of the camera that was sent last
+  answered = 0; // and of the one that was drawn last
+  sentAt = 0;
+  isLate = false; // whether a newer camera is to be sent
+  retry = 0;
+  sized = ""; // the size that was sent last
+  resizing = 0;
   loop: { release(): void };
-  inner: HTMLIFrameElement | null;
+  inner: HTMLIFrameElement | null = null;
   camera: ViewCamera;
   waiting: HTMLDivElement;
   pointer: PointerControls;
   spacePoints: SpacePoints;
   greeting: number;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
-    this.closed = false;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.messages = new ViewMessages(model, (error) => this.fail(error));
     this.elements = new ViewElements(model, el, "dnb-volume", {
       showView: (view) => this.showView(view),
@@ -79,20 +79,7 @@ export class ServerVolumeView {
     this.canvas = this.elements.canvas;
     this.flicker = this.elements.flicker;
     this.shown = this.elements.shows;
-    this.info = null;
-    this.layers = []; // the pictures that came last
-    this.drawn = 0; // their number in Python
-    this.count = 0; // of pictures that have been drawn
-    this.isFull = false;
-    this.number = 0; // of the camera that was sent last
-    this.answered = 0; // and of the one that was drawn last
-    this.sentAt = 0;
-    this.isLate = false; // whether a newer camera is to be sent
-    this.retry = 0;
-    this.sized = ""; // the size that was sent last
-    this.resizing = 0;
     this.loop = { release() {} }; // Python decides when to draw
-    this.inner = null;
     this.camera = new ViewCamera(this);
     this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
     this.wait("Preparing the picture \u2026");
@@ -341,19 +328,15 @@ export interface UndrawnView {
  * A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there.
  */
 export class StillPicture {
-  view: UndrawnView;
-  why: string;
-  pictures: ServerVolumeView | null;
-  after: (() => void) | null;
-  info: VolumeInfo | null;
+  pictures: ServerVolumeView | null = null; // as soon as Python draws
+  after: (() => void) | null = null; // called when a picture is shown
+  info: VolumeInfo | null = null;
   image: HTMLImageElement;
 
-  constructor(view: UndrawnView, why: string) {
-    this.view = view;
-    this.why = why;
-    this.pictures = null; // as soon as Python draws
-    this.after = null; // called when a picture is shown
-    this.info = null;
+  constructor(
+    readonly view: UndrawnView,
+    readonly why: string,
+  ) {
     this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
   }
 

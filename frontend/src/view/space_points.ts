@@ -47,7 +47,6 @@ export class SpaceCamera {
   right: Vector3;
   up: Vector3;
   ahead: Vector3;
-  box: ScreenBox;
   half: Vector2;
   bend: number;
   eye: Vector3;
@@ -57,13 +56,17 @@ export class SpaceCamera {
    * @param middle of what is seen
    * @param box of the picture
    */
-  constructor(camera: Camera, bend: number, middle: Vector3, box: ScreenBox) {
+  constructor(
+    camera: Camera,
+    bend: number,
+    middle: Vector3,
+    public box: ScreenBox,
+  ) {
     const { right, up, direction, pan, height } = camera,
       aspect = box.width / box.height;
     this.right = right;
     this.up = up;
     this.ahead = direction;
-    this.box = box;
     this.half = [(height / 2) * aspect, height / 2];
     this.bend = bend / height;
     this.eye = added(middle, added(scaled(right, pan[0]), scaled(up, pan[1])));
@@ -278,52 +281,35 @@ function planarAt(
 // ---- points over the view -------------------------------------------------------------------------------------------
 
 export class SpacePoints {
-  view: VolumeViewLike;
   id: string;
-  editor: Model | null;
-  bus: Bus | null;
-  sender: Sender | null;
+  editor: Model | null = null; // whose points are shown
+  bus: Bus | null = null; // the editor's
+  sender: Sender | null = null; // the editor's
   followed: FollowedModel;
-  points: Point[];
-  selected: Set<number>;
-  held: Held | null;
-  drag0: Point[] | null;
-  axis: Axis | null;
-  order: number[];
-  flat: WeakMap<Point, FlatPoint & { depth: number }>;
-  seen: string;
-  frame: number;
-  lookedAt: number;
-  timer: number;
+  points: Point[] = [];
+  selected = new Set<number>();
+  held: Held | null = null;
+  drag0: Point[] | null = null; // the points as a drag began
+  axis: Axis | null = null; // that a drag is confined to
+  order: number[] = []; // ids, the farthest first
+  flat: WeakMap<Point, FlatPoint & { depth: number }> = new WeakMap(); // points on the picture from the camera `seen`
+  seen = "";
+  frame = 0; // the request of the next one, or 0
+  lookedAt = -Infinity;
+  timer = 0;
   svg: SVGSVGElement;
   axisLine: SVGPathElement;
   handles: Handles<FlatPoint>;
   liveRegion: HTMLDivElement;
-  closed: AbortController;
+  closed = new AbortController();
 
-  constructor(view: VolumeViewLike) {
-    this.view = view;
+  constructor(readonly view: VolumeViewLike) {
     this.id = Math.random().toString(36).slice(2, 12);
-    this.editor = null; // whose points are shown
-    this.bus = null; // the editor's
-    this.sender = null; // the editor's
     this.followed = new FollowedModel(view.model);
-    this.points = [];
-    this.selected = new Set();
-    this.held = null;
-    this.drag0 = null; // the points as a drag began
-    this.axis = null; // that a drag is confined to
-    this.order = []; // ids, the farthest first
-    this.flat = new WeakMap(); // points on the picture from the camera `seen`
-    this.seen = "";
-    this.frame = 0; // the request of the next one, or 0
-    this.lookedAt = -Infinity;
-    this.timer = 0;
     this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.root);
     this.axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
     this.liveRegion = pageElement("div", "dnb-ed-spoken", view.root, { "aria-live": "polite" });
-    this.closed = new AbortController();
     const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) =>
       this.svg.addEventListener(
         name,

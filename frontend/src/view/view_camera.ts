@@ -8,13 +8,10 @@ import type { CameraTrait, ViewDirection, VolumeViewLike } from "./types.ts";
 const PERSPECTIVE = 0.7; // bend of a camera with perspective
 
 export class ViewCamera extends Camera {
-  view: VolumeViewLike;
-  isWriting: boolean;
+  isWriting = false;
 
-  constructor(view: VolumeViewLike) {
+  constructor(readonly view: VolumeViewLike) {
     super();
-    this.view = view;
-    this.isWriting = false;
   }
 
   /** Facts about the volume; there must be one. */

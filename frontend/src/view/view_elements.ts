@@ -30,13 +30,11 @@ export interface ElementActions {
 
 /** The canvas and what stands around it: captions, directions, scale, cube, a remark and a notice. */
 export class ViewElements {
-  model: Model;
-  host: HTMLElement;
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
   frames: Frames;
-  followed: string;
-  frame: number;
+  followed = ""; // what frames and cube show
+  frame = 0; // the request of the next one, or 0
   box: { width: number; height: number };
   cube: OrientationCube;
   badge: HTMLDivElement;
@@ -47,14 +45,15 @@ export class ViewElements {
   observer: ResizeObserver;
 
   /** @param kind a class of the root */
-  constructor(model: Model, host: HTMLElement, kind: string, actions: ElementActions) {
-    this.model = model;
-    this.host = host;
+  constructor(
+    readonly model: Model,
+    readonly host: HTMLElement,
+    kind: string,
+    actions: ElementActions,
+  ) {
     this.root = pageElement("div", `dnb-view ${kind}`, host);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
-    this.followed = ""; // what frames and cube show
-    this.frame = 0; // the request of the next one, or 0
     // Of the picture in CSS pixels, as last laid out: asking again lays out the page in every frame of a drag.
     this.box = { width: 0, height: 0 };
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
@@ -146,17 +145,15 @@ export class ViewElements {
 
 /** The traits and messages of a view; other views of its model have other numbers. */
 export class ViewMessages {
-  model: Model;
-  fail: (error: unknown) => void;
   id: string;
-  handlers: Handlers;
+  handlers: Handlers = [];
 
   /** @param fail called with the error of a handler */
-  constructor(model: Model, fail: (error: unknown) => void) {
-    this.model = model;
-    this.fail = fail;
+  constructor(
+    readonly model: Model,
+    readonly fail: (error: unknown) => void,
+  ) {
     this.id = Math.random().toString(36).slice(2, 12);
-    this.handlers = [];
   }
 
   send(content: Without<LiveViewToPython | VolumeViewToPython, "view">, buffers?: ArrayBuffer[]) {

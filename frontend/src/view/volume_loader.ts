@@ -25,14 +25,11 @@ async function unpacked(bytes: Uint8Array<ArrayBuffer>) {
 export class VolumeLoader {
   id: string;
   chunks: number;
-  request: (index: number) => void;
-  progress: (share: number) => void;
-  stuck: (isStuck: boolean) => void;
-  requested: number;
-  isOver: boolean;
-  isStuck: boolean;
-  tries: number;
-  timer: number;
+  requested = 0; // pieces that have been requested
+  isOver = false;
+  isStuck = false;
+  tries = 0;
+  timer = 0;
   values: Uint8Array<ArrayBuffer>;
   missing: Set<number>;
 
@@ -43,20 +40,12 @@ export class VolumeLoader {
    */
   constructor(
     { id, shape, chunks }: { id: string; shape: Vector3; chunks: number },
-    request: (index: number) => void,
-    progress: (share: number) => void,
-    stuck: (isStuck: boolean) => void = () => {},
+    readonly request: (index: number) => void,
+    readonly progress: (share: number) => void,
+    readonly stuck: (isStuck: boolean) => void = () => {},
   ) {
     this.id = id;
     this.chunks = chunks;
-    this.request = request;
-    this.progress = progress;
-    this.stuck = stuck;
-    this.requested = 0; // pieces that have been requested
-    this.isOver = false;
-    this.isStuck = false;
-    this.tries = 0;
-    this.timer = 0;
     this.values = new Uint8Array(shape[0] * shape[1] * shape[2]);
     this.missing = new Set(Array.from({ length: chunks }, (_, index) => index));
     progress(0);

@@ -39,28 +39,25 @@ const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
  * background amid background need no arithmetic.
  */
 export class GradientSlabs {
-  values: Uint8Array<ArrayBufferLike>;
-  shape: Vector3;
-  fill: number;
   scales: Vector3;
-  flat: Map<number, Smoothed<Uint16Array>>;
-  smooth: Map<number, Smoothed<Uint32Array>>;
+  /** Along x and y, those that the next slab needs too */
+  flat = new Map<number, Smoothed<Uint16Array>>();
+  /** Along all axes, with one voxel of background on each side */
+  smooth = new Map<number, Smoothed<Uint32Array>>();
   beyond: { sums: Uint32Array<ArrayBuffer>; empty: Uint8Array<ArrayBuffer> };
   along: Uint16Array<ArrayBuffer>;
 
   /** @param fill the value of the background */
-  constructor(values: Uint8Array, shape: Vector3, spacing: Vector3, fill: number) {
-    this.values = values;
-    this.shape = shape;
-    this.fill = fill;
+  constructor(
+    readonly values: Uint8Array<ArrayBufferLike>,
+    readonly shape: Vector3,
+    spacing: Vector3,
+    readonly fill: number,
+  ) {
     const finest = Math.min(...spacing),
       unit = 127 / STEEPEST / 2 / SMOOTHED;
     this.scales = perAxis((i) => (unit * finest) / spacing[i]);
     const [nx, ny] = shape;
-    /** Along x and y, those that the next slab needs too */
-    this.flat = new Map();
-    /** Along all axes, with one voxel of background on each side */
-    this.smooth = new Map();
     this.beyond = {
       sums: new Uint32Array((nx + 2) * (ny + 2)).fill(SMOOTHED * fill),
       empty: new Uint8Array(ny + 2).fill(1),
