@@ -35,7 +35,9 @@ from .io.transforms.formats import write_transform as write_transform
 from .io.volumes.formats import read_volume as read_volume
 from .io.volumes.formats import write_volume as write_volume
 from .rbf.cuts import Cut as Cut
+from .rbf.fitting import fit_points as fit_points
 from .rbf.fitting import fit_rbf as fit_rbf
+from .rbf.fitting import fit_rigid as fit_rigid
 from .rbf.points import ControlPoints as ControlPoints
 from .rbf.regions import HalfSpace as HalfSpace
 from .rbf.regions import Line as Line
@@ -43,8 +45,6 @@ from .rbf.regions import Mask as Mask
 from .rbf.regions import Polygon as Polygon
 from .rbf.rigid import RigidMotion as RigidMotion
 from .rbf.rigid import RigidPart as RigidPart
-from .rbf.rigid import fit_rigid as fit_rigid
-from .rbf.stages import fit_points as fit_points
 from .session.session import Session as Session
 from .volume.plane import Picture as Picture
 from .volume.plane import Plane as Plane

@@ -15,8 +15,7 @@ import aiohttp
 import msgpack
 from waiting import PATIENCE
 
-from deformnb.app.application import Application
-from deformnb.app.launch import app_server
+from deformnb.app.application import Application, app_server
 from deformnb.session.session import Session
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.web.server import PageServer

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import textwrap
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from importlib.util import find_spec
@@ -413,6 +413,42 @@ def test_no_modules_import_each_other_in_a_circle() -> None:
             imports[module] = named & modules.keys() - packages - {module}
     assert "deformnb.volume.volume" in imports["deformnb.rbf.fields"]
     TopologicalSorter(imports).prepare()  # raises a CycleError that names the circle
+
+
+LONGEST_CHAIN = 25
+
+
+def test_the_longest_chain_of_imports_is_short() -> None:
+    """Modules that import one another at the start; a cut moves what a link needs to where its idea lives."""
+    modules = _modules()
+    imports = {
+        module: {
+            name for full in _imported_at_start(nodes[0]) if (name := _module_of(full, modules)) and name != module
+        }
+        for module, nodes in modules.items()
+    }
+    longest: dict[str, list[str]] = {}
+    for module in TopologicalSorter(imports).static_order():
+        longest[module] = [module, *max((longest[name] for name in imports[module]), key=len, default=[])]
+    chain = max(longest.values(), key=len)
+    assert 10 < len(chain) <= LONGEST_CHAIN, f"{len(chain)} modules: {' > '.join(chain)}"
+
+
+def _imported_at_start(node: ast.AST) -> Iterator[str]:
+    """Full names that a module imports, but in functions and for type checking."""
+    if isinstance(node, ast.ImportFrom):
+        yield from (f"{node.module}.{alias.name}" for alias in node.names)
+    elif isinstance(node, ast.Import):
+        yield from (alias.name for alias in node.names)
+    elif not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+        is_for_types = isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for child in node.orelse if is_for_types else ast.iter_child_nodes(node):  # type: ignore[attr-defined]
+            yield from _imported_at_start(child)
+
+
+def _module_of(full: str, modules: Container[str]) -> str:
+    """The module of a name, or the module that it is; empty for those of others."""
+    return next((name for name in (full, full.rpartition(".")[0]) if name in modules), "")
 
 
 def test_no_module_imports_another_by_string() -> None:

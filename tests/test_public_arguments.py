@@ -23,10 +23,8 @@ from deformnb.imaging.projection import project
 from deformnb.imaging.render import image_places, render_pair, render_volume
 from deformnb.imaging.thompson import draw_grids
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, as_field, blend, compose
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_points, fit_rbf, fit_rigid
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import fit_rigid
-from deformnb.rbf.stages import fit_points
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import preset

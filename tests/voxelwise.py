@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
-from deformnb.warping.composed import ComposedEvaluator
-from deformnb.warping.node_table import Displacements, NodeTable
+from deformnb.warping.compositions import ComposedEvaluator, Displacements, NodeTable
 
 
 def at_voxels(

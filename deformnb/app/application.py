@@ -1,17 +1,36 @@
-"""The application without its server: a studio whose widgets are used in one thread, as a kernel would.
+"""The application: a studio whose widgets are used in one thread, its page, and its start from the command line.
 
 An edit that takes a second so never keeps the server from answering.
 """
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import html
+import math
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Callable, Iterator
 from os import PathLike
+from pathlib import Path
+from typing import Any
 
+from deformnb.app import IDLE_MINUTES
+from deformnb.app.bridge import Bridge
+from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
+from deformnb.errors import DeformError
 from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
+from deformnb.volume.plane import VIEWS
+from deformnb.volume.volume import Volume
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.studio.studio import Studio
+from deformnb.widgets.web.guard import checked_host, is_loopback
+from deformnb.widgets.web.server import PageServer
 from deformnb.widgets.worker import Worker
 
 
@@ -64,3 +83,148 @@ class Application:
         """End the threads; what was not saved stays in the history of who opens the volume again."""
         self.thread.close()
         self.studio.close()
+
+
+def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:
+    """The address to listen at, or what is wrong with the options, before a volume is read.
+
+    Raises
+    ------
+    DeformError
+        For an address, a port, a side or a time that cannot be.
+    """
+    if not 0 <= port < 2**16:
+        raise DeformError(f"a port is a number from 0 to 65535, got {port}; 0 takes a free one.")
+    if side is not None and side not in VIEWS:
+        raise DeformError(f"unknown side {side!r}; choose one of {', '.join(VIEWS)}.")
+    if not (idle >= 0 and math.isfinite(idle)):
+        raise DeformError(f"--idle takes minutes, 0 for never, got {idle:g}.")
+    return checked_host(host)
+
+
+def app_server(
+    app: Application, *, host: str = "127.0.0.1", port: int = 0, idle: float = 60 * IDLE_MINUTES
+) -> PageServer:
+    """A server of the page with this application; see :class:`~deformnb.widgets.web.server.PageServer`."""
+
+    def make(server: PageServer) -> Bridge:
+        bridge = Bridge(app.studio, app.thread, server)
+        _build_page(server.trame, app)
+        app.studio.observe(lambda _change: server.in_loop(_name_page, server.trame, app), "children")
+        return bridge
+
+    return PageServer(make, host=host, port=port, idle=idle)
+
+
+def _build_page(server: Any, app: Application) -> None:
+    """Give trame's server the page of an application.
+
+    Parameters
+    ----------
+    server : trame's, before it starts.
+    app : whose volume names the page.
+    """
+    from trame.ui.html import DivLayout
+    from trame_client.widgets.core import AbstractElement
+
+    server.enable_module({"scripts": ["deformnb/app.js"], "styles": ["deformnb/app.css"], "vue_use": ["deformnb_app"]})
+    server.state.trame__title = _title(app)
+    with DivLayout(server):
+        AbstractElement("deformnb-studio")
+
+
+def _name_page(server: Any, app: Application) -> None:
+    """Name the page after the volume that is open now; in the server's thread."""
+    with server.state:
+        server.state.trame__title = _title(app)
+
+
+def _title(app: Application) -> str:
+    return f"{app.session.volume.name or 'volume'} - deformnb"
+
+
+def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
+    """The volume where none is given."""
+    return PHANTOMS["fish"].make(progress=progress)
+
+
+def open_app(
+    volume: ChannelsLike,
+    deformation: Deformation | None = None,
+    *,
+    side: str | None = None,
+    viewer: str = "live",
+    host: str = "127.0.0.1",
+    port: int = 0,
+    browser: bool = True,
+    idle: float = IDLE_MINUTES,
+    language: str | None = None,
+) -> None:
+    """Serve the tool for a volume until it is stopped, by Ctrl-C, by the end of the terminal, or left alone.
+
+    Parameters
+    ----------
+    volume : what is deformed.
+    deformation : to go on with.
+    side : side of the first picture; default is the one that shows most.
+    viewer : "live" or "vtk", see :data:`deformnb.app.VIEWERS`.
+    host, port : where to listen; port 0 takes a free one.
+    browser : whether to open a browser.
+    idle : minutes without a page after which it ends; 0 never does.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
+
+    Raises
+    ------
+    DeformError
+        If the address or the port cannot be had.
+    """
+    host = check_app(host, port, side, idle)
+    if not is_loopback(host):
+        _print(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
+    app = Application(volume, deformation, side=side, viewer=viewer, language=language)
+    try:
+        server = app_server(app, host=host, port=port, idle=60 * idle)
+        with contextlib.ExitStack() as stack:
+
+            def announce(url: str) -> None:
+                _announce(url, idle, stack if browser else None)
+                app.studio.warm_up()  # while the browser starts
+
+            asyncio.run(server.run(announce))
+    except OSError as error:
+        raise DeformError(
+            f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; choose another --port."
+        ) from None
+    finally:
+        app.close()
+    _print(f"stopped: {server.reason}.")
+
+
+def _print(text: str) -> None:
+    with contextlib.suppress(OSError):  # a terminal that has gone reads no farewell
+        sys.stderr.write(f"deformnb: {text}\n")
+        sys.stderr.flush()
+
+
+def _announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
+    sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
+    sys.stdout.flush()
+    alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
+    _print(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")
+    if stack is not None:
+        webbrowser.open(stack.enter_context(_doorway(url)).as_uri())
+
+
+@contextlib.contextmanager
+def _doorway(url: str) -> Iterator[Path]:
+    """A file that leads to the address: arguments of a program, such as a browser, can be read by other users."""
+    handle, name = tempfile.mkstemp(prefix="deformnb-", suffix=".html")  # only its owner may read it
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(
+                f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" '
+                f'content="0; url={html.escape(url)}"><title>deformnb</title>'
+            )
+        yield Path(name)
+    finally:
+        Path(name).unlink(missing_ok=True)

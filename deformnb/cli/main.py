@@ -244,7 +244,7 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _app(options: argparse.Namespace) -> None:
-    from deformnb.app.launch import check_app, made_up_carp, open_app
+    from deformnb.app.application import check_app, made_up_carp, open_app
     from deformnb.session.inputs import as_deformation, subject_from
     from deformnb.volume.channels import Channels
 

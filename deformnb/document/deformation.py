@@ -25,13 +25,13 @@ from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_
 from deformnb.rbf.extrusion import EXTRUSIONS, Weights, extrude
 from deformnb.rbf.fields import AbstractField, Identity, blend, compose
 from deformnb.rbf.fit_settings import AbstractFitSettings, FitSettings, label_of
+from deformnb.rbf.fitting import Fit, check_parts_of_direction, check_stages
 from deformnb.rbf.interpolant import FOLDS_WARNING
 from deformnb.rbf.kernels import as_kernel
 from deformnb.rbf.points import ControlPoints, as_control_points
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, part_conflicts
 from deformnb.rbf.slits import TipBlend, check_slits
-from deformnb.rbf.stages import Fit, check_parts_of_direction, check_stages
 from deformnb.rbf.support import lone_support
 from deformnb.volume.channels import Channels
 from deformnb.volume.known_spacings import KnownSpacing, older_document

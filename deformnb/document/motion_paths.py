@@ -39,10 +39,10 @@ from deformnb.rbf.cuts import sides_of
 from deformnb.rbf.extrusion import CURVE_KNOTS, modulate
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
+from deformnb.rbf.fitting import fit_points
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidMotion, RigidPart, scaled_points
 from deformnb.rbf.slits import is_slit
-from deformnb.rbf.stages import fit_points
 
 Points = NDArray[np.float64]
 

@@ -30,11 +30,12 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Sides, sides_of
 from deformnb.rbf.fields import AbstractField, grid_lines, raster_lines
-from deformnb.rbf.forward import ForwardFit, fit_forward, orient_points
+from deformnb.rbf.fitting import fit_forward, fit_rigid
+from deformnb.rbf.forward import ForwardFit, orient_points
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.prediction import ChosenFit, choose_fit, usual_candidates
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.rigid import RigidInterpolant, fit_rigid, scaled_points
+from deformnb.rbf.rigid import RigidInterpolant, scaled_points
 from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.support import lone_support
 from deformnb.volume.plane import Plane, Raster

@@ -13,10 +13,12 @@ from .fields import Identity as Identity
 from .fields import as_field as as_field
 from .fields import blend as blend
 from .fields import compose as compose
+from .fitting import fit_forward as fit_forward
+from .fitting import fit_points as fit_points
 from .fitting import fit_rbf as fit_rbf
+from .fitting import fit_rigid as fit_rigid
 from .forward import DIRECTIONS as DIRECTIONS
 from .forward import ForwardFit as ForwardFit
-from .forward import fit_forward as fit_forward
 from .interpolant import RBFInterpolant as RBFInterpolant
 from .kernels import KERNELS as KERNELS
 from .kernels import AbstractKernel as AbstractKernel
@@ -33,8 +35,6 @@ from .regions import Mask as Mask
 from .regions import Polygon as Polygon
 from .rigid import RigidMotion as RigidMotion
 from .rigid import RigidPart as RigidPart
-from .rigid import fit_rigid as fit_rigid
 from .slits import TipBlend as TipBlend
 from .stages import Staged as Staged
-from .stages import fit_points as fit_points
 from .trends import TRENDS as TRENDS

@@ -24,8 +24,7 @@ from deformnb._typing import Floats
 from deformnb.rbf.conditioning import SAME_DISTANCE
 from deformnb.rbf.factors import kernel_values
 from deformnb.rbf.kernels import AbstractKernel
-from deformnb.rbf.system import plain_moments
-from deformnb.rbf.trends import FLAT, TRENDS, Span, products, spread_of
+from deformnb.rbf.trends import FLAT, TRENDS, Span, plain_moments, products, spread_of
 
 Positions = NDArray[np.intp]
 

@@ -15,13 +15,13 @@ from deformnb.checks import check_fields, is_finite, shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
+from deformnb.rbf.fitting import Fit, check_stages, fit_points
 from deformnb.rbf.forward import check_direction, orient_points
 from deformnb.rbf.kernels import AbstractKernel, as_kernel
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.rbf.rigid import RigidPart, scaled_points
 from deformnb.rbf.slits import TipBlend, check_slits, fits_around_slits, is_slit
-from deformnb.rbf.stages import Fit, check_stages, fit_points
 from deformnb.rbf.support import SUPPORT_RULES, ChosenSupport, check_support, choose_support, usual_support
 from deformnb.rbf.trends import find_trend
 
@@ -190,7 +190,7 @@ class FitSettings(AbstractFitSettings):
         Raises
         ------
         DeformError
-            As :func:`~deformnb.rbf.stages.fit_points` does.
+            As :func:`~deformnb.rbf.fitting.fit_points` does.
         """
         moved = [part.scaled(self.strength) for part in parts if part.enabled]
         before = dict(previous or {})

@@ -26,11 +26,8 @@ from deformnb.checks import shown_value
 from deformnb.errors import DeformError
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import BLOCK, AbstractField
-from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.newton import keep_better, lengths_of, map_of, newton, search
-from deformnb.rbf.partition import LocalFits
-from deformnb.rbf.points import ControlPoints, as_control_points
+from deformnb.rbf.points import ControlPoints
 
 DIRECTIONS = ("backward", "forward")
 """Directions of a fit: from the result to the input, or from the input to the result. The first is the default."""
@@ -81,7 +78,7 @@ class ForwardFit(AbstractField):
 
     Parameters
     ----------
-    forward : F, whose centres are the sources.
+    forward : F, an RBFInterpolant or LocalFits whose centres are the sources.
 
     Examples
     --------
@@ -93,19 +90,19 @@ class ForwardFit(AbstractField):
     [True]
     """
 
-    forward: RBFInterpolant | LocalFits
+    forward: Any
 
     def __repr__(self) -> str:
         return f"<ForwardFit: inverse of {self.forward!r}>"
 
     @property
     def dim(self) -> int:
-        return self.forward.dim
+        return int(self.forward.dim)
 
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the control points behind the fit."""
-        return self.forward.ids
+        return tuple(self.forward.ids)
 
     @property
     def kernel(self) -> Any:
@@ -120,7 +117,7 @@ class ForwardFit(AbstractField):
     @property
     def trend(self) -> str:
         """The trend of the fit."""
-        return self.forward.trend
+        return str(self.forward.trend)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -144,7 +141,7 @@ class ForwardFit(AbstractField):
 
     def folds_between_points(self) -> bool:
         """Check for a fold of the fit at a control point or between them, where the inverse jumps."""
-        return self.forward.folds_between_points()
+        return bool(self.forward.folds_between_points())
 
     @in_full_precision
     def jax_displacement(self, points: Any) -> Any:
@@ -232,7 +229,7 @@ class ForwardFit(AbstractField):
     @cached_property
     def _sources(self) -> Floats:
         """The sources of the control points, (n, dim)."""
-        fits = self.forward.fits if isinstance(self.forward, LocalFits) else (self.forward,)
+        fits = getattr(self.forward, "fits", (self.forward,))
         every = [
             np.asarray(f.origin) + float(f.support) * np.asarray(f.centers, np.float64)[: int(f.count)] for f in fits
         ]
@@ -303,34 +300,6 @@ class ForwardFit(AbstractField):
         x[left[certain]], error[left[certain]] = x_new[certain], error_new[certain]
         rest = ~certain
         keep_better(x, error, left[rest], x_new[rest], error_new[rest])
-
-
-def fit_forward(points: ControlPoints, *, previous: ForwardFit | None = None, **settings: Any) -> ForwardFit:
-    """Fit control points in the forward direction: the targets as a function of the sources.
-
-    Parameters
-    ----------
-    points : control points of dimension 2 or 3, as for :func:`~deformnb.rbf.fitting.fit_rbf`.
-    previous : the fit before this one, while points are dragged.
-    settings : kernel, support, trend and smoothing, as of that function; the support lies in the input.
-
-    Returns
-    -------
-    ForwardFit, a backward field like any other.
-
-    Raises
-    ------
-    DeformError
-        As that function does; points at one source with different targets have no fit forward.
-
-    Examples
-    --------
-    >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [9, 9]], [[0, 0], [9, 0], [0, 9], [14, 12]])
-    >>> fit_forward(points, kernel="thin_plate")
-    <ForwardFit: inverse of <RBFInterpolant: 4 points in the plane, thin_plate, trend affine>>
-    """
-    turned = orient_points(as_control_points(points), "forward")
-    return ForwardFit(fit_rbf(turned, previous=None if previous is None else previous.forward, **settings))
 
 
 # ---- in compiled functions -------------------------------------------------------------------------------------------

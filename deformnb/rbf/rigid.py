@@ -37,13 +37,8 @@ from deformnb._jax import blockwise, in_full_precision, jax, jnp, pytree
 from deformnb.checks import check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.interpolant import RBFInterpolant
-from deformnb.rbf.kernels import as_kernel
-from deformnb.rbf.partition import LocalFits
-from deformnb.rbf.points import ControlPoints, as_control_points
+from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion
-from deformnb.rbf.support import choose_support
 
 # Directions and lengths that differ by less are rounding of numbers written to a file with seven digits.
 _ROUNDING = 1e-6
@@ -391,14 +386,14 @@ class RigidInterpolant(AbstractField):
 
     Parameters
     ----------
-    base : g, the fit of what is left to the control points.
+    base : g, the fit of what is left to the control points: an RBFInterpolant or LocalFits.
     regions : K regions; matrices (K, dim, dim), shifts (K, dim): their backward motions L_k.
     scales : (K,) lengths by which the distances are divided.
     weights : K names of :data:`WEIGHTS`.
     notes : remarks for a status line.
     """
 
-    base: RBFInterpolant | LocalFits
+    base: Any
     regions: tuple[AbstractRegion, ...]
     matrices: Any
     shifts: Any
@@ -408,17 +403,17 @@ class RigidInterpolant(AbstractField):
 
     @property
     def dim(self) -> int:
-        return self.base.dim
+        return int(self.base.dim)
 
     @property
     def ids(self) -> tuple[int, ...]:
         """Ids of the control points behind the fit."""
-        return self.base.ids
+        return tuple(self.base.ids)
 
     @property
     def trend(self) -> str:
         """The trend of what the parts leave free."""
-        return self.base.trend
+        return str(self.base.trend)
 
     @in_full_precision
     def jax_displacement(self, points: Any) -> Any:
@@ -485,81 +480,6 @@ class RigidInterpolant(AbstractField):
 
 def _is_still(matrix: Any, shift: Any) -> bool:
     return bool((np.asarray(matrix) == np.eye(len(shift))).all() and not np.asarray(shift).any())
-
-
-def fit_rigid(
-    points: ControlPoints,
-    parts: Sequence[RigidPart],
-    *,
-    kernel: str = "wendland_c2",
-    support: float | None = None,
-    trend: str = "affine",
-    smoothing: float = 0.0,
-) -> RBFInterpolant | LocalFits | RigidInterpolant:
-    """Fit control points beside rigid parts (Eq. 6).
-
-    Parameters
-    ----------
-    points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
-        out.
-    parts : those that are switched on count; without any this is :func:`~deformnb.rbf.fitting.fit_rbf`.
-    kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
-        weight "distance", which has no end, there is none.
-
-    Returns
-    -------
-    RigidInterpolant.
-
-    Raises
-    ------
-    DeformError
-        If a point within a part requires something else than the part does; names both.
-
-    Examples
-    --------
-    >>> from deformnb.rbf.regions import HalfSpace
-    >>> ground = RigidPart(HalfSpace((0, 0), (0, -1)), name="ground")  # all below b = 0, with b upwards
-    >>> points = ControlPoints.from_arrays([[0, -8]], [[3, -8]])
-    >>> fit = fit_rigid(points, [ground], trend="none", support=10.0)
-    >>> fit.displacement([[3.0, -8.0], [3.0, 1.0]]).round(9).tolist()
-    [[-3.0, 0.0], [0.0, 0.0]]
-    """
-    points = as_control_points(points)
-    chosen = [part for part in parts if part.enabled]
-    if not chosen:
-        return fit_rbf(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
-    raw = _check_weights(chosen, points.dim, kernel)
-    back = [np.eye(points.dim) if p.motion is None else np.asarray(p.motion.inverse.matrix) for p in chosen]
-    shifts = [np.zeros(points.dim) if p.motion is None else np.asarray(p.motion.inverse.shift) for p in chosen]
-    x = points.target
-    moved = [x @ m.T + t for m, t in zip(back, shifts, strict=True)]
-    distances = np.stack([p.region.signed_distance(y) for p, y in zip(chosen, moved, strict=True)])
-    free, notes = _free_points(points, chosen, moved, distances)
-    if support is None:
-        support = choose_support([points], kernel=kernel, trend=trend, smoothing=smoothing)
-    scales = np.array([_scale(p, d[free]) for p, d in zip(chosen, distances, strict=True)])
-    weights = tuple(p.weight for p in chosen)
-    drift, weight = drift_and_weight(
-        x[free], [y[free] for y in moved], [d[free] for d in distances], scales, weights, np
-    )
-    rest = points.take(np.flatnonzero(free))
-    required = (rest.displacement - drift) / weight[:, None]
-    base = fit_rbf(
-        replace(rest, source=rest.target + required, weight=rest.weight * weight**2),
-        kernel=kernel,
-        support=support,
-        trend="none" if raw else trend,
-        smoothing=smoothing,
-    )
-    return RigidInterpolant(
-        base,
-        tuple(p.region for p in chosen),
-        np.stack(back),
-        np.stack(shifts),
-        scales,
-        weights,
-        (*notes, *base.remarks),
-    )
 
 
 # Samples along each side of the box of a part, to find what two parts have in common.
@@ -650,7 +570,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
         if not part.enabled:
             continue
         back = points.target if part.motion is None else part.motion.inverse(points.target)
-        size = _size_of(points)
+        size = size_of(points)
         differs = points.active & (part.region.signed_distance(back) <= 0)
         differs &= np.linalg.norm(points.source - back, axis=1) > SAME_MOTION * size
         carried = points.source if part.motion is None else part.motion(points.source)
@@ -712,69 +632,11 @@ def _carried_mask(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
     if part.region.dim != points.dim:
         return np.zeros(len(points), dtype=bool)
     back = points.target if part.motion is None else part.motion.inverse(points.target)
-    near = np.linalg.norm(points.source - back, axis=1) <= SAME_MOTION * _size_of(points)
+    near = np.linalg.norm(points.source - back, axis=1) <= SAME_MOTION * size_of(points)
     return np.asarray(points.active & near & (part.region.signed_distance(back) <= 0))
 
 
-def _check_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
-    """Check whether one of the weights is the distance itself, beside which there is no trend."""
-    for part in parts:
-        if part.region.dim != dim:
-            raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
-    raw = any(part.weight == "distance" for part in parts)
-    if raw and as_kernel(kernel).order > 0:
-        raise DeformError(
-            f"beside a rigid part with the weight 'distance' there is no trend, and the {kernel} kernel "
-            "needs one; take the weight 'saturated' or a Wendland kernel."
-        )
-    return raw
-
-
-def _size_of(points: ControlPoints) -> float:
+def size_of(points: ControlPoints) -> float:
     """The diagonal of the box of all sources and targets; 0 without points."""
     places = np.concatenate([points.source, points.target])
     return float(np.linalg.norm(np.ptp(places, axis=0))) if len(points) else 0.0
-
-
-def _free_points(
-    points: ControlPoints,
-    parts: Sequence[RigidPart],
-    moved: Sequence[NDArray[np.float64]],
-    distances: NDArray[np.float64],
-) -> tuple[NDArray[np.bool_], list[str]]:
-    """Mask of active points beside all parts; refuses one that a part holds and that requires another displacement."""
-    free, notes = points.active.copy(), []
-    size = _size_of(points)
-    within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits
-    for k in np.flatnonzero(points.active).tolist():
-        holders = np.flatnonzero(distances[:, k] <= 0).tolist()
-        for h in holders:
-            required, done = points.source[k], moved[h][k]
-            if np.linalg.norm(required - done) > SAME_MOTION * size:
-                held = "is fixed" if parts[h].motion is None else "has a motion of its own"
-                raise DeformError(
-                    f"{points.label(k)} lies in {parts[h].label}, which {held}; move or remove the "
-                    "point, or change the part."
-                )
-        if len(holders):
-            free[k] = False
-            if points.displacement[k].any():
-                notes.append(f"{points.label(k)} lies in {parts[holders[0]].label}, which holds it already")
-            continue
-        torn = next((p for p, is_within in zip(parts, within, strict=True) if is_within[k]), None)
-        if torn is not None:
-            notes.append(
-                f"{points.label(k)} takes hold of {torn.label}, which does not follow: its tissue is seen twice"
-            )
-    return free, notes
-
-
-def _scale(part: RigidPart, distances: NDArray[np.float64]) -> float:
-    """The distance at which a part's weight is 1: at the nearest control point at the latest.
-
-    The paper's distance has no such place: it is only brought to the size of 1, which changes nothing (w -> c w).
-    """
-    nearest = float(distances.min(initial=np.inf))
-    if part.weight == "distance":
-        return float(distances.max(initial=0.0)) or 1.0
-    return min(part.reach or np.inf, nearest) if np.isfinite(nearest) or part.reach else 1.0

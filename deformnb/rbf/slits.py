@@ -39,7 +39,6 @@ from deformnb.rbf.cuts import Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, Line
-from deformnb.rbf.stages import Fit
 
 MOST_SLITS = 3
 """Cuts of a step that stop inside the body: each doubles the fits that every region blends."""
@@ -170,7 +169,7 @@ def check_slits(cuts: Sequence[AbstractRegion], rule: str) -> None:
 def fits_around_slits(
     points: ControlPoints,
     cuts: Sequence[AbstractRegion],
-    fit: Callable[[Sides, ControlPoints, Any], Fit],
+    fit: Callable[[Sides, ControlPoints, Any], AbstractField],
     previous: Mapping[Sides, Any],
 ) -> dict[Sides, TipBlend]:
     """Blended fits of every region between cuts of which some stop; none if no point is active.
@@ -190,7 +189,7 @@ def fits_around_slits(
     ]
     groups: list[dict[Sides, ControlPoints]]
     groups = [points_of_regions(active, [cuts[k] for k in some]) if some else {(): active} for some in subsets]
-    known: dict[tuple[int, Sides], Fit] = {}
+    known: dict[tuple[int, Sides], AbstractField] = {}
     made: dict[Sides, TipBlend] = {}
     for region in product((False, True), repeat=len(cuts)):
         own = [tuple(region[k] for k in some) for some in subsets]

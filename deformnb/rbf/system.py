@@ -14,7 +14,7 @@ from deformnb._jax import compiled, jax, jnp
 from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
-from deformnb.rbf.trends import TRENDS, Span, complete, products, quadratic_forms, regularize_moments
+from deformnb.rbf.trends import TRENDS, Span, complete, plain_moments, products, quadratic_forms, regularize_moments
 
 
 class Solved(NamedTuple):
@@ -138,14 +138,6 @@ def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, t
     if trend == "affine":
         moments = regularize_moments(moments, plain, span.ridge)
     return rule(*moments, span, turn) - jnp.eye(len(turn))
-
-
-def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
-    """S and H of :mod:`deformnb.rbf.trends` in which all points count alike."""
-    mean_x, mean_d = ((one.T @ a / one.sum()) for a in (x, d))
-    centred = one * (x - mean_x)
-    s = centred.T @ centred
-    return s, s + (d - mean_d).T @ centred
 
 
 def _least_squares(phi: Any, x: Any, d: Any, one: Any, span: Span, turn: Any, trend: str) -> tuple[Any, Any, Any]:

@@ -397,3 +397,11 @@ def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
     # 1 + cosine as |q + t|^2 / 2, which keeps its digits next to half a turn
     turn = jnp.eye(3, dtype=q.dtype) + k + (k @ k) * (2 / jnp.sum((start + t) ** 2))
     return length * jnp.where(opposite, turn @ half, turn)
+
+
+def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
+    """The matrices S and H in which all points count alike."""
+    mean_x, mean_d = ((one.T @ a / one.sum()) for a in (x, d))
+    centred = one * (x - mean_x)
+    s = centred.T @ centred
+    return s, s + (d - mean_d).T @ centred

@@ -22,10 +22,9 @@ from deformnb._jax import float64, jax
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
-from deformnb.rbf.fitting import fit_one_system
+from deformnb.rbf.fitting import check_stages, fit_one_system
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.stages import check_stages
 from deformnb.rbf.trends import Span, quadric_span, ridge_of, spreads_of
 from deformnb.registration.similarity import (
     LOCAL_PLACES,

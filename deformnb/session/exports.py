@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from deformnb._typing import Image, Progress
 from deformnb.chunked.sources import open_volume
@@ -19,6 +19,7 @@ from deformnb.chunked.warper import warp as warp_in_parts
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation
 from deformnb.errors import Cancelled, DeformError
+from deformnb.imaging.display import DisplaySettings, ViewRenderer
 from deformnb.imaging.drawing import draw_pictures
 from deformnb.imaging.movie_frames import Frames, animation_frames, deformation_frames, swing, write_movie
 from deformnb.imaging.render import render_volume
@@ -32,7 +33,6 @@ from deformnb.session.files import Files
 from deformnb.session.pictures import PictureSettings
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
-from deformnb.volume.clip import WHOLE, Clip
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper, warp, warp_all
@@ -43,56 +43,9 @@ _FRAME = (640, 480)
 _FRAMES = 48
 _FPS = 24.0
 _FASTEST = 120.0
-_HOME = {"direction": (0.4, 1.0, -0.3), "up": None, "zoom": 1.0}
 
 LARGEST_PICTURE = 8192
 """Pixels along a side of a rendering at most."""
-
-
-class ViewRenderer(Protocol):
-    """Renderer of a volume as a view shows it; used and closed by one thread."""
-
-    def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown, in the box of a grid."""
-
-    def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
-        """The picture, (height, width, 3) uint8, in about so many parts; ``progress`` is called in between."""
-
-    def close(self) -> None:
-        """Give back what it holds."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Display settings of a view: all that a picture in a file needs to show the same.
-
-    Parameters
-    ----------
-    camera : direction, up, zoom, pan and perspective, as a view's ``camera``.
-    projection : "shaded", "composite" or "mip".
-    shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
-    background : "dark" or "light".
-    clip : the part of the box that is seen, as a view's ``clip``.
-    show_folds : whether tissue is red where the map folds.
-    ambient_occlusion : whether hollows are darker, where the renderer has that: VTK does not.
-    scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
-    still : makes what is quicker for a single picture, alike; None takes ``scene``.
-    """
-
-    camera: Mapping[str, Any] = field(default_factory=lambda: dict(_HOME))
-    projection: str = "shaded"
-    shows: str = "deformed"
-    background: str = "dark"
-    clip: Clip = WHOLE
-    show_folds: bool = False
-    ambient_occlusion: bool = False
-    scene: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
-    still: Callable[[Volume, TransferFunction, tuple[int, int], Seen], ViewRenderer] | None = None
-
-    @classmethod
-    def of(cls, given: Seen | Mapping[str, Any] | None) -> Seen:
-        """Make display settings of a camera alone; display settings are returned as they are."""
-        return given if isinstance(given, Seen) else cls({**_HOME, **(given or {})})
 
 
 @dataclass(frozen=True)
@@ -119,7 +72,7 @@ class Frozen:
     window: tuple[float, float] | None
     colour_map: str
     transfer: TransferFunction
-    seen: Seen
+    seen: DisplaySettings
     files: Files
     size: tuple[int, int] | None = None
     fps: float = _FPS
@@ -129,7 +82,7 @@ class Frozen:
     def of(
         cls,
         session: Session,
-        seen: Seen | Mapping[str, Any] | None = None,
+        seen: DisplaySettings | Mapping[str, Any] | None = None,
         *,
         size: tuple[int, int] | None = None,
         fps: float = _FPS,
@@ -152,7 +105,7 @@ class Frozen:
             pictures.window,
             pictures.colour_map,
             pictures.transfer_function,
-            Seen.of(seen),
+            DisplaySettings.of(seen),
             session.files,
             _checked_size(size),
             _checked_rate(fps),
@@ -413,7 +366,7 @@ def export(
     path: str | PathLike[str],
     *,
     camera: Mapping[str, Any] | None = None,
-    seen: Seen | None = None,
+    seen: DisplaySettings | None = None,
     size: tuple[int, int] | None = None,
     fps: float = _FPS,
     overwrite: bool = False,

@@ -2,8 +2,8 @@
 
 Each region's map is smooth across the border, and only the choice among them jumps. So the nodes around such cells hold
 the displacements of every region, before the cut and after it, each interpolated as elsewhere
-(:mod:`deformnb.warping.node_table`). A place p before the cut and the places ``p + D_k(p)`` that the regions would show
-are then known within the error of interpolation, and so are the distances to the cut by which the region is chosen
+(:mod:`deformnb.warping.compositions`). A place p before the cut and the places ``p + D_k(p)`` that the regions would
+show are then known within the error of interpolation, and so are the distances to the cut by which the region is chosen
 (:func:`~deformnb.rbf.cuts.decide`). Voxels where that error may decide are evaluated one by one: those about as near a
 border as half the softness of the cut.
 """

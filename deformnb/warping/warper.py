@@ -32,10 +32,9 @@ from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import METHODS
 from deformnb.volume.volume import DTYPES, Grid, Volume, VolumeLike, as_grid, as_output, as_volume, as_volumes
 from deformnb.warping import planning
-from deformnb.warping.composed import ComposedEvaluator
+from deformnb.warping.compositions import ComposedEvaluator, Displacements, Replacement
 from deformnb.warping.map_checks import map_notes, with_cautions
 from deformnb.warping.modulated_cuts import CutPlan, plan_cut
-from deformnb.warping.node_table import Displacements, Replacement
 
 
 def apply_opacity(values: NDArray[Any], opacity: NDArray[Any], fill: Any, *, discrete: bool) -> NDArray[Any]:
@@ -135,7 +134,7 @@ def warp(
         linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
         Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
         Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel
-        (:data:`deformnb.warping.node_table.ERROR`) from the displacement at every voxel.
+        (:data:`deformnb.warping.compositions.ERROR`) from the displacement at every voxel.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns

@@ -7,6 +7,7 @@ leave its volume, its threads, its windows and its servers behind each time.
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import weakref
@@ -134,3 +135,56 @@ def _collect(widget: Any, parts: dict[int, Any]) -> None:
     for name in ("layout", "style"):
         if widget.has_trait(name):
             _collect(getattr(widget, name), parts)
+
+
+def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
+    """A widget's bundle of mime types with a PNG added; without it where it cannot be drawn.
+
+    Where a program runs the notebook for later readers, the PNG takes the widget's place: such a program keeps the
+    state of all widgets, and a page made from both shows nothing until scripts from the network run.
+
+    Parameters
+    ----------
+    bundle : of ``_repr_mimebundle_``, alone or with metadata.
+    draw : makes the PNG. What goes wrong is logged: a picture for later readers must not keep the widget from being
+        shown now.
+    """
+    data = bundle[0] if isinstance(bundle, tuple) else bundle
+    if data is None:
+        return bundle
+    try:
+        data["image/png"] = draw()
+    except Exception:
+        _LOG.exception("the static picture of a widget could not be drawn")
+    else:
+        if runs_for_later_readers():
+            data.pop("application/vnd.jupyter.widget-view+json", None)
+    return bundle
+
+
+# Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
+# does but has a page in front of them, and Databricks.
+_PAGES_WITHOUT_INPUT = (
+    "SERVER_SOFTWARE",
+    "VOILA_BASE_URL",
+    "VOILA_KERNEL_ID",
+    "VOILA_PREHEAT",
+    "DATABRICKS_RUNTIME_VERSION",
+)
+
+
+def runs_for_later_readers() -> bool:
+    """Check whether a program runs this notebook without a user (nbconvert, nbclient, papermill, MyST-NB).
+
+    Those say with each cell that nobody answers ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
+    type.
+    """
+    if any(name in os.environ for name in _PAGES_WITHOUT_INPUT):
+        return False
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    kernel = getattr(shell, "kernel", None)
+    if kernel is None or not hasattr(kernel, "get_parent"):
+        return False
+    request = (kernel.get_parent("shell") or {}).get("content", {})
+    return "code" in request and request.get("allow_stdin") is False

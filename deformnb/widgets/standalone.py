@@ -41,6 +41,7 @@ from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.kernel_table import table_for_page
 from deformnb.widgets.messages.views import FieldMaps, FollowData
 from deformnb.widgets.packed_volume import PackedVolume, packed_volume
@@ -48,7 +49,7 @@ from deformnb.widgets.parameters import PAGE_CONTROLS, as_json
 from deformnb.widgets.textures import MOST_MAPS, FieldTextures, cut_plane, field_textures
 from deformnb.widgets.view.base import with_map
 from deformnb.widgets.view.live_view import LiveView, Snapshot
-from deformnb.widgets.view.stills import as_png, render_scene
+from deformnb.widgets.view.stills import render_scene
 from deformnb.words import language as chosen_language
 from deformnb.words import translate, word_table
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from abc import ABCMeta
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -179,3 +180,7 @@ class SyncedWidget(anywidget.AnyWidget):
             crossed = self._sent_since.intersection(sync_data)
             if crossed:
                 self.send_state(crossed)
+
+
+class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
+    """For views that are widgets: ABC and HasTraits have a metaclass each, and Python allows one."""

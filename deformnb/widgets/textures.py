@@ -25,7 +25,6 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from deformnb._jax import jax
-from deformnb.document.animation import TimeMaps
 from deformnb.document.json_regions import region_to_data
 from deformnb.rbf.cuts import Decoupled, Sides, sides_of
 from deformnb.rbf.extrusion import Extrusion, replicate
@@ -487,22 +486,3 @@ def equal_fields(a: Any, b: Any) -> bool:
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
     same_form = form == other_form  # type: ignore[operator]  # jax's stub of it says nothing of equality
     return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))
-
-
-def texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map_size: int) -> FieldTextures:
-    """Textures of one moment, as of :func:`~deformnb.widgets.textures.field_textures`, with the maps of all.
-
-    Parameters
-    ----------
-    map_size : samples of a map along its longer side.
-    """
-    first = field_textures(maps.field(0.0), shown, output, map_size, map_size)
-    planar = first.content.planar
-    assert planar is not None
-    (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
-    raster = Raster((rows, columns), (da, db), (a, b))
-    frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
-    return FieldTextures(
-        structs.replace(first.content, frames={"count": len(maps), "duration": maps.duration}),
-        [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]],
-    )

@@ -21,10 +21,10 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import extrude, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, DisplacementField, Identity, compose
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_rbf, fit_rigid
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 

@@ -12,9 +12,8 @@ import pytest
 from running_app import RunningApp, connected, edit_of, heard
 from waiting import PATIENCE, wait_for
 
-from deformnb.app.application import Application
+from deformnb.app.application import Application, _announce, check_app, made_up_carp
 from deformnb.app.bridge import SETTABLE
-from deformnb.app.launch import _announce, check_app, made_up_carp
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError

@@ -11,7 +11,7 @@ from browser.live_page import LivePage
 from deformnb.datasets import PHANTOMS
 from deformnb.volume.transfer import PRESETS
 from deformnb.widgets import TransferEditor
-from deformnb.widgets.inputs.preset_menu import PresetMenu
+from deformnb.widgets.inputs.transfer_editor import PresetMenu
 
 pytestmark = pytest.mark.needs_browser
 

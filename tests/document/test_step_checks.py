@@ -27,9 +27,10 @@ from deformnb.document.step_checks import (
 )
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
+from deformnb.rbf.fitting import fit_rigid
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line, Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 

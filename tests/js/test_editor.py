@@ -10,10 +10,10 @@ from js.test_rbf import as_json, scattered
 from scripts import run_script
 
 from deformnb.rbf.conditioning import box_diagonal
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_rbf, fit_rigid
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.warping.points import warp_points
 
 BOX = [0.0, 500.0, 0.0, 450.0]

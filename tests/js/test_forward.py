@@ -17,7 +17,8 @@ from deformnb.analysis.folds import jacobian_determinant
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import fit_forward, orient_points
+from deformnb.rbf.fitting import fit_forward
+from deformnb.rbf.forward import orient_points
 from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart

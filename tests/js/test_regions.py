@@ -17,10 +17,11 @@ from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.fit_settings import FitSettings
+from deformnb.rbf.fitting import fit_rigid
 from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
-from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points
 from deformnb.volume.plane import Raster
 
 FILES = ("maths/rbf.ts", "maths/regions.ts", "maths/rigid_stages.ts", "maths/cuts.ts")

@@ -18,10 +18,11 @@ from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import box_diagonal
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fit_settings import FitSettings
+from deformnb.rbf.fitting import fit_points
 from deformnb.rbf.interpolant import FOLDS_WARNING, POOR
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart
-from deformnb.rbf.stages import MOST_STAGES, fit_points
+from deformnb.rbf.stages import MOST_STAGES
 from deformnb.volume.plane import Raster
 from deformnb.warping.points import warp_points
 

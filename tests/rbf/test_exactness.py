@@ -32,16 +32,16 @@ from deformnb.rbf.exactness import DERIVATIVE, EXACT, EXACT_PLACE, SHARES
 from deformnb.rbf.extrusion import Extrusion, modulate
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, Rescaled, blend, compose
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.fitting import fit_rbf
-from deformnb.rbf.forward import ForwardFit, fit_forward
+from deformnb.rbf.fitting import fit_forward, fit_points, fit_rbf, fit_rigid
+from deformnb.rbf.forward import ForwardFit
 from deformnb.rbf.interpolant import RBFInterpolant
 from deformnb.rbf.kernels import BUILT_IN, KERNELS
 from deformnb.rbf.partition import LocalFits, fit_locally
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line, Polygon
-from deformnb.rbf.rigid import RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidPart
 from deformnb.rbf.slits import TipBlend
-from deformnb.rbf.stages import Staged, fit_points
+from deformnb.rbf.stages import Staged
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume

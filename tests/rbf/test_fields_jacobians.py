@@ -18,9 +18,9 @@ from warping.test_warper import Wave
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, Composed, DisplacementField, Identity
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_rbf, fit_rigid
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import WEIGHTS, RigidPart, fit_rigid
+from deformnb.rbf.rigid import WEIGHTS, RigidPart
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 

@@ -14,13 +14,14 @@ from scipy.optimize import root
 
 from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import FitSettings
-from deformnb.rbf.forward import DIRECTIONS, ForwardFit, fit_forward, orient_points
+from deformnb.rbf.fitting import fit_forward, fit_points
+from deformnb.rbf.forward import DIRECTIONS, ForwardFit, orient_points
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.partition import LocalFits
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace
 from deformnb.rbf.rigid import RigidPart
-from deformnb.rbf.stages import Staged, fit_points
+from deformnb.rbf.stages import Staged
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.points import warp_points

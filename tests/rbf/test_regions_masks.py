@@ -16,9 +16,10 @@ from scipy.spatial.transform import Rotation
 from deformnb._jax import float64
 from deformnb.errors import DeformError
 from deformnb.rbf import regions as masks
+from deformnb.rbf.fitting import fit_rigid
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
-from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.volume.plane import VIEWS, Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 

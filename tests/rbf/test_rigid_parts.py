@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_rbf, fit_rigid
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import AbstractRegion, HalfSpace, Line, Mask, Polygon
-from deformnb.rbf.rigid import WEIGHTS, RigidInterpolant, RigidMotion, RigidPart, fit_rigid, smoothstep
+from deformnb.rbf.rigid import WEIGHTS, RigidInterpolant, RigidMotion, RigidPart, smoothstep
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Raster
 

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_points, fit_rbf
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidMotion, RigidPart
-from deformnb.rbf.stages import MOST_STAGES, Staged, fit_points
+from deformnb.rbf.stages import MOST_STAGES, Staged
 from deformnb.rbf.trends import TRENDS
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid

@@ -22,10 +22,9 @@ from deformnb.errors import Cancelled, DeformError
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.extrusion import Extrusion, extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, Blended, DisplacementField, Identity, compose
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_points, fit_rbf, fit_rigid
 from deformnb.rbf.points import ControlPoints
-from deformnb.rbf.rigid import RigidPart, fit_rigid
-from deformnb.rbf.stages import fit_points
+from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping import inverse as inversion

@@ -19,10 +19,10 @@ from deformnb.rbf import evaluation
 from deformnb.rbf.cuts import CUT_RULES, Decoupled, sides_of
 from deformnb.rbf.extrusion import extrude, interpolate, modulate, replicate
 from deformnb.rbf.fields import AbstractField, DisplacementField, Identity, compose
-from deformnb.rbf.fitting import fit_rbf
+from deformnb.rbf.fitting import fit_rbf, fit_rigid
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import HalfSpace
-from deformnb.rbf.rigid import RigidMotion, RigidPart, fit_rigid
+from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.stages import Staged
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume

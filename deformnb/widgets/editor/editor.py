@@ -11,7 +11,6 @@ The pictures of an editor are made here too: as the front end gets them, and as 
 
 from __future__ import annotations
 
-import io
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -36,7 +35,9 @@ from deformnb.warping.points import warp_points
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import PICTURE_SHOWS
+from deformnb.widgets.cell_widgets import with_png
 from deformnb.widgets.editor.base import FRONT_END_TRAITS, EditedPoints, PointsTrait
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.messages.editors import (
     WINDOWS_AROUND,
     DrawShape,
@@ -52,17 +53,15 @@ from deformnb.widgets.messages.shapes import ShapesTrait, followed, place_of, sh
 from deformnb.widgets.messages.traits import OVERLAYS
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.view.base import PlanarFit
-from deformnb.widgets.view.stills import as_png, with_png
 
 # Pixels along the longer side of an empty sheet: the arrow keys move points by one of them.
 _SHEET = 200
 _AIR = 0.2  # of the box of the points, on each side
 _PREVIEW_SIZE = 572  # pixels along the longer side, some 100 kB in the notebook
 _PARTS = 6  # of a grid line in a cell
-_COMPRESSION = 3  # of 0 to 9: 9 takes five times as long for a tenth less
 
 
-def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
+def pictureas_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
     """The picture as PNG, and what its pixels mean, for a front end that applies the window itself.
 
     Returns
@@ -72,7 +71,7 @@ def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
     largest such number, the automatic ``window`` and the ``unit``.
     """
     if picture.values.ndim == 3:
-        return _png(picture.rgb8()), {"channels": 3}
+        return as_png(picture.rgb8()), {"channels": 3}
     low, high = _range(picture)
     whole = picture.values.dtype.kind in "biu" and high - low <= 255
     high = low + 255 if whole else high
@@ -86,8 +85,8 @@ def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
         "unit": picture.unit,
     }
     if whole:
-        return _png(numbers.astype(np.uint8)), facts
-    return _png(np.stack([numbers >> 8, numbers & 255, np.zeros_like(numbers)], axis=-1).astype(np.uint8)), facts
+        return as_png(numbers.astype(np.uint8)), facts
+    return as_png(np.stack([numbers >> 8, numbers & 255, np.zeros_like(numbers)], axis=-1).astype(np.uint8)), facts
 
 
 def _range(picture: Picture) -> tuple[float, float]:
@@ -97,14 +96,6 @@ def _range(picture: Picture) -> tuple[float, float]:
     least, most = float(picture.values.min()), float(picture.values.max())
     least, most = max(least, low - margin), min(most, high + margin)
     return (least, most) if least < most else (low, high)
-
-
-def _png(pixels: NDArray[np.uint8]) -> bytes:
-    from PIL import Image
-
-    stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, format="PNG", compress_level=_COMPRESSION)
-    return stream.getvalue()
 
 
 def raster_json(raster: Raster, facts: dict[str, Any]) -> dict[str, Any]:
@@ -152,7 +143,7 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
     return pieces
 
 
-def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
+def previewas_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
     """The deformed picture with its grid and points; nothing is fitted, and no JAX imported, before a drag."""
     lines = grid_lines(picture.raster, cells) if cells else []
     if points.displacement.any():
@@ -351,10 +342,10 @@ class Editor(EditedPoints):
         shapes = {"cuts": self.cuts, "parts": self.parts, "cut_rule": self.cut_rule}
         return Step((self.points,), self._picture.plane, **{**self.settings.as_dict(), **shapes, **options})
 
-    def preview_png(self) -> bytes:
+    def previewas_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
         picture = self.picture or sheet(self.points)
-        return preview_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
+        return previewas_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
@@ -510,7 +501,7 @@ class Editor(EditedPoints):
 def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
     """The traits that follow from a picture, or from an empty sheet."""
     where = picture.raster if picture is not None else raster or sheet(points).raster
-    made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else picture_png(picture)
+    made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else pictureas_png(picture)
     image, facts = made
     grid = None if picture is None else picture.grid
     if grid is not None:

@@ -29,7 +29,7 @@ from deformnb.volume.plane import Picture
 from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
 from deformnb.widgets.editor.base import SPACE_TRAITS, EditedPoints, PointsTrait
 from deformnb.widgets.editor.space_slices import SLICE_PROJECTIONS, Shown, SpacePictures, folding, shapes_on
 from deformnb.widgets.messages.editors import (
@@ -42,7 +42,6 @@ from deformnb.widgets.messages.editors import (
     SlicesMoved,
 )
 from deformnb.widgets.messages.record import Seen
-from deformnb.widgets.view.stills import with_png
 from deformnb.widgets.view.transport import Pacer
 from deformnb.widgets.worker import Worker
 

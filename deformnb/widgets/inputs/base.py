@@ -18,8 +18,7 @@ import traitlets
 
 from deformnb.errors import DeformError
 from deformnb.widgets.messages.inputs import VALUE, ValueEdit, ValueRefused, ValueTaken
-from deformnb.widgets.synced import SyncedWidget
-from deformnb.widgets.view.base import ViewMeta
+from deformnb.widgets.synced import SyncedWidget, ViewMeta
 
 _LOG = logging.getLogger(__name__)
 

@@ -7,7 +7,6 @@ thin-plate spline through the corners and the placed ones takes them, so that fe
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,6 +20,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.volume.plane import Picture
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, is_whole
 
 MOST_LINES = 16
@@ -158,11 +158,9 @@ class GridDrawing(AbstractEdited):
 def _png(picture: Picture) -> bytes:
     from PIL import Image
 
-    stream = io.BytesIO()
     image = Image.fromarray(picture.rgb8())
     image.thumbnail((_LARGEST, _LARGEST))
-    image.save(stream, format="PNG")
-    return stream.getvalue()
+    return as_png(np.asarray(image))
 
 
 def _regular(picture: Picture, rows: int, columns: int) -> NDArray[np.float64]:

@@ -7,7 +7,6 @@ Values of its messages (see :mod:`~deformnb.widgets.inputs.base`): ``{"nodes": [
 from __future__ import annotations
 
 import base64
-import io
 from typing import Any
 
 import numpy as np
@@ -21,8 +20,10 @@ from deformnb.session.inputs import best_view
 from deformnb.volume.transfer import PRESETS, Histogram, TransferFunction, histogram, levels, preset
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, nodes_from_json
 from deformnb.widgets.inputs.curve_editor import MOST_NODES
+from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
 
 _BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
@@ -200,12 +201,45 @@ class TransferEditor(AbstractEdited):
         return f"TransferEditor({self._volume.name or 'volume'}, {what})"
 
 
-def _data_url(picture: Image) -> str:
-    from PIL import Image as Pillow
+class PresetMenu(SyncedWidget):
+    """A menu of the presets of a transfer editor, with its pictures.
 
-    stream = io.BytesIO()
-    Pillow.fromarray(picture).save(stream, format="PNG", compress_level=3)
-    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
+    Parameters
+    ----------
+    editor : makes the pictures of its volume.
+
+    Attributes
+    ----------
+    value : name of a preset, or empty for colours of one's own.
+    disabled : whether it takes no choice.
+
+    Examples
+    --------
+    >>> from deformnb.datasets import PHANTOMS
+    >>> editor = TransferEditor(PHANTOMS["bar"].make((8, 8, 8)), "bone")
+    >>> menu = PresetMenu(editor)
+    >>> menu.value = editor.preset_name
+    >>> menu.value, list(menu.presets)[:2]
+    ('bone', ['specimen', 'bone'])
+    >>> menu.close()
+    """
+
+    _esm = bundle("preset_menu.js")
+    _css = bundle("preset_menu.css")
+
+    value = traitlets.Enum(["", *PRESETS], "").tag(sync=True)
+    disabled = traitlets.Bool(False).tag(sync=True)
+    presets = traitlets.Dict(read_only=True, help="what each preset shows, by its name").tag(sync=True)
+    thumbnails = traitlets.Dict(help="as those of the editor").tag(sync=True)
+
+    def __init__(self, editor: TransferEditor, **traits: Any) -> None:
+        super().__init__(**traits)
+        self.set_trait("presets", editor.presets)
+        traitlets.dlink((editor, "thumbnails"), (self, "thumbnails"))
+
+
+def _data_url(picture: Image) -> str:
+    return f"data:image/png;base64,{base64.b64encode(as_png(picture)).decode()}"
 
 
 def _stops(data: Any, most: int) -> list[tuple[float, str]]:

@@ -27,7 +27,7 @@ from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.inputs.clip_controls import ClipControls
-from deformnb.widgets.inputs.preset_menu import PresetMenu
+from deformnb.widgets.inputs.transfer_editor import PresetMenu
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
 from deformnb.widgets.synced import worded_by_another
 

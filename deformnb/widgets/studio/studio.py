@@ -50,8 +50,10 @@ from deformnb.widgets.cell_widgets import (
     closed_on_failure,
     leave_to_another,
     parts_of_another,
+    with_png,
 )
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.image_encoding import PREVIEW_SIZE, as_png
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.parameters import PAGE_CONTROLS
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
@@ -66,7 +68,6 @@ from deformnb.widgets.studio.view_sync import StudioLink, followed_step
 from deformnb.widgets.synced import worded_by_another
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
-from deformnb.widgets.view.stills import PREVIEW_SIZE, as_png, with_png
 from deformnb.widgets.worker import Worker
 from deformnb.words import language as chosen_language
 

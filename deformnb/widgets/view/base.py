@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import contextlib
 import weakref
-from abc import ABC, ABCMeta, abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import traitlets
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from deformnb._typing import Image
 from deformnb.checks import shown_value
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.imaging.display import DisplaySettings
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.fields import AbstractField, Composed, Identity
 from deformnb.rbf.fit_settings import FitSettings
@@ -31,13 +32,6 @@ from deformnb.widgets.camera import turned
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.messages.views import FollowData
 from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fields
-
-if TYPE_CHECKING:
-    from deformnb.session.exports import Seen
-
-
-class ViewMeta(ABCMeta, traitlets.MetaHasTraits):
-    """For views that are widgets: ABC and HasTraits have a metaclass each, and Python allows one."""
 
 
 class AbstractView(ABC):
@@ -174,14 +168,13 @@ class AbstractView(ABC):
         """
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
-    def seen(self) -> Seen:
+    def seen(self) -> DisplaySettings:
         """Display settings of this view, apart from the deformation, with which a picture in a file shows the same."""
-        from deformnb.session.exports import Seen
         from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
 
         names = ("camera", "projection", "show_folds", "ambient_occlusion")
         looks = {name: getattr(self, name) for name in names if hasattr(self, name)}
-        return Seen(
+        return DisplaySettings(
             shows=self.shows,
             clip=self.clip,
             background=self._shade(),

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from deformnb.document.animation import TimeMaps
 from deformnb.rbf.fields import AbstractField
+from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.messages.record import Seen
 from deformnb.widgets.messages.views import FieldMaps, FollowData, MovedData
 from deformnb.widgets.packed_volume import PackedVolume
-from deformnb.widgets.textures import MAP_SIZE, FieldTextures, field_textures, nodes_along, texture_frames
+from deformnb.widgets.textures import MAP_SIZE, FieldTextures, field_textures, nodes_along
 from deformnb.widgets.view.live_front_ends import Post
 from deformnb.widgets.view.space_points import QUICK_SIZE, plain_fit
 from deformnb.widgets.view.transport import Pacer
@@ -143,7 +145,7 @@ class FieldSender:
     def _made(self, packed: PackedVolume) -> FieldTextures:
         shown = self.shown
         if shown.moments is not None:
-            return texture_frames(shown.moments, packed, shown.output, self.map_size)
+            return _texture_frames(shown.moments, packed, shown.output, self.map_size)
         quick = min(QUICK_SIZE, self.space_size)
         made = field_textures(
             shown.field, packed, shown.output, self.map_size, quick if shown.is_quick else self.space_size
@@ -155,3 +157,22 @@ class FieldSender:
             size = (np.asarray(lattice["shape"]) - 1) * lattice["spacing"]
             self._moved = {"points": points_to_json(points), "shape": nodes_along(size, quick).tolist()}
         return made
+
+
+def _texture_frames(maps: TimeMaps, shown: PackedVolume, output: Grid | None, map_size: int) -> FieldTextures:
+    """Textures of one moment, as of :func:`~deformnb.widgets.textures.field_textures`, with the maps of all.
+
+    Parameters
+    ----------
+    map_size : samples of a map along its longer side.
+    """
+    first = field_textures(maps.field(0.0), shown, output, map_size, map_size)
+    planar = first.content.planar
+    assert planar is not None
+    (_, rows, columns), (da, db), (a, b) = planar["shape"], planar["spacing"], planar["origin"]
+    raster = Raster((rows, columns), (da, db), (a, b))
+    frames = np.stack([np.moveaxis(maps.at(t).on_raster(raster), 0, -1) for t in maps.times.tolist()])
+    return FieldTextures(
+        structs.replace(first.content, frames={"count": len(maps), "duration": maps.duration}),
+        [np.ascontiguousarray(frames, "<f4").tobytes(), first.buffers[1]],
+    )

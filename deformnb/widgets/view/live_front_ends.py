@@ -10,9 +10,9 @@ from typing import Any
 from msgspec import UnsetType
 
 from deformnb.errors import DeformError
+from deformnb.widgets.image_encoding import checked_png
 from deformnb.widgets.messages.record import Message
 from deformnb.widgets.messages.views import Measurements, PointsFollowed, Screenshot, ScreenshotRequest
-from deformnb.widgets.view.stills import checked_png
 
 Post = Callable[[Message, list[bytes]], None]
 """Sends a message with its buffers to the front ends."""

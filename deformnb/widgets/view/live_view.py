@@ -22,14 +22,15 @@ from deformnb._weak import weakly
 from deformnb.document.animation import TimeMaps
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
+from deformnb.imaging.display import DisplaySettings
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField
-from deformnb.session.exports import Seen
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait
-from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
+from deformnb.widgets.image_encoding import from_png
 from deformnb.widgets.messages.record import Seen as FieldSeen
 from deformnb.widgets.messages.traits import take_traits
 from deformnb.widgets.messages.views import (
@@ -48,16 +49,16 @@ from deformnb.widgets.messages.views import (
     ToServerRenderer,
 )
 from deformnb.widgets.packed_volume import MOST_VOXELS_SENT
-from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.synced import SyncedWidget, ViewMeta
 from deformnb.widgets.textures import MAP_SIZE, count_maps, differ_only_in
-from deformnb.widgets.view.base import AbstractView, ViewMeta, check_map, state_followed
+from deformnb.widgets.view.base import AbstractView, check_map, state_followed
 from deformnb.widgets.view.fallback import SHARED, FallbackHost, RenderedState
 from deformnb.widgets.view.field_sender import FieldSender, ShownField
 from deformnb.widgets.view.live_front_ends import LiveFrontEnds, Outbox, Screenshots
 from deformnb.widgets.view.packed_source import PackedSource
 from deformnb.widgets.view.page_scene import MovieHost, PageGoneError, PageScene
 from deformnb.widgets.view.space_points import ShowsPoints
-from deformnb.widgets.view.stills import SceneDescription, from_png, preview_png, render_scene, with_png
+from deformnb.widgets.view.stills import SceneDescription, preview_png, render_scene
 
 OF_PAGE = frozenset(
     {"camera", "clip", "shows", "projection", "background", "width", "height", "target_ms", "settle_ms"}
@@ -441,7 +442,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self._front_ends.drawing(by_card=by_card) is not None
 
     def page_scene(
-        self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: Seen
+        self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings
     ) -> PageScene:
         """A renderer of exports whose pictures a page of this view draws, as its screenshots are.
 

@@ -13,13 +13,13 @@ from typing import Any
 
 from deformnb._typing import Image, Progress
 from deformnb.errors import DeformError
+from deformnb.imaging.display import DisplaySettings
 from deformnb.rbf.fields import AbstractField
-from deformnb.session.exports import Seen
 from deformnb.volume.volume import Grid
+from deformnb.widgets.image_encoding import checked_png, from_png
 from deformnb.widgets.messages.views import MovieEnd, MovieFailed, MovieFrame, MoviePiece
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.view.live_front_ends import Post
-from deformnb.widgets.view.stills import checked_png, from_png
 
 # A frame takes a graphics card less than a second and a software renderer some seconds; before the first one the volume
 # is made ready. Where messages come between cells only, nothing comes while one runs.
@@ -50,7 +50,7 @@ class PageScene:
         post: Post,
         front_end: str,
         size: tuple[int, int],
-        seen: Seen,
+        seen: DisplaySettings,
         maps: Callable[[AbstractField | None, Grid | None], FieldTextures],
         *,
         patience: float = _PATIENCE,

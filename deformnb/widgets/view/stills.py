@@ -6,10 +6,6 @@ For machines without OpenGL there is a scene that the package itself draws, and 
 
 from __future__ import annotations
 
-import io
-import logging
-import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,28 +17,24 @@ from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
+from deformnb.imaging.display import DisplaySettings
 from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
 from deformnb.imaging.preview import draw_slices, draw_slices_mip
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
-from deformnb.session.exports import Seen
 from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import Warper
 from deformnb.widgets.camera import BACKGROUNDS, COMPARISONS, INKS, camera_of, checked_camera, compared, within
+from deformnb.widgets.image_encoding import PREVIEW_SHARE, PREVIEW_SIZE, as_png
 from deformnb.widgets.packed_volume import MOST_VOXELS_SENT, PackedVolume, factors_of, packed_volume
 from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
-PREVIEW_SIZE = (560, 420)
-"""Width and height of a preview in pixels."""
-
-# So many voxels and this share of the pixels take 0.2 s: a cell waits for its preview before it shows its widget.
-PREVIEW_SHARE = 0.6
-_PREVIEW_VOXELS = 128**3
+_PREVIEW_VOXELS = 128**3  # take 0.2 s, with this share of the pixels: a cell waits for its preview
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,92 +221,12 @@ def _coarse(volume: Volume, factors: tuple[int, int, int]) -> Volume:
     return replace(volume, values=values, grid=coarser(volume.grid, factors))
 
 
-def as_png(image: Image) -> bytes:
-    """A picture (height, width, 3) as PNG."""
-    from PIL import Image as Pillow
-
-    stream = io.BytesIO()
-    Pillow.fromarray(image).save(stream, format="PNG", compress_level=3)
-    return stream.getvalue()
-
-
-def checked_png(png: Any) -> bytes:
-    """The bytes of a picture that a front end has sent; DeformError if they are no PNG."""
-    data = bytes(png)
-    if not data.startswith(b"\x89PNG\r\n\x1a\n"):
-        raise DeformError("the picture is no PNG.")
-    return data
-
-
-def from_png(png: bytes) -> Image:
-    """The picture (height, width, 3) of a PNG."""
-    from PIL import Image as Pillow
-
-    return np.asarray(Pillow.open(io.BytesIO(png)).convert("RGB")).copy()
-
-
 def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
     """The transfer function of the bytes that a window makes of values."""
     scale = 255 / (high - low)
     colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
     opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
     return TransferFunction(colors, opacities, transfer.unit)
-
-
-_LOG = logging.getLogger(__name__)
-
-
-def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
-    """A widget's bundle of mime types with a PNG added; without it where it cannot be drawn.
-
-    Where a program runs the notebook for later readers, the PNG takes the widget's place: such a program keeps the
-    state of all widgets, and a page made from both shows nothing until scripts from the network run.
-
-    Parameters
-    ----------
-    bundle : of ``_repr_mimebundle_``, alone or with metadata.
-    draw : makes the PNG. What goes wrong is logged: a picture for later readers must not keep the widget from being
-        shown now.
-    """
-    data = bundle[0] if isinstance(bundle, tuple) else bundle
-    if data is None:
-        return bundle
-    try:
-        data["image/png"] = draw()
-    except Exception:
-        _LOG.exception("the static picture of a widget could not be drawn")
-    else:
-        if runs_for_later_readers():
-            data.pop("application/vnd.jupyter.widget-view+json", None)
-    return bundle
-
-
-# Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
-# does but has a page in front of them, and Databricks.
-_PAGES_WITHOUT_INPUT = (
-    "SERVER_SOFTWARE",
-    "VOILA_BASE_URL",
-    "VOILA_KERNEL_ID",
-    "VOILA_PREHEAT",
-    "DATABRICKS_RUNTIME_VERSION",
-)
-
-
-def runs_for_later_readers() -> bool:
-    """Check whether a program runs this notebook without a user (nbconvert, nbclient, papermill, MyST-NB).
-
-    Those say with each cell that nobody answers ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
-    type.
-    """
-    if any(name in os.environ for name in _PAGES_WITHOUT_INPUT):
-        return False
-    ipython = sys.modules.get("IPython")
-    shell = ipython.get_ipython() if ipython is not None else None
-    kernel = getattr(shell, "kernel", None)
-    if kernel is None or not hasattr(kernel, "get_parent"):
-        return False
-    request = (kernel.get_parent("shell") or {}).get("content", {})
-    return "code" in request and request.get("allow_stdin") is False
 
 
 # Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
@@ -474,7 +386,7 @@ def make_scene(
 
 
 def scene_as_seen(
-    volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen, method: str = "auto"
+    volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings, method: str = "auto"
 ) -> VtkScene | CoreScene:
     """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
     scene, _ = make_scene(
@@ -496,7 +408,9 @@ class StillAsSeen:
     Parameters are those of :func:`scene_as_seen`.
     """
 
-    def __init__(self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: Seen) -> None:
+    def __init__(
+        self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings
+    ) -> None:
         self._arguments = volume, transfer, size, seen
         self.scene = scene_as_seen(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
 

@@ -5,7 +5,6 @@ Of many states the newest is sent: not before the front end has shown the one be
 
 from __future__ import annotations
 
-import io
 import logging
 import threading
 import time
@@ -15,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Image
+from deformnb.widgets.image_encoding import PREVIEW_SHARE, PREVIEW_SIZE, as_jpeg, as_png
 from deformnb.widgets.messages.views import FrameSent
-from deformnb.widgets.view.stills import PREVIEW_SHARE, PREVIEW_SIZE, as_png
 from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
-_QUALITY = 85  # 600 x 600 pixels are 14 kB and take 1 ms; PNG and WebP take five times as long
 _IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
 _LOST_AFTER = 2.0  # seconds; a front end that was closed confirms nothing
 
@@ -64,7 +62,7 @@ class FrameSender:
         camera : number of the change of the camera that it shows.
         by : id of the front end that made it.
         """
-        buffers = [_jpeg(image) for image in frame.images]
+        buffers = [as_jpeg(image) for image in frame.images]
         with self._lock:
             self._number += 1
             number = self._number
@@ -127,14 +125,6 @@ def preview_png(scene: LoopScene, shows: str) -> bytes:
 
     few = Pillow.fromarray(drawn(scene, PREVIEW_SIZE, shows, scale=PREVIEW_SHARE, coarseness=2.0))
     return as_png(np.asarray(few.resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)))
-
-
-def _jpeg(image: Image) -> bytes:
-    from PIL import Image as Pillow
-
-    stream = io.BytesIO()
-    Pillow.fromarray(image).save(stream, format="JPEG", quality=_QUALITY)
-    return stream.getvalue()
 
 
 _LOG = logging.getLogger(__name__)

@@ -29,7 +29,7 @@ from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared
-from deformnb.widgets.cell_widgets import close_earlier_of_this_cell
+from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
 from deformnb.widgets.messages.record import Seen
 from deformnb.widgets.messages.traits import take_traits
 from deformnb.widgets.messages.views import (
@@ -45,11 +45,11 @@ from deformnb.widgets.messages.views import (
     TrameAddress,
 )
 from deformnb.widgets.packed_volume import PackedVolume
-from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.synced import SyncedWidget, ViewMeta
 from deformnb.widgets.textures import MAP_SIZE
-from deformnb.widgets.view.base import AbstractView, Following, Refit, ViewMeta
+from deformnb.widgets.view.base import AbstractView, Following, Refit
 from deformnb.widgets.view.space_points import ShowsPoints
-from deformnb.widgets.view.stills import VIEW_METHODS, make_scene, with_png
+from deformnb.widgets.view.stills import VIEW_METHODS, make_scene
 from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
 from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
 

@@ -53,7 +53,7 @@ from deformnb.warping.warper import warp
 from deformnb.widgets import Studio
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
-from deformnb.widgets.inputs.preset_menu import PresetMenu
+from deformnb.widgets.inputs.transfer_editor import PresetMenu
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.studio import last_step
 

@@ -21,10 +21,10 @@ from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.session.pictures import Pictures
 from deformnb.widgets import LiveView, Studio
+from deformnb.widgets.image_encoding import PREVIEW_SIZE, from_png
 from deformnb.widgets.studio.controls import Panel, fill
 from deformnb.widgets.studio.head import StudioHead
 from deformnb.widgets.studio.sync import latency_text
-from deformnb.widgets.view.stills import PREVIEW_SIZE, from_png
 
 
 @pytest.fixture

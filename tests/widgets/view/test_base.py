@@ -24,7 +24,8 @@ from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.studio import Studio
-from deformnb.widgets.view.base import AbstractView, ViewMeta
+from deformnb.widgets.synced import ViewMeta
+from deformnb.widgets.view.base import AbstractView
 
 GRID = Grid((10, 20, 12))
 PLANE = Plane.along(GRID, "+y")

@@ -31,13 +31,13 @@ from deformnb.volume.transfer import TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.camera import HOME, checked_camera
 from deformnb.widgets.editor.editor import Editor
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.messages.views import ChunkRequest
 from deformnb.widgets.packed_volume import packed_volume
 from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view import stills
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
-from deformnb.widgets.view.stills import as_png
 from deformnb.widgets.view.transport import Pacer
 
 TURNED = ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0))

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from deformnb.session.exports import Seen
+from deformnb.imaging.display import DisplaySettings
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.messages.record import Message, Refused
 from deformnb.widgets.messages.views import LIVE, FieldContent, MovieFrame, MoviePiece
 from deformnb.widgets.textures import FieldTextures
 from deformnb.widgets.view.page_scene import PageGoneError, PageScene
-from deformnb.widgets.view.stills import as_png
 
 SIZE = (16, 12)
 SHADES = np.arange(12 * 16 * 3, dtype=np.uint8).reshape(12, 16, 3)
@@ -25,7 +25,7 @@ class Page:
         self.png, self.pieces, self.about = png or as_png(SHADES), pieces, about
         self.refused: list[str] = []
         nothing = FieldTextures(FieldContent(box={"low": [], "high": []}), [])
-        self.scene = PageScene(self.take, "p", SIZE, Seen(), lambda field, output: nothing, patience=0.01)
+        self.scene = PageScene(self.take, "p", SIZE, DisplaySettings(), lambda field, output: nothing, patience=0.01)
 
     def take(self, message: Message, _buffers: list[bytes]) -> None:
         if not isinstance(message, MovieFrame):

@@ -11,8 +11,9 @@ from deformnb.errors import Cancelled
 from deformnb.session.exports import Frozen, export
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.cell_widgets import with_png
 from deformnb.widgets.view.live_view import LiveView
-from deformnb.widgets.view.stills import CoreScene, StillAsSeen, with_png
+from deformnb.widgets.view.stills import CoreScene, StillAsSeen
 from deformnb.widgets.view.volume_view import VolumeView
 from deformnb.widgets.vtk.scene import VtkScene
 

@@ -16,8 +16,7 @@ import pytest
 from running_app import HANDSHAKE, RunningApp, connected, connection_with, in_a_terminal, request_of
 from waiting import PATIENCE
 
-from deformnb.app.application import Application
-from deformnb.app.launch import app_server
+from deformnb.app.application import Application, app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.widgets.web.guard import MOST_OPEN_PAGES
 from deformnb.widgets.web.server import PageServer

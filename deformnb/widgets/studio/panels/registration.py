@@ -34,9 +34,9 @@ from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, slider
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
-from deformnb.widgets.view.stills import as_png
 from deformnb.widgets.worker import Worker
 
 # Pixels of each preview along the longer side.

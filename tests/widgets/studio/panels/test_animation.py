@@ -18,10 +18,10 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
+from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.studio.panels import animation as animation_panel
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.view.live_view import LiveView
-from deformnb.widgets.view.stills import as_png
 
 GRID = Grid((16, 16, 32))
 

@@ -15,8 +15,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-from deformnb.warping.composed import ComposedEvaluator
-from deformnb.warping.node_table import ERROR
+from deformnb.warping.compositions import ERROR, ComposedEvaluator
 
 GRID = Grid((20, 24, 28), (1.0, 0.5, 1.5), (100.0, -40.0, 7.0))
 

@@ -17,8 +17,8 @@ from deformnb.rbf.regions import HalfSpace, Line
 from deformnb.rbf.rigid import RigidPart
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
+from deformnb.warping.compositions import ERROR, NodeTable
 from deformnb.warping.exact_places import ExactPlaces
-from deformnb.warping.node_table import ERROR, NodeTable
 from deformnb.warping.node_walk import smoothness_of
 
 GRID = Grid((30, 33, 41), (1.0, 1.25, 0.8), (100.0, -40.0, 7.0))

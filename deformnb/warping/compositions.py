@@ -1,4 +1,8 @@
-"""Displacements of a composition as one table of nodes, read by cubic interpolation.
+"""Compositions of deformations at all voxels of a block: a table of nodes, read by cubic interpolation.
+
+``D = D_last(x) + D_before(x + D_last(x)) + ...`` is interpolated between nodes where it is smooth. Elsewhere only the
+last deformation is evaluated on a lattice, the others at the places to which the ones after them lead
+(:mod:`deformnb.warping.exact_places`). A GPU evaluates all of them at every voxel.
 
 Every deformation of a composition is evaluated at the places to which those after it lead, so that n of them cost n
 sums over control points at every voxel. Nodes a few voxels apart need a sixty-fourth of that. Between nodes at distance
@@ -19,7 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from itertools import chain
 from typing import Any, NamedTuple, TypeAlias
 
@@ -28,7 +32,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Floats, Progress
 from deformnb.rbf.exactness import SHARES
-from deformnb.rbf.fields import AbstractField, links_of
+from deformnb.rbf.fields import AbstractField, Identity, grid_lines, links_of
 from deformnb.volume.sampling import to_device
 from deformnb.volume.volume import Grid
 from deformnb.warping import border_cells, planning
@@ -469,3 +473,80 @@ def _weights(count: int, spacing: int) -> NDArray[np.float32]:
     for k, w in enumerate(lagrange(t)):
         weights[cell + k, at] = w
     return weights
+
+
+class ComposedEvaluator:
+    """The steps of a composition, made ready for one output grid.
+
+    Parameters
+    ----------
+    field : any field in space; one that is no composition has one step.
+    grid : the output's grid.
+    """
+
+    def __init__(self, field: AbstractField, grid: Grid) -> None:
+        self._field, self._grid = field, grid
+        self._links = links = [link for link in links_of(field) if not isinstance(link, Identity)] or [Identity(3)]
+        self.has_cuts = field.has_cuts
+        # Fields with cuts are slow on a lattice too; others are exact and fast there.
+        start = 0 if links[0].has_cuts else 1
+        self._first, self._rest = links[0] if start else None, links[start:]
+        is_long = bool(self._rest) or len(field.steps) > 1
+        self._is_known = is_long and smoothness_of(field) is not None
+        self._nodes: NodeTable | None = None
+
+    @property
+    def is_single(self) -> bool:
+        """True if there is nothing that a lattice would not do."""
+        return not self._rest and not self._is_known
+
+    def prepare(self, progress: Progress | None = None) -> None:
+        """Evaluate the nodes between which the composition is interpolated.
+
+        Parameters
+        ----------
+        progress : called with the finished share.
+        """
+        if self._is_known and not self._at_voxels.is_on_gpu:
+            self._nodes = NodeTable(self._field, self._grid, progress)
+
+    def block(self, block: tuple[slice, slice]) -> Displacements:
+        """Displacements in a block of planes and rows, one of :func:`~deformnb.warping.planning.square_blocks`."""
+        found = None if self._nodes is None else self._nodes.block(block)
+        if found is not None:
+            return found
+        lattice = planning.lattice(self._grid, block, 1)
+        if not self._at_voxels.is_on_gpu:
+            return self._at_all(lattice)
+        d, opacity = self._at_voxels.on_gpu(lattice)
+        return Displacements(d, opacity=opacity)
+
+    def left(self) -> list[Callable[[], Replacement]]:
+        """Replacements due in the blocks so far, see :meth:`NodeTable.left`."""
+        return [] if self._nodes is None else self._nodes.left()
+
+    @cached_property
+    def _at_voxels(self) -> ExactPlaces:
+        return ExactPlaces(self._links, self._grid)
+
+    @cached_property
+    def _at_places(self) -> ExactPlaces:
+        return ExactPlaces(self._rest, self._grid)
+
+    def _at_all(self, lattice: Grid) -> Displacements:
+        rows, columns = grid_lines(lattice)
+        places = (rows[:, :, None] + columns[:, None, :]).reshape(3, -1)
+        d = np.zeros_like(places)
+        if self._first is not None:
+            first = planning.seen(self._first, lattice)[0]
+            d += np.stack([np.asarray(part).ravel() for part in _as_parts(first)])
+        more, opacity = self._at_places(places + d)
+        shape = lattice.shape
+        return Displacements(
+            tuple(part.reshape(shape) for part in (d + more).astype(np.float32)),
+            opacity=opacity.reshape(shape) if self.has_cuts else None,
+        )
+
+
+def _as_parts(d: Any) -> list[Any]:
+    return list(d) if isinstance(d, tuple) else list(np.moveaxis(np.asarray(d), -1, 0))
