@@ -163,7 +163,7 @@ _KEPT_BYTES = 2**27
 def smoothstep(t: Any, xp: Any = np) -> Any:
     """A step from 0 to 1 over t from 0 to 1 with two continuous derivatives: 6 t^5 - 15 t^4 + 10 t^3.
 
-    >>> saturated(np.array([-1.0, 0.5, 2.0])).tolist()
+    >>> smoothstep(np.array([-1.0, 0.5, 2.0])).tolist()
     [0.0, 0.5, 1.0]
     """
     t = xp.clip(t, 0.0, 1.0)

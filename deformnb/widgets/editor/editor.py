@@ -61,7 +61,7 @@ _PREVIEW_SIZE = 572  # pixels along the longer side, some 100 kB in the notebook
 _PARTS = 6  # of a grid line in a cell
 
 
-def pictureas_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
+def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
     """The picture as PNG, and what its pixels mean, for a front end that applies the window itself.
 
     Returns
@@ -143,7 +143,7 @@ def deformed_lines(lines: list[NDArray[np.float64]], fit: AbstractField) -> list
     return pieces
 
 
-def previewas_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
+def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], AbstractField], cells: int) -> bytes:
     """The deformed picture with its grid and points; nothing is fitted, and no JAX imported, before a drag."""
     lines = grid_lines(picture.raster, cells) if cells else []
     if points.displacement.any():
@@ -342,10 +342,10 @@ class Editor(EditedPoints):
         shapes = {"cuts": self.cuts, "parts": self.parts, "cut_rule": self.cut_rule}
         return Step((self.points,), self._picture.plane, **{**self.settings.as_dict(), **shapes, **options})
 
-    def previewas_png(self) -> bytes:
+    def preview_png(self) -> bytes:
         """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
         picture = self.picture or sheet(self.points)
-        return previewas_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
+        return preview_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
 
     # ---- shapes -----------------------------------------------------------------------------------------------------
 
@@ -501,7 +501,7 @@ class Editor(EditedPoints):
 def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
     """The traits that follow from a picture, or from an empty sheet."""
     where = picture.raster if picture is not None else raster or sheet(points).raster
-    made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else pictureas_png(picture)
+    made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else picture_png(picture)
     image, facts = made
     grid = None if picture is None else picture.grid
     if grid is not None:
