@@ -592,7 +592,7 @@ def carry_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequ
     >>> from deformnb.rbf.regions import Polygon
     >>> bone = RigidPart(Polygon([(0, 0), (9, 0), (9, 9), (0, 9)]))
     >>> points = ControlPoints.from_arrays([[2, 2], [20, 2]])
-    >>> carried_points(points, [bone], [replace(bone, motion=RigidMotion.turn(0, (0, 0), (5, 1)))]).target.tolist()
+    >>> carry_points(points, [bone], [replace(bone, motion=RigidMotion.turn(0, (0, 0), (5, 1)))]).target.tolist()
     [[7.0, 3.0], [20.0, 2.0]]
     """
     target = points.target.copy()
