@@ -65,7 +65,7 @@ def orient_points(points: ControlPoints, direction: str) -> ControlPoints:
 
     Examples
     --------
-    >>> oriented(ControlPoints.from_arrays([[0, 0]], [[1, 2]]), "forward").source.tolist()
+    >>> orient_points(ControlPoints.from_arrays([[0, 0]], [[1, 2]]), "forward").source.tolist()
     [[1.0, 2.0]]
     """
     return replace(points, source=points.target, target=points.source) if direction == "forward" else points
@@ -82,6 +82,7 @@ class ForwardFit(AbstractField):
 
     Examples
     --------
+    >>> from deformnb.rbf.fitting import fit_forward
     >>> points = ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9], [9, 9]], [[0, 0], [9, 0], [0, 9], [14, 12]])
     >>> fit = fit_forward(points)
     >>> fit.displacement([[14.0, 12.0]]).round(9).tolist()

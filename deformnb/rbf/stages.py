@@ -33,7 +33,8 @@ class Staged(AbstractField):
 
     Examples
     --------
-    >>>     >>> from deformnb.rbf.points import ControlPoints
+    >>> from deformnb.rbf.fitting import fit_rbf
+    >>> from deformnb.rbf.points import ControlPoints
     >>> fit = fit_rbf(ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]], [[2, 0], [11, 0], [2, 9]]))
     >>> Staged((fit, fit)).displacement([[5.0, 5.0]]).round(3).tolist()
     [[-4.0, 0.0]]
