@@ -20,10 +20,9 @@ import {
   pagePart,
   StandalonePage,
   showOnPage,
-  textElement,
 } from "./standalone_page.ts";
 import type { Point, Values, Vector2 } from "./types.ts";
-import { OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
+import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
 import { inLanguage, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";
 import type { Plane } from "./volume/grid.ts";
@@ -344,14 +343,9 @@ class FileOpener {
     this.side = SIDE;
     const root = pagePart("open");
     this.chooser = pageElement("input", "", root, { type: "file", hidden: "", "aria-label": "A volume or a picture" });
-    this.button = textElement(
-      "button",
-      "dnb-page-button dnb-page-choose",
-      root,
-      { type: "button", ...OWN_KEYS },
-      "Open a file\u2026",
-    );
-    this.words = textElement(
+    const name = "dnb-page-button dnb-page-choose";
+    this.button = buttonElement(name, root, "Open a file\u2026", () => this.chooser.click());
+    this.words = pageElement(
       "span",
       "dnb-page-words",
       root,
@@ -361,17 +355,15 @@ class FileOpener {
     );
     const { label, tooltip, options } = this.template.parameters.view;
     this.sideBox = pageElement("label", "dnb-page-field", root, { hidden: "", title: tooltip });
-    textElement("span", "dnb-page-label", this.sideBox, {}, label);
+    pageElement("span", "dnb-page-label", this.sideBox, {}, label);
     this.sides = pageElement("select", "dnb-page-select", this.sideBox, { name: "side", ...OWN_KEYS });
-    for (const [value, text] of options) textElement("option", "", this.sides, { value }, text);
+    for (const [value, text] of options) pageElement("option", "", this.sides, { value }, text);
     this.bar = pageElement("progress", "dnb-page-progress", root, {
       max: 1,
       hidden: "",
       "aria-label": "share that is done",
     });
-    this.cancel = textElement("button", "dnb-page-button", root, { type: "button", hidden: "", ...OWN_KEYS }, "Cancel");
-    this.button.addEventListener("click", () => this.chooser.click());
-    this.cancel.addEventListener("click", () => this.work?.abort());
+    this.cancel = buttonElement("dnb-page-button", root, "Cancel", () => this.work?.abort(), { hidden: "" });
     this.chooser.addEventListener("change", () => {
       const [file] = this.chooser.files ?? [];
       if (file) this.open(file);

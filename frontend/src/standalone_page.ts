@@ -7,8 +7,7 @@ import { ClipSliders } from "./inputs/clip_sliders.ts";
 import { clipOf, isClipped } from "./maths/clipping.ts";
 import { PlainModel } from "./sync/host_model.ts";
 import type { KernelTable, Point, Values } from "./types.ts";
-import type { Attributes } from "./ui/dom.ts";
-import { OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
+import { buttonElement, OWN_KEYS, pageElement, saveFile } from "./ui/dom.ts";
 
 /** The content of a message and its buffers */
 export type Packet = [Values, DataView<ArrayBuffer>[]];
@@ -153,18 +152,6 @@ function viewAnswers(
 }
 
 // ---- the page -------------------------------------------------------------------------------------------------------
-
-export function textElement<K extends keyof HTMLElementTagNameMap>(
-  tag: K,
-  className: string,
-  parent: Element | null,
-  attributes: Attributes,
-  text: string,
-): HTMLElementTagNameMap[K] {
-  const made = pageElement(tag, className, parent, attributes);
-  made.textContent = text;
-  return made;
-}
 
 export function pagePart(name: string) {
   return document.querySelector(`.dnb-page-${name}`) as HTMLElement;
@@ -322,13 +309,12 @@ export class StandalonePage {
 
   #field(bar: Element, label: string, title: string) {
     const box = pageElement("label", "dnb-page-field", bar, { title });
-    textElement("span", "dnb-page-label", box, {}, label);
+    pageElement("span", "dnb-page-label", box, {}, label);
     return box;
   }
 
   button(bar: Element, text: string, title: string, action: () => void) {
-    const button = textElement("button", "dnb-page-button", bar, { type: "button", title, ...OWN_KEYS }, text);
-    button.addEventListener("click", () => guarded(action));
+    buttonElement("dnb-page-button", bar, text, () => guarded(action), { title });
   }
 
   #slider(bar: Element, { name, now, set, listen }: Bound<number>, shown: (value: number) => string) {
@@ -356,7 +342,7 @@ export class StandalonePage {
     const { label, tooltip, options } = this.data.parameters[name] as MenuParameter;
     const box = this.#field(bar, label, tooltip);
     const select = pageElement("select", "dnb-page-select", box, { name, ...OWN_KEYS });
-    for (const [value, text] of options) textElement("option", "", select, { value }, text);
+    for (const [value, text] of options) pageElement("option", "", select, { value }, text);
     const show = () => {
       select.value = now();
     };
@@ -382,7 +368,7 @@ export class StandalonePage {
   /** Adds the sliders that cut the volume, in a box of their own under the others. */
   #clip(bar: Element, view: PlainModel) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
-    textElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS }, "Clipping");
+    pageElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS }, "Clipping");
     this.cut = box;
     this.sliders = new ClipSliders(box, view);
     box.open = isClipped(clipOf(view));

@@ -4,7 +4,7 @@
 // widget manager.
 
 import { Widget } from "@lumino/widgets";
-import { pageElement } from "../ui/dom.ts";
+import { buttonElement, named } from "../ui/dom.ts";
 import type { Component } from "./types.ts";
 import { WidgetManager } from "./widget_manager.ts";
 
@@ -88,13 +88,8 @@ function setTheme(isDark: boolean) {
 /** The button that changes light and dark. */
 function addThemeButton() {
   const label = "Light or dark";
-  const button = pageElement("button", "dnb-app-theme", document.body, {
-    type: "button",
-    title: label,
-    "aria-label": label,
-  });
-  button.textContent = "\u25d0";
-  button.addEventListener("click", () => setTheme(document.body.dataset.jpThemeLight === "true"));
+  const turn = () => setTheme(document.body.dataset.jpThemeLight === "true");
+  buttonElement("dnb-app-theme", document.body, "\u25d0", turn, named(label));
 }
 
 window.deformnb_app = {

@@ -4,7 +4,7 @@
 import type { CurveEditorToFrontEnd } from "../generated.ts";
 import { EditLink } from "../sync/edits.ts";
 import type { Handlers, Model, ModelHandler, Values, Vector2 } from "../types.ts";
-import { pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
+import { buttonElement, named, pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
@@ -89,6 +89,16 @@ export class InputView {
       signal: this.closed.signal,
       ...options,
     });
+  }
+
+  /** A button with a sign or an icon, which its tip explains. */
+  iconButton(parent: ParentNode, content: string | Node, tip: string, act: () => void, className = "dnb-cv-button") {
+    return buttonElement(className, parent, content, () => this.guard(act), named(tip));
+  }
+
+  /** A button with words. */
+  wordButton(parent: ParentNode, words: string, title: string, act: () => void) {
+    return buttonElement("dnb-cv-button dnb-cv-wide", parent, words, () => this.guard(act), title ? { title } : {});
   }
 
   close() {

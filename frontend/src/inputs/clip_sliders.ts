@@ -5,7 +5,7 @@ import { AXES, type Axis, perAxis } from "../maths/axes.ts";
 import { dot, scaled, sideOf } from "../maths/camera.ts";
 import { type Clip, clipOf, isClipped, UNCLIPPED } from "../maths/clipping.ts";
 import type { Matrix3, Model, Vector3 } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { buttonElement, OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 
 const CLIP_STEP = 0.01;
 const THINNEST = 0.02; // of the box: a part can always be taken hold of again
@@ -102,10 +102,7 @@ export class ClipSliders {
   }
 
   #button(parent: HTMLElement, text: string, title: string, action: () => void) {
-    const button = pageElement("button", "dnb-clip-button", parent, { type: "button", title, ...OWN_KEYS });
-    button.textContent = text;
-    button.addEventListener("click", action);
-    return button;
+    return buttonElement("dnb-clip-button", parent, text, action, { title });
   }
 
   #moved(axis: Axis, end: End, value: number) {

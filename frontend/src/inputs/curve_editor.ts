@@ -20,12 +20,12 @@ class CurveEditorView extends CurvePlot {
     super(model, el, "dnb-curve-editor");
     this.snaps = [0, 1];
     this.chooser = pageElement("select", "dnb-cv-select", this.bar, { "aria-label": "Ready-made curves", ...OWN_KEYS });
-    pageElement("option", "", this.chooser, { value: "" }).textContent = "Own curve";
+    pageElement("option", "", this.chooser, { value: "" }, "Own curve");
     for (const [name, formula] of Object.entries<string>(this.model.get("presets") ?? {})) {
-      pageElement("option", "", this.chooser, { value: formula }).textContent = name.replace("-", "\u2212");
+      pageElement("option", "", this.chooser, { value: formula }, name.replace("-", "\u2212"));
     }
     const label = pageElement("label", "dnb-cv-formula", this.bar);
-    pageElement("span", "", label).textContent = "f(z) =";
+    pageElement("span", "", label, {}, "f(z) =");
     this.input = pageElement("input", "dnb-cv-input", label, {
       type: "text",
       maxlength: "200",
@@ -35,12 +35,8 @@ class CurveEditorView extends CurvePlot {
       "aria-label": "formula of the curve",
       ...OWN_KEYS,
     });
-    this.smoother = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, {
-      type: "button",
-      title: "Round the lines between nodes",
-      ...OWN_KEYS,
-    });
-    this.smoother.textContent = "Smooth";
+    const tip = "Round the lines between nodes";
+    this.smoother = this.wordButton(this.bar, "Smooth", tip, () => this.toggleSmooth());
     this.bar.append(this.pair);
     this.listen(this.chooser, "change", () => {
       if (this.chooser.value) this.take(this.chooser.value);
@@ -59,7 +55,6 @@ class CurveEditorView extends CurvePlot {
       if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
       if (event.key === "Escape") this.forget();
     });
-    this.listen(this.smoother, "click", () => this.toggleSmooth());
     for (const name of ["range", "height"]) this.on(`change:${name}`, () => this.invalidate());
     this.start();
   }

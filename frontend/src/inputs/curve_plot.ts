@@ -91,8 +91,12 @@ export class CurvePlot extends InputView {
     for (const layer of [this.backLayer, this.axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
     this.line = svgElement("path", { class: "dnb-cv-line" }, this.curveLayer);
     this.pair = pageElement("span", "dnb-cv-pair", null); // of buttons, for the bar
-    this.adder = this.#button("+", "Add a node after the chosen one (A, or double click)", () => this.addChosen());
-    this.remover = this.#button("\u2212", "Remove the chosen node (Del, or right click)", () => this.removeChosen());
+    this.adder = this.iconButton(this.pair, "+", "Add a node after the chosen one (A, or double click)", () =>
+      this.addChosen(),
+    );
+    this.remover = this.iconButton(this.pair, "\u2212", "Remove the chosen node (Del, or right click)", () =>
+      this.removeChosen(),
+    );
     this.cancelDrag = listenToDrags(this, this.svg, this);
     this.listen(this.svg, "dblclick", (event) => this.doubleClick(event));
     this.listen(this.svg, "contextmenu", (event) => this.contextMenu(event));
@@ -106,18 +110,6 @@ export class CurvePlot extends InputView {
   close() {
     clearTimeout(this.keyTimer);
     super.close();
-  }
-
-  #button(text: string, tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.pair, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
-    });
-    button.textContent = text;
-    this.listen(button, "click", action);
-    return button;
   }
 
   // ---- the axes -----------------------------------------------------------------------------------------------------
@@ -452,8 +444,7 @@ export class CurvePlot extends InputView {
   }
 
   write(x: number, y: number, text: string, anchor: string) {
-    const node = svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer);
-    node.textContent = text;
+    svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer, text);
   }
 
   drawNodes() {

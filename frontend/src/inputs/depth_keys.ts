@@ -35,8 +35,10 @@ class DepthKeysView extends InputView {
     super(model, el, "dnb-depth-keys");
     this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
     this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", this.bar);
-    this.adder = this.#button("+", "Add a key beside the selected one (A, or double click)", () => this.addBeside());
-    this.remover = this.#button("\u2212", "Remove the selected key (Del, or right click)", () =>
+    this.adder = this.iconButton(this.bar, "+", "Add a key beside the selected one (A, or double click)", () =>
+      this.addBeside(),
+    );
+    this.remover = this.iconButton(this.bar, "\u2212", "Remove the selected key (Del, or right click)", () =>
       this.remove(this.selected),
     );
     this.stage = pageElement("div", "dnb-cv-stage", this.root);
@@ -65,18 +67,6 @@ class DepthKeysView extends InputView {
   close() {
     clearTimeout(this.keyTimer);
     super.close();
-  }
-
-  #button(text: string, tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.bar, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
-    });
-    button.textContent = text;
-    this.listen(button, "click", action);
-    return button;
   }
 
   adopt({ knots, selected }: { knots: number[]; selected: number }) {
@@ -299,9 +289,8 @@ class DepthKeysView extends InputView {
   #drawTick(depth: number, text: string, anchor: string, dx: number) {
     const x = this.toPixel(depth);
     svgElement("path", { class: "dnb-cv-tick", d: `M${x} ${BAR.line + 13}v3` }, this.back);
-    const node = svgElement("text", { class: "dnb-cv-text", x: x + dx, y: BAR.height - 3, "text-anchor": anchor });
-    node.textContent = text;
-    this.back.append(node);
+    const place = { x: x + dx, y: BAR.height - 3, "text-anchor": anchor };
+    svgElement("text", { class: "dnb-cv-text", ...place }, this.back, text);
   }
 
   #drawMarks() {
@@ -323,9 +312,9 @@ class DepthKeysView extends InputView {
       svgElement("circle", { r: 13, class: "dnb-cv-hit" }, mark);
       svgElement("circle", { r: 12, class: "dnb-cv-halo" }, mark);
       svgElement("circle", { r: 8.5, class: "dnb-cv-dot" }, mark);
-      const number = svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark);
       this.marks.push(mark);
-      number.textContent = String(this.marks.length);
+      const number = String(this.marks.length);
+      svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark, number);
     }
     this.knots.forEach((knot, k) => {
       const isSelected = k === this.selected,

@@ -3,7 +3,7 @@
 
 import type { FileInputToFrontEnd, UploadBegin, UploadCancel, UploadPiece } from "../generated.ts";
 import type { Model } from "../types.ts";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { buttonElement, pageElement, setText } from "../ui/dom.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
 
@@ -55,12 +55,10 @@ class FileInputView {
     this.state = pageElement("div", "dnb-fi-state", this.root, { hidden: "" });
     this.words = pageElement("span", "dnb-fi-words", this.state, { role: "status" });
     this.bar = pageElement("progress", "dnb-fi-bar", this.state, { max: 1, "aria-label": "share that is done" });
-    this.stop = pageElement("button", "dnb-fi-stop", this.state, { type: "button", ...OWN_KEYS });
-    this.stop.textContent = "Cancel";
+    this.stop = buttonElement("dnb-fi-stop", this.state, "Cancel", () => this.cancel());
     this.veil = pageElement("div", "dnb-fi-veil", this.root, { hidden: "" });
     const { signal } = this.closing;
     this.button.addEventListener("click", () => this.chooser.click(), { signal });
-    this.stop.addEventListener("click", () => this.cancel(), { signal });
     this.chooser.addEventListener(
       "change",
       () => {

@@ -48,8 +48,8 @@ class GridDrawingView extends InputView {
     this.lines = svgElement("path", { class: "dnb-gd-line", "aria-hidden": "true" }, this.svg);
     this.nodes = svgElement("g", {}, this.svg);
     const bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
-    this.undo = this.#button(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.takeBack());
-    this.spread = this.#button(bar, "Spread evenly", "Let all nodes but the corners follow the corners again", () =>
+    this.undo = this.wordButton(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.takeBack());
+    this.spread = this.wordButton(bar, "Spread evenly", "Let all nodes but the corners follow the corners again", () =>
       this.spreadEvenly(),
     );
     this.note = pageElement("span", "dnb-gd-note", bar);
@@ -65,13 +65,6 @@ class GridDrawingView extends InputView {
   close() {
     URL.revokeObjectURL(this.url ?? "");
     super.close();
-  }
-
-  #button(bar: HTMLElement, text: string, tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button dnb-cv-wide", bar, { type: "button", title: tip, ...OWN_KEYS });
-    button.textContent = text;
-    this.listen(button, "click", action);
-    return button;
   }
 
   showImage() {

@@ -7,7 +7,7 @@ import type { ItemListToFrontEnd, RowCommand as RowMessage } from "../generated.
 import { LONGEST_ROW_NAME } from "../generated.ts";
 import type { Model } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setText, svgElement, targetOf } from "../ui/dom.ts";
+import { buttonElement, iconElement, OWN_KEYS, pageElement, setText, targetOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 
 /** A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds. */
@@ -161,7 +161,7 @@ class ItemListView {
     if (!columns.length || !isShown) return;
     const line = pageElement("tr", "", this.head);
     for (const text of ["", ...columns, ...(this.hasSwitches ? ["On"] : []), ""]) {
-      pageElement("th", "", line, { scope: "col" }).textContent = text;
+      pageElement("th", "", line, { scope: "col" }, text);
     }
   }
 
@@ -182,22 +182,14 @@ class ItemListView {
     for (let depth = 0; depth < (row.indent || 0); depth += 1) {
       pageElement("span", "dnb-il-indent", cell, { "aria-hidden": "true" });
     }
-    const choose = pageElement("button", "dnb-il-choose", cell, {
-      type: "button",
+    const choose = buttonElement("dnb-il-choose", cell, name, () => this.act("choose", k), {
       "data-part": "choose",
       title: row.tip || name,
       "aria-label": `${row.swatch && !row.mark ? "" : `${k + 1}: `}${[name, ...facts].filter(Boolean).join(", ")}`,
       ...(isChosen ? { "aria-current": "true" } : {}),
-      ...OWN_KEYS,
     });
-    choose.textContent = name;
-    choose.addEventListener("click", () => this.act("choose", k));
     choose.addEventListener("dblclick", () => this.#rename(k));
-    for (const fact of facts) {
-      const shown = pageElement("td", "dnb-il-fact", line);
-      shown.textContent = fact;
-      shown.title = fact;
-    }
+    for (const fact of facts) pageElement("td", "dnb-il-fact", line, { title: fact }, fact);
     if (this.hasSwitches) this.#switch(line, row, k, name);
     this.#buttons(pageElement("td", "dnb-il-buttons", line), k, name);
     return line;
@@ -223,16 +215,13 @@ class ItemListView {
     for (const command of this.commands) {
       const [tip, path] = ROW_BUTTONS[command];
       const isOff = (command === "up" && k === 0) || (command === "down" && k === last);
-      const button = pageElement("button", "dnb-il-button", cell, {
-        type: "button",
+      const act = () => (command === "rename" ? this.#rename(k) : this.act(command, k));
+      buttonElement("dnb-il-button", cell, iconElement(path), act, {
         title: tip,
         "data-part": command,
         "aria-label": `${tip.split(" (")[0]} ${name}`,
         "aria-disabled": isOff,
-        ...OWN_KEYS,
       });
-      svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
-      button.addEventListener("click", () => (command === "rename" ? this.#rename(k) : this.act(command, k)));
     }
   }
 

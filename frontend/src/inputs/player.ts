@@ -10,7 +10,7 @@
 
 import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
 import type { Bus, Model, TimeDetail } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { iconElement, OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { InputView } from "./base.ts";
 
 const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
@@ -159,10 +159,12 @@ class PlayerView extends InputView {
     this.clock.leader ??= this;
     const bar = pageElement("div", "dnb-pl-bar", this.root);
     const buttons = pageElement("div", "dnb-pl-buttons", bar);
-    this.back = this.#button(buttons, "first", "Key frame before (Page up)", () => this.toKey(-1));
-    this.play = this.#button(buttons, "play", "Play (Space)", () => this.toggle());
+    const icon = (name: keyof typeof PLAYER_ICONS, tip: string, act: () => void) =>
+      this.iconButton(buttons, iconElement(PLAYER_ICONS[name]), tip, act, "dnb-pl-button");
+    this.back = icon("first", "Key frame before (Page up)", () => this.toKey(-1));
+    this.play = icon("play", "Play (Space)", () => this.toggle());
     this.play.classList.add("dnb-pl-play");
-    this.next = this.#button(buttons, "last", "Next key frame (Page down)", () => this.toKey(1));
+    this.next = icon("last", "Next key frame (Page down)", () => this.toKey(1));
     this.track = pageElement("div", "dnb-pl-track", bar, {
       role: "slider",
       tabindex: 0,
@@ -204,19 +206,6 @@ class PlayerView extends InputView {
     releaseBus(this.bus, this.uid);
     if (this.bus.owners <= 0) this.clock.pause();
     super.close();
-  }
-
-  #button(parent: HTMLElement, icon: "first" | "play" | "last", tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-pl-button", parent, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
-    });
-    const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
-    svgElement("path", { d: PLAYER_ICONS[icon] }, svg);
-    this.listen(button, "click", action);
-    return button;
   }
 
   #select(parent: HTMLElement, label: string, chosen: (value: string) => void) {

@@ -7,7 +7,16 @@
 import type { PointsCommand, PointsTableToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
 import type { Bus, Handlers, Model, PointsDetail } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
+import {
+  buttonElement,
+  iconElement,
+  OWN_KEYS,
+  pageElement,
+  setAttributes,
+  setText,
+  targetOf,
+  treeOf,
+} from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
 import type { Column, TableRow } from "./point_rows.ts";
 import {
@@ -193,16 +202,10 @@ class PointsTableView {
   }
 
   #button(name: string, text: string, tip: string, parent: HTMLElement = this.bar) {
-    const made = pageElement("button", "dnb-pt-button", parent, {
-      type: "button",
-      title: tip,
-      "data-act": name,
-      ...OWN_KEYS,
-    });
-    made.textContent = text;
-    made.addEventListener("click", () => {
+    const run = () => {
       if (made.getAttribute("aria-disabled") !== "true") this.run(name);
-    });
+    };
+    const made = buttonElement("dnb-pt-button", parent, text, run, { title: tip, "data-act": name });
     return made;
   }
 
@@ -409,15 +412,12 @@ class PointsTableView {
         "data-key": column.key,
         title: column.tip,
       });
-      const button = pageElement("button", "dnb-pt-sort", cell, {
-        type: "button",
+      const title = pageElement("span", "", null, {}, column.title);
+      const button = buttonElement("dnb-pt-sort", cell, title, () => this.sortBy(column.key), {
         tabindex: "-1",
-        ...OWN_KEYS,
         "aria-label": `${column.title || "Go to"}: ${column.tip}. Sort`,
       });
-      pageElement("span", "", button).textContent = column.title;
       pageElement("span", "dnb-pt-way", button, { "aria-hidden": "true" });
-      button.addEventListener("click", () => this.sortBy(column.key));
     });
     const widths = this.columns.map(({ width }) => width).join(" ");
     const least = this.columns.reduce((sum, column) => sum + leastWidth(column), 0);
@@ -449,13 +449,8 @@ class PointsTableView {
       if (column.kind === "check") {
         pageElement("input", "dnb-pt-box", cell, { type: "checkbox", tabindex: "-1", ...OWN_KEYS });
       } else if (column.kind === "go") {
-        const button = pageElement("button", "dnb-pt-go", cell, {
-          type: "button",
-          tabindex: "-1",
-          title: column.tip,
-          ...OWN_KEYS,
-        });
-        svgElement("path", { d: GO_ICON }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
+        const attributes = { type: "button", tabindex: "-1", title: column.tip, ...OWN_KEYS };
+        pageElement("button", "dnb-pt-go", cell, attributes, iconElement(GO_ICON));
       } else setAttributes(cell, { tabindex: "-1", ...OWN_KEYS });
     });
     this.rows.set(id, row);

@@ -57,7 +57,7 @@ class PresetMenuView {
       tabindex: -1,
     });
     const picture = pageElement("img", "", option, { alt: "", width: PICTURE, height: PICTURE, draggable: "false" });
-    pageElement("span", "", option).textContent = labelOf(name);
+    pageElement("span", "", option, {}, labelOf(name));
     option.addEventListener("click", () => this.#choose(name), { signal: this.closing.signal });
     return { option, picture };
   }

@@ -7,7 +7,7 @@
 import type { RestoreBarToFrontEnd, RestoreCommand } from "../generated.ts";
 import type { Model } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { buttonElement, pageElement, setText } from "../ui/dom.ts";
 
 /** Command, text, tip */
 const RESTORE_BUTTONS: [RestoreCommand["what"], string, string][] = [
@@ -50,13 +50,8 @@ class RestoreBarView {
     this.root = pageElement("div", "dnb-restore", el, { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
     this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {
-      const button = pageElement("button", `dnb-restore-button dnb-restore-${what}`, this.root, {
-        type: "button",
-        title: tip,
-        ...OWN_KEYS,
-      });
-      button.textContent = text;
-      button.addEventListener("click", () => this.#act(what, button));
+      const name = `dnb-restore-button dnb-restore-${what}`;
+      const button = buttonElement(name, this.root, text, () => this.#act(what, button), { title: tip });
       return button;
     });
     this.draw = () => this.#draw();

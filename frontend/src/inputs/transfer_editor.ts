@@ -3,7 +3,17 @@
 import type { Node, NodeRules } from "../maths/curves.ts";
 import { lineAt, shownNumber } from "../maths/curves.ts";
 import type { Model, Vector2, Vector3, Vector4 } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, targetOf, treeOf } from "../ui/dom.ts";
+import {
+  buttonElement,
+  iconElement,
+  OWN_KEYS,
+  pageElement,
+  setAttributes,
+  setText,
+  svgElement,
+  targetOf,
+  treeOf,
+} from "../ui/dom.ts";
 import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
 import { ARROWS, CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
@@ -70,6 +80,7 @@ export function movedWindow(
 
 // ---- the colours: a strip, and under it stops that are dragged, added, removed and recoloured -----------------------
 
+const TITLE = { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" };
 const STRIP = { top: 28, height: 12 }; // CSS pixels, from the floor of the plot
 const PIN = "M0 -1L6 6V15.5H-6V6Z";
 
@@ -131,8 +142,7 @@ class ColorStops {
     fill: string,
   ) {
     this.group = svgElement("g", { class: "dnb-cv-stops" }, view.svg);
-    this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
-    this.title.textContent = "Colours";
+    this.title = svgElement("text", TITLE, this.group, "Colours");
     this.strip = svgElement("rect", { class: "dnb-cv-strip", fill, height: STRIP.height, rx: 2 }, this.group);
     // Double clicks go to this.
     this.ground = svgElement("rect", { class: "dnb-cv-hit", height: STRIP.height + 18 }, this.group);
@@ -376,7 +386,7 @@ class ColorStops {
     svgElement("path", { class: "dnb-cv-ring", d: PIN }, grip);
     svgElement("path", { class: "dnb-cv-pin", d: PIN }, grip);
     const tip = "Drag; double click or Enter: another colour; right click or Del: remove";
-    svgElement("title", {}, grip).textContent = tip;
+    svgElement("title", {}, grip, tip);
     view.listen(grip, "focus", () => {
       if (!view.isHeld) this.choose(this.grips.indexOf(grip));
     });
@@ -413,8 +423,7 @@ class WindowBar {
 
   constructor(readonly view: TransferEditorView) {
     this.group = svgElement("g", { class: "dnb-cv-window" }, view.svg);
-    this.title = svgElement("text", { class: "dnb-cv-text", "text-anchor": "end", "aria-hidden": "true" }, this.group);
-    this.title.textContent = "Window";
+    this.title = svgElement("text", TITLE, this.group, "Window");
     this.rail = svgElement("path", { class: "dnb-cv-rail", "aria-hidden": "true" }, this.group);
     this.grips = {
       level: this.#grip("level", "level: all values"),
@@ -554,7 +563,7 @@ class WindowBar {
       part === "level"
         ? "Drag: all nodes and colours move; double click or Enter: zoom to the window"
         : "Drag: all nodes and colours are stretched";
-    svgElement("title", {}, grip).textContent = tip;
+    svgElement("title", {}, grip, tip);
     if (part === "level") {
       svgElement("rect", { class: "dnb-cv-hit", y: -6, height: BAR_AT.height + 12 }, grip);
       svgElement("rect", { class: "dnb-cv-span", height: BAR_AT.height, rx: 3 }, grip);
@@ -606,7 +615,7 @@ class WindowBar {
 
 // ---- the presets: buttons with pictures of this very volume, which come when they are made --------------------------
 
-const THUMBNAIL = 56; // CSS pixels
+const PICTURE = { alt: "", width: 56, height: 56, draggable: "false" }; // CSS pixels
 
 class PresetButtons {
   group: HTMLDivElement;
@@ -616,15 +625,10 @@ class PresetButtons {
     this.group = pageElement("div", "dnb-cv-presets", null, { role: "group", "aria-label": "Presets" });
     view.root.insertBefore(this.group, view.bar);
     for (const [name, tip] of Object.entries<string>(view.model.get("presets") ?? {})) {
-      const button = pageElement("button", "dnb-cv-preset", this.group, { type: "button", title: tip, ...OWN_KEYS });
-      const picture = pageElement("img", "dnb-cv-thumbnail", button, {
-        alt: "",
-        width: THUMBNAIL,
-        height: THUMBNAIL,
-        draggable: "false",
-      });
-      pageElement("span", "", button).textContent = name;
-      view.listen(button, "click", () => view.take(name));
+      const picture = pageElement("img", "dnb-cv-thumbnail", null, PICTURE),
+        take = () => view.guard(() => view.take(name));
+      const button = buttonElement("dnb-cv-preset", this.group, picture, take, { title: tip });
+      pageElement("span", "", button, {}, name);
       this.buttons[name] = { button, picture };
     }
     this.showPictures();
@@ -686,9 +690,7 @@ class TransferEditorView extends CurvePlot {
   constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-transfer-editor");
     this.presets = new PresetButtons(this);
-    this.resetter = pageElement("button", "dnb-cv-button dnb-cv-wide", this.bar, { type: "button", ...OWN_KEYS });
-    this.resetter.textContent = "Reset";
-    this.listen(this.resetter, "click", () => {
+    this.resetter = this.wordButton(this.bar, "Reset", "", () => {
       if (this.back && !this.named) this.take(this.back);
     });
     pageElement("span", "dnb-cv-space", this.bar);
@@ -705,9 +707,11 @@ class TransferEditorView extends CurvePlot {
     this.listen(this.frontLayer, "focusin", () => this.choose(null));
     this.bar.append(this.stops.picker, this.pair);
     pageElement("span", "dnb-cv-gap", this.bar);
-    this.nearer = this.#button("in", "Zoom into the values (+, or the wheel)", () => this.zoomBy(2));
-    this.farther = this.#button("out", "Zoom out (\u2212)", () => this.zoomBy(0.5));
-    this.wholer = this.#button("all", "Show all values (0)", () => this.zoomTo(null));
+    const icon = (name: keyof typeof VALUE_ICONS, tip: string, act: () => void) =>
+      this.iconButton(this.bar, iconElement(VALUE_ICONS[name], { class: "dnb-cv-icon" }), tip, act);
+    this.nearer = icon("in", "Zoom into the values (+, or the wheel)", () => this.zoomBy(2));
+    this.farther = icon("out", "Zoom out (\u2212)", () => this.zoomBy(0.5));
+    this.wholer = icon("all", "Show all values (0)", () => this.zoomTo(null));
     this.power = model.get("power") || 1;
     this.on("change:histogram", () => {
       this.zoom = null;
@@ -727,23 +731,6 @@ class TransferEditorView extends CurvePlot {
   close() {
     clearTimeout(this.hintTimer);
     super.close();
-  }
-
-  #button(icon: "in" | "out" | "all", tip: string, action: () => void) {
-    const button = pageElement("button", "dnb-cv-button", this.bar, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
-    });
-    const drawn = svgElement(
-      "svg",
-      { class: "dnb-cv-icon", viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" },
-      button,
-    );
-    svgElement("path", { d: VALUE_ICONS[icon] }, drawn);
-    this.listen(button, "click", action);
-    return button;
   }
 
   adopt(shown: { nodes: Node[]; colors: ColorStop[]; preset: string; range: Vector2; back: string }) {

@@ -5,7 +5,7 @@
 import type { EditorDrawing } from "../editor/base.ts";
 import type { SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
-import { OWN_KEYS, pageElement, setText, svgElement, viewOf } from "../ui/dom.ts";
+import { buttonElement, iconElement, named, OWN_KEYS, pageElement, setText, viewOf } from "../ui/dom.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
 import { SidePanel } from "./side_panel.ts";
@@ -62,7 +62,7 @@ class StudioHead {
         const button = this.#button(label, () => this.toggleMenu(key));
         button.setAttribute("aria-haspopup", "true");
         button.setAttribute("aria-expanded", "false");
-        pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }).textContent = "\u25be";
+        pageElement("span", "dnb-head-arrow", button, { "aria-hidden": "true" }, "\u25be");
         return [key, button];
       }),
     );
@@ -174,8 +174,8 @@ class StudioHead {
   #addAlone(panes: HTMLElement, name: (typeof PANES)[number]) {
     const title = panes.querySelector(`.dnb-pane-${name} > .dnb-pane-head`);
     if (!(title instanceof HTMLElement) || title.querySelector(".dnb-pane-alone")) return;
-    const button = pageElement("button", "dnb-pane-alone", title, { type: "button" });
-    svgElement("path", { d: ICONS.alone }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
+    const toggle = () => show(!panes.classList.contains(`dnb-panes-${name}`));
+    const button = buttonElement("dnb-pane-alone", title, iconElement(ICONS.alone), toggle);
     const show = (isAlone: boolean) => {
       for (const other of PANES) panes.classList.toggle(`dnb-panes-${other}`, isAlone && other === name);
       for (const other of panes.querySelectorAll(".dnb-pane-alone")) other.setAttribute("aria-pressed", "false");
@@ -183,9 +183,7 @@ class StudioHead {
       button.title = isAlone ? "Picture and volume" : `Only the ${name}`;
       button.setAttribute("aria-label", `Only the ${name}`);
     };
-    const toggle = () => show(!panes.classList.contains(`dnb-panes-${name}`));
     const { signal } = this.closing;
-    button.addEventListener("click", toggle, { signal });
     title.addEventListener(
       "dblclick",
       ({ target }) => {
@@ -210,22 +208,12 @@ class StudioHead {
   }
 
   #button(label: string, act: () => void) {
-    const button = pageElement("button", "dnb-head-button", this.root, { type: "button" });
-    button.textContent = label;
-    button.addEventListener("click", act);
-    return button;
+    return buttonElement("dnb-head-button", this.root, label, act);
   }
 
   #icon(icon: keyof typeof ICONS, act: () => void, tip: string = "") {
-    const button = pageElement("button", `dnb-head-button dnb-head-icon dnb-head-${icon}`, this.root, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-    });
-    const svg = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button);
-    svgElement("path", { d: ICONS[icon] }, svg);
-    button.addEventListener("click", act);
-    return button;
+    const name = `dnb-head-button dnb-head-icon dnb-head-${icon}`;
+    return buttonElement(name, this.root, iconElement(ICONS[icon]), act, named(tip));
   }
 
   #travel(way: "undo" | "redo") {

@@ -36,7 +36,7 @@ export class CompareControls {
       hidden: "",
       title: "Opacity of the original over the deformed",
     });
-    pageElement("span", "", this.fade).textContent = "deformed";
+    pageElement("span", "", this.fade, {}, "deformed");
     this.slider = pageElement("input", "", this.fade, {
       type: "range",
       min: 0,
@@ -45,7 +45,7 @@ export class CompareControls {
       "aria-label": "Opacity of the original",
       ...OWN_KEYS,
     });
-    pageElement("span", "", this.fade).textContent = "original";
+    pageElement("span", "", this.fade, {}, "original");
     this.slider.addEventListener("input", () => this.move(this.slider.valueAsNumber));
     for (const name of ["pointerdown", "dblclick", "wheel", "keydown"]) {
       // they neither turn nor add anything

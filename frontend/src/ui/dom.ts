@@ -16,31 +16,58 @@ export const slackOf = (kind: string): number => SLACK[kind as keyof typeof SLAC
 
 export type Attributes = Record<string, string | number | boolean>;
 
-/** A new HTML element with a class name ("" for none) at the end of a parent. */
+/** A new HTML element with a class name ("" for none) and contents at the end of a parent. */
 export function pageElement<T extends keyof HTMLElementTagNameMap>(
   tag: T,
   className: string,
   parent?: ParentNode | null,
   attributes: Attributes = {},
+  ...contents: (string | Node)[]
 ) {
   const made = document.createElement(tag);
   if (className) made.className = className;
   setAttributes(made, attributes);
+  made.append(...contents);
   parent?.append(made);
   return made;
 }
 
-/** A new SVG element at the end of a parent. */
+/** A new SVG element with a text at the end of a parent. */
 export function svgElement<T extends keyof SVGElementTagNameMap>(
   tag: T,
   attributes: Attributes,
   parent?: ParentNode | null,
+  text: string = "",
 ) {
   const made = document.createElementNS(SVG_SPACE, tag);
   setAttributes(made, attributes);
+  if (text) made.textContent = text;
   parent?.append(made);
   return made;
 }
+
+/** An icon of 16 x 16: lines of the text's colour along a path. */
+export function iconElement(path: string, attributes: Attributes = {}) {
+  const icon = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false", ...attributes });
+  svgElement("path", { d: path }, icon);
+  return icon;
+}
+
+/** A button with a text or an icon, which keeps JupyterLab's keys away. */
+export function buttonElement(
+  className: string,
+  parent: ParentNode | null,
+  content: string | Node,
+  act: (event: MouseEvent) => void,
+  attributes: Attributes = {},
+) {
+  const button = pageElement("button", className, parent, { type: "button", ...OWN_KEYS, ...attributes }, content);
+  button.addEventListener("click", act);
+  return button;
+}
+
+/** A tip that is also the name of the element for screen readers. */
+export const named = (tip: string): Attributes => ({ title: tip, "aria-label": tip });
 
 /** Set the attributes that differ. */
 export function setAttributes(node: Element, attributes: Attributes) {

@@ -252,11 +252,10 @@ export class HelpPanel {
     const list = pageElement("div", "dnb-ed-entries", this.panel);
     for (const [title, rows] of table) {
       const group = pageElement("div", "dnb-ed-chapter", list, { role: "list", "aria-label": title });
-      pageElement("div", "dnb-ed-title", group, { "aria-hidden": "true" }).textContent = title;
+      pageElement("div", "dnb-ed-title", group, { "aria-hidden": "true" }, title);
       for (const [keys, what] of rows) {
         const row = pageElement("div", "dnb-ed-entry", group, { role: "listitem", "aria-label": `${keys}: ${what}` });
-        pageElement("span", "", row).textContent = keys;
-        pageElement("span", "", row).textContent = what;
+        for (const text of [keys, what]) pageElement("span", "", row, {}, text);
       }
     }
   }

@@ -3,7 +3,7 @@
 
 import { cross, dot, scaled } from "../maths/camera.ts";
 import type { Vector2, Vector3 } from "../types.ts";
-import { OWN_KEYS, pageElement, svgElement } from "./dom.ts";
+import { buttonElement, iconElement, named, pageElement, svgElement } from "./dom.ts";
 import { SIDES, type Side } from "./view_parts.ts";
 
 const CUBE_SIDE = 27; // half an edge; the drawing is 100 wide and an edge-on cube must fit
@@ -51,10 +51,9 @@ export class OrientationCube {
 
   #face([view, letter, title]: (typeof SIDES)[number], choose: (view: Side) => void) {
     const group = svgElement("g", { class: "dnb-face", "data-view": view }, this.svg);
-    svgElement("title", {}, group).textContent = `${title} (${view})`;
+    svgElement("title", {}, group, `${title} (${view})`);
     const sheet = svgElement("rect", { x: -10, y: -10, width: 20, height: 20 }, group);
-    const text = svgElement("text", { "text-anchor": "middle", y: 4.4 }, group);
-    text.textContent = letter;
+    svgElement("text", { "text-anchor": "middle", y: 4.4 }, group, letter);
     group.addEventListener("click", () => choose(view));
     return { view, group, sheet };
   }
@@ -62,27 +61,13 @@ export class OrientationCube {
   /** The same for the keyboard and for screen readers: out of sight until one of them has the focus. */
   #buttons(choose: (view: Side) => void, home: () => void) {
     this.bar = pageElement("div", "dnb-bar", this.root, { role: "toolbar", "aria-label": "view direction" });
-    const add: (text: string, title: string, label: string, action: () => void, parent: Element) => void = (
-      text,
-      title,
-      label,
-      action,
-      parent,
-    ) => {
-      const button = pageElement("button", "dnb-button", parent, {
-        type: "button",
-        title,
-        "aria-label": label,
-        ...OWN_KEYS,
-      });
-      button.textContent = text;
-      button.addEventListener("click", action);
-    };
     for (const [view, letter, title] of SIDES) {
-      add(letter, `${title} (${view})`, `view ${title}`, () => choose(view), this.bar);
+      const attributes = { title: `${title} (${view})`, "aria-label": `view ${title}` };
+      buttonElement("dnb-button", this.bar, letter, () => choose(view), attributes);
     }
     this.home = pageElement("div", "dnb-home", this.root);
-    add("\u27f2", "reset (0 or double click)", "reset the view", home, this.home);
+    const attributes = { title: "reset (0 or double click)", "aria-label": "reset the view" };
+    buttonElement("dnb-button", this.home, "\u27f2", home, attributes);
   }
 
   /**
@@ -91,14 +76,7 @@ export class OrientationCube {
    * @param path of its icon, 16 x 16
    */
   addButton(name: string, path: string, tip: string, action: () => void) {
-    const button = pageElement("button", `dnb-button ${name}`, this.home, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
-    });
-    svgElement("path", { d: path }, svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true" }, button));
-    button.addEventListener("click", action);
+    buttonElement(`dnb-button ${name}`, this.home ?? null, iconElement(path), action, named(tip));
   }
 
   /** Draw the cube as the camera sees it. All vectors are in space. */

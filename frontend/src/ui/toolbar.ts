@@ -1,6 +1,6 @@
 // The buttons over the picture, and the menu of those that are rarely used.
 
-import { OWN_KEYS, pageElement, setAttributes, svgElement } from "./dom.ts";
+import { buttonElement, iconElement, named, pageElement, setAttributes } from "./dom.ts";
 import type { KeyTable } from "./keys.ts";
 import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.ts";
 
@@ -149,12 +149,11 @@ export class Toolbar {
       const box = pageElement("div", "dnb-ed-group", this.root, { role: "group" });
       for (const [command, label, text, stays, needs] of group) {
         const tip = tipOf(table, command, text);
-        const button = this.#button("dnb-ed-button", box, command, tip, table);
-        if (label) pageElement("span", "dnb-ed-label", button).textContent = label;
+        const act = () => (command === "more" ? this.menu?.toggle() : host.run(command, null));
+        const button = this.#button("dnb-ed-button", box, command, tip, table, () => host.guard(act));
+        if (label) pageElement("span", "dnb-ed-label", button, {}, label);
         if (stays) button.setAttribute("aria-pressed", "false");
         button.tabIndex = this.buttons.size ? -1 : 0; // one stop for Tab, arrows between the buttons
-        if (command === "more") button.addEventListener("click", () => host.guard(() => this.menu?.toggle()));
-        else button.addEventListener("click", () => host.guard(() => host.run(command, null)));
         this.buttons.set(command, { button, tip, needs });
       }
     }
@@ -162,19 +161,22 @@ export class Toolbar {
     this.menu = opener ? new MoreMenu(this, opener, more, table) : null;
   }
 
-  #button(name: string, parent: Element, command: keyof typeof ICONS, tip: string, table: KeyTable) {
+  #button(
+    name: string,
+    parent: Element,
+    command: keyof typeof ICONS,
+    tip: string,
+    table: KeyTable,
+    act: () => void = () => {},
+  ) {
     const keys = shortcutsOf(table, command);
-    const button = pageElement("button", name, parent, {
-      type: "button",
-      title: tip,
-      "aria-label": tip,
-      ...OWN_KEYS,
+    const icon = iconElement(ICONS[command]);
+    if (command === "more") icon.firstElementChild?.setAttribute("stroke-width", "2.6");
+    return buttonElement(name, parent, icon, act, {
+      ...named(tip),
       "data-command": command,
       ...(keys ? { "aria-keyshortcuts": keys } : {}),
     });
-    const icon = svgElement("svg", { viewBox: "0 0 16 16", "aria-hidden": "true", focusable: "false" }, button);
-    svgElement("path", { d: ICONS[command], ...(command === "more" ? { "stroke-width": 2.6 } : {}) }, icon);
-    return button;
   }
 
   /** A line of the menu. */
@@ -187,8 +189,8 @@ export class Toolbar {
       "aria-label": label,
       ...(stays ? { "aria-checked": "false" } : {}),
     });
-    pageElement("span", "", item).textContent = label;
-    pageElement("span", "dnb-ed-item-key", item, { "aria-hidden": "true" }).textContent = keyWords(table, command);
+    pageElement("span", "", item, {}, label);
+    pageElement("span", "dnb-ed-item-key", item, { "aria-hidden": "true" }, keyWords(table, command));
     this.buttons.set(command, { button: item, tip, needs, isItem: true });
     return item;
   }
