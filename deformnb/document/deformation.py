@@ -841,7 +841,8 @@ class Deformation:
             note for note in here.fit_notes(grid) if note != FOLDS_WARNING
         )  # of the fits; the map is checked below
         subject = volumes[0] if known is None else replace(volumes[0], grid=grid)
-        cautions = [*here.cautions(own), *map_notes(subject, field, as_output(options.get("output") or output, own))]
+        asked = as_output(options.get("output") or output, own)
+        cautions = [*here.cautions(own), *map_notes(subject, field, asked, options.get("fill"))]
         if known is None:
             box = None if here.output is None else volumes[0].at_own_resolution(here.output)
             warped = warp_all(volumes, field, **{"output": box, **options})

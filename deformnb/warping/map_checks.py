@@ -37,7 +37,7 @@ _FOLLOWED, _AROUND, _FINER = 0.5, 5, 4
 _SHELL = 48
 
 
-def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, ...]:
+def map_notes(volume: Volume, field: AbstractField, output: Grid, fill: float | None = None) -> tuple[str, ...]:
     """Notes on a result for its user: nothing to see, folds in tissue, and tissue that is cut off.
 
     Parameters
@@ -45,6 +45,8 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, 
     volume : that is deformed.
     field : backward displacements in space.
     output : the grid of the result.
+    fill : value outside the volume, the background if None. Nothing is cut off where it is above that of tissue, as
+        around a signed distance, which is least inside.
 
     Examples
     --------
@@ -59,7 +61,9 @@ def map_notes(volume: Volume, field: AbstractField, output: Grid) -> tuple[str, 
     empty = empty_note(volume.values)
     if empty or field.is_identity:
         return empty
-    return tuple(note for note in (fold_note(volume, field, output), cut_off_note(volume, field, output)) if note)
+    is_inverted = fill is not None and fill > foreground_level(volume)
+    cut_off = "" if is_inverted else cut_off_note(volume, field, output)
+    return tuple(note for note in (fold_note(volume, field, output), cut_off) if note)
 
 
 def with_cautions(

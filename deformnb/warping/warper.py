@@ -203,7 +203,8 @@ def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
         return done
     first, output = volumes[0], options.get("output")
     results = warp_all(volumes, field, **options)
-    cautions = map_notes(first, as_field(field, first), first.grid if output is None else as_grid(output))
+    box = first.grid if output is None else as_grid(output)
+    cautions = map_notes(first, as_field(field, first), box, options.get("fill"))
     return with_cautions(volumes, results, (), cautions)
 
 

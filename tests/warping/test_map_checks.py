@@ -246,3 +246,13 @@ def test_sides_that_were_cropped_by_request_are_not_named() -> None:
         warp(BODY, shift, output=half)
     with pytest.warns(DeformWarning, match="left side"):
         warp(BODY, shift)
+
+
+def test_what_lies_outside_a_signed_distance_is_not_cut_off() -> None:
+    distance = dn.warping.signed_distance(dn.warping.isosurface(BODY, 100.0, inside="above"), BODY.grid)
+    shift = fit_rbf(ControlPoints.from_arrays([[0, 0, 0]], [[4.0, 0, 0]]), trend="translation")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        dn.warp(distance, shift, fill=distance.value_range[1])
+    with pytest.warns(DeformWarning, match="leaves the box"):
+        dn.warp(distance, shift)
