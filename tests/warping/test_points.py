@@ -26,7 +26,7 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart
 from deformnb.rbf.stages import Staged
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.points import warp_points
+from deformnb.warping.points import as_landmarks, warp_points
 from deformnb.warping.warper import warp
 
 
@@ -265,3 +265,13 @@ def test_a_map_that_mirrors_as_a_whole_is_followed() -> None:
     moved, found = warp_points([[40.0, 40.0], [70.0, 20.0]], field)
     assert found.all()
     assert np.abs(moved - [[-40, 40], [-70, 20]]).max() < 1e-6
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_an_array_of_places_is_landmarks_without_goals_and_a_single_place_is_none(dim: int) -> None:
+    places = np.arange(4.0 * dim).reshape(4, dim)
+    landmarks = as_landmarks(places)
+    np.testing.assert_array_equal(landmarks.points, places)
+    assert landmarks.fixed is None
+    with pytest.raises(DeformError, match="Landmarks are needed"):
+        as_landmarks(places[0])

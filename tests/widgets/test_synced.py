@@ -19,7 +19,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.widgets import Editor, LiveView, Player, VolumeView
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.points_table import PointsTable
-from deformnb.widgets.synced import SyncedWidget
+from deformnb.widgets.synced import LocalComm, SyncedWidget
 
 MAKERS: dict[str, tuple[Callable[[], Any], str, Any]] = {  # and a trait that the page sets, with a value
     "editor": (lambda: Editor(None, ControlPoints.empty()), "selected", [2]),
@@ -115,3 +115,13 @@ def test_every_widget_of_ours_keeps_to_this() -> None:
     ours = {kind for kind in below(anywidget.AnyWidget) if kind.__module__.startswith("deformnb.")}
     assert len(ours) > 10
     assert [kind.__name__ for kind in ours if not issubclass(kind, SyncedWidget)] == []
+
+
+def test_a_comm_without_a_kernel_gives_messages_to_its_function_and_nothing_of_its_own_life() -> None:
+    given: list[tuple[Any, list[bytes]]] = []
+    comm = LocalComm(lambda data, buffers: given.append((data, buffers)))
+    comm.open(data={"state": {"time": 1.0}})
+    comm.send({})
+    comm.send({"method": "custom"}, buffers=[memoryview(b"voxels")])
+    comm.close(data={"state": {}})
+    assert given == [({"method": "custom"}, [b"voxels"])]

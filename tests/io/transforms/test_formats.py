@@ -213,6 +213,35 @@ def test_parameter_files_of_elastix(kind: str, tmp_path: Path) -> None:
             read_transform(tmp_path / "second.txt")
 
 
+def test_a_spline_of_elastix_is_that_of_itk_with_the_columns_of_its_direction(tmp_path: Path) -> None:
+    size, origin, spacing = (5, 6, 7), (-30.0, -40.0, -20.0), (20.0, 18.0, 16.0)
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    numbers = np.random.default_rng(4).normal(size=3 * 5 * 6 * 7)
+    known = sitk.BSplineTransform(3, 3)
+    known.SetFixedParameters([*size, *origin, *spacing, *turn.ravel().tolist()])
+    known.SetParameters(numbers.tolist())
+    path = tmp_path / "spline.txt"
+    text = '(Transform "BSplineTransform")\n(FixedImageDimension 3)\n' + "".join(
+        f"({key} {' '.join(map(repr, values))})\n"
+        for key, values in (
+            ("TransformParameters", numbers.tolist()),
+            ("GridSize", size),
+            ("GridOrigin", origin),
+            ("GridSpacing", spacing),
+            ("GridDirection", turn.T.ravel().tolist()),
+        )
+    )
+    path.write_text(text, encoding="utf-8")
+    places = np.array(origin) + np.random.default_rng(5).uniform(36, 44, (20, 3)) @ turn.T
+    moves = np.array([known.TransformPoint(tuple(p)) for p in places.tolist()]) - places
+    assert np.abs(moves).min() > 0
+    assert np.abs(read_transform(path).displacement(places) - moves).max() < 1e-9
+    for old, new, words in (("(GridSize 5", "(GridSize", "three numbers each"), ("(GridSize 5", "(GridSize 4", "504")):
+        path.write_text(text.replace(old, new), encoding="utf-8")
+        with pytest.raises(VolumeFileError, match=words):
+            read_transform(path)
+
+
 def test_kernel_transforms_interpolate_the_landmarks_of_the_file(tmp_path: Path) -> None:
     """The thin-plate spline of ITK in space: the kernel r and an affine part, solved here by hand."""
     source, target = RANDOM.uniform(0, 20, (9, 3)), RANDOM.uniform(0, 20, (9, 3))

@@ -336,6 +336,15 @@ def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, poi
     assert len(rows) <= 4
 
 
+@pytest.mark.parametrize(("most", "fineness"), [(192, 1.0), (10, 3.2)])
+def test_a_picture_is_as_fine_as_the_voxels_but_has_no_more_pixels_than_asked(most: int, fineness: float) -> None:
+    pane = Pane.of(Grid((8, 16, 32), (1.0, 2.0, 3.0)), "+z")
+    raster = pane.raster(most)
+    assert raster.shape == (round(32 / fineness), round(32 / fineness))
+    np.testing.assert_allclose(raster.spacing, fineness, rtol=0.1)
+    np.testing.assert_allclose(raster.box, pane.box[:4])
+
+
 def test_a_ground_is_sent_with_its_slices(volume: Volume, points: ControlPoints, editor: SpaceEditor) -> None:
     editor.options = {"parts": (RigidPart(HalfSpace((0.0, 0.0, 6.0), (0.0, 0.0, 1.0))),)}
     receive(editor, {"type": "hello", "view": "v"})

@@ -231,5 +231,19 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
     studio.close()
 
 
+def test_labels_are_chosen_in_the_folder_with_the_names_beside_them(tmp_path: Path) -> None:
+    volume = Volume(np.zeros((12, 24, 24), np.uint8), Grid((12, 24, 24)), "scan")
+    write_volume(Volume(blocks(), volume.grid), tmp_path / "bones.nrrd")  # the menu is for labels: nothing is asked
+    (tmp_path / "bones.csv").write_text("label,name\n17,tibia\n", encoding="utf-8")
+    studio = Studio(volume, folder=tmp_path)
+    opening = panel_of(studio, OpenPanel)
+    labels: LabelChooser = opening.shapes.panel.labels
+    labels.file.value = "bones.nrrd"
+    names = [name for name, _ in labels.list.options]
+    assert (len(names), names[1]) == (6, "tibia")
+    assert labels.file.value == "bones.nrrd"
+    studio.close()
+
+
 def failing(*_given: Any) -> Any:
     raise DeformError("no room.")
