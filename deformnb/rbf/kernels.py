@@ -39,6 +39,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import float64, jax, jnp, lax, with_derivative
+from deformnb._typing import Floats
 from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
 from deformnb.errors import DeformError
 
@@ -73,6 +74,8 @@ class AbstractKernel(ABC):
     across the row. Measured with one point dragged by a tenth of rows of 3 to 33."""
     steepest: ClassVar[float] = 2.0
     """The largest slope of phi within the support, about: how errors of a place count beside those of values."""
+    smoothness: ClassVar[int | None] = None
+    """The first derivative that may jump, at most 3; None where that is not known. Then nothing is interpolated."""
     of_square: ClassVar[Callable[[Any], Any]]
     """phi as a function of s, with ``slope`` as its derivative: what the solver and the evaluation call."""
 
@@ -96,6 +99,14 @@ class AbstractKernel(ABC):
     @abstractmethod
     def slope(s: Any) -> Any:
         """D phi / d s, finite for s >= 0 (kinks and logarithms cut off next to 0); by JAX where it is not given."""
+
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats] | None:
+        """Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
+
+        None where there are none: the field is then evaluated at every voxel of a block beforehand.
+        """
+        return None
 
     @classmethod
     def _jvp(cls, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
@@ -208,6 +219,7 @@ class WendlandC0(AbstractKernel):
 
     name, title, compact = "wendland_c0", "Wendland C0", True
     shares = (0.25, 0.5, 1.0, 2.0, 4.0)
+    smoothness = 1
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -220,6 +232,11 @@ class WendlandC0(AbstractKernel):
         r = jnp.sqrt(jnp.maximum(s, TINY))
         return -jnp.maximum(1 - r, 0.0) / r
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        slope = 2 * np.maximum(1 - a, 0)
+        return slope, np.where(a < 1, np.maximum(slope / np.maximum(a, 1e-300), 2.0), 0.0)
+
 
 class WendlandC2(AbstractKernel):
     """(1 - rho)^4_+ (4 rho + 1): psi_{3,1} of the paper, local and C2."""
@@ -227,6 +244,7 @@ class WendlandC2(AbstractKernel):
     name, title, compact = "wendland_c2", "Wendland C2", True
     shares = (0.25, 0.5, 1.0, 2.0, 4.0)
     gaps = 16.0
+    smoothness = 3
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -239,6 +257,12 @@ class WendlandC2(AbstractKernel):
     def slope(s: Any) -> Any:
         return -10 * jnp.maximum(1 - _root(s), 0.0) ** 3
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        top = np.clip(0.25, np.minimum(a, 1), np.minimum(b, 1))
+        bend = np.maximum(1, np.maximum(np.abs(1 - 4 * a), np.abs(1 - 4 * np.minimum(b, 1))))
+        return 20 * top * (1 - top) ** 3, 20 * np.maximum(1 - a, 0) ** 2 * bend
+
 
 class WendlandC4(AbstractKernel):
     """(1 - rho)^6_+ (35 rho^2 + 18 rho + 3) / 3: local and C4."""
@@ -246,6 +270,7 @@ class WendlandC4(AbstractKernel):
     name, title, compact = "wendland_c4", "Wendland C4", True
     shares = (0.25, 0.5, 1.0, 2.0, 4.0)
     gaps = 8.0
+    smoothness = 3
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -260,6 +285,12 @@ class WendlandC4(AbstractKernel):
         r = _root(s)
         return (-28 / 3) * (1 + 5 * r) * jnp.maximum(1 - r, 0.0) ** 5
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        inner, outer = np.maximum(1 - a, 0), np.minimum(b, 1)
+        slope = 56 / 3 * outer * (1 + 5 * outer) * inner**5
+        return slope, 56 / 3 * inner**4 * np.maximum(1.8, 35 * outer**2 - 4 * outer - 1)
+
 
 class Gaussian(AbstractKernel):
     """exp(-(3 rho)^2 / 2): the support radius is three standard deviations, where 1.1 % is left."""
@@ -267,6 +298,7 @@ class Gaussian(AbstractKernel):
     name, title = "gaussian", "Gaussian"
     shares = (1 / 16, 1 / 8, 1 / 4, 1 / 2)
     gaps = 2.0
+    smoothness = 3
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -277,6 +309,11 @@ class Gaussian(AbstractKernel):
     def slope(s: Any) -> Any:
         return -4.5 * jnp.exp(-4.5 * s)
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        largest = np.exp(-4.5 * a**2)
+        return 9 * b * largest, largest * np.maximum(9, 81 * b**2 - 9)
+
 
 class Multiquadric(AbstractKernel):
     """-sqrt(1 + (4 rho)^2), Hardy's: grows like a cone, rounded over a quarter of the support radius."""
@@ -284,6 +321,7 @@ class Multiquadric(AbstractKernel):
     name, title, order = "multiquadric", "Multiquadric", 1
     shares = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)
     gaps = 1.0
+    smoothness = 3
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -293,6 +331,10 @@ class Multiquadric(AbstractKernel):
     @staticmethod
     def slope(s: Any) -> Any:
         return -8 / jnp.sqrt(1 + 16 * s)
+
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        return 16 * b / np.sqrt(1 + 16 * b**2), 16 / np.sqrt(1 + 16 * a**2)
 
 
 class InverseMultiquadric(AbstractKernel):
@@ -312,6 +354,14 @@ class InverseMultiquadric(AbstractKernel):
         t = 1 + 16 * s
         return -8 / (t * jnp.sqrt(t))
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        # With u = 16 rho^2: |phi'| = 4 sqrt(u) (1 + u)^-1.5, largest at u = 1/2; |phi' / rho| = 16 (1 + u)^-1.5;
+        # |phi''| = 16 |2 u - 1| (1 + u)^-2.5, which is below the one before for u < 2.
+        u, v = 16 * a**2, 16 * b**2
+        top = np.clip(0.5, u, v)
+        return 4 * np.sqrt(top) * (1 + top) ** -1.5, 16 * (1 + u) ** -1.5 * np.maximum(1, (2 * v - 1) / (1 + v))
+
 
 class InverseQuadratic(AbstractKernel):
     """1 / (1 + (4 rho)^2): a round bump that fades like 1 / r^2; 6 % is left at the support radius."""
@@ -329,11 +379,20 @@ class InverseQuadratic(AbstractKernel):
         t = 1 + 16 * s
         return -16 / (t * t)
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        # Likewise |phi'| = 8 sqrt(u) (1 + u)^-2, largest at u = 1/3; |phi' / rho| = 32 (1 + u)^-2 and
+        # |phi''| = 32 |3 u - 1| (1 + u)^-3.
+        u, v = 16 * a**2, 16 * b**2
+        top = np.clip(1 / 3, u, v)
+        return 8 * np.sqrt(top) * (1 + top) ** -2.0, 32 * (1 + u) ** -2.0 * np.maximum(1, (3 * v - 1) / (1 + v))
+
 
 class Linear(AbstractKernel):
     """-rho: the least wiggly of all, with a kink at each point."""
 
     name, title, order = "linear", "Linear", 1
+    smoothness = 1
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -344,11 +403,16 @@ class Linear(AbstractKernel):
     def slope(s: Any) -> Any:
         return -0.5 / jnp.sqrt(jnp.maximum(s, TINY))
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        return np.ones_like(a), 1 / np.maximum(a, 1e-300)
+
 
 class ThinPlate(AbstractKernel):
     """rho^2 log(rho), Bookstein's thin-plate spline: the least bending in the plane; independent of the support."""
 
     name, title, order = "thin_plate", "Thin-plate spline", 2
+    smoothness = 2
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -360,11 +424,19 @@ class ThinPlate(AbstractKernel):
     def slope(s: Any) -> Any:
         return 0.5 * (_log(jnp.maximum(s, TINY)) + 1)
 
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        ends = [np.log(np.maximum(r, 1e-300)) for r in (a, b)]
+        slope = [np.abs(r * (2 * log + 1)) for r, log in zip((a, b), ends, strict=True)]
+        bend = [np.maximum(np.abs(2 * log + 1), np.abs(2 * log + 3)) for log in ends]
+        return np.maximum(np.maximum(*slope), 2 * np.exp(-1.5)), np.maximum(*bend)
+
 
 class Cubic(AbstractKernel):
     """rho^3: smooth and global, the natural cubic spline's relative; independent of the support."""
 
     name, title, order = "cubic", "Cubic", 2
+    smoothness = 3
 
     @staticmethod
     def profile(s: Any) -> Any:
@@ -374,6 +446,10 @@ class Cubic(AbstractKernel):
     @staticmethod
     def slope(s: Any) -> Any:
         return 1.5 * _root(s)
+
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        return 3 * b**2, 6 * b
 
 
 class Quintic(AbstractKernel):
@@ -389,6 +465,10 @@ class Quintic(AbstractKernel):
     @staticmethod
     def slope(s: Any) -> Any:
         return -2.5 * s * _root(s)
+
+    @staticmethod
+    def curvature(a: Floats, b: Floats) -> tuple[Floats, Floats]:
+        return 5 * b**4, 20 * b**3
 
 
 KERNELS: dict[str, type[AbstractKernel]] = {

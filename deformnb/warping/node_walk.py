@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from deformnb._deferred import ndimage
 from deformnb._jax import blockwise, jnp
 from deformnb._typing import Floats
-from deformnb.rbf import kernels
 from deformnb.rbf.cuts import Decoupled, Sides
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Affine, Composed, Identity
@@ -33,17 +32,6 @@ NEAR_CUT, BENT = 1, 2
 
 JUMPS = {1: 0.375, 2: 0.065, 3: 0.049}
 """The factors c by the first derivative that jumps."""
-
-_SMOOTHNESS: dict[type[kernels.AbstractKernel], int] = {
-    kernels.WendlandC0: 1,
-    kernels.Linear: 1,
-    kernels.ThinPlate: 2,
-    kernels.WendlandC2: 3,
-    kernels.WendlandC4: 3,
-    kernels.Gaussian: 3,
-    kernels.Multiquadric: 3,
-    kernels.Cubic: 3,
-}
 
 NARROWEST = 4
 """A bump of so many diagonals of a cell as support shows in the fourth differences wherever it lies."""
@@ -74,7 +62,7 @@ def smoothness_of(field: AbstractField) -> int | None:
         case Identity() | Affine():
             return 3
         case RBFInterpolant():
-            return _SMOOTHNESS.get(field.kernel)
+            return field.kernel.smoothness
         case ForwardFit():  # the inverse of a function has as many derivatives
             return smoothness_of(field.forward)
         case RigidInterpolant():  # distances bend where two borders are equally near

@@ -15,7 +15,6 @@ of fits follows by interval arithmetic. Beside a cut each side may be seen, so t
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Floats, VoxelSlices
 from deformnb.errors import DeformError
-from deformnb.rbf import kernels
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -51,85 +49,6 @@ _CENTRE_TOLERANCE = 1e-7
 
 # A distance that is read off a mask's table changes by up to the square root of 3 per length, others by 1.
 _STEEPEST = 2.0
-
-
-def _c0(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    slope = 2 * np.maximum(1 - a, 0)
-    return slope, np.where(a < 1, np.maximum(slope / np.maximum(a, 1e-300), 2.0), 0.0)
-
-
-def _c2(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    top = np.clip(0.25, np.minimum(a, 1), np.minimum(b, 1))
-    bend = np.maximum(1, np.maximum(np.abs(1 - 4 * a), np.abs(1 - 4 * np.minimum(b, 1))))
-    return 20 * top * (1 - top) ** 3, 20 * np.maximum(1 - a, 0) ** 2 * bend
-
-
-def _c4(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    inner, outer = np.maximum(1 - a, 0), np.minimum(b, 1)
-    slope = 56 / 3 * outer * (1 + 5 * outer) * inner**5
-    return slope, 56 / 3 * inner**4 * np.maximum(1.8, 35 * outer**2 - 4 * outer - 1)
-
-
-def _gaussian(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    largest = np.exp(-4.5 * a**2)
-    return 9 * b * largest, largest * np.maximum(9, 81 * b**2 - 9)
-
-
-def _multiquadric(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    return 16 * b / np.sqrt(1 + 16 * b**2), 16 / np.sqrt(1 + 16 * a**2)
-
-
-def _inverse_multiquadric(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    # With u = 16 rho^2: |phi'| = 4 sqrt(u) (1 + u)^-1.5, largest at u = 1/2; |phi' / rho| = 16 (1 + u)^-1.5;
-    # |phi''| = 16 |2 u - 1| (1 + u)^-2.5, which is below the one before for u < 2.
-    u, v = 16 * a**2, 16 * b**2
-    top = np.clip(0.5, u, v)
-    return 4 * np.sqrt(top) * (1 + top) ** -1.5, 16 * (1 + u) ** -1.5 * np.maximum(1, (2 * v - 1) / (1 + v))
-
-
-def _inverse_quadratic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    # Likewise |phi'| = 8 sqrt(u) (1 + u)^-2, largest at u = 1/3; |phi' / rho| = 32 (1 + u)^-2 and
-    # |phi''| = 32 |3 u - 1| (1 + u)^-3.
-    u, v = 16 * a**2, 16 * b**2
-    top = np.clip(1 / 3, u, v)
-    return 8 * np.sqrt(top) * (1 + top) ** -2.0, 32 * (1 + u) ** -2.0 * np.maximum(1, (3 * v - 1) / (1 + v))
-
-
-def _quintic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    return 5 * b**4, 20 * b**3
-
-
-def _linear(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    return np.ones_like(a), 1 / np.maximum(a, 1e-300)
-
-
-def _thin_plate(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    ends = [np.log(np.maximum(r, 1e-300)) for r in (a, b)]
-    slope = [np.abs(r * (2 * log + 1)) for r, log in zip((a, b), ends, strict=True)]
-    bend = [np.maximum(np.abs(2 * log + 1), np.abs(2 * log + 3)) for log in ends]
-    return np.maximum(np.maximum(*slope), 2 * np.exp(-1.5)), np.maximum(*bend)
-
-
-def _cubic(a: Floats, b: Floats) -> tuple[Floats, Floats]:
-    return 3 * b**2, 6 * b
-
-
-CURVATURES: dict[type[kernels.AbstractKernel], Callable[[Floats, Floats], tuple[Floats, Floats]]] = {
-    kernels.WendlandC0: _c0,
-    kernels.WendlandC2: _c2,
-    kernels.WendlandC4: _c4,
-    kernels.Gaussian: _gaussian,
-    kernels.Multiquadric: _multiquadric,
-    kernels.Linear: _linear,
-    kernels.ThinPlate: _thin_plate,
-    kernels.Cubic: _cubic,
-    kernels.InverseMultiquadric: _inverse_multiquadric,
-    kernels.InverseQuadratic: _inverse_quadratic,
-    kernels.Quintic: _quintic,
-}
-"""Bounds of |phi'| and of the second derivatives (the larger of |phi''| and |phi' / rho|) for rho from a to b.
-
-A kernel without a row works as well: the field is then evaluated at every voxel of each block beforehand."""
 
 
 class UnknownBounds(Exception):  # noqa: N818  # no fault: the field is evaluated at every voxel instead
@@ -211,15 +130,15 @@ class DisplacementBounds:
 
     def _of_fit(self, fit: RBFInterpolant, low: Floats, high: Floats) -> Bounds:
         n, support = int(fit.count), float(fit.support)
-        bound = CURVATURES.get(fit.kernel)
-        if bound is None:
-            raise UnknownBounds
         first, last = (low - fit.origin) / support, (high - fit.origin) / support
         centers, alpha = np.asarray(fit.centers)[:n], np.abs(np.asarray(fit.coefficients)[:n])
         scale = np.ones(n) if fit.scales is None else np.asarray(fit.scales)[:n]
         near = np.linalg.norm(np.maximum(np.maximum(first - centers, centers - last), 0), axis=1) * scale
         far = np.linalg.norm(np.maximum(np.abs(first - centers), np.abs(last - centers)), axis=1) * scale
-        slope, bend = bound(near, far)
+        bounds = fit.kernel.curvature(near, far)
+        if bounds is None:
+            raise UnknownBounds
+        slope, bend = bounds
         bent = (
             np.zeros((fit.dim, fit.dim))
             if fit.quadratic is None

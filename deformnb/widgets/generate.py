@@ -135,6 +135,9 @@ def as_typescript() -> str:
     for name, (module, constants) in CONSTANTS.items():
         lines += ["", f"// deformnb/{name}.py"]
         lines += [_constant(constant, getattr(module, constant)) for constant in constants]
+    lines += ["", "// Kernels and trends in their order, without the formulas: deformnb/rbf/kernels.py, trends.py"]
+    lines += [_table("KERNEL_FACTS", {name: _kernel_facts(kernels.KERNELS[name]) for name in _built_in()})]
+    lines += [_table("TREND_FACTS", {name: {"title": t.title, "order": t.order} for name, t in trends.TRENDS.items()})]
     lines += ["", "// Names that the registries of the package have."]
     for name, (kind, names) in NAMES.items():
         lines.append(f"export const {name} = {json.dumps(names)} as const;")
@@ -147,12 +150,30 @@ def as_typescript() -> str:
     for name, parameter in PARAMETERS.items():
         if isinstance(parameter, Number):
             numbers = {key: getattr(parameter, key) for key in ("low", "high", "step", "digits")}
-            lines.append(
-                f"  {name}: {{ {', '.join(f'{key}: {json.dumps(value)}' for key, value in numbers.items())} }},"
-            )
+            lines.append(f"  {name}: {_object(numbers)},")
     lines += ["} as const;", f"export type ParameterName = {' | '.join(json.dumps(name) for name in PARAMETERS)};"]
     lines += ["", "// Messages: deformnb/widgets/messages", *_messages()]
     return "\n".join(lines) + "\n"
+
+
+def _built_in() -> list[str]:
+    return [name for name in kernels.KERNELS if name in kernels.BUILT_IN]
+
+
+def _kernel_facts(kernel: type[kernels.AbstractKernel]) -> dict[str, Any]:
+    """What a front end needs of a kernel; ``share`` is the usual of its shares."""
+    share, gaps = kernel.shares[len(kernel.shares) // 2], kernel.gaps
+    return {"title": kernel.title, "order": kernel.order, "compact": kernel.compact, "share": share, "gaps": gaps}
+
+
+def _table(name: str, rows: dict[str, dict[str, Any]]) -> str:
+    lines = [f"  {key}: {_object(row)}," for key, row in rows.items()]
+    return "\n".join([f"export const {name} = {{", *lines, "};"])
+
+
+def _object(row: dict[str, Any]) -> str:
+    """An object; Python writes an infinite number as JavaScript does."""
+    return f"{{ {', '.join(f'{key}: {json.dumps(value)}' for key, value in row.items())} }}"
 
 
 def _constant(name: str, value: Any) -> str:

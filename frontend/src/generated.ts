@@ -146,6 +146,30 @@ export const MOST_KEYS = 64;
 export const LARGEST_SIDE = 4096;
 export const MOVIE_PIECE = 262144;
 
+// Kernels and trends in their order, without the formulas: deformnb/rbf/kernels.py, trends.py
+export const KERNEL_FACTS = {
+  wendland_c2: { title: "Wendland C2", order: 0, compact: true, share: 1.0, gaps: 16.0 },
+  wendland_c0: { title: "Wendland C0", order: 0, compact: true, share: 1.0, gaps: Infinity },
+  wendland_c4: { title: "Wendland C4", order: 0, compact: true, share: 1.0, gaps: 8.0 },
+  thin_plate: { title: "Thin-plate spline", order: 2, compact: false, share: 1.0, gaps: Infinity },
+  gaussian: { title: "Gaussian", order: 0, compact: false, share: 0.25, gaps: 2.0 },
+  multiquadric: { title: "Multiquadric", order: 1, compact: false, share: 0.25, gaps: 1.0 },
+  inverse_multiquadric: { title: "Inverse multiquadric", order: 0, compact: false, share: 0.25, gaps: 1.0 },
+  inverse_quadratic: { title: "Inverse quadratic", order: 0, compact: false, share: 0.25, gaps: 1.0 },
+  cubic: { title: "Cubic", order: 2, compact: false, share: 1.0, gaps: Infinity },
+  quintic: { title: "Quintic", order: 3, compact: false, share: 1.0, gaps: Infinity },
+  linear: { title: "Linear", order: 1, compact: false, share: 1.0, gaps: Infinity },
+};
+export const TREND_FACTS = {
+  affine: { title: "Affine", order: 2 },
+  similarity: { title: "Similarity (turn, scale, shift)", order: 1 },
+  rigid: { title: "Rigid (turn, shift)", order: 1 },
+  translation: { title: "Translation", order: 1 },
+  none: { title: "None", order: 0 },
+  affine_exact: { title: "Affine, exact across a row of points too", order: 2 },
+  quadratic: { title: "Quadratic", order: 3 },
+};
+
 // Names that the registries of the package have.
 export const KERNELS = ["cubic", "gaussian", "inverse_multiquadric", "inverse_quadratic", "linear", "multiquadric", "quintic", "thin_plate", "wendland_c0", "wendland_c2", "wendland_c4"] as const;
 export type Kernel = (typeof KERNELS)[number];

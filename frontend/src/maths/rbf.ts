@@ -1,10 +1,12 @@
 // The fit of control points on a picture or in space, equal to deformnb.rbf.fitting.fit_rbf. All arithmetic is in
 // float64, as in the package; a test compares the two for every kernel and trend.
 
+import type { Kernel as KernelName } from "../generated.ts";
 import {
   COLLAPSED,
   FAR_BEHIND,
   FLAT,
+  KERNEL_FACTS,
   LARGEST_COORDINATE,
   LARGEST_SET,
   LEAST_SPREAD,
@@ -25,6 +27,7 @@ import {
   THIN,
   THIN_BEND,
   TINY,
+  TREND_FACTS,
 } from "../generated.ts";
 import type {
   FitSettings,
@@ -974,13 +977,8 @@ function rbfCrossingPairs(ready: Ready, map: number[][], most: number = 3) {
 /** Points or settings that cannot be fitted, with a message for users. */
 export class RbfError extends Error {}
 
-export const RBF_KERNELS: Record<string, Kernel> = {
+const FORMULAS: Record<KernelName, Pick<Kernel, "profile" | "slope">> = {
   wendland_c2: {
-    title: "Wendland C2",
-    order: 0,
-    compact: true,
-    share: 1,
-    gaps: 16,
     profile: (s) => {
       if (s >= 1) return 0;
       const t = 1 - Math.sqrt(s),
@@ -994,11 +992,6 @@ export const RBF_KERNELS: Record<string, Kernel> = {
     },
   },
   wendland_c0: {
-    title: "Wendland C0",
-    order: 0,
-    compact: true,
-    share: 1,
-    gaps: Infinity,
     profile: (s) => {
       if (s >= 1) return 0;
       const t = 1 - Math.sqrt(s);
@@ -1010,11 +1003,6 @@ export const RBF_KERNELS: Record<string, Kernel> = {
     },
   },
   wendland_c4: {
-    title: "Wendland C4",
-    order: 0,
-    compact: true,
-    share: 1,
-    gaps: 8,
     profile: (s) => {
       if (s >= 1) return 0;
       const r = Math.sqrt(s),
@@ -1029,38 +1017,18 @@ export const RBF_KERNELS: Record<string, Kernel> = {
     },
   },
   thin_plate: {
-    title: "Thin-plate spline",
-    order: 2,
-    compact: false,
-    share: 1,
-    gaps: Infinity,
     profile: (s) => 0.5 * s * Math.log(Math.max(s, TINY)),
     slope: (s) => 0.5 * (Math.log(Math.max(s, TINY)) + 1),
   },
   gaussian: {
-    title: "Gaussian",
-    order: 0,
-    compact: false,
-    share: 1 / 4,
-    gaps: 2,
     profile: (s) => Math.exp(-4.5 * s),
     slope: (s) => -4.5 * Math.exp(-4.5 * s),
   },
   multiquadric: {
-    title: "Multiquadric",
-    order: 1,
-    compact: false,
-    share: 1 / 4,
-    gaps: 1,
     profile: (s) => -Math.sqrt(1 + 16 * s),
     slope: (s) => -8 / Math.sqrt(1 + 16 * s),
   },
   inverse_multiquadric: {
-    title: "Inverse multiquadric",
-    order: 0,
-    compact: false,
-    share: 1 / 4,
-    gaps: 1,
     profile: (s) => 1 / Math.sqrt(1 + 16 * s),
     slope: (s) => {
       const t = 1 + 16 * s;
@@ -1068,11 +1036,6 @@ export const RBF_KERNELS: Record<string, Kernel> = {
     },
   },
   inverse_quadratic: {
-    title: "Inverse quadratic",
-    order: 0,
-    compact: false,
-    share: 1 / 4,
-    gaps: 1,
     profile: (s) => 1 / (1 + 16 * s),
     slope: (s) => {
       const t = 1 + 16 * s;
@@ -1080,33 +1043,22 @@ export const RBF_KERNELS: Record<string, Kernel> = {
     },
   },
   cubic: {
-    title: "Cubic",
-    order: 2,
-    compact: false,
-    share: 1,
-    gaps: Infinity,
     profile: (s) => s * Math.sqrt(s),
     slope: (s) => 1.5 * Math.sqrt(s),
   },
   quintic: {
-    title: "Quintic",
-    order: 3,
-    compact: false,
-    share: 1,
-    gaps: Infinity,
     profile: (s) => -s * s * Math.sqrt(s),
     slope: (s) => -2.5 * s * Math.sqrt(s),
   },
   linear: {
-    title: "Linear",
-    order: 1,
-    compact: false,
-    share: 1,
-    gaps: Infinity,
     profile: (s) => -Math.sqrt(s),
     slope: (s) => -0.5 / Math.sqrt(Math.max(s, TINY)),
   },
 };
+
+export const RBF_KERNELS: Record<string, Kernel> = Object.fromEntries(
+  Object.entries(KERNEL_FACTS).map(([name, facts]) => [name, { ...facts, ...FORMULAS[name as KernelName] }]),
+);
 
 const TABLES: Map<string, KernelTable> = new Map();
 
@@ -1120,15 +1072,7 @@ export function rbfKernelOf({ kernel = "wendland_c2", kernel_table: table }: Fit
 }
 
 /** order: the largest order of a kernel that the trend can be paired with. */
-export const RBF_TRENDS: Record<string, { title: string; order: number }> = {
-  affine: { title: "Affine", order: 2 },
-  similarity: { title: "Similarity (turn, scale, shift)", order: 1 },
-  rigid: { title: "Rigid (turn, shift)", order: 1 },
-  translation: { title: "Translation", order: 1 },
-  none: { title: "None", order: 0 },
-  affine_exact: { title: "Affine, exact across a row of points too", order: 2 },
-  quadratic: { title: "Quadratic", order: 3 },
-};
+export const RBF_TRENDS: Record<string, { title: string; order: number }> = TREND_FACTS;
 
 // ---- the fit --------------------------------------------------------------------------------------------------------
 
