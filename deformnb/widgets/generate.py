@@ -161,7 +161,7 @@ def _built_in() -> list[str]:
 
 
 def _kernel_facts(kernel: type[kernels.AbstractKernel]) -> dict[str, Any]:
-    """What a front end needs of a kernel; ``share`` is the usual of its shares."""
+    """Facts of a kernel for front ends; ``share`` is the usual of its shares."""
     share, gaps = kernel.shares[len(kernel.shares) // 2], kernel.gaps
     return {"title": kernel.title, "order": kernel.order, "compact": kernel.compact, "share": share, "gaps": gaps}
 
