@@ -228,8 +228,8 @@ class Seat:
         self.rest(self._long_rest)  # a picture of the edit before must not be taken for one of this
         self.fresh()
         self.hand.move(step)
-        self._wait(lambda: bool(self._after(self.seen.view)), patience, "an edit changed no pixel")
-        view, picture = self._after(self.seen.view)[0], self._after(self.seen.picture)
+        self._wait(lambda: bool(self.after(self.seen.view)), patience, "an edit changed no pixel")
+        view, picture = self.after(self.seen.view)[0], self.after(self.seen.picture)
         self.slowest = max(self.slowest, view)
         return view, picture[0] if picture else None
 
@@ -238,7 +238,7 @@ class Seat:
         """Milliseconds without a new picture after which none is on its way any more."""
         return min(8000.0, max(1000.0, 1.5 * self.slowest))
 
-    def _after(self, times: list[float]) -> list[float]:
+    def after(self, times: list[float]) -> list[float]:
         """Times since the first input."""
         start = self.seen.inputs[0] if self.seen.inputs else math.inf
         return sorted(t - start for t in times if t > start)
@@ -251,9 +251,9 @@ class Seat:
         self.fresh()
         self.hand.move(step)
         self.hand.release()
-        self._wait(lambda: bool(self._after(self.seen.view)), 20, "an edit changed no pixel")
+        self._wait(lambda: bool(self.after(self.seen.view)), 20, "an edit changed no pixel")
         self.rest(self._long_rest)
-        return self._after(self.seen.view)[-1]
+        return self.after(self.seen.view)[-1]
 
     def drag(self, seconds: float, rate: float = 60.0) -> dict[str, float]:
         """Frames a second of a drag, bytes of the view meanwhile, and how long after it the last quick picture came."""

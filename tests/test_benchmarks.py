@@ -112,9 +112,9 @@ def test_the_cells_are_python(name: str) -> None:
 def test_times_are_counted_from_the_first_input() -> None:
     seat = object.__new__(Seat)
     seat.seen = Seen(inputs=[1000.0, 1016.0], view=[990.0, 1120.0, 1080.0])
-    assert seat._after(seat.seen.view) == [80.0, 120.0]
+    assert seat.after(seat.seen.view) == [80.0, 120.0]
     seat.seen = Seen(view=[990.0])
-    assert seat._after(seat.seen.view) == []
+    assert seat.after(seat.seen.view) == []
 
 
 PAGE = """<div class="jp-OutputArea"><img id="i" width="80"><canvas id="c" width="80" height="80"></canvas>

@@ -342,12 +342,11 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
 # -- page and kernel ---------------------------------------------------------------------------------------------------
 
 
-def test_edits_go_on_while_a_movie_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_edits_go_on_while_a_movie_is_written(tmp_path: Path) -> None:
     studio = Studio(a_volume(), side="+y", folder=tmp_path)
     files = panel(studio, "Export")
     goes_on = threading.Event()
-    progress = files._progress
-    monkeypatch.setattr(files, "_progress", lambda *given: (goes_on.wait(PATIENCE), progress(*given)))
+    files.bar.observe(lambda _: goes_on.wait(PATIENCE), "value")  # which the other thread moves
     drag(studio, a_drag(studio))
     files.name.value = "ball.nrrd"
     files.write.click()

@@ -186,11 +186,11 @@ def open_app(
         server = app_server(app, host=host, port=port, idle=60 * idle)
         with contextlib.ExitStack() as stack:
 
-            def announce(url: str) -> None:
-                _announce(url, idle, stack if browser else None)
+            def ready(url: str) -> None:
+                announce(url, idle, stack if browser else None)
                 app.studio.warm_up()  # while the browser starts
 
-            asyncio.run(server.run(announce))
+            asyncio.run(server.run(ready))
     except OSError as error:
         raise DeformError(
             f"{host} port {port or 'any'} cannot be had: {error.strerror or error}; choose another --port."
@@ -206,7 +206,8 @@ def _print(text: str) -> None:
         sys.stderr.flush()
 
 
-def _announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
+def announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
+    """Print where the page is, and open it in a browser until the stack ends."""
     sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
     sys.stdout.flush()
     alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""

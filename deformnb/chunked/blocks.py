@@ -100,7 +100,7 @@ class BlockWarp:
             return np.full(shape_of(wanted), self.fill, self.source.dtype)
         start = [min(s.start, n - b) for s, n, b in zip(wanted, self.output.shape, self.blocks.block, strict=True)]
         grid = self.output.crop((start[0], start[1], start[2]), self.blocks.block)
-        warper = Warper(self._window(part), output=grid, fill=self.fill, method=self.method)
+        warper = Warper(self.volume_around(part), output=grid, fill=self.fill, method=self.method)
         if isinstance(self.field, Extrusion) and self.field.is_replication:
             axis = shared_axis(self.field.plane, warper.volume.grid, grid)
             if axis is not None:  # two copies in another order, and still half the time
@@ -108,7 +108,7 @@ class BlockWarp:
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(wanted, start, strict=True))
         return np.ascontiguousarray(warper(self.field).values[inner])
 
-    def _window(self, part: VoxelSlices) -> Volume:
+    def volume_around(self, part: VoxelSlices) -> Volume:
         """A part of the source in an array as large as all have; it touches the source's border where that does."""
         z, y, x = (min(s.start, n - w) for s, n, w in zip(part, self.source.shape, self.window, strict=True))
         values = aligned_empty(self.window, self.source.dtype)

@@ -66,14 +66,14 @@ def doctor() -> list[Check]:
             f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
         )
     ]
-    checks += [_package(name) for name in REQUIRED]
+    checks += [check_package(name) for name in REQUIRED]
     checks += [
-        _guarded("computing (JAX)", _jax),
+        _guarded("computing (JAX)", check_jax),
         _guarded("devices", _devices),
-        _guarded("kept compilations", _cache),
-        _guarded("OpenGL (VTK)", _gl),
+        _guarded("kept compilations", check_cache),
+        _guarded("OpenGL (VTK)", check_gl),
     ]
-    checks += [_optional(name) for name in OPTIONAL]
+    checks += [check_optional(name) for name in OPTIONAL]
     return checks
 
 
@@ -95,12 +95,14 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _package(name: str) -> Check:
+def check_package(name: str) -> Check:
+    """Check that a required package is installed."""
     version = _version(name)
     return Check(name, version is not None, version or "not installed", f"pip install {name}")
 
 
-def _optional(name: str) -> Check:
+def check_optional(name: str) -> Check:
+    """Check for an optional package."""
     use, extra = OPTIONAL[name]
     version = _version(name)
     found = f"{version} ({use})" if version else f"not installed: no {use}"
@@ -115,7 +117,8 @@ def _guarded(part: str, check: Callable[[], Check]) -> Check:
         return Check(part, False, f"{type(error).__name__}: {error}", "reinstall the package it names")
 
 
-def _jax() -> Check:
+def check_jax() -> Check:
+    """Check that a small fit is exact."""
     import numpy as np
 
     from deformnb.devices import device_name
@@ -143,7 +146,8 @@ def _devices() -> Check:
     return Check("devices", True, found)
 
 
-def _cache() -> Check:
+def check_cache() -> Check:
+    """Check where compiled functions are stored."""
     from deformnb._jax import use_disk_cache
 
     folder = use_disk_cache()
@@ -161,7 +165,8 @@ def _cache() -> Check:
     )
 
 
-def _gl() -> Check:
+def check_gl() -> Check:
+    """Check that VTK draws off screen."""
     from deformnb.imaging.vtk_volume import gl_status
 
     works, reason, remedy = gl_status()

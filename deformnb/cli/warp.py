@@ -45,8 +45,8 @@ def stages() -> Iterator[Stage]:
 
     What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
     """
-    make = _Bar if sys.stderr.isatty() else _Line
-    current: list[_Bar | _Line] = []
+    make = StageBar if sys.stderr.isatty() else StageLine
+    current: list[StageBar | StageLine] = []
 
     def stage(name: str) -> Callable[[float], None]:
         while current:
@@ -63,7 +63,7 @@ def stages() -> Iterator[Stage]:
             current.pop().abandon()
 
 
-class _Bar:
+class StageBar:
     """A progress bar that appears after one second."""
 
     def __init__(self, name: str) -> None:
@@ -89,11 +89,11 @@ class _Bar:
     abandon = finish
 
 
-class _Line:
+class StageLine:
     """A line for logs when work of more than a second is done."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._start = name, time.monotonic()
+        self.name, self._start = name, time.monotonic()
 
     def move(self, share: float) -> None:
         """A log needs no bars."""
@@ -101,7 +101,7 @@ class _Line:
     def finish(self) -> None:
         elapsed = time.monotonic() - self._start
         if elapsed > _PATIENCE:
-            print(f"{self._name:28} {elapsed:4.0f} s", file=sys.stderr)
+            print(f"{self.name:28} {elapsed:4.0f} s", file=sys.stderr)
 
     def abandon(self) -> None:
         """End the line of work that was not finished."""

@@ -37,7 +37,7 @@ FrameProgress = Callable[[int, int], None]
 
 _FASTEST_GIF = 50.0  # frames a second: what is shown for less than 0.02 s browsers show for 0.1 s
 _LEVELS = 64  # of each of red, green and blue, distinguished when the colours of a GIF are chosen
-_FULL = ("No space left", "Disk quota", "File too large")  # in the words of the system
+DISK_FULL = ("No space left", "Disk quota", "File too large")  # in the words of the system
 _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
@@ -301,7 +301,7 @@ def _write_mp4(path: Path, frames: Iterator[Image], fps: float) -> None:
 
 
 def _encoder_error(path: Path, words: str, code: int) -> Exception:
-    if any(full in words for full in _FULL):
+    if any(full in words for full in DISK_FULL):
         return OSError(errno.ENOSPC, "no space left")  # atomic_write reports it
     lines = words.strip().splitlines()
     return fail(path, f"was not written, the encoder ended with {code}: {shown(lines[-1] if lines else 'no message')}")

@@ -40,7 +40,7 @@ MOST_CUTS = 8
 """Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
 
 # Coverages add up to 1 but for the rounding of float32 pixels; what is opaque must stay so bit by bit.
-_OPAQUE = 1 - 1e-4
+OPAQUE = 1 - 1e-4
 
 
 Sides = tuple[bool, ...]
@@ -203,7 +203,7 @@ def decide(
     brought = [_coverage(_depth(d, region, xp), softness, xp) for d, region in zip(there, sides, strict=True)]
     still = xp.clip(1.0 - sum(covered), 0.0, 1.0) if sides else xp.ones(here[0].shape)
     choice, opacity = CUT_RULES[rule](own, covered, brought, still, xp)
-    return choice, xp.where(opacity > _OPAQUE, 1.0, opacity)
+    return choice, xp.where(opacity > OPAQUE, 1.0, opacity)
 
 
 def is_doubtful(

@@ -257,7 +257,7 @@ def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) 
     return each(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
 
 
-_evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
+evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def evaluate_lattice(
@@ -354,7 +354,7 @@ def _evaluate_points(
     padded = np.zeros((count * block, dim), dtype=dtype)
     padded[:n] = points.T
     with float64():
-        out = _evaluate_blocks(padded.reshape(count, block, dim).transpose(0, 2, 1), leaves, kernel=kernel, what=what)
+        out = evaluate_blocks(padded.reshape(count, block, dim).transpose(0, 2, 1), leaves, kernel=kernel, what=what)
     out = np.asarray(out)  # [block, component, point]
     return out.transpose(1, 0, 2).reshape(out.shape[1], -1)[:, :n]
 

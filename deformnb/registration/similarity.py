@@ -186,7 +186,7 @@ def valued(moves: Any, objective: Objective) -> Value:
             for p, row in zip(objective.places, rows, strict=True)
         ]
         det = [np.asarray(d) for d in det]
-        walls = [_barrier(d) for d in det]
+        walls = [barrier(d) for d in det]
         back += [
             _determine_back(p, fits, objective.fitting, slope)
             for p, (_, slope) in zip(objective.lattice, walls, strict=True)
@@ -294,7 +294,7 @@ def _det(j: list[list[Any]]) -> Any:
     )
 
 
-def _barrier(det: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def barrier(det: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """The height of the barrier over all places, and its slope at each."""
     held = np.clip(det, _STEEP, _FREE)
     rise = np.log(_FREE / held)

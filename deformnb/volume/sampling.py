@@ -315,19 +315,19 @@ def _taps_at(
     return found, ok
 
 
-def _weighted_sum(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
+def weighted_sum(read: Callable[[Any, int], Any], taps: Sequence[Taps], offset: Any = 0, shift: int = 0) -> Any:
     """The weighted sum over all combinations of taps, one axis inside the other."""
     if not taps:
         return read(offset, shift)
     total: Any = None
     for place, step, weight in taps[0]:
-        value = _weighted_sum(read, taps[1:], offset + place, shift + step)
+        value = weighted_sum(read, taps[1:], offset + place, shift + step)
         value = value if weight is None else weight * value
         total = value if total is None else total + value
     return total
 
 
-def _products(taps: Sequence[Taps]) -> Taps:
+def products_of(taps: Sequence[Taps]) -> Taps:
     """The same combinations as one list of offsets with their products of weights."""
     result: Taps = [(0, 0, None)]
     for axis in taps:
@@ -345,7 +345,7 @@ def _materialize(taps: Taps) -> Taps:
     return [(place, tap[1], weight) for place, tap, weight in zip(places, taps, weights, strict=True)]
 
 
-def _to_voxel_type(value: Any, ok: Any, fill: Any, method: str) -> Any:
+def to_voxel_type(value: Any, ok: Any, fill: Any, method: str) -> Any:
     """Values in the voxel type of ``fill``: integers rounded (halves up) and clipped, ``fill`` where not ``ok``."""
     if METHODS[method].blends:
         if jnp.issubdtype(fill.dtype, jnp.integer) and METHODS[method].is_spline:  # linear cannot leave the range
@@ -486,7 +486,7 @@ def _general(
             )
             places.append((shape[a], stride, w, p + sum(matrix[a, m] * d[m] for m in inner)))
         taps, ok = _taps_at(places, method=method, index=index, near=near)
-        return _to_voxel_type(_weighted_sum(_reader(row, taps, method, compute), taps, start), ok, fill, method)
+        return to_voxel_type(weighted_sum(_reader(row, taps, method, compute), taps, start), ok, fill, method)
 
     def plane(q: Any) -> Any:
         if isinstance(field, tuple):
@@ -582,7 +582,7 @@ def _sample_extruded(
         taps, ok = [_materialize(axis) for axis in taps], lax.optimization_barrier(ok)
     row, start = _row_of(flat)
     read = _reader(row, [fixed, *taps], method, compute)
-    return _to_voxel_type(_weighted_sum(read, [fixed, *taps], start), ok, fill, method)
+    return to_voxel_type(weighted_sum(read, [fixed, *taps], start), ok, fill, method)
 
 
 def _slices_in_words(
@@ -630,7 +630,7 @@ def _slices_in_words(
         read = lax.optimization_barrier(read)  # read, then interpolated: without it words are read for each voxel
         a, b, c, d = (voxel(word, k) for word in read for k in range(len(held)))
         s, t = weights_in
-        return _to_voxel_type((1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), ok, fill, "linear")
+        return to_voxel_type((1 - s) * ((1 - t) * a + t * b) + s * ((1 - t) * c + t * d), ok, fill, "linear")
 
     return lax.map(move, jnp.arange(weights.shape[1]))
 
@@ -659,7 +659,7 @@ def _row_taps(
         w, p = (t[0][a, :, None] + t[1][a] for t in (whole, part))
         places.append((shape[a], stride, w, p + (matrix[a, 0] * d[0] + matrix[a, 1] * d[1])))
     taps, ok = _taps_at(places, method=method, index=index, near=near)
-    return [(offset + shift, weight) for offset, shift, weight in _products(taps)], ok
+    return [(offset + shift, weight) for offset, shift, weight in products_of(taps)], ok
 
 
 def _sample_rows(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *, method: str, compute: str) -> Any:
@@ -672,7 +672,7 @@ def _sample_rows(table: Any, taps: list[tuple[Any, Any]], ok: Any, fill: Any, *,
         read = table.reader(method, compute)
     else:
         read = _reader(table.reshape(-1, table.shape[-1]), [each], method, compute)
-    return _to_voxel_type(_weighted_sum(read, [each]), ok[..., None], fill, method)
+    return to_voxel_type(weighted_sum(read, [each]), ok[..., None], fill, method)
 
 
 def _rows(

@@ -27,7 +27,7 @@ _MAKING = threading.RLock()  # ipywidgets notifies one listener of what is made
 
 # By the cell's id and the name of the class, for anywidget makes a class of each widget: the run they were made in, and
 # the widgets of that run.
-_SHOWN: dict[tuple[str, str], tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
+CELL_WIDGETS: dict[tuple[str, str], tuple[str, list[weakref.ref[Any]]]] = defaultdict(lambda: ("", []))
 
 _IS_PART = ContextVar("_IS_PART", default=False)
 
@@ -44,8 +44,8 @@ def parts_of_another() -> Iterator[None]:
 
 def leave_to_another(widget: Any) -> None:
     """Transfer a widget that a cell has made to another one, which closes it."""
-    for cell, (run, shown) in _SHOWN.items():
-        _SHOWN[cell] = (run, [reference for reference in shown if reference() is not widget])
+    for cell, (run, shown) in CELL_WIDGETS.items():
+        CELL_WIDGETS[cell] = (run, [reference for reference in shown if reference() is not widget])
 
 
 def close_earlier_of_this_cell(widget: Any) -> None:
@@ -58,7 +58,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
         return
     kind = type(widget)
     cell, run = (place[0], f"{kind.__module__}.{kind.__qualname__}"), place[1]
-    last_run, shown = _SHOWN[cell]
+    last_run, shown = CELL_WIDGETS[cell]
     if run != last_run:
         for reference in shown:
             earlier = reference()
@@ -67,7 +67,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
                     earlier.hand_on(widget)
                 earlier.close()
         shown = []
-    _SHOWN[cell] = (run, [*shown, weakref.ref(widget)])
+    CELL_WIDGETS[cell] = (run, [*shown, weakref.ref(widget)])
 
 
 def _cell_and_run() -> tuple[str, str] | None:

@@ -12,7 +12,7 @@ import pytest
 from running_app import RunningApp, connected, edit_of, heard
 from waiting import PATIENCE, wait_for
 
-from deformnb.app.application import Application, _announce, check_app, made_up_carp
+from deformnb.app.application import Application, announce, check_app, made_up_carp
 from deformnb.app.bridge import SETTABLE
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
@@ -223,7 +223,7 @@ def test_options_are_checked_before_a_volume_is_read() -> None:
 
 def test_it_says_when_it_ends_by_itself(capsys: pytest.CaptureFixture[str]) -> None:
     for idle, words in ((240.0, "240 minutes without a page"), (0.0, "Ctrl-C ends it.")):
-        _announce("http://here", idle, None)
+        announce("http://here", idle, None)
         said = capsys.readouterr()
         assert said.out == "http://here\n"  # and nothing else
         assert words in said.err

@@ -141,7 +141,7 @@ class Tab:
             timeout=PATIENCE,
         )
 
-    def _image(self, script: str) -> NDArray[np.float64]:
+    def image(self, script: str) -> NDArray[np.float64]:
         from PIL import Image
 
         data = base64.b64decode(self.page.evaluate(script))
@@ -149,7 +149,7 @@ class Tab:
 
     def volume(self) -> NDArray[np.float64]:
         """What is drawn of the volume."""
-        return self._image(_VOLUME)
+        return self.image(_VOLUME)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -182,7 +182,7 @@ class Tab:
     def picture(self) -> NDArray[np.float64]:
         """What is drawn of the picture, without its grid, once nothing moves any more."""
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.frames.isMoving", timeout=PATIENCE)
-        return self._image(_PICTURE)
+        return self.image(_PICTURE)
 
     def point(self, k: int) -> tuple[float, float]:
         """Where a point is in the page."""

@@ -410,7 +410,7 @@ def test_vtk_draws_the_volume_if_asked(browser: Any, tmp_path: Path) -> None:
         tab.page.wait_for_function("document.querySelector('.dnb-view')?.deformnb?.isFull", timeout=2 * PATIENCE)
 
         def shown() -> NDArray[np.float64]:
-            return tab._image("() => document.querySelector('.dnb-view canvas').toDataURL().split(',')[1]")
+            return tab.image("() => document.querySelector('.dnb-view canvas').toDataURL().split(',')[1]")
 
         before = _middle(shown())
         tab.add_in_the_middle()

@@ -164,12 +164,12 @@ def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None
 
 def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: LivePage) -> None:
     view = opened(page)
-    view._show_notice("something is wrong")
+    view.pictures.show_notice("something is wrong")
     page.flush()
     assert page.page.text_content(".dnb-notice") == "something is wrong"
     page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
     page.wait("models.view.sent.at(-1).type === 'bye'")
-    page.until(lambda: view._loop is None)
+    page.until(lambda: view.scene.loop is None)
     page.outbox.clear()
     page.draw()
     drawn(page)

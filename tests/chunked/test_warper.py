@@ -230,7 +230,7 @@ def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
         memory=2**30,
         workers=1,
     )
-    shapes = {job._window(part).shape for part in job.parts if part is not None}
+    shapes = {job.volume_around(part).shape for part in job.parts if part is not None}
     assert shapes == {job.window}
     assert len({blocks.shape_of(part) for part in job.parts if part is not None}) > 1
 

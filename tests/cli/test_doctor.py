@@ -42,7 +42,7 @@ def test_this_machine_computes_exactly() -> None:
 @pytest.mark.parametrize("name", ["numpy", "pyvista"])
 def test_a_missing_requirement_is_named_with_its_remedy(name: str, without: Any) -> None:
     without(name)
-    check = module._package(name)
+    check = module.check_package(name)
     assert not check.works
     assert f"pip install {name}" in module.report([check])
 
@@ -50,7 +50,7 @@ def test_a_missing_requirement_is_named_with_its_remedy(name: str, without: Any)
 @pytest.mark.parametrize("name", module.OPTIONAL)
 def test_a_missing_extra_says_what_does_not_work_and_what_brings_it(name: str, without: Any) -> None:
     without(name)
-    check = module._optional(name)
+    check = module.check_optional(name)
     use, extra = module.OPTIONAL[name]
     text = module.report([check])
     assert not check.works
@@ -69,7 +69,7 @@ def test_what_is_broken_is_one_line_and_no_traceback(monkeypatch: pytest.MonkeyP
     def broken() -> Any:
         raise ImportError("libxyz.so.1: cannot open shared object file")
 
-    monkeypatch.setattr(module, "_jax", broken)
+    monkeypatch.setattr(module, "check_jax", broken)
     check = {check.part: check for check in module.doctor()}["computing (JAX)"]
     assert not check.works
     assert "libxyz.so.1" in check.found
@@ -84,7 +84,7 @@ def test_a_wrong_solve_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
             return np.array([-0.5, 1e-6])
 
     monkeypatch.setattr(importlib.import_module("deformnb.rbf.fitting"), "fit_rbf", lambda *_, **__: Wrong())
-    check = module._jax()
+    check = module.check_jax()
     assert not check.works
     assert "WRONG" in check.found
 
@@ -92,7 +92,7 @@ def test_a_wrong_solve_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_opengl_the_remedy_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     render = importlib.import_module("deformnb.imaging.vtk_volume")
     monkeypatch.setattr(render, "gl_status", lambda: (False, "no OpenGL", "apt-get install something"))
-    check = module._gl()
+    check = module.check_gl()
     assert not check.works
     assert "apt-get install something" in module.report([check])
 
@@ -103,7 +103,7 @@ def test_kept_compilations_can_be_switched_off(off: str, monkeypatch: pytest.Mon
     monkeypatch.setenv("DEFORMNB_COMPILATION_CACHE", off)
     use.cache_clear()
     try:
-        assert "switched off" in module._cache().found
+        assert "switched off" in module.check_cache().found
     finally:
         monkeypatch.undo()
         use.cache_clear()

@@ -167,14 +167,14 @@ def test_views_with_a_minus_are_no_options(
 def test_a_stopped_demo_leaves_whole_files_only(
     place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    real = cli_stages._Line.move
+    real = cli_stages.StageLine.move
 
     def move(self: Any, share: float) -> None:
-        if self._name == "render both volumes":
+        if self.name == "render both volumes":
             raise KeyboardInterrupt
         real(self, share)
 
-    monkeypatch.setattr(cli_stages._Line, "move", move)
+    monkeypatch.setattr(cli_stages.StageLine, "move", move)
     code = main(["demo", "--volume", str(place / "fish.nii.gz"), "--out", str(tmp_path / "new"), "--renderer", "core"])
     assert code == 130
     captured = capsys.readouterr()

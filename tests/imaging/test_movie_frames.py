@@ -470,7 +470,7 @@ def test_an_encoder_that_fails_says_why(tmp_path: Path, monkeypatch: pytest.Monk
 def test_the_encoder_itself_meets_a_full_disk(tmp_path: Path) -> None:
     run = ffmpeg("-loglevel", "error", "-y", "-f", "lavfi", "-i", "testsrc=d=1", "-f", "mp4", "/dev/full")
     assert run.returncode != 0
-    assert any(word in run.stderr.decode() for word in movies._FULL)
+    assert any(word in run.stderr.decode() for word in movies.DISK_FULL)
 
 
 def test_mp4_without_the_encoder_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

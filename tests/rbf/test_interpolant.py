@@ -643,9 +643,10 @@ def test_the_error_in_float32_stays_below_its_estimate(kernel: str, support: flo
     line = np.linspace(0, EXTENT, 40)
     rows = np.stack([np.zeros(40), line, np.full(40, EXTENT / 3)])
     columns = np.stack([line, np.zeros(40), np.zeros(40)])
-    lines = fit._relative_lines(rows, columns)
+    lines = (rows - fit.origin[:, None]) / fit.support, columns / fit.support
     found, exact = (
-        evaluation.evaluate_lattice(*lines, fit._leaves(kind), fit.kernel, kind) for kind in (np.float32, np.float64)
+        evaluation.evaluate_lattice(*lines, fit.radial_sum(kind).leaves, fit.kernel, kind)
+        for kind in (np.float32, np.float64)
     )
     reach = float(np.sqrt(sum(np.abs(part).max() ** 2 for part in (*lines[0], *lines[1]))))
     assert np.abs(found - exact).max() <= fit.float32_error(reach)

@@ -146,7 +146,7 @@ def _nothing(a: Any, b: Any, weights: Any) -> Any:
 
 def test_a_barrier_rises_towards_a_fold_and_stays_finite_behind_it() -> None:
     det = np.array([1.0, 0.15, 0.1, 0.02, 0.0, -5.0])
-    heights = [similarity._barrier(np.array([d]))[0] for d in det]
+    heights = [similarity.barrier(np.array([d]))[0] for d in det]
     assert heights[:2] == [0, 0]
     assert np.all(np.diff(heights[1:]) > 0)
     assert np.isfinite(heights).all()

@@ -93,7 +93,7 @@ def test_a_place_beyond_the_near_ones_stays_outside(move: float) -> None:
 
 
 def _round(values: np.ndarray, dtype: str, method: str = "linear") -> np.ndarray:
-    return np.asarray(sampling._to_voxel_type(jnp.asarray(values, jnp.float32), True, np.dtype(dtype).type(0), method))
+    return np.asarray(sampling.to_voxel_type(jnp.asarray(values, jnp.float32), True, np.dtype(dtype).type(0), method))
 
 
 def test_bytes_are_rounded_as_other_integers_are() -> None:
@@ -183,5 +183,5 @@ def test_products_are_the_nested_sum() -> None:
     taps: list[Any] = [
         list(zip(rng.integers(0, 9, 3).tolist(), [0, 1, 2], rng.random(3).tolist(), strict=True)) for _ in range(2)
     ]
-    nested = sampling._weighted_sum(lambda k, shift: table[k + shift], taps)
-    assert sum(w * table[k + shift] for k, shift, w in sampling._products(taps)) == pytest.approx(nested, abs=1e-14)
+    nested = sampling.weighted_sum(lambda k, shift: table[k + shift], taps)
+    assert sum(w * table[k + shift] for k, shift, w in sampling.products_of(taps)) == pytest.approx(nested, abs=1e-14)

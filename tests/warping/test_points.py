@@ -102,14 +102,14 @@ def test_no_function_is_compiled_for_each_number_of_points() -> None:
     fit, shapes = fit_rbf(points(), support=SUPPORT), set()
     at = np.random.default_rng(8).uniform(0, 100, (100_000, 2))
 
-    whole = evaluation._evaluate_blocks
+    whole = evaluation.evaluate_blocks
 
     def counted(p: Any, *rest: Any, **options: Any) -> Any:
         shapes.add(p.shape)
         return whole(p, *rest, **options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evaluation, "_evaluate_blocks", counted)
+        patch.setattr(evaluation, "evaluate_blocks", counted)
         for n in np.geomspace(1, len(at), 40).astype(int):
             warp_points(at[:n], fit)
     assert len(shapes) <= 5

@@ -45,7 +45,7 @@ class Cell:
 def cell(monkeypatch: pytest.MonkeyPatch) -> Cell:
     running = Cell()
     monkeypatch.setattr("deformnb.widgets.cell_widgets._cell_and_run", lambda: (running.name, str(running.count)))
-    monkeypatch.setattr(cell_widgets, "_SHOWN", defaultdict(cell_widgets._SHOWN.default_factory))
+    monkeypatch.setattr(cell_widgets, "CELL_WIDGETS", defaultdict(cell_widgets.CELL_WIDGETS.default_factory))
     return running
 
 

@@ -11,7 +11,7 @@ from scripts import run_script
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_regions import cut_to_data
-from deformnb.rbf.cuts import _OPAQUE, Cut, Decoupled
+from deformnb.rbf.cuts import OPAQUE, Cut, Decoupled
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, Composed
 from deformnb.rbf.fit_settings import FitSettings
@@ -165,7 +165,7 @@ def test_layers_in_space_choose_as_the_core_does(rule: str, stops: tuple[bool, b
     if rule == "paper":
         best, seen = own, np.minimum(1, mine / np.clip(0.5 + layers.depths[own, each, 0] / soft, 0, 1))
     d, opacity = field.seen(points)
-    np.testing.assert_allclose(np.where(seen > _OPAQUE, 1.0, seen), opacity, atol=1e-9)
+    np.testing.assert_allclose(np.where(seen > OPAQUE, 1.0, seen), opacity, atol=1e-9)
     assert 10 < (opacity < 0.5).sum() < 2000
     clear = opacity > 0.99
     np.testing.assert_allclose(layers.moves[best, each, :3][clear], d[clear], atol=1e-9)

@@ -111,7 +111,7 @@ def history_rows(
     """
     rows, done = tree_rows(nodes), _done(nodes)
     return (
-        [_row(node, depth, node.id in done) for node, depth in rows]
+        [history_row(node, depth, node.id in done) for node, depth in rows]
         + [_earlier_row(k, entry) for k, entry in enumerate(earlier)],
         next(k for k, (node, _) in enumerate(rows) if node.is_current),
     )
@@ -166,7 +166,8 @@ def _done(nodes: Sequence[HistoryNode]) -> set[int]:
     return done
 
 
-def _row(node: HistoryNode, depth: int, is_done: bool) -> dict[str, Any]:
+def history_row(node: HistoryNode, depth: int, is_done: bool) -> dict[str, Any]:
+    """Row of a list for a step of the history."""
     words = node.label or "the beginning"
     if node.parent is None and node.label:
         words = f"{node.label} (what was before is no longer kept)"

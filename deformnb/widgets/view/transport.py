@@ -27,6 +27,11 @@ class FrameSender:
 
     All front ends get all frames, so the slowest of those that answer sets the pace: what is sent faster than a front
     end shows it would wait there, and the front end would lag behind more and more.
+
+    Attributes
+    ----------
+    last : the newest frame.
+    was_full : True while someone has been refused: the confirmation that makes room draws again.
     """
 
     def __init__(self) -> None:
@@ -35,14 +40,14 @@ class FrameSender:
         self._sent: dict[int, float] = {}  # when, of the frames that some front end may still have to show
         self._seen: dict[str, int] = {}  # the newest frame of each front end that answers
         self.last: Frame | None = None
-        self._was_full = False  # whether someone was refused: the confirmation that makes room draws again
+        self.was_full = False
 
     @property
     def may_send(self) -> bool:
         """True if few enough pictures are under way; once it was False, :meth:`seen` returns True in the end."""
         with self._lock:
-            self._was_full = self._on_the_way() >= _IN_FLIGHT
-            return not self._was_full
+            self.was_full = self._on_the_way() >= _IN_FLIGHT
+            return not self.was_full
 
     def _on_the_way(self) -> int:
         """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
@@ -90,9 +95,9 @@ class FrameSender:
             self._sent.clear()
 
     def _is_free_again(self) -> bool:
-        if not self._was_full or self._on_the_way() >= _IN_FLIGHT:
+        if not self.was_full or self._on_the_way() >= _IN_FLIGHT:
             return False
-        self._was_full = False
+        self.was_full = False
         return True
 
     def forget(self) -> None:

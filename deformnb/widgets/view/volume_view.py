@@ -15,7 +15,6 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, TypeVar
 
 import traitlets
@@ -28,7 +27,7 @@ from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import PRESETS, TransferFunction, preset
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.camera import COMPARISONS, CameraTrait, ClipTrait, ShowsTrait, checked_camera, compared
+from deformnb.widgets.camera import CameraTrait, ClipTrait, ShowsTrait, checked_camera
 from deformnb.widgets.cell_widgets import close_earlier_of_this_cell, with_png
 from deformnb.widgets.messages.record import Seen
 from deformnb.widgets.messages.traits import take_traits
@@ -36,22 +35,21 @@ from deformnb.widgets.messages.views import (
     LARGEST_SIDE,
     SERVED,
     AbstractSize,
-    Badge,
     CameraMoved,
     Closed,
-    Notice,
     ServedHello,
     ServedMessage,
-    TrameAddress,
 )
 from deformnb.widgets.packed_volume import PackedVolume
 from deformnb.widgets.synced import SyncedWidget, ViewMeta
 from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.view.base import AbstractView, Following, Refit
+from deformnb.widgets.view.picture_sender import PictureSender
+from deformnb.widgets.view.scene_host import SceneContent, SceneHost
 from deformnb.widgets.view.space_points import ShowsPoints
 from deformnb.widgets.view.stills import VIEW_METHODS, make_scene
-from deformnb.widgets.view.transport import FrameSender, drawn, preview_png
-from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
+from deformnb.widgets.view.transport import drawn, preview_png
+from deformnb.widgets.vtk.render_loop import SceneLoop
 
 _MOST = 8  # of one view; an older one has been closed without a word
 
@@ -154,7 +152,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     Attributes
     ----------
-    badge : text in a corner of the pictures: that the map folds. Empty if it does not.
+    scene : what is drawn, and its thread.
+    pictures : what is sent; ``pictures.badge`` is the text in a corner: that the map folds, or empty.
 
     Notes
     -----
@@ -183,8 +182,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     channel = SERVED
     draws_by_vtk = True
 
-    badge = ""
-
+    _path = ""
     volume_info = traitlets.Dict().tag(sync=True)
     projection = traitlets.Enum(["shaded", "composite", "mip"], "shaded").tag(sync=True)
     background = traitlets.Enum(["auto", "dark", "light"], "auto").tag(sync=True)
@@ -211,21 +209,13 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         transport: str = "comm",
         **traits: Any,
     ) -> None:
-        self._method = method
+        self._method, self._transfer = method, transfer
         self._sampling: dict[str, Any] = {"map_size": int(map_size), "space_size": int(space_size)}
-        self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
-        self._content: tuple[Volume, Callable[[], AbstractField | None], Grid | None] | None = None
-        self._transfer: TransferFunction | str = transfer
-        self._loop: SceneLoop | None = None
-        self._is_closed = False
-        self._path = ""
         self._has_guests = False  # whether someone has put things into the scene that only it knows
         self._following: Following | None = None
         self._front_ends = FrontEnds()
-        self._frames = FrameSender()
-        self._notice = ""
-        self._carrier: Any = None  # of pictures that do not go the notebook's way
-        self._shown_camera: tuple[str, int] = ("", 0)  # of which front end, and its newest number in the scene
+        self.pictures = PictureSender(self.post)
+        self.scene = SceneHost(self._start, self._front_ends.__bool__)
         super().__init__(**traits)
         check_transport(transport)
         self.set_trait("transport", transport)
@@ -245,28 +235,22 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         volume = as_volume(volume)
         _check(self._transfer, volume)
         self._stop_following()
-        self._put(volume, _none, None)
+        self._put(SceneContent(volume))
         self.label = f"Volume {volume.name}".strip()
 
-    def _put(self, volume: Volume, field: Callable[[], AbstractField | None], output: Grid | None) -> None:
-        with self._lock:
-            self._content = (volume, field, output)
-        self.volume_info = about(volume, output)
-        self._change("content", self._set_content)
-
-    def _ready(self) -> tuple[Volume, Callable[[], AbstractField | None], Grid | None]:
-        with self._lock:
-            if self._content is None:
-                raise DeformError("the view shows no volume yet; call show(volume) first.")
-            return self._content
+    def _put(self, content: SceneContent) -> None:
+        self.scene.content = content
+        self.volume_info = about(content.volume, content.output)
+        self.scene.change("content", self._set_content)
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
-        grid = output or self._ready()[0].grid
+        volume = self.scene.ready().volume
+        grid = output or volume.grid
         field = deformation.field(grid) if isinstance(deformation, Deformation) else deformation
         if field is not None and field.dim != 3:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         self._stop_following()
-        self._put(self._ready()[0], lambda: field, output)
+        self._put(SceneContent(volume, lambda: field, output))
 
     def follow(
         self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
@@ -274,7 +258,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """As :meth:`AbstractView.follow`: the points of the editor come to Python with every movement."""
         following = self._following
         if following is not None and following.goes_on(editor, index):
-            self._put(self._ready()[0], following.show(field), output)
+            self._put(SceneContent(self.scene.ready().volume, following.show(field), output))
             return
         refit = Refit(field, index) if editor is not None else None
         self.show_deformation(field, output=output)
@@ -287,25 +271,19 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             following.close()
 
     @property
-    def shown_box(self) -> Grid:
-        """The grid whose box is seen."""
-        volume, _, output = self._ready()
-        return output or volume.grid
-
-    @property
     def shown_output(self) -> Grid | None:
-        return self._content[2] if self._content is not None else None
+        content = self.scene.content
+        return None if content is None else content.output
 
     def _put_field(self, field: Callable[[], AbstractField | None]) -> None:
-        with self._lock:
-            volume, _, output = self._ready()
-            self._content = (volume, field, output)
-        self._change("content", self._set_content)
+        self.scene.put_field(field)
+        self.scene.change("content", self._set_content)
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
-        _check(transfer, self._content[0] if self._content is not None else None)
+        content = self.scene.content
+        _check(transfer, None if content is None else content.volume)
         self._transfer = transfer
-        self._change("transfer", lambda scene: scene.set_transfer(transfer))
+        self.scene.change("transfer", lambda scene: scene.set_transfer(transfer))
 
     # -- the scene and its thread --------------------------------------------------------------------------------------
 
@@ -322,45 +300,37 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             Where VTK cannot draw, and whatever ``function`` raises.
         """
         self._has_guests = True  # from now on the scene stays, also while no front end shows it
-        result = self._do(lambda scene: function(scene.plotter))
+        result = self.scene.do(lambda scene: function(scene.plotter))
         if self._front_ends:
-            self._awake().touch()
+            self.scene.touch()
         return result
 
-    def _do(self, function: Callable[[Any], _Result]) -> _Result:
-        return self._awake().do(function).result()
-
-    def _awake(self) -> SceneLoop:
-        self._ready()
-        with self._lock:
-            if self._is_closed:
-                raise DeformError("the view is closed; make a new one.")
-            if self._loop is None:
-                held = weakref.ref(self)  # the thread keeps no view alive
-                self._loop = SceneLoop(
-                    self._make,
-                    self._deliver,
-                    self._show_notice,
-                    ready=lambda: self._frames.may_send,
-                    target_ms=self.target_ms,
-                    settle_ms=self.settle_ms,
-                    is_kept=lambda: (view := held()) is not None and view.is_watched,
-                )
-                self._loop.set_shows(self.shows)
-            return self._loop
+    def _start(self) -> SceneLoop:
+        held = weakref.ref(self)  # the thread keeps no view alive
+        loop = SceneLoop(
+            self._make,
+            lambda frame: self.pictures.deliver(frame, self.shows),
+            self.pictures.show_notice,
+            ready=lambda: self.pictures.frames.may_send,
+            target_ms=self.target_ms,
+            settle_ms=self.settle_ms,
+            is_kept=lambda: (view := held()) is not None and view.is_watched,
+        )
+        loop.set_shows(self.shows)
+        return loop
 
     @property
     def is_watched(self) -> bool:
-        """True if the scene must stay: a front end shows it, or it holds state that only it has."""
+        """True while a front end shows the scene, or someone has put things into it."""
         return bool(self._front_ends) or self._has_guests
 
     def _make(self) -> Any:
-        volume, _, _ = self._ready()
-        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection, "background": self._shade()}
-        scene, notice = make_scene(volume, self._size(), self._method, **looks, **self._sampling)
+        size, background = self._frame()
+        looks: dict[str, Any] = {"transfer": self._transfer, "projection": self.projection, "background": background}
+        scene, notice = make_scene(self.scene.ready().volume, size, self._method, **looks, **self._sampling)
         try:
             if notice:
-                self._show_notice(notice)
+                self.pictures.show_notice(notice)
             self._path = scene.path
             scene.set_camera(self.camera)
             scene.set_clip(self.clip)
@@ -371,79 +341,40 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return scene
 
     def _set_content(self, scene: Any) -> None:
-        volume, field, output = self._ready()
-        if scene.volume is not volume:
-            scene.set_volume(volume)
-        scene.set_field(field(), output)
+        self.scene.ready().put_in(scene)
         self._show_fold_badge(scene)
 
     def _show_fold_badge(self, scene: Any) -> None:
         """In the thread that renders, whenever something else is shown."""
         scene.folding.show = self.show_folds
-        text = "" if self.shows == "original" else scene.folding.remark
-        if text != self.badge:
-            self.badge = text
-            self.post(Badge(text=text))
-
-    def _change(self, key: str, function: Callable[[Any], None]) -> None:
-        if self._is_closed:  # a front end's mouse may go on for a moment
-            return
-        loop = self._awake() if self._front_ends and self._content is not None else self._loop
-        if loop is not None:
-            loop.change(key, function, draw=bool(self._front_ends))
+        self.pictures.show_badge("" if self.shows == "original" else scene.folding.remark)
 
     def _changed(self, change: Any) -> None:
         """Apply the new value of a trait to the scene."""
-        name, value, loop = change["name"], change["new"], self._loop
+        name, value, loop = change["name"], change["new"], self.scene.loop
         if name == "camera":
-            self._change("camera", lambda scene: scene.set_camera(value))
+            self.scene.change("camera", lambda scene: scene.set_camera(value))
         elif name == "clip":
-            self._change("clip", lambda scene: scene.set_clip(value))
+            self.scene.change("clip", lambda scene: scene.set_clip(value))
         elif name == "projection":
-            self._change("projection", lambda scene: scene.set_projection(value))
+            self.scene.change("projection", lambda scene: scene.set_projection(value))
         elif name == "background":
             self._change_size()
         elif name == "show_folds":
-            self._change("folds", self._show_fold_badge)
+            self.scene.change("folds", self._show_fold_badge)
         elif loop is not None and name == "shows":
             loop.set_shows(value)
-            self._change("shows", lambda scene: scene.set_shows(value))
-            self._change("folds", self._show_fold_badge)
+            self.scene.change("shows", lambda scene: scene.set_shows(value))
+            self.scene.change("folds", self._show_fold_badge)
         elif loop is not None:
-            setattr(loop, name, value)
-
-    def _rest(self) -> None:
-        with self._lock:
-            loop, self._loop = self._loop, None
-        self._frames.forget()
-        if loop is not None:
-            loop.close()
+            setattr(loop if name == "settle_ms" else loop.pace, name, value)
 
     def close(self) -> None:
         """End the thread that renders, give back its window, and leave the front ends."""
-        with self._lock:
-            self._is_closed = True
         self._stop_following()
-        self._put_carrier_away()
-        self._rest()
+        self.pictures.close()
+        self.scene.close()
         super().close()
-
-    # -- to the front ends ---------------------------------------------------------------------------------------------
-
-    def _deliver(self, frame: Frame) -> None:
-        view, number = self._shown_camera
-        if self._carrier is not None and self.shows in COMPARISONS and len(frame.images) == 2:
-            deformed, original = frame.images  # its page has no line to drag: it stands in the middle
-            frame = replace(frame, images=(compared(self.shows, original, deformed),))
-        message, pictures = self._frames.pack(frame, camera=number, by=view)
-        if self._carrier is None:
-            self.post(message, pictures)
-        else:
-            self._carrier.deliver(message, pictures, frame)
-
-    def _show_notice(self, notice: str) -> None:
-        self._notice = notice
-        self.post(Notice(text=notice))
 
     # -- from the front ends -------------------------------------------------------------------------------------------
 
@@ -457,77 +388,59 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif isinstance(message, CameraMoved):
             self._turn(message)
         elif isinstance(message, Seen):
-            self._go_on(self._frames.seen(message.seq, message.view))
+            if self.pictures.frames.seen(message.seq, message.view):
+                self.scene.touch()
         else:
             self._front_end_closed(message)
 
     def _resized(self, message: AbstractSize) -> None:
         self._front_ends.put(message.view, (message.width, message.height))
         self._front_ends.theme = message.background or self._front_ends.theme
-        if isinstance(message, ServedHello):
-            self._carry(message.view, message.origin or None)
-        self._change_size()
-        if isinstance(message, ServedHello) and self._notice:
-            self.post(Notice(text=self._notice))
-        if isinstance(message, ServedHello) and self.badge:
-            self.post(Badge(text=self.badge))
-
-    def _carry(self, view: str, origin: Any) -> None:
-        """Send a front end the address from which its frame gets the pictures, if they take another way."""
         make = TRANSPORTS[self.transport]
-        if make is None:
-            return
-        self._carrier = self._carrier or make(self)
-        self._carrier.open(origin, lambda url: self.post(TrameAddress(view=view, url=url)))
+        if isinstance(message, ServedHello) and make is not None:
+            self.pictures.open_carrier(lambda: make(self), message.view, message.origin or None)
+        self._change_size()
+        if isinstance(message, ServedHello):
+            self.pictures.greet()
 
     def draw_again(self) -> None:
         """A front end has come that was not there when the last picture was sent: none is on its way to it."""
-        self._frames.lost()
-        if self._loop is not None and self._front_ends:
-            self._loop.touch()
-
-    def _put_carrier_away(self) -> None:
-        carrier, self._carrier = self._carrier, None
-        if carrier is not None:
-            carrier.close()
+        self.pictures.frames.lost()
+        if self._front_ends:
+            self.scene.touch()
 
     def _front_end_closed(self, message: Closed) -> None:
         self._front_ends.drop(message.view)
-        self._go_on(self._frames.left(message.view))
-        if not self._front_ends and not self._has_guests:
-            self._rest()
+        if self.pictures.frames.left(message.view):
+            self.scene.touch()
+        if not self.is_watched:
+            self.scene.rest()
+            self.pictures.frames.forget()
 
     def _turn(self, message: CameraMoved) -> None:
         camera = checked_camera(message.camera.value())
 
         def turn(scene: Any) -> None:
             scene.set_camera(camera)
-            self._shown_camera = (message.view, message.number)
+            self.pictures.shown_camera = (message.view, message.number)
 
-        self._change("camera", turn)
-
-    def _go_on(self, is_free: bool) -> None:
-        """Draw what was held back while too many pictures were on their way."""
-        if is_free and self._loop is not None:
-            self._loop.touch()
+        self.scene.change("camera", turn)
 
     # -- what the pictures take from them ------------------------------------------------------------------------------
 
-    def _shade(self) -> str:
-        return self._front_ends.theme if self.background == "auto" else str(self.background)
-
-    def _size(self) -> tuple[int, int]:
-        """The largest size of the front ends, or that of the traits."""
-        return self._front_ends.size((self.width, self.height))
+    def _frame(self) -> tuple[tuple[int, int], str]:
+        """The largest size of the front ends, or that of the traits, and the background."""
+        background = self._front_ends.theme if self.background == "auto" else str(self.background)
+        return self._front_ends.size((self.width, self.height)), background
 
     def _change_size(self) -> None:
-        size, background = self._size(), self._shade()
+        size, background = self._frame()
 
         def resize(scene: Any) -> None:
             scene.set_size(size)
             scene.set_background(background)
 
-        self._change("size", resize)
+        self.scene.change("size", resize)
 
     # -- pictures ------------------------------------------------------------------------------------------------------
 
@@ -540,7 +453,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         pixels = size or (self.width, self.height)
 
-        return self._do(lambda scene: drawn(scene, pixels, self.shows, bands=max(1, pixels[1] // 64)))
+        return self.scene.do(lambda scene: drawn(scene, pixels, self.shows, bands=max(1, pixels[1] // 64)))
 
     async def screenshot(self, timeout: float = 10.0) -> Image:
         """The full picture of all changes so far in the front end; without one that of :meth:`still`.
@@ -551,7 +464,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         """
         end = time.monotonic() + timeout
         while self._front_ends and time.monotonic() < end:
-            last, loop = self._frames.last, self._loop
+            last, loop = self.pictures.frames.last, self.scene.loop
             if last is not None and last.is_full and loop is not None and loop.is_settled:
                 return last.images[0]
             await asyncio.sleep(_LOOK_EVERY)
@@ -564,24 +477,19 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         ``frames``, ``scale`` (share of the full width that quick pictures have), ``path`` ("texture", "array" or
         "core"), ``width``, ``height``, ``bytes_per_frame`` (of the last), ``frame_bytes`` and ``sent`` (of all).
         """
-        with self._lock:
-            measured = self._loop.stats() if self._loop is not None else {}
-        width, height = self._size()
-        return {**measured, "path": self._path, "width": width, "height": height, **self._frames.stats()}
+        loop, (width, height) = self.scene.loop, self._frame()[0]
+        measured = {} if loop is None else loop.pace.stats()
+        return {**measured, "path": self._path, "width": width, "height": height, **self.pictures.frames.stats()}
 
     def preview_png(self) -> bytes:
         """A small picture as a PNG: what is seen where no front end runs."""
-        return self._do(lambda scene: preview_png(scene, self.shows))
+        return self.scene.do(lambda scene: preview_png(scene, self.shows))
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = super()._repr_mimebundle_(**options)
-        return bundle if self._content is None else with_png(bundle, self.preview_png)
+        return bundle if self.scene.content is None else with_png(bundle, self.preview_png)
 
 
 def _check(transfer: TransferFunction | str, volume: Volume | None) -> None:
     if isinstance(transfer, str) and transfer not in PRESETS and volume is not None:
         preset(transfer, volume)  # raises for an unknown one
-
-
-def _none() -> None:
-    """The field of a volume without deformation."""

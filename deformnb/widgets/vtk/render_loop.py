@@ -76,6 +76,53 @@ class Frame:
     is_full: bool
 
 
+class Pace:
+    """Resolution of pictures that follows from the times that the last ones took.
+
+    Parameters
+    ----------
+    target_ms : time that a quick picture may take; longest_ms : that a full one may.
+
+    Attributes
+    ----------
+    scale : share of the full width that quick pictures have.
+    """
+
+    def __init__(self, target_ms: float, longest_ms: float) -> None:
+        self.target_ms, self.longest_ms, self.scale = target_ms, longest_ms, _FIRST
+        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds that a full picture would take, as of late
+        self._times: dict[str, deque[float]] = {name: deque(maxlen=_KEPT) for name in ("edit", "frame")}
+        self._full_ms, self._frames = 0.0, 0
+
+    def learn(self, edit_ms: float, ms: float) -> None:
+        """Note the times of changes and of a quick picture, and let the next ones be smaller or larger."""
+        self._times["edit"].append(edit_ms)
+        self._times["frame"].append(ms)
+        is_first, self._frames = not self._frames, self._frames + 1
+        self._rates.append(ms / self.scale**2 * _coarseness(self.scale))
+        if is_first:  # it compiles shaders: its time is no measure of the others
+            self._rates[-1] = min(self._rates[-1], self.longest_ms)
+            return
+        change = float(np.sqrt(_AIMED_AT * self.target_ms / max(ms, 1.0)))
+        self.scale = min(1.0, max(_SMALLEST, self.scale * min(1.35, max(0.5, change))))
+
+    def full(self) -> tuple[float, int]:
+        """Share of the full width that the picture at rest has, and the parts in which it is drawn."""
+        rate = min(self._rates, default=0.0)  # a picture that compiles something takes seconds once
+        scale = float(min(1.0, max(self.scale, np.sqrt(self.longest_ms / max(rate, 1.0)))))
+        return scale, int(np.ceil(rate * scale**2 / _BAND_MS)) or 1
+
+    def learn_full(self, ms: float, scale: float) -> None:
+        """Note the time of a picture at rest."""
+        self._full_ms, self._frames = ms, self._frames + 1
+        self._rates = deque([ms / scale**2], maxlen=_RATES)
+
+    def stats(self) -> dict[str, Any]:
+        """Medians ``edit_ms`` (changes) and ``frame_ms`` (quick pictures), ``full_ms``, ``frames`` and ``scale``."""
+        medians = {f"{name}_ms": float(np.median(list(t))) if t else 0.0 for name, t in self._times.items()}
+        return {**medians, "full_ms": self._full_ms, "frames": self._frames, "scale": self.scale}
+
+
 class SceneLoop:
     """Draws one scene whenever it has changed.
 
@@ -104,18 +151,13 @@ class SceneLoop:
         longest_ms: float = 4000.0,
         is_kept: Callable[[], bool] = lambda: True,
     ) -> None:
-        self.target_ms, self.settle_ms, self.longest_ms = target_ms, settle_ms, longest_ms
+        self.pace, self.settle_ms = Pace(target_ms, longest_ms), settle_ms
         self._make, self._deliver, self._failed, self._ready = make, deliver, failed, ready
         self._holder = _Holder()
         self._thread = Worker(at_end=self._holder.close, is_kept=is_kept)
         self._lock = threading.Lock()
         self._changes: dict[str, Callable[[Any], None]] = {}
         self._shows = "deformed"
-        self._scale = _FIRST
-        self._rates: deque[float] = deque(maxlen=_RATES)  # milliseconds that a full picture would take, as of late
-        self._times: dict[str, deque[float]] = {name: deque(maxlen=_KEPT) for name in ("edit", "frame")}
-        self._full_ms, self._frames = 0.0, 0
-        self._is_new = True
         self._is_rough = False  # whether the last picture was a quick one
         self._asked = self._drawing = self._settled = 0  # how many wishes came, were begun, are shown in full
 
@@ -166,19 +208,9 @@ class SceneLoop:
 
         return self._thread.call(work)
 
-    def stats(self) -> dict[str, Any]:
-        """Medians ``edit_ms`` (changes) and ``frame_ms`` (quick pictures), ``full_ms``, ``frames`` and ``scale``."""
-        medians = {f"{name}_ms": float(np.median(list(t))) if t else 0.0 for name, t in self._times.items()}
-        return {**medians, "full_ms": self._full_ms, "frames": self._frames, "scale": self._scale}
-
     def close(self, wait: float = 0.1) -> None:
         """End the thread behind what it is doing, and close the scene; takes at most ``wait`` seconds."""
         self._thread.close(wait)
-
-    @property
-    def _rate(self) -> float:
-        """Of the last few the least: a picture that compiles something takes seconds once."""
-        return min(self._rates, default=0.0)
 
     # -- in the thread -------------------------------------------------------------------------------------------------
 
@@ -195,15 +227,13 @@ class SceneLoop:
             self._drawing = self._asked
             self._apply(scene)
             drawn = time.perf_counter()
-            images = self._images(scene, scale=self._scale, coarseness=_coarseness(self._scale))
+            scale = self.pace.scale
+            images = self._images(scene, scale=scale, coarseness=_coarseness(scale))
             if images is None:
                 return
-            ms = 1e3 * (time.perf_counter() - drawn)
-            self._times["edit"].append(1e3 * (drawn - start))
-            self._times["frame"].append(ms)
-            self._learn(ms)
+            self.pace.learn(1e3 * (drawn - start), 1e3 * (time.perf_counter() - drawn))
             self._deliver(Frame(images, is_full=False))
-            self._frames, self._is_rough = self._frames + 1, True
+            self._is_rough = True
             self._thread.at_rest(self.settle_ms / 1e3, self._full)
         except Exception as error:
             self._say(error)
@@ -211,17 +241,14 @@ class SceneLoop:
     def _full(self) -> None:
         try:
             scene = self._holder.get(self._make)
-            scale = float(min(1.0, max(self._scale, np.sqrt(self.longest_ms / max(self._rate, 1.0)))))
-            bands = int(np.ceil(self._rate * scale**2 / _BAND_MS)) or 1
+            scale, bands = self.pace.full()
             start = time.perf_counter()
             images = self._images(scene, scale=scale, bands=bands, interrupted=lambda: self._thread.is_wanted)
             if images is None:
                 return  # what came between draws again
-            self._full_ms = 1e3 * (time.perf_counter() - start)
-            self._rates = deque([self._full_ms / scale**2], maxlen=_RATES)
+            self.pace.learn_full(1e3 * (time.perf_counter() - start), scale)
             self._deliver(Frame(images, is_full=True))
-            self._frames, self._is_rough = self._frames + 1, False
-            self._settled = self._drawing
+            self._is_rough, self._settled = False, self._drawing
         except Exception as error:
             self._say(error)
 
@@ -243,15 +270,6 @@ class SceneLoop:
                 change(scene)
             except Exception as error:  # one wrong change does not undo the others
                 self._say(error)
-
-    def _learn(self, ms: float) -> None:
-        self._rates.append(ms / self._scale**2 * _coarseness(self._scale))
-        if self._is_new:  # the first picture compiles shaders: its time is no measure of the others
-            self._is_new = False
-            self._rates[-1] = min(self._rates[-1], self.longest_ms)
-            return
-        change = float(np.sqrt(_AIMED_AT * self.target_ms / max(ms, 1.0)))
-        self._scale = min(1.0, max(_SMALLEST, self._scale * min(1.35, max(0.5, change))))
 
     def _say(self, error: Exception) -> None:
         if not isinstance(error, DeformError):

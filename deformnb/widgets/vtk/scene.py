@@ -271,6 +271,58 @@ def warped(volume: Volume, field: AbstractField) -> Volume:
 VOLUME_PROJECTIONS = ("shaded", "composite", "mip")
 
 
+class ShaderMaps:
+    """Deformation in VTK's shader, which looks up maps of displacements.
+
+    Parameters
+    ----------
+    map_size, space_size : samples, as of a scene.
+    shows_cuts : whether the shader shows cuts rightly.
+
+    Attributes
+    ----------
+    warp : the shader; None where there is none, and before :meth:`open`.
+    maps : those to look up; None for no deformation, and where it is done in the voxels.
+    """
+
+    def __init__(self, map_size: int, space_size: int, shows_cuts: Callable[[], bool]) -> None:
+        self._map_size, self._space_size, self._shows_cuts = map_size, space_size, shows_cuts
+        self.warp: VolumeWarp | None = None
+        self.maps: FieldTextures | None = None
+        self._loaded: FieldTextures | None = None  # what the shader has of them
+
+    def maps_of(self, field: AbstractField, volume: Volume, output: Grid | None) -> FieldTextures | None:
+        """The maps of a field; None where the shader does not show them rightly.
+
+        It does not show cuts of steps before the last, nor any where they fail.
+        """
+        if self.warp is None:
+            return None
+        maps = field_textures(field, frame_of(volume), output, self._map_size, self._space_size)
+        has_cuts = maps.content.planar is not None and maps.content.planar["cut"] is not None
+        is_early = maps.content.coarse or (maps.content.space is not None and maps.content.space.get("cut") is not None)
+        return None if is_early or (has_cuts and not self._shows_cuts()) else maps
+
+    def open(self, window: VolumeWindow) -> None:
+        """Have the shader of what a window shows now."""
+        render_window = window.plotter.render_window
+        render_window.SetSize(8, 8)
+        render_window.Render()  # makes the context that textures live in
+        self.warp = VolumeWarp(window.actor, render_window)
+
+    def load(self, voxels: SceneVoxels) -> None:
+        """Have the shader look up the maps in these voxels."""
+        if self.warp is not None and self.maps is not self._loaded:
+            self.warp.set_maps(self.maps, voxels.lattice, voxels.first)
+            self._loaded = self.maps
+
+    def close(self) -> None:
+        """Give back what is on the GPU."""
+        if self.warp is not None:
+            self.warp.close()
+        self.warp = self.maps = self._loaded = None
+
+
 class VtkScene:
     """One volume in an off-screen window of VTK.
 
@@ -288,6 +340,7 @@ class VtkScene:
 
     Attributes
     ----------
+    voxels : those that VTK draws; shader : the deformation in its shader.
     folding : ``folding.show`` paints red where the map folds; ``folding.remark`` explains what that means here.
 
     Raises
@@ -312,13 +365,10 @@ class VtkScene:
         if method not in ("auto", "texture", "array"):
             raise DeformError(f"unknown method {method!r}; choose auto, texture or array.")
         self.path = ("texture" if texture_works() else "array") if method == "auto" else method
-        self._is_trusted = method == "texture"
-        self.folding = Folding(None if self._is_trusted else folds_work)
-        self._map_size, self._space_size = int(map_size), int(space_size)
+        is_trusted = method == "texture"
+        self.folding = Folding(None if is_trusted else folds_work)
+        self.shader = ShaderMaps(int(map_size), int(space_size), (lambda: True) if is_trusted else cuts_work)
         self._window: VolumeWindow | None = VolumeWindow()
-        self._warp: VolumeWarp | None = None
-        self._maps: FieldTextures | None = None
-        self._loaded: FieldTextures | None = None  # what the shader has of them
         self._transfer: TransferFunction | None = None
         self._camera = checked_camera({})
         self._clip = WHOLE
@@ -371,29 +421,20 @@ class VtkScene:
             raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
         if isinstance(wanted, Identity):
             wanted = None
-        maps = None
-        if wanted is not None and self._warp is not None:
-            maps = field_textures(wanted, frame_of(self._volume), output, self._map_size, self._space_size)
-            maps = maps if self._can(maps) else None  # and it is done in the voxels
-        if output != self._output:
+        maps = None if wanted is None else self.shader.maps_of(wanted, self._volume, output)
+        if output != self.voxels.output:
             self._load(output)
-        self._field, self._maps = wanted, maps
+        self._field, self.shader.maps = wanted, maps
         self.folding.set(maps, wanted, output or grid)
-
-    def _can(self, maps: FieldTextures) -> bool:
-        """Check whether the shader shows these rightly: not cuts of steps before the last, nor any where they fail."""
-        has_cuts = maps.content.planar is not None and maps.content.planar["cut"] is not None
-        is_early = maps.content.coarse or (maps.content.space is not None and maps.content.space.get("cut") is not None)
-        return not is_early and (self._is_trusted or not has_cuts or cuts_work())
 
     def set_transfer(self, transfer: TransferFunction | str) -> None:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
         self._transfer = as_transfer(transfer, self._volume)
-        if clipped_for(self._volume, self._transfer).value_range != self._voxels.volume.value_range:
-            self._load(self._output)
+        if clipped_for(self._volume, self._transfer).value_range != self.voxels.volume.value_range:
+            self._load(self.voxels.output)
             if self._field is not None:
-                self.set_field(self._field, self._output)
+                self.set_field(self._field, self.voxels.output)
         self._apply_looks()
 
     def set_projection(self, projection: str) -> None:
@@ -476,7 +517,7 @@ class VtkScene:
         progress: Callable[[float], None] | None,
     ) -> Image | None:
         self._deform(deformed)
-        camera = camera_of(self._camera, self._output or self._volume.grid, size[0] / size[1])
+        camera = camera_of(self._camera, self.voxels.output or self._volume.grid, size[0] / size[1])
         distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
         return self._shown.draw(
             camera,
@@ -485,7 +526,7 @@ class VtkScene:
             bands=bands,
             interrupted=interrupted,
             progress=progress,
-            before=None if self._warp is None else self._warp.set_row,
+            before=None if self.shader.warp is None else self.shader.warp.set_row,
         )
 
     # -- VTK -----------------------------------------------------------------------------------------------------------
@@ -493,62 +534,51 @@ class VtkScene:
     def _load(self, output: Grid | None) -> None:
         """Voxels that reach as far as what can be seen, in a new actor."""
         assert self._transfer is not None
-        self._output, self._voxels = output, SceneVoxels(clipped_for(self._volume, self._transfer), output)
-        self._maps = self._loaded = None
-        self._close_warp()
+        self.voxels = SceneVoxels(clipped_for(self._volume, self._transfer), output)
+        self.shader.close()
         window = self._shown
-        window.load(self._voxels.image, self._voxels.lattice)
+        window.load(self.voxels.image, self.voxels.lattice)
         if self.path == "texture":
-            render_window = window.plotter.render_window
-            render_window.SetSize(8, 8)
-            render_window.Render()  # makes the context that textures live in
-            self._warp = VolumeWarp(window.actor, render_window)
+            self.shader.open(window)
         self._apply_clip()
         self._apply_looks()
 
     def _apply_looks(self) -> None:
         if self._transfer is None:
             return
-        transfer, values = self._transfer, self._voxels.volume.value_range
+        transfer, values = self._transfer, self.voxels.volume.value_range
         if self._projection == "mip":
-            low, white, ink = self._voxels.volume.background, white_of(self._volume), INKS[self._background]
+            low, white, ink = self.voxels.volume.background, white_of(self._volume), INKS[self._background]
             transfer = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
         self._shown.set_transfer(transfer, values, self._projection)
-        if self._warp is not None:
-            self._warp.set_projection(self._projection == "mip", self._projection == "shaded")
+        if self.shader.warp is not None:
+            self.shader.warp.set_projection(self._projection == "mip", self._projection == "shaded")
 
     def _apply_clip(self) -> None:
-        if self._warp is not None:
+        if self.shader.warp is not None:
             is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
-            self._warp.set_box(*self._voxels.box(self._clip), self._voxels.lattice, is_cut)
+            self.shader.warp.set_box(*self.voxels.box(self._clip), self.voxels.lattice, is_cut)
         else:
-            self._shown.set_clipping_planes(clipping_planes(self._voxels.lattice, self._voxels.kept(self._clip)))
+            self._shown.set_clipping_planes(clipping_planes(self.voxels.lattice, self.voxels.kept(self._clip)))
 
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
-        if self._warp is not None:
-            if self._maps is not self._loaded:
-                self._warp.set_maps(self._maps, self._voxels.lattice, self._voxels.first)
-                self._loaded = self._maps
-            self._warp.set_strength(1.0 if wanted else 0.0)
-            self._warp.set_folds(self.folding.is_red)
+        if self.shader.warp is not None:
+            self.shader.load(self.voxels)
+            self.shader.warp.set_strength(1.0 if wanted else 0.0)
+            self.shader.warp.set_folds(self.folding.is_red)
         # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
-        kept = None if self._warp is not None else self._voxels.kept(self._clip)
-        if wanted and (self._warp is None or self._maps is None):
-            self._voxels.write("warped", self._field, kept)
+        kept = None if self.shader.warp is not None else self.voxels.kept(self._clip)
+        if wanted and (self.shader.warp is None or self.shader.maps is None):
+            self.voxels.write("warped", self._field, kept)
         else:
-            is_whole = self._warp is not None or (self._output is None and kept is None)
-            self._voxels.write("plain" if is_whole else "cropped", None, kept)
-
-    def _close_warp(self) -> None:
-        if self._warp is not None:
-            self._warp.close()
-            self._warp = None
+            is_whole = self.shader.warp is not None or (self.voxels.output is None and kept is None)
+            self.voxels.write("plain" if is_whole else "cropped", None, kept)
 
     def close(self) -> None:
         """Give back the window and all that is on the GPU; a second time does nothing."""
         if self._window is not None:
-            self._close_warp()
+            self.shader.close()
             self._window.close()
             self._window = None
 

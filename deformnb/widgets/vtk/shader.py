@@ -233,7 +233,7 @@ _BARE = 1.5  # voxels, beside the one that a slope reaches
 
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
 _HOOK = "//VTK::ComputeGradient::Dec"
-_REPLACED = {
+REPLACED = {
     "texture3D(in_volume[0], g_dataPos)": "texture3D(in_volume[0], "
     "dnb_at = dnb_inside(dnb_warp(g_dataPos), g_dataPos))",
     **{
@@ -247,6 +247,7 @@ _REPLACED = {
         for k, x in enumerate("xyz")
     },
 }
+"""Replacements in VTK's shader that displace what it samples."""
 
 _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D", "dnb_cuts": "sampler2D"}
 
@@ -302,6 +303,10 @@ class VolumeWarp:
     ----------
     actor : a volume with a GPU mapper in ``window``, rendered at least once.
     window : its render window.
+
+    Attributes
+    ----------
+    kind : of the text that is in the shader now.
     """
 
     def __init__(self, actor: Any, window: Any) -> None:
@@ -316,7 +321,7 @@ class VolumeWarp:
         self._textures["dnb_cuts"].load(np.zeros((1, 1, 1)))
         self._bind()
         self._is_boxed = self._is_red = self._is_lit = False
-        self._kind: Any = None
+        self.kind: Any = None
         self._what: tuple[str, bool, Any] = ("none", False, None)
         self._inject(*self._what)
 
@@ -346,9 +351,9 @@ class VolumeWarp:
         self._what = (planar, space, cut)
         is_red = self._is_red and (planar != "none" or space)
         wanted = (*self._what, self._is_boxed, is_red, self._is_lit)
-        if self._kind == wanted:
+        if self.kind == wanted:
             return
-        self._kind = wanted
+        self.kind = wanted
         self._property.ClearAllFragmentShaderReplacements()
         add = self._property.AddFragmentShaderReplacement
         inside, more = _INSIDE if self._is_boxed else "", _SPACE if space else ""
@@ -364,7 +369,7 @@ class VolumeWarp:
                 add(theirs, False, replacement, True)
         for name, kind in _SAMPLERS.items():  # vtkUniforms has numbers only: declared as int, turned into a sampler
             add(f"uniform int {name};", False, f"uniform {kind} {name};", True)
-        replaced = _REPLACED if cut is None else REPLACED_FOR_CUTS
+        replaced = REPLACED if cut is None else REPLACED_FOR_CUTS
         for theirs, replacement in (replaced | REPLACED_FOR_FOLDS if is_red else replaced).items():
             add(theirs, False, replacement, True)
 

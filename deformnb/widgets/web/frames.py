@@ -36,12 +36,16 @@ class TrameFrames:
     Parameters
     ----------
     view : a :class:`~deformnb.widgets.VolumeView`.
+
+    Attributes
+    ----------
+    served : the servers by the origin of the pages that frame them.
     """
 
     def __init__(self, view: Any) -> None:
         self._view = weakref.ref(view)
         self._lock = threading.Lock()
-        self._served: dict[str, _Served] = {}
+        self.served: dict[str, _Served] = {}
 
     def open(self, origin: Any, notify: Callable[[str], None]) -> None:
         """Start a server of the pictures for a page of this origin.
@@ -57,24 +61,24 @@ class TrameFrames:
         """
         allowed = checked_origin(origin)
         with self._lock:
-            self._served = {name: one for name, one in self._served.items() if one.is_alive}
+            self.served = {name: one for name, one in self.served.items() if one.is_alive}
             view = self._view()
             if view is None:
                 return
-            served = self._served.get(allowed)
+            served = self.served.get(allowed)
             if served is None:
-                served = self._served[allowed] = _Served(view, allowed)
+                served = self.served[allowed] = _Served(view, allowed)
         served.when_ready(notify)
 
     def deliver(self, message: FrameSent, pictures: list[bytes], frame: Frame) -> None:
         """A picture, by the thread that draws."""
-        for served in list(self._served.values()):
+        for served in list(self.served.values()):
             served.area.deliver(message, pictures, frame)
 
     def close(self) -> None:
         """End all servers."""
         with self._lock:
-            served, self._served = list(self._served.values()), {}
+            served, self.served = list(self.served.values()), {}
         for one in served:
             one.close()
 
@@ -86,7 +90,7 @@ class _Served:
         self.area = _ViewArea(view)
         self._origin = origin
         self._ready = threading.Event()
-        self._server: PageServer | None = None
+        self.server: PageServer | None = None
         self._is_closed = False
         self._thread = threading.Thread(target=self._run, name="deformnb-trame", daemon=True)
         self._thread.start()
@@ -97,10 +101,10 @@ class _Served:
 
     def _run(self) -> None:
         async def serve() -> None:
-            self._server = PageServer(self.area.serve, idle=_IDLE, framed_by=self._origin)
+            self.server = PageServer(self.area.serve, idle=_IDLE, framed_by=self._origin)
             if self._is_closed:
                 return
-            await self._server.run(lambda _: self._ready.set())
+            await self.server.run(lambda _: self._ready.set())
 
         try:
             asyncio.run(serve())
@@ -115,16 +119,16 @@ class _Served:
 
         def wait() -> None:
             self._ready.wait(60)
-            if self._server is not None and self._server.url:
-                notify(self._server.url)
+            if self.server is not None and self.server.url:
+                notify(self.server.url)
 
         threading.Thread(target=wait, name="deformnb-trame-ready", daemon=True).start()
 
     def close(self) -> None:
         """End the server; takes a moment at most."""
         self._is_closed = True  # if the server is not made yet
-        if self._server is not None:
-            self._server.stop()
+        if self.server is not None:
+            self.server.stop()
         self._thread.join(_LONGEST_END)
 
 
@@ -198,7 +202,7 @@ class _ViewArea:
             return
         if not self._mouse.is_held:
             self._camera = view.camera  # Python may have turned it
-        self._mouse.on_event(event, view.shown_box, view.shows)
+        self._mouse.on_event(event, view.scene.ready().box, view.shows)
 
     def _seen(self, number: Any, page: Any = "") -> None:
         self._send_to_view({"type": "seen", "seq": number}, page)
@@ -236,7 +240,7 @@ class _ViewArea:
                 frame.images,
                 pictures,
                 camera,
-                {"n": message.seq, "full": frame.is_full, "shows": view.shows, "badge": view.badge},
+                {"n": message.seq, "full": frame.is_full, "shows": view.shows, "badge": view.pictures.badge},
             )
 
     def _push(self, jpeg: bytes, about: dict[str, Any]) -> None:

@@ -414,3 +414,80 @@ def _decoded(data: Any, longest: int) -> dict[str, Any]:
 def _short(error: Exception) -> str:
     """The first words of an error, without what the page wrote into it across several lines."""
     return " ".join(str(error).split())[:160]
+
+
+class SiteGuard:
+    """Access control of one web server of wslink's: passwords, messages and slow requests.
+
+    Parameters
+    ----------
+    token : the password of this start.
+    framed_by : the one origin whose pages may show ours in a frame, as of :func:`access_check`.
+
+    Attributes
+    ----------
+    handlers : wslink's handlers of sockets, once the server is bound.
+    """
+
+    def __init__(self, token: str, framed_by: str) -> None:
+        self.password_check = PasswordCheck(token)
+        self.handlers: list[Any] = []
+        self._framed_by, self._slow_requests = framed_by, SlowRequests()
+        self._guards: list[MessageGuard] = []
+        self._served: Any = None
+
+    def bind(
+        self,
+        served: Any,
+        answers: Callable[[Mapping[str, Any]], Mapping[str, Answer]],
+        names: Callable[[], frozenset[str]],
+        long: frozenset[str],
+    ) -> None:
+        """Restrict a server of wslink's that does not listen yet.
+
+        Parameters
+        ----------
+        answers : what pages may call, by name, made of wslink's own table.
+        names : the names of the server, as of :func:`access_check`; long : as of :class:`MessageGuard`.
+        """
+        self._served = served
+        self.handlers = list(served._ws_handlers)  # noqa: SLF001  # wslink has no public name for them
+        self._guards = [MessageGuard(handler, answers(handler.functionMap), long) for handler in self.handlers]
+        check = access_check(names, self.handlers, self._framed_by)
+        served.app.middlewares.extend([self._slow_requests.middleware(), check])
+
+    @property
+    def dropped(self) -> int:
+        """Messages that were refused."""
+        return sum(guard.dropped for guard in self._guards)
+
+    @property
+    def sites(self) -> list[str]:
+        """Addresses at which the server listens."""
+        return [site.name for site in self._served.runner.sites]
+
+    @property
+    def connections(self) -> list[Any]:
+        """All open connections, of sockets and others."""
+        return list(self._served.runner.server.connections)
+
+    @property
+    def clients(self) -> set[str]:
+        """Names of the clients that have sent the password."""
+        return {client for handler in self.handlers for client in handler.authentified_client_ids}
+
+    async def cut_off(self) -> None:
+        """End connections without a whole request, and those of clients that have sent no password, after a while."""
+        self._slow_requests.cut_off(self.connections)
+        late = self.password_check.unauthenticated(self.clients)
+        await part_from([one.connections[name] for one in self.handlers for name in late if name in one.connections])
+
+    async def end(self, ending: asyncio.Future[Any]) -> None:
+        """End all connections while the server ends: who does not answer, or does not read, cannot hold that up."""
+        server = self._served.runner.server  # which its runner forgets at the end
+        await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
+        await self._slow_requests.stop_answers()
+        for connection in list(server.connections):
+            if connection.transport is not None:
+                connection.transport.abort()
+        await ending

@@ -21,16 +21,11 @@ from aiohttp import web
 from deformnb.errors import DeformError
 from deformnb.widgets.bundle import bundle
 from deformnb.widgets.web.guard import (
-    FAREWELL_SECONDS,
     LONGEST_REQUEST,
     Answer,
-    MessageGuard,
-    PasswordCheck,
     RefusedByServer,
-    SlowRequests,
-    access_check,
+    SiteGuard,
     own_names,
-    part_from,
 )
 from deformnb.widgets.web.remote_area import AREA
 
@@ -74,6 +69,7 @@ class PageServer:
     trame : trame's own server, for its state and its page.
     root : wslink's protocol of the server, while it runs; see :meth:`publish`.
     content : the result of ``make``.
+    guard : who is let in; ``guard.dropped`` counts the messages that were refused.
     url : where the page is, with its password; empty before the server runs.
     reason : why it ended.
     """
@@ -93,15 +89,11 @@ class PageServer:
         self.url, self.reason = "", ""
         self.token = secrets.token_urlsafe(32)
         self.root: Any = None
-        self._wanted_port, self._framed_by = port, framed_by
+        self.guard = SiteGuard(self.token, framed_by)
+        self._wanted_port = port
         self._parent = None if _outlives_its_terminal() else os.getppid()
-        self._guards: list[MessageGuard] = []
-        self._handlers: list[Any] = []
-        self._password_check = PasswordCheck(self.token)
-        self._slow_requests = SlowRequests()
         self._end = asyncio.Event()
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._web: Any = None  # wslink's server
         self.trame = get_server(f"deformnb-{secrets.token_hex(8)}", client_type="vue3", ws_max_msg_size=LONGEST_REQUEST)
         self.trame.add_protocol_to_configure(self._configure)
         self.trame.controller.on_server_bind.add(self._bind)
@@ -111,11 +103,6 @@ class PageServer:
     def port(self) -> int:
         """The port that is listened at."""
         return int(self.trame.port)
-
-    @property
-    def dropped(self) -> int:
-        """Messages that were refused."""
-        return sum(guard.dropped for guard in self._guards)
 
     # -- life ----------------------------------------------------------------------------------------------------------
 
@@ -145,24 +132,13 @@ class PageServer:
                 await self._watch(serving)
             finally:
                 self.root = None
-                await self._shut()
+                await self.guard.end(asyncio.ensure_future(self.trame.stop()))
                 await serving
 
     def stop(self, reason: str = "on request") -> None:
         """End the server; may be called from any thread."""
         self.reason = self.reason or reason
         self.in_loop(self._end.set)
-
-    async def _shut(self) -> None:
-        """Stop listening and leave everyone: who does not answer, or does not read, cannot hold up the end."""
-        server = self._web.runner.server
-        ending = asyncio.ensure_future(self.trame.stop())
-        await asyncio.wait({ending}, timeout=2 * FAREWELL_SECONDS)
-        await self._slow_requests.stop_answers()
-        for connection in list(server.connections):
-            if connection.transport is not None:
-                connection.transport.abort()
-        await ending
 
     def _start(self) -> Any:
         with _no_arguments():  # trame reads the command line, where it would find options of ours
@@ -183,7 +159,7 @@ class PageServer:
         while not (self._end.is_set() or serving.done()):
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._end.wait(), min(_LOOK_EVERY, self.idle / 4))
-            known = {client for handler in self._handlers for client in handler.authentified_client_ids}
+            known = self.guard.clients
             last = time.monotonic() if known else last
             if before - known:
                 self.content.left()
@@ -192,16 +168,7 @@ class PageServer:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")
             if self._parent not in (None, os.getppid()):
                 self.stop("the program that started it has ended")
-            self._slow_requests.cut_off(self._web.runner.server.connections)
-            unauthenticated = self._password_check.unauthenticated(known)
-            await part_from(
-                [
-                    handler.connections[client]
-                    for handler in self._handlers
-                    for client in unauthenticated
-                    if client in handler.connections
-                ]
-            )
+            await self.guard.cut_off()
 
     @contextlib.contextmanager
     def _signals(self) -> Iterator[None]:
@@ -240,19 +207,15 @@ class PageServer:
     # -- trame's own server, made narrow -------------------------------------------------------------------------------
 
     def _configure(self, root: Any) -> None:
-        root.registerLinkProtocol(self._password_check)
+        root.registerLinkProtocol(self.guard.password_check)
         self.root = root
         self.content.start()
 
     def _bind(self, served: Any) -> None:
         """Called by trame when its web server is made and has not begun to listen."""
-        self._web = served
         self.trame.protocol.updateSecret(self.token)
         served.config["ws_compress"] = False  # voxels and pictures are packed already
-        self._handlers = list(served._ws_handlers)  # noqa: SLF001  # wslink has no public name for them
-        self._guards = [MessageGuard(handler, self._answers(handler.functionMap), _LONG) for handler in self._handlers]
-        check = access_check(lambda: own_names(self.host, self.port), self._handlers, self._framed_by)
-        served.app.middlewares.extend([self._slow_requests.middleware(), check])
+        self.guard.bind(served, self._answers, lambda: own_names(self.host, self.port), _LONG)
         own = {f"/deformnb/{name}": (bundle(name), _KINDS[Path(name).suffix]) for name in self.content.bundles()}
         pages = {**_assets(), **own}
         served.app.router.add_routes([web.get(path, _serve(*page)) for path, page in pages.items()])

@@ -336,7 +336,7 @@ def test_the_page_writes_no_traits(caplog: pytest.LogCaptureFixture) -> None:
     assert (editor.shown, editor.range, editor.theme) == (before, (-1.0, 1.5), "auto")
     assert caplog.text.count("were dropped") == 5
     editor.set_state({"_view_count": 1})
-    assert editor._view_count == 1
+    assert editor.trait_values()["_view_count"] == 1
 
 
 def test_pages_that_are_long_closed_are_forgotten(sent: list[Any]) -> None:

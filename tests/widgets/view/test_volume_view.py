@@ -72,8 +72,8 @@ class Recorded(VolumeView):
         wait_for(
             lambda: (
                 self._step()
-                and self._loop is not None
-                and self._loop.is_settled
+                and self.scene.loop is not None
+                and self.scene.loop.is_settled
                 and self.frames
                 and self.frames[-1][0]["full"]
             )
@@ -159,7 +159,7 @@ def test_no_third_frame_is_sent_before_one_is_seen(opened: Any) -> None:
         view.set_camera(zoom=zoom)
     wait_for(lambda: len(view.frames) == 2)
     view.set_camera(zoom=1.5)
-    wait_for(lambda: view._frames._was_full)
+    wait_for(lambda: view.pictures.frames.was_full)
     assert len(view.frames) == 2
     view.say(type="seen", seq=1)
     wait_for(lambda: len(view.frames) == 3)  # the last change is drawn at last
@@ -253,7 +253,7 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
 
     def shown() -> float:
         """How far matter has gone at the point that is dragged, and at half of the depth."""
-        field = view._ready()[1]()
+        field = view.scene.ready().field()
         return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
 
     view.follow(editor, answer(0.0))
@@ -277,7 +277,8 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
     assert shown() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
     view.follow(editor, answer(2.0))
     assert shown() == pytest.approx(2.0, abs=1e-6)
-    assert len(editor._callbacks) == 1
+    view.show_deformation(None)
+    assert not editor.live  # it was followed once, however often the view was told to
 
 
 def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:
@@ -344,10 +345,10 @@ def test_an_error_is_said_on_the_page_and_the_picture_stays(opened: Any, monkeyp
     view.say(type="hello", **PAGE)
     view.see_all()
 
-    def broken() -> None:
+    def broken(_scene: Any) -> None:
         raise DeformError("these maps are wrong")
 
-    view._put_field(broken)
+    view.scene.change("content", broken)
     wait_for(lambda: "these maps are wrong" in [c["text"] for c, _ in view.__dict__["out"] if c["type"] == "notice"])
     view.show_deformation(None)
     view.see_all()
@@ -508,7 +509,7 @@ def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
     view.say(type="hello", **PAGE)
     view.show_deformation(folding(2.0))
     view.see_all()
-    assert (red(view.still()), badges(view), view.badge) == (0, [], "")
+    assert (red(view.still()), badges(view), view.pictures.badge) == (0, [], "")
     view.show_deformation(folding(12.0))
     view.see_all()
     assert red(view.still()) > 100
@@ -517,10 +518,10 @@ def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
     view.say(type="hello", **{**PAGE, "view": "b"})  # a second page is told too
     assert badges(view) == 2 * ["red: where the map folds"]
     view.shows = "original"
-    assert (red(view.still()), view.badge) == (0, "")
+    assert (red(view.still()), view.pictures.badge) == (0, "")
     view.shows = "deformed"
     view.show_folds = False
-    assert (red(view.still()), view.badge) == (0, "")
+    assert (red(view.still()), view.pictures.badge) == (0, "")
     view.show_folds = True
     assert red(view.still()) > 100
     assert badges(view)[-1] == "red: where the map folds"
@@ -531,10 +532,10 @@ def test_where_folds_are_not_shown_it_is_said(opened: Any) -> None:
     view = opened(method="core")
     view.show_deformation(folding(12.0))
     view.still((64, 48))
-    assert view.badge == "the map folds; this way of drawing does not show where"
+    assert view.pictures.badge == "the map folds; this way of drawing does not show where"
     view.show_folds = False
     view.still((64, 48))
-    assert view.badge == ""
+    assert view.pictures.badge == ""
 
 
 def test_a_transport_that_is_unknown_or_not_installed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -574,7 +575,7 @@ def test_pictures_go_by_the_transport_and_the_page_hears_where(
     view = opened(method="core", transport="trame")
     view.say(type="hello", **PAGE, origin="http://nb:1")
     assert {"type": "trame", "view": "a", "url": "http://127.0.0.1:2/"} in [c for c, _ in view.__dict__["out"]]
-    carrier = view._carrier
+    carrier = view.pictures.carrier
     wait_for(lambda: len(carrier.delivered) == 2)  # the quick one and the full one
     assert carrier.delivered[0] == (1, b"\xff\xd8")
     assert view.frames == []

@@ -166,12 +166,12 @@ def test_what_does_not_fold_is_drawn_by_the_same_shader_as_ever(scene: Any, kind
     one, field = scene(), field_of(kind, SHORT)
     assert folds_of(field, GRID.resampled(spacing=4.0)).least > 0
     one.set_field(field)
-    image, text = one.render(), one._warp._kind
+    image, text = one.render(), one.shader.warp.kind
     assert not red(image).any()
     assert one.folding.remark == ""
     one.folding.show = False
     np.testing.assert_array_equal(one.render(), image)
-    assert one._warp._kind == text
+    assert one.shader.warp.kind == text
 
 
 @pytest.mark.needs_gl

@@ -90,7 +90,7 @@ def test_a_change_is_drawn_quickly_and_then_in_full_by_another_thread() -> None:
     assert int(frames[1].images[0][0, 0, 0]) == 7
     assert canvas.threads.isdisjoint({threading.current_thread()})
     assert len(canvas.threads) == 1
-    assert loop.stats()["frames"] == 2
+    assert loop.pace.stats()["frames"] == 2
     loop.close()
     wait_for(lambda: canvas.closed == 1)
     assert said == []
@@ -178,13 +178,13 @@ def test_slow_pictures_get_smaller_and_fast_ones_larger() -> None:
     for k in range(6):
         loop.change("grey", grey(k))
         wait_for(lambda k=k: len(frames) == k + 1)
-    small = loop.stats()["scale"]
+    small = loop.pace.stats()["scale"]
     assert small == pytest.approx(0.12)
-    loop.target_ms = 1e6
+    loop.pace.target_ms = 1e6
     for k in range(6, 9):
         loop.change("grey", grey(k))
         wait_for(lambda k=k: len(frames) == k + 1)
-    assert loop.stats()["scale"] == pytest.approx(0.12 * 1.35**3)
+    assert loop.pace.stats()["scale"] == pytest.approx(0.12 * 1.35**3)
     loop.close()
 
 
@@ -194,7 +194,7 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     frame = Frame((np.zeros((4, 4, 3), np.uint8),), is_full=False)
     assert [sender.pack(frame)[0].seq for _ in range(2)] == [1, 2]
     loop.change("grey", grey(1))
-    wait_for(lambda: sender._was_full)
+    wait_for(lambda: sender.was_full)
     assert frames == []
     assert sender.seen(1)  # and whoever was refused is asked again
     loop.touch()

@@ -221,10 +221,10 @@ def test_a_shader_that_fails_at_cuts_only_is_used_for_the_rest(monkeypatch: pyte
         one = VtkScene(shape_without_symmetry(), SIZE)
         one.set_field(Deformation((cut_step(GRID, 8.0),)))
         one.render()
-        assert (one.path, one._voxels.written[0]) == ("texture", "warped")
+        assert (one.path, one.voxels.written[0]) == ("texture", "warped")
         one.set_field(deformation("replicate", GRID))
         one.render()
-        assert one._voxels.written[0] == "plain"
+        assert one.voxels.written[0] == "plain"
         one.close()
     finally:
         texture_works.cache_clear()
@@ -253,7 +253,7 @@ def test_slopes_are_those_of_the_deformed_body(scene: Any, monkeypatch: pytest.M
     right.set_field(field)
     good = right.render()  # which is when the shader is written
     monkeypatch.setattr(
-        vtk_warp, "_REPLACED", {k: v for k, v in vtk_warp._REPLACED.items() if "Pvec" not in k and "Nvec" not in k}
+        vtk_warp, "REPLACED", {k: v for k, v in vtk_warp.REPLACED.items() if "Pvec" not in k and "Nvec" not in k}
     )
     wrong = scene(volume)
     wrong.set_field(field)
@@ -343,12 +343,12 @@ def test_the_array_is_written_over_in_place(scene: Any) -> None:
     volume = shape_without_symmetry()
     given = volume.values.copy()
     one = scene(volume, "array")
-    memory = one._voxels.image.active_scalars.__array_interface__["data"][0]
+    memory = one.voxels.image.active_scalars.__array_interface__["data"][0]
     field = deformation("replicate", GRID).field(GRID)
     one.set_field(field)
     one.render()
-    assert one._voxels.image.active_scalars.__array_interface__["data"][0] == memory
-    inner = np.asarray(one._voxels.image.active_scalars).reshape(np.array(GRID.shape) + 2)[1:-1, 1:-1, 1:-1]
+    assert one.voxels.image.active_scalars.__array_interface__["data"][0] == memory
+    inner = np.asarray(one.voxels.image.active_scalars).reshape(np.array(GRID.shape) + 2)[1:-1, 1:-1, 1:-1]
     np.testing.assert_array_equal(inner, warp(volume, field).values)
     one.set_field(None)
     one.render()
@@ -389,8 +389,8 @@ def test_a_shader_that_cannot_be_changed_is_noticed_and_the_array_taken(monkeypa
     texture_works.cache_clear()
     try:
         assert texture_works()
-        for broken in ({k: k for k in vtk_warp._REPLACED}, {"texture3D(in_volume[0], g_dataPos)": "no_such_word"}):
-            monkeypatch.setattr(vtk_warp, "_REPLACED", broken)
+        for broken in ({k: k for k in vtk_warp.REPLACED}, {"texture3D(in_volume[0], g_dataPos)": "no_such_word"}):
+            monkeypatch.setattr(vtk_warp, "REPLACED", broken)
             texture_works.cache_clear()
             assert not texture_works()
         one = VtkScene(shape_without_symmetry(), SIZE)

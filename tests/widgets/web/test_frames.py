@@ -30,8 +30,8 @@ def app() -> Iterator[Any]:
 
     frames.open("http://notebook.example:8888", tell)
     assert is_ready.wait(PATIENCE)
-    (served,) = frames._served.values()
-    yield SimpleNamespace(name=urls[0].removeprefix("http://").partition("/")[0], server=served._server, view=view)
+    (served,) = frames.served.values()
+    yield SimpleNamespace(name=urls[0].removeprefix("http://").partition("/")[0], server=served.server, view=view)
     frames.close()
     view.close()
 

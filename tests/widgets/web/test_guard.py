@@ -55,9 +55,7 @@ def _refused(running: RunningApp, **how: Any) -> int:
 
 
 def test_it_listens_at_this_machine_only(running: RunningApp) -> None:
-    assert [site.name for site in running.server.trame._server.runner.sites] == [
-        f"http://127.0.0.1:{running.server.port}"
-    ]
+    assert running.server.guard.sites == [f"http://127.0.0.1:{running.server.port}"]
 
 
 def test_two_starts_have_different_passwords(running: RunningApp) -> None:
@@ -196,7 +194,7 @@ def test_what_is_no_websocket_takes_no_place(
     for _ in range(MOST_OPEN_PAGES + 1):
         with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
-    wait_for(lambda: [dict(handler.connections) for handler in running.server._handlers] == [{}])
+    wait_for(lambda: [dict(handler.connections) for handler in running.server.guard.handlers] == [{}])
     test_the_password_of_this_start_opens(running)
 
 
@@ -207,7 +205,7 @@ def test_a_handshake_that_fails_takes_no_place(running: RunningApp, monkeypatch:
     with monkeypatch.context() as patch:
         patch.setattr("aiohttp.web.WebSocketResponse.prepare", gone)
         assert _refused(running) == 500
-    wait_for(lambda: [dict(handler.connections) for handler in running.server._handlers] == [{}])
+    wait_for(lambda: [dict(handler.connections) for handler in running.server.guard.handlers] == [{}])
     test_the_password_of_this_start_opens(running)
 
 
@@ -235,7 +233,7 @@ def test_environment_variables_do_not_widen_it(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setenv("TRAME_ARGS", "--host 0.0.0.0 --authKey known")
     monkeypatch.setattr(sys, "argv", ["deformnb", "--host", "0.0.0.0", "--authKey", "known", "--port", "1"])
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
-        assert [site.name for site in running.server.trame._server.runner.sites] == [f"http://{running.name}"]
+        assert running.server.guard.sites == [f"http://{running.name}"]
         test_other_passwords_are_refused(running, "known")
     assert os.environ["TRAME_ARGS"].endswith("known")  # only put aside
 
@@ -370,9 +368,9 @@ def test_a_message_has_a_number_and_buffers(running: RunningApp, number: Any, bu
             hello = _custom({"type": "hello"})
             await page.call("deformnb.comm", running.studio.editor.model_id, hello, number, buffers)
 
-    before = running.server.dropped
+    before = running.server.guard.dropped
     asyncio.run(attempt())
-    assert running.server.dropped == before + 1
+    assert running.server.guard.dropped == before + 1
 
 
 def _part(widget: Any, trait: str, value: Any) -> Any:
@@ -416,9 +414,9 @@ def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp
                 assert await page.login(running.server.token)
             return await page.call("trame.state.get")
 
-    before = running.server.dropped
+    before = running.server.guard.dropped
     assert "trame__title" in asyncio.run(attempt())["state"]
-    assert running.server.dropped > before
+    assert running.server.guard.dropped > before
 
 
 def test_text_is_no_message(running: RunningApp) -> None:
@@ -432,14 +430,14 @@ def test_text_is_no_message(running: RunningApp) -> None:
 
 def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
     async def attempt(method: str, size: int, *given: Any) -> tuple[int, Any]:
-        before = running.server.dropped
+        before = running.server.guard.dropped
         async with connected(running) as page:
             try:  # the server may close the line while the message is still on its way
                 await page.send(method, *given, "x" * size)
                 known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
                 known = False
-            return running.server.dropped - before, known
+            return running.server.guard.dropped - before, known
 
     editor = running.studio.editor.model_id
     long = {"type": "no message", "text": "x" * (LONGEST_OTHER + 1000)}
@@ -452,11 +450,11 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: Ru
 
 def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -> None:
     async def attempt() -> tuple[int, bool]:
-        before = running.server.dropped
+        before = running.server.guard.dropped
         async with connected(running, secret=None) as page:
             await page.send("wslink.hello", {"secret": running.server.token + "x" * 1000}, system=True)
             entered = await page.login(running.server.token)  # which is answered after the other was read
-            return running.server.dropped - before, entered
+            return running.server.guard.dropped - before, entered
 
     assert asyncio.run(attempt()) == (1, True)
 
@@ -464,13 +462,13 @@ def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -
 def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
         async with connected(running) as noisy, connected(running) as calm:
-            before = running.server.dropped
+            before = running.server.guard.dropped
             for _ in range(100_000):  # a slow machine lets more of them through
                 await noisy.send("trame.lifecycle.update", "client_mounted")
-                if running.server.dropped - before > 1000:
+                if running.server.guard.dropped - before > 1000:
                     break
             answer = await calm.call("trame.state.get")
-            return running.server.dropped - before, answer
+            return running.server.guard.dropped - before, answer
 
     dropped, answer = asyncio.run(attempt())
     assert dropped > 1000
@@ -574,7 +572,7 @@ def _connected(running: RunningApp) -> int:
 
 
 def _connections(running: RunningApp) -> list[Any]:
-    return list(running.server._web.runner.server.connections)
+    return running.server.guard.connections
 
 
 def test_who_does_not_read_a_file_does_not_hold_up_the_end(caplog: pytest.LogCaptureFixture) -> None:

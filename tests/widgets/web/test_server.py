@@ -10,7 +10,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 from running_app import HANDSHAKE, RunningApp, connected, connection_with, in_a_terminal, request_of
@@ -19,7 +18,6 @@ from waiting import PATIENCE
 from deformnb.app.application import Application, app_server
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.widgets.web.guard import MOST_OPEN_PAGES
-from deformnb.widgets.web.server import PageServer
 
 
 def _is_open(port: int) -> bool:
@@ -144,15 +142,15 @@ def test_a_server_that_was_stopped_before_it_began_ends_at_once() -> None:
 
 
 def test_a_server_that_is_stopped_while_it_begins_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    configured = PageServer._configure
-
-    def stop_first(server: PageServer, root: Any) -> None:
-        server.stop("asked early")  # before its bridge has a loop
-        configured(server, root)
-
-    monkeypatch.setattr(PageServer, "_configure", stop_first)
     app = Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")
     server = app_server(app)
+    start = server.content.start
+
+    def stop_first() -> None:
+        server.stop("asked early")  # before its bridge has a loop
+        start()
+
+    monkeypatch.setattr(server.content, "start", stop_first)
     asyncio.run(asyncio.wait_for(server.run(), PATIENCE))
     app.close()
     assert server.reason == "asked early"

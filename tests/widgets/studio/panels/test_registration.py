@@ -167,14 +167,12 @@ def test_sliding_without_points_on_the_outline_is_refused(bench: Bench) -> None:
 
 def test_an_edit_meanwhile_wins(bench: Bench) -> None:
     begun, edited = threading.Event(), threading.Event()
-    progress = bench.panel._progress
 
-    def slow(share: float) -> None:
+    def slow(_change: Any) -> None:
         begun.set()
         edited.wait(30)
-        progress(share)
 
-    bench.panel._progress = slow  # type: ignore[method-assign]
+    bench.panel.bar.observe(slow, "value")
     bench.panel.buttons["Fit all points"].click()
     assert begun.wait(60)
     moved = bench.session.editing.points.move(8, [20.0, 20.0])
@@ -187,8 +185,7 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
 
 def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:
     before = bench.session.editing.deformation
-    progress = bench.panel._progress
-    bench.panel._progress = lambda share: (bench.panel.stop.click(), progress(share))[1]  # type: ignore[method-assign]
+    bench.panel.bar.observe(lambda _: bench.panel.stop.click(), "value")
     bench.press("Fit all points")
     assert bench.said.endswith("Stopped; nothing was changed.</div>")
     assert bench.session.editing.deformation is before
