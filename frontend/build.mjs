@@ -59,6 +59,7 @@ const WIDGETS = {
   file_transfer: ["inputs/file_transfer.ts", "inputs/file_transfer.css"],
   file_input: ["inputs/file_input.ts", "inputs/file_input.css"],
   restore_bar: ["inputs/restore_bar.ts", "inputs/restore_bar.css"],
+  boxes: ["studio/boxes.ts", "studio/boxes.css"],
   studio_head: ["studio/head.ts", "studio/studio.css"],
 };
 

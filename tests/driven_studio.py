@@ -14,6 +14,7 @@ from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio
 from deformnb.widgets.basic_widgets import shared_models
+from deformnb.widgets.boxes import Box
 from deformnb.widgets.messages.points import points_to_json
 
 
@@ -102,7 +103,7 @@ def box_of(studio: Studio, name: str) -> Any:
 
 def classes_of(widget: Any) -> tuple[str, ...]:
     """The class names of a widget in the page."""
-    return tuple(widget.get_state().get("_dom_classes", ()))
+    return widget.classes if isinstance(widget, Box) else tuple(widget.get_state().get("_dom_classes", ()))
 
 
 def act(items: Any, what: str, index: int, value: Any = None) -> None:

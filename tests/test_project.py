@@ -331,7 +331,6 @@ LARGE_CLASSES = {
     "deformnb.widgets.editor.space_editor.SpaceEditor": (30, 21),
     "deformnb.widgets.studio.layout.PanelParts": (0, 16),
     "deformnb.widgets.studio.panels.animation.MovieControls": (10, 18),
-    "deformnb.widgets.studio.panels.diagnostics.DiagnosticsPanel": (13, 19),
     "deformnb.widgets.studio.panels.files.FilesPanel": (13, 25),
     "deformnb.widgets.studio.panels.registration.FitPanel": (22, 20),
     "deformnb.widgets.studio.panels.thompson.ThompsonPanel": (22, 25),

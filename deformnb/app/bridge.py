@@ -41,8 +41,6 @@ SETTABLE = {
     "ToggleButtonModel": {"value"},
     "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
-    "TabModel": {"selected_index"},
-    "AccordionModel": {"selected_index"},
 }
 """Traits of ipywidgets that a page may set, by the name of the model. Our own widgets check what they are sent."""
 

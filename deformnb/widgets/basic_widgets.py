@@ -1,7 +1,8 @@
 """Widgets of ipywidgets with layouts and styles that they share.
 
 Each model opens a comm, and a front end makes each before it shows the first. ipywidgets makes a layout and a style for
-every widget; here all that look the same have one. It is never changed: :func:`own_layout` gives a widget its own.
+every widget; here all that look the same have one. It is never changed: :func:`set_layout` gives a widget another,
+and :func:`own_layout` one that users may change.
 """
 
 from __future__ import annotations
@@ -55,24 +56,44 @@ def own_layout(widget: Any) -> Any:
     Examples
     --------
     >>> one, other = Button(description="a"), Button(description="b")
-    >>> own_layout(one).display = "none"
-    >>> other.layout.display is None
+    >>> own_layout(one).width = "9em"
+    >>> other.layout.width is None
     True
     """
     if is_shared(widget.layout):
-        widget.layout = ipw.Layout(**{name: getattr(widget.layout, name) for name in _layout_traits()})
+        widget.layout = ipw.Layout(**_traits_of(widget.layout))
     return widget.layout
 
 
-def set_shown(widget: Any, is_shown: object) -> None:
-    """Show a widget, or take it out of the flow of the page."""
-    if (widget.layout.display != "none") != bool(is_shown):
-        own_layout(widget).display = None if is_shown else "none"
+def set_layout(widget: Any, **traits: Any) -> None:
+    """Give a widget another layout: the one it has but for these traits.
+
+    Examples
+    --------
+    >>> one, other = Button(description="a"), Button(description="b")
+    >>> set_layout(one, width="9em")
+    >>> one.layout.width, other.layout.width is None
+    ('9em', True)
+    """
+    if is_shared(widget.layout):
+        changed = _traits_of(widget.layout) | traits
+        widget.layout = layout(**{name: value for name, value in changed.items() if value is not None})
+    else:
+        for name, value in traits.items():
+            setattr(widget.layout, name, value)
 
 
-@cache
-def _layout_traits() -> tuple[str, ...]:
-    return tuple(name for name in ipw.Layout.class_trait_names(sync=True) if not name.startswith("_"))
+def set_shown(part: Any, is_shown: object) -> None:
+    """Show a widget or a :class:`~deformnb.widgets.boxes.Box`, or take it out of the flow of the page."""
+    if not isinstance(part, ipw.Widget):
+        part.is_shown = bool(is_shown)
+    elif (part.layout.display != "none") != bool(is_shown):
+        set_layout(part, display=None if is_shown else "none")
+
+
+def _traits_of(one: Any) -> dict[str, Any]:
+    names = [name for name in ipw.Layout.class_trait_names(sync=True) if not name.startswith("_")]
+    return {name: value for name in names if (value := getattr(one, name)) is not None}
 
 
 @cache
@@ -88,10 +109,8 @@ def _make(kind: type, *given: Any, layout: Any = None, style: Any = None, **trai
     return kind(*given, layout=layout or shared(ipw.Layout), **traits)
 
 
-Accordion = partial(_make, ipw.Accordion)
 BoundedFloatText = partial(_make, ipw.BoundedFloatText)
 BoundedIntText = partial(_make, ipw.BoundedIntText)
-Box = partial(_make, ipw.Box)
 Button = partial(_make, ipw.Button)
 Checkbox = partial(_make, ipw.Checkbox)
 ColorPicker = partial(_make, ipw.ColorPicker)
@@ -101,13 +120,10 @@ FloatProgress = partial(_make, ipw.FloatProgress)
 FloatRangeSlider = partial(_make, ipw.FloatRangeSlider)
 FloatSlider = partial(_make, ipw.FloatSlider)
 FloatText = partial(_make, ipw.FloatText)
-HBox = partial(_make, ipw.HBox)
 HTML = partial(_make, ipw.HTML)
 IntSlider = partial(_make, ipw.IntSlider)
 Label = partial(_make, ipw.Label)
 SelectMultiple = partial(_make, ipw.SelectMultiple)
-Tab = partial(_make, ipw.Tab)
 Text = partial(_make, ipw.Text)
 Textarea = partial(_make, ipw.Textarea)
 ToggleButton = partial(_make, ipw.ToggleButton)
-VBox = partial(_make, ipw.VBox)

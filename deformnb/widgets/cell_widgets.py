@@ -118,7 +118,7 @@ def _try(close: Callable[[], None]) -> None:
 
 
 def close_all(*widgets: Any) -> None:
-    """Close widgets and all that only they are made of: children, layouts, styles."""
+    """Close widgets and boxes, and all that only they are made of: children, layouts, styles."""
     parts: dict[int, Any] = {}
     for widget in widgets:
         _collect(widget, parts)
@@ -127,14 +127,17 @@ def close_all(*widgets: Any) -> None:
 
 
 def _collect(widget: Any, parts: dict[int, Any]) -> None:
-    if not isinstance(widget, ipw.Widget) or id(widget) in parts or is_shared(widget):
+    if id(widget) in parts or is_shared(widget):
         return
-    parts[id(widget)] = widget
-    for child in getattr(widget, "children", ()):
+    is_widget = isinstance(widget, ipw.Widget)
+    if is_widget:
+        parts[id(widget)] = widget
+    for child in getattr(widget, "children", ()):  # of a box, too, which is no widget
         _collect(child, parts)
-    for name in ("layout", "style"):
-        if widget.has_trait(name):
-            _collect(getattr(widget, name), parts)
+    if is_widget:
+        for name in ("layout", "style"):
+            if widget.has_trait(name):
+                _collect(getattr(widget, name), parts)
 
 
 def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:

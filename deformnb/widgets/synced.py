@@ -22,6 +22,7 @@ import traitlets
 from comm.base_comm import BaseComm
 
 from deformnb.errors import DeformError
+from deformnb.widgets.basic_widgets import layout
 from deformnb.widgets.messages.record import Channel, Message, Refused
 from deformnb.words import language, word_table
 
@@ -34,7 +35,7 @@ _IS_WORDED = ContextVar("_IS_WORDED", default=False)
 
 @contextmanager
 def worded_by_another() -> Iterator[None]:
-    """Context in which new widgets get no words: the widget around them shows theirs in its language too."""
+    """Context for the parts of another widget: it shows their words in its language too, and they share a layout."""
     before = _IS_WORDED.set(True)
     try:
         yield
@@ -95,6 +96,8 @@ class SyncedWidget(anywidget.AnyWidget):
         super().setup_instance(*given, **named)
 
     def __init__(self, **traits: Any) -> None:
+        if _IS_WORDED.get():
+            traits.setdefault("layout", layout())
         super().__init__(**traits)
         if self.channel is not None:
             self.on_msg(lambda widget, content, buffers: widget.receive(content, buffers))

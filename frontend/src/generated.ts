@@ -622,6 +622,21 @@ export interface SaveRequest {
   type: "save";
 }
 
+/** A menu was opened. */
+export interface MenuRequest {
+  type: "menu";
+  name: "history" | "examples" | "export";
+}
+
+/** A tab was chosen, or a section opened or closed. */
+export interface BoxChoice {
+  type: "choose";
+  /** Number of the tabs or the section; from 0. */
+  box: number;
+  /** Of the tab; 0 for a section that was opened, null for a closed one; from 0. */
+  index: number | null;
+}
+
 /** A front end has opened. */
 export interface LiveHello {
   type: "hello";
@@ -1090,7 +1105,10 @@ export type RestoreBarToPython = RestoreCommand;
 export type RestoreBarToFrontEnd = CommandDone;
 
 /** Any message of StudioHead. */
-export type StudioHeadToPython = SaveRequest;
+export type StudioHeadToPython = SaveRequest | MenuRequest;
+
+/** Any message of Boxes. */
+export type BoxesToPython = BoxChoice;
 
 /** Any message of LiveView. */
 export type LiveViewToPython = LiveHello | ChunkRequest | Seen | PointsFollowed | StillRequest | ToServerRenderer | Screenshot | MoviePiece | MovieFailed | Measurements | Closed;

@@ -29,7 +29,7 @@ FAULTS = """(may_scroll) => {
   for (let e = studio; e; e = e.parentElement) {
     if (isCut(e) && !e.matches(HOSTS_OWN)) found.add(`${name(e)} is scrolled sideways`);
   }
-  const panel = [...studio.querySelectorAll(".widget-tab-contents > *")].find(isSeen);
+  const panel = [...studio.querySelectorAll(".dnb-tabs > .dnb-group")].find(isSeen);
   const around = controlsIn(studio).filter((e) => !panel.contains(e));
   for (const [root, controls] of [[studio, around], [panel, controlsIn(panel)]]) {
     const outer = box(root);
@@ -54,7 +54,7 @@ FAULTS = """(may_scroll) => {
   return [...found];
 }"""
 
-BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb-studio .widget-tab-contents > *")].map(
+BOXES = """() => JSON.stringify([...document.querySelectorAll(".dnb-studio, .dnb-studio .dnb-group")].map(
   (e) => e.getBoundingClientRect()))"""
 
 
@@ -77,13 +77,14 @@ GROUPS = {
 ARE_MADE = "() => ![...document.querySelectorAll('.dnb-studio .dnb-late')].some((place) => place.offsetParent)"
 """Whether all panels that are seen have come from the kernel."""
 
-HEADING = ".dnb-section .jupyter-widget-Collapse-header"
+HEADING = ".dnb-section-head"
+TAB = ".dnb-studio .dnb-tab"
 
 
 def tabs_of(page: Any) -> list[str]:
     """The titles of the studio's groups, once the last is there."""
-    page.locator(".dnb-studio .lm-TabBar-tab").nth(len(GROUPS) - 1).wait_for()
-    return [text.strip() for text in page.locator(".dnb-studio .lm-TabBar-tab").all_inner_texts()]
+    page.locator(TAB).nth(len(GROUPS) - 1).wait_for()
+    return [text.strip() for text in page.locator(TAB).all_inner_texts()]
 
 
 def sections_of(page: Any) -> list[str]:
@@ -94,11 +95,11 @@ def sections_of(page: Any) -> list[str]:
 def choose(page: Any, title: str) -> None:
     """Show a group, or a section of one, and wait until its box has the size it keeps."""
     group = next(group for group, sections in GROUPS.items() if title in (group, *sections))
-    page.locator(".dnb-studio .lm-TabBar-tab").filter(has_text=group).first.click()
+    page.locator(TAB).filter(has_text=group).first.click()
     if title != group:
         heading = page.locator(HEADING, has_text=title).filter(visible=True)
         heading.wait_for()
-        if "jupyter-widget-Collapse-open" not in heading.locator("..").get_attribute("class").split():
+        if heading.get_attribute("aria-expanded") == "false":
             heading.click()
         heading.scroll_into_view_if_needed()
     page.wait_for_function(ARE_MADE)

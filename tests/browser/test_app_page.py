@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 import pytest
 from browser.app_tab import PATIENCE, Tab, app_of_a_cube, eventually
@@ -26,6 +25,7 @@ from deformnb.io import read_volume
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Polygon
 from deformnb.rbf.rigid import RigidPart
+from deformnb.widgets.boxes import Fold, Tabs
 
 pytestmark = pytest.mark.needs_browser
 
@@ -438,8 +438,8 @@ def test_one_pane_takes_the_place_of_both_and_gives_it_back(tab: Tab) -> None:
 
 
 def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(tab: Tab) -> None:
-    page, tabs = tab.page, next(box for box in all_of(tab.app.studio) if isinstance(box, ipw.Tab))
-    sections = {box.titles[0]: box for box in all_of(tabs) if isinstance(box, ipw.Accordion)}
+    page, tabs = tab.page, next(box for box in all_of(tab.app.studio) if isinstance(box, Tabs))
+    sections = {box.title: box for box in all_of(tabs) if isinstance(box, Fold)}
     splitter = page.get_by_role("separator", name="Width of the panel")
     splitter.press("ArrowLeft")
     assert splitter.get_attribute("aria-valuenow") == "320"
@@ -454,13 +454,14 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     page.goto("about:blank")
 
     def as_made() -> None:  # as those of a new studio are
-        tabs.selected_index, sections["Points"].selected_index = 0, None
+        tabs.choose(0)
+        sections["Points"].choose(None)
 
     tab.app.application.thread.call(as_made).result(30)
     page.goto(tab.app.server.url)
-    page.locator(".dnb-studio-panel .lm-mod-current", has_text="Depth").wait_for(timeout=PATIENCE)
-    eventually(lambda: tabs.selected_index == 1 and sections["Points"].selected_index == 0)
-    assert sections["Steps"].selected_index == 0
+    page.get_by_role("tab", name="Depth", selected=True).wait_for(timeout=PATIENCE)
+    eventually(lambda: tabs.selected == 1 and sections["Points"].is_open)
+    assert sections["Steps"].is_open
     assert splitter.get_attribute("aria-valuenow") == "320"
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from browser.studio_layout import ARE_MADE, GROUPS, tabs_of
+from browser.studio_layout import ARE_MADE, GROUPS, HEADING, TAB, tabs_of
 
 from deformnb.words import Translator
 
@@ -93,9 +93,9 @@ def walk_studio(page: Any) -> None:
     """Open every group, section, menu and list of a studio."""
     tabs_of(page)
     for number in range(len(GROUPS)):
-        page.locator(".dnb-studio .lm-TabBar-tab").nth(number).click()
-        for heading in page.locator(".dnb-section .jupyter-widget-Collapse-header").filter(visible=True).all():
-            if "jupyter-widget-Collapse-open" not in heading.locator("..").get_attribute("class").split():
+        page.locator(TAB).nth(number).click()
+        for heading in page.locator(HEADING).filter(visible=True).all():
+            if heading.get_attribute("aria-expanded") == "false":
                 heading.click()
         page.wait_for_function(ARE_MADE)
         page.wait_for_timeout(200)

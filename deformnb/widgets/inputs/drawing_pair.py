@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import ipywidgets as ipw
-
 from deformnb._typing import Progress
 from deformnb.datasets.darcy import ThompsonMap, thompson_map
 from deformnb.errors import DeformError
@@ -15,6 +13,7 @@ from deformnb.io import read_volume
 from deformnb.io.volumes.images import IMAGE_SUFFIXES
 from deformnb.volume.plane import Picture
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import Boxes, column, line
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing
 
@@ -24,7 +23,7 @@ ShowError = Callable[[Callable[[], None]], bool]
 _SAME = "Both grids have the same lines: a node belongs to the same part of the body on both, such as the eye."
 
 
-class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
+class DrawingPair(Boxes):
     """Grids on two drawings, side by side: corners and nodes are dragged to the same parts of both animals.
 
     Parameters
@@ -77,15 +76,13 @@ class DrawingPair(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             accept=",".join(IMAGE_SUFFIXES),
             tip="A photograph or drawing: " + ", ".join(IMAGE_SUFFIXES),
         )
-        self._place = basic.VBox([self.upload], layout=basic.layout(flex="1 1 300px", min_width="0"))
-        first_side = basic.VBox(
-            [basic.HTML("<b>1. This drawing</b>"), self.first], layout=basic.layout(flex="1 1 300px", min_width="0")
-        )
-        sides = basic.HBox([first_side, self._place], layout=basic.layout(flex_flow="row wrap", grid_gap="8px"))
+        self._place = column(self.upload, flex="1 1 300px", min_width="0")
+        first_side = column(basic.HTML("<b>1. This drawing</b>"), self.first, flex="1 1 300px", min_width="0")
+        sides = line(first_side, self._place, flex_flow="row wrap", grid_gap="8px")
         super().__init__(
             [
                 basic.HTML(f'<div style="line-height: 1.35">{_SAME}</div>'),
-                basic.HBox(self.line_counts),
+                line(*self.line_counts),
                 sides,
                 self.message,
             ]

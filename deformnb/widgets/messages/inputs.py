@@ -102,7 +102,25 @@ class SaveRequest(Message, frozen=True, kw_only=True, tag="save"):
     """The button was pressed."""
 
 
-HEAD: Channel[SaveRequest] = Channel(("StudioHead",), SaveRequest)
+class MenuRequest(Message, frozen=True, kw_only=True, tag="menu"):
+    """A menu was opened."""
+
+    name: Literal["history", "examples", "export"]
+
+
+HEAD: Channel[SaveRequest | MenuRequest] = Channel(("StudioHead",), SaveRequest | MenuRequest)
+
+
+class BoxChoice(Message, frozen=True, kw_only=True, tag="choose"):
+    """A tab was chosen, or a section opened or closed."""
+
+    box: Annotated[Whole, Meta(description="number of the tabs or the section")]
+    index: Annotated[
+        Whole | None, Meta(description="of the tab; 0 for a section that was opened, null for a closed one")
+    ]
+
+
+BOXES: Channel[BoxChoice] = Channel(("Boxes",), BoxChoice)
 
 # ---- the table of points ---------------------------------------------------------------------------------------------
 

@@ -11,11 +11,11 @@ from typing import Annotated, Any, Literal, NotRequired, Required, Union, get_ar
 from msgspec import NODEFAULT, Meta, Struct, UnsetType, structs
 
 from deformnb.widgets.messages.editors import EDITOR, SPACE_EDITOR
-from deformnb.widgets.messages.inputs import HEAD, LIST, RESTORE, TABLE, TRANSFER, UPLOAD, VALUE
+from deformnb.widgets.messages.inputs import BOXES, HEAD, LIST, RESTORE, TABLE, TRANSFER, UPLOAD, VALUE
 from deformnb.widgets.messages.record import OBJECTS, Message
 from deformnb.widgets.messages.views import LIVE, SERVED
 
-CHANNELS = (EDITOR, SPACE_EDITOR, VALUE, LIST, TABLE, TRANSFER, UPLOAD, RESTORE, HEAD, LIVE, SERVED)
+CHANNELS = (EDITOR, SPACE_EDITOR, VALUE, LIST, TABLE, TRANSFER, UPLOAD, RESTORE, HEAD, BOXES, LIVE, SERVED)
 """Those of all widgets."""
 
 _SCALARS = {

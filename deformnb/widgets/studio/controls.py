@@ -25,7 +25,8 @@ from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelDisplay
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.boxes import column, line, row
+from deformnb.widgets.cell_widgets import close_all, parts_of_another
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.inputs.transfer_editor import PresetMenu
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
@@ -209,14 +210,6 @@ def prose(text: str) -> str:
     return f'<div style="line-height: 1.35">{html.escape(text)}</div>'
 
 
-def row(*widgets: Any) -> ipw.HBox:
-    """Widgets side by side, one below the other where the page is narrow."""
-    made = basic.HBox(
-        list(widgets), layout=basic.layout(flex_flow="row wrap", align_items="center", grid_gap="4px 8px")
-    )
-    return made.add_class("dnb-row")
-
-
 class _Depth(threading.local):
     """Nesting depth of a thread; each has a number of its own, for several refresh a panel at once."""
 
@@ -293,13 +286,15 @@ class LatePanel(Generic[_AnyPanel]):
     ----------
     title : of the panel; box : its place, empty and of the class dnb-late until it is made.
     unfold : brings the place into view, where it is a section that can be folded.
+    made : the panel; None until it is made.
     """
 
     def __init__(self, kind: type[_AnyPanel], *arguments: Any) -> None:
         self._make = partial(kind, *arguments)
         self._lock = threading.RLock()
+        self._actions: list[Callable[[_AnyPanel], None]] = []
         self.title = kind.title
-        self.box = basic.VBox([]).add_class("dnb-late")
+        self.box = column(classes="dnb-late")
         self.unfold: Callable[[], None] = lambda: None
         self.made: _AnyPanel | None = None
 
@@ -317,7 +312,17 @@ class LatePanel(Generic[_AnyPanel]):
                 self.box.children = (made.box,)
                 self.box.remove_class("dnb-late")
                 self.made = made
+                for action in self._actions:
+                    action(made)
             return self.made
+
+    def when_made(self, action: Callable[[_AnyPanel], None]) -> None:
+        """Do something with the panel once it is made, or now if it was."""
+        with self._lock:
+            if self.made is None:
+                self._actions.append(action)
+            else:
+                action(self.made)
 
     def reveal(self) -> None:
         """Bring the panel into view."""
@@ -424,7 +429,7 @@ class ChannelsPanel(Panel):
             "The picture adds the channels up in Maximum, Mean and Slice; the volume shows how "
             "bright they are together."
         )
-        self.box = basic.VBox([*self.rows, words])
+        self.box = column(*self.rows, words)
         self.refresh()
 
     def _row(self, k: int, volume: Volume) -> ipw.Widget:
@@ -458,7 +463,7 @@ class ChannelsPanel(Panel):
             lambda: self._display(k).window,
             lambda ends: self._set_window(k, ends, (high - low) / 256),
         )
-        return basic.VBox([basic.HBox([shown, colour], layout=basic.layout(align_items="center")), row(window)])
+        return column(line(shown, colour, align_items="center"), row(window))
 
     def _display(self, k: int) -> ChannelDisplay:
         display: ChannelDisplay = self.session.pictures.channel_displays[k]
@@ -508,7 +513,7 @@ class MapPanel(Panel):
             lambda: not isinstance(session.editing.step.support, float),
             lambda on: session.editing.change(support=None if on else float(self._support.value)),
         )
-        self.box = basic.VBox([row(self._kernel, self._trend), row(self._support, self._auto, *bound.values())])
+        self.box = column(row(self._kernel, self._trend), row(self._support, self._auto, *bound.values()))
         self.refresh()
 
     def _shown_support(self) -> float:
@@ -531,13 +536,9 @@ class DisplayPanel(Panel):
     def __init__(self, session: Session, guard: Guard, view: Any, transfer: Any) -> None:
         super().__init__(session, guard)
         self.clip = ClipControls(view if view.has_trait("clip") else None)
-        colours = basic.VBox([transfer], layout=basic.layout(flex="2 1 480px", min_width="0", max_width="720px"))
-        inside = basic.VBox(
-            [basic.HTML("<b>Clipping</b>"), self.clip], layout=basic.layout(flex="1 1 270px", min_width="0")
-        )
-        beside = basic.HBox(
-            [colours, inside], layout=basic.layout(flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
-        )
+        colours = column(transfer, flex="2 1 480px", min_width="0", max_width="720px")
+        inside = column(basic.HTML("<b>Clipping</b>"), self.clip, flex="1 1 270px", min_width="0")
+        beside = line(colours, inside, flex_flow="row wrap", align_items="flex-start", grid_gap="4px 24px")
         light = [
             self.add(
                 widget_of("ambient_occlusion"),
@@ -545,7 +546,7 @@ class DisplayPanel(Panel):
                 lambda value: session.pictures.set_trait("ambient_occlusion", value),
             )
         ]
-        self.box = basic.VBox([beside, *(light if view.has_trait("ambient_occlusion") else [])])
+        self.box = column(beside, *(light if view.has_trait("ambient_occlusion") else []))
 
     def close(self) -> None:
         self.clip.close()
@@ -621,16 +622,12 @@ class Question:
 
     Attributes
     ----------
-    box : the line; text : the question; agree, refuse : the buttons of the first answer and of none.
+    box : the line, empty while nothing is asked: the question, and the buttons of the answers, of none the last.
     """
 
     def __init__(self, guard: Guard) -> None:
         self._guard = guard
-        self._action: Callable[[], None] | None = None
-        self.text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))  # a label would cut long words
-        self.agree = button("", "", lambda: self._answer(self._action))
-        self.refuse = button("Cancel", "Leave everything as it is", self.forget)
-        self.box = row(self.text, self.agree, self.refuse)
+        self.box = row()
         self.forget()
 
     def ask(
@@ -647,22 +644,27 @@ class Question:
         others : further answers by the words of their buttons, and what each of them does.
         """
         self.forget()
-        self._action = action
-        self.text.value = f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>'
-        self.agree.description = self.agree.tooltip = agreement
-        more = [button(words, words, partial(self._answer, other)) for words, other in (others or {}).items()]
-        self.box.children = (self.text, self.agree, *more, self.refuse)
-        basic.set_shown(self.box, True)
+        answers = {agreement: action, **(others or {})}
+        self.box.children = (
+            basic.HTML(
+                f'<span role="alert" style="line-height: 1.35">{html.escape(text)}</span>',
+                layout=basic.layout(flex="0 1 auto", min_width="0"),  # a label would cut long words
+            ),
+            *(button(words, words, partial(self._answer, answer)) for words, answer in answers.items()),
+            button("Cancel", "Leave everything as it is", self.forget),
+        )
+        self.box.is_shown = True
 
     def forget(self) -> None:
         """Remove the question."""
-        self._action = None
-        basic.set_shown(self.box, False)
-        more, self.box.children = self.box.children[2:-1], (self.text, self.agree, self.refuse)
-        for answer in more:
-            answer.close()
+        before, self.box.children, self.box.is_shown = self.box.children, (), False
+        close_all(*before)
 
-    def _answer(self, action: Callable[[], None] | None) -> None:
+    @property
+    def text(self) -> str:
+        """The question; empty for none."""
+        return str(self.box.children[0].value) if self.box.children else ""
+
+    def _answer(self, action: Callable[[], None]) -> None:
         self.forget()
-        if action is not None:
-            self._guard(action)
+        self._guard(action)

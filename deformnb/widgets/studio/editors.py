@@ -22,10 +22,11 @@ from deformnb.session.session import Session
 from deformnb.volume.plane import Picture
 from deformnb.warping.foreground import foreground_level
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import Box, row
 from deformnb.widgets.cell_widgets import parts_of_another
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
-from deformnb.widgets.studio.controls import button, row
+from deformnb.widgets.studio.controls import button
 from deformnb.widgets.studio.history_labels import JOINING, edit_label
 from deformnb.widgets.studio.status import StudioStatus, as_html, reason_of
 from deformnb.widgets.studio.view_sync import StudioLink
@@ -133,8 +134,8 @@ class StudioEditors:
         self.plane = make_editor(session, height)
         self.space: SpaceEditor | None = None
         listen(self.plane)
-        self.box = basic.Box([self.plane], layout=basic.layout(flex=_HALF, min_width="0"))
-        self.beside = basic.Box([], layout=basic.layout(flex=_HALF, min_width="0"))
+        self.box = Box([self.plane], flex=_HALF, min_width="0")
+        self.beside = Box([], flex=_HALF, min_width="0")
         basic.own_layout(self.plane).width = "100%"
         self.plane.fill, self.plane.theme = True, "dark"
         if session.editing.step.plane is None:
@@ -187,8 +188,8 @@ class StudioEditors:
             self.show_step()
         if self.box.children != (editor,):
             in_space = editor is self.space
-            basic.own_layout(self.box).flex = _WHOLE if in_space else _HALF
-            basic.own_layout(self.beside).min_height = f"{self._low_height}px" if in_space else None
+            self.box.set_style(flex=_WHOLE if in_space else _HALF)
+            self.beside.set_style(min_height=f"{self._low_height}px" if in_space else None)
             self.box.children = (editor,)
 
     def show_step(self) -> None:
@@ -262,14 +263,9 @@ class StudioPicture:
         self._shown = self._needed_picture()
         self._turned_to: Mapping[str, Any] | None = None
         self.milliseconds: float | None = None
-        again = weakly(self, StudioPicture.request, StudioPicture._is_open)
-        self._reason = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
-        self.ways_on = row(
-            self._reason,
-            button("Try again", "Make the picture once more", again),
-            button("Undo", "Take back the last edit", undo),
-        )
-        basic.set_shown(self.ways_on, False)
+        self._undo, self._reason = undo, ""
+        self.ways_on = row()
+        self.ways_on.is_shown = False
 
     @property
     def is_shown(self) -> bool:
@@ -281,7 +277,7 @@ class StudioPicture:
         if not self.is_shown:
             self.request()
             return True
-        if self._reason.value:  # back from a picture that could not be made to the one that still stands there
+        if self._reason:  # back from a picture that could not be made to the one that still stands there
             self._settle("")
         return False
 
@@ -314,9 +310,18 @@ class StudioPicture:
 
     def _settle(self, reason: str) -> None:
         """Enable the editor, or show why not: points of one picture on another are worse than none."""
-        self._reason.value = as_html(reason, is_error=True)
+        self._reason = reason
         self._editors.set_traits(waiting=_FAILED if reason else "")
-        basic.set_shown(self.ways_on, reason)
+        if reason and not self.ways_on.children:
+            again = weakly(self, StudioPicture.request, StudioPicture._is_open)
+            self.ways_on.children = (
+                basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0")),
+                button("Try again", "Make the picture once more", again),
+                button("Undo", "Take back the last edit", self._undo),
+            )
+        if self.ways_on.children:
+            self.ways_on.children[0].value = as_html(reason, is_error=True)
+        self.ways_on.is_shown = bool(reason)
 
     def _set(self, needed: Any) -> None:
         start = time.perf_counter()

@@ -1,8 +1,8 @@
 """Head of the studio: name of the volume, undo, redo, menus and "Save", which Ctrl+S presses anywhere in the studio.
 
-The session is written into one file of its own. The front end sends a SaveRequest and nothing else. The
-notebook's own Ctrl+S is unchanged where it works; in the editor it never did, for the keys there are the editor's.
-The style sheet of the head is that of the studio's whole layout.
+The session is written into one file of its own. The front end sends a SaveRequest, and a MenuRequest when a menu is
+opened. The notebook's own Ctrl+S is unchanged where it works; in the editor it never did, for the keys there are the
+editor's. The style sheet of the head is that of the studio's whole layout.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets.bundle import bundle
-from deformnb.widgets.messages.inputs import HEAD, SaveRequest
+from deformnb.widgets.messages.inputs import HEAD, MenuRequest, SaveRequest
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.studio.controls import Guard, file_stem
 from deformnb.widgets.synced import SyncedWidget
@@ -58,6 +58,7 @@ class StudioHead(SyncedWidget):
     guard : does it and shows what went wrong.
     show : shows a text.
     folder : of a new file; one that is there is never written over.
+    open_menu : called with the name of a menu that is opened.
     run : does it in a thread, for the checksum of a large volume takes a moment; default is here.
     language : of all words of the studio around it; default is the one that was chosen.
 
@@ -100,14 +101,17 @@ class StudioHead(SyncedWidget):
         guard: Guard,
         show: Callable[[str], None],
         folder: str | PathLike[str] = ".",
-        run: Callable[[Callable[[], None]], Any] | None = None,
+        run: Callable[[Callable[[], Any]], Any] | None = None,
         *,
+        open_menu: Callable[[str], None] = lambda _: None,
         language: str | None = None,
     ) -> None:
         traits = {} if language is None else {"language": language}
         super().__init__(name=session.volume.name or "volume", facts=volume_facts(session.volume), **traits)
-        self._session, self._guard, self._show_text, self._folder = session, guard, show, Path(folder)
-        self._run = run or (lambda work: work())
+        self._session, self._show_text, self._folder = session, show, Path(folder)
+        in_thread = run or (lambda work: work())
+        self._do: Callable[[Callable[[], None]], Any] = lambda action: in_thread(lambda: guard(action))
+        self._open_menu = open_menu
         self._first = _bare(session.editing.first)
         self._observer = weakly(self, StudioHead._update, lambda head: head.comm is not None)
         session.editing.observe(self._observer, _EDITING)
@@ -116,10 +120,7 @@ class StudioHead(SyncedWidget):
 
     def press(self) -> None:
         """Save now."""
-        self._run(self._press)
-
-    def _press(self) -> None:
-        self._guard(self._save)
+        self._do(self._save)
 
     def _save(self) -> None:
         path = self._session.files.path or self._new_file()
@@ -139,8 +140,11 @@ class StudioHead(SyncedWidget):
         self.history = dict(self._session.editing.history)
         self.tip = f"Save the session {'in ' + file.name if file else 'in a new file'} (Ctrl+S)"
 
-    def take_message(self, message: SaveRequest, buffers: Any = ()) -> None:
-        self.press()
+    def take_message(self, message: SaveRequest | MenuRequest, buffers: Any = ()) -> None:
+        if isinstance(message, SaveRequest):
+            self.press()
+        else:
+            self._open_menu(message.name)
 
     def set_state(self, sync_data: Any) -> None:
         """The front end owns nothing here."""

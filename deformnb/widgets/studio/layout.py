@@ -15,13 +15,12 @@ from functools import partial
 from os import PathLike
 from typing import Any
 
-import ipywidgets as ipw
-
 from deformnb.rbf.regions import AbstractRegion
 from deformnb.session.session import Session
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import Box, Fold, Tabs, column
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.controls import (
@@ -40,9 +39,9 @@ from deformnb.widgets.studio.editors import StudioEditors
 from deformnb.widgets.studio.panels.animation import AnimationPanel
 from deformnb.widgets.studio.panels.compare import ComparePanel
 from deformnb.widgets.studio.panels.depth import DepthPanel, Preview
-from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel
+from deformnb.widgets.studio.panels.diagnostics import DiagnosticsPanel, DiagnosticsUpdates
 from deformnb.widgets.studio.panels.examples import ExamplesPanel
-from deformnb.widgets.studio.panels.files import FilesPanel, ResultBox
+from deformnb.widgets.studio.panels.files import FilesPanel, OutputCheck, ResultBox
 from deformnb.widgets.studio.panels.opening import OpenPanel
 from deformnb.widgets.studio.panels.points import PointsPanel
 from deformnb.widgets.studio.panels.registration import FitPanel
@@ -117,7 +116,7 @@ class StudioPanels:
     Parameters
     ----------
     groups : sections by the title of their tab.
-    menus : panels of the head's menus, by their class.
+    menus : panels of the head's menus, by their names; made when they are first opened.
     picture, volume : stand over the panes.
     start : stands over the picture while nothing is deformed.
     opening : takes files that are dropped on the studio.
@@ -126,7 +125,7 @@ class StudioPanels:
     """
 
     groups: Mapping[str, Sequence[Section]]
-    menus: Mapping[str, Panel]
+    menus: Mapping[str, Sequence[LatePanel[Any]]]
     picture: Panel
     volume: Panel
     start: Panel
@@ -135,19 +134,20 @@ class StudioPanels:
     wand: Wand
 
     @property
-    def history(self) -> HistoryPanel:
-        """The panel of the menu "History"."""
-        return next(panel for panel in self.menus.values() if isinstance(panel, HistoryPanel))
-
-    @property
     def at_once(self) -> list[Panel]:
         """The panels that are there from the start."""
-        return [self.picture, self.volume, self.start, self.opening, *self.menus.values(), *self.others]
+        return [self.picture, self.volume, self.start, self.opening, *self.others]
 
     @property
     def late(self) -> list[LatePanel[Any]]:
-        """The panels of the sections."""
-        return [section.panel for group in self.groups.values() for section in group]
+        """The panels of the sections and the menus."""
+        sections = [section.panel for group in self.groups.values() for section in group]
+        return [*sections, *(panel for panels in self.menus.values() for panel in panels)]
+
+    @property
+    def history(self) -> LatePanel[HistoryPanel]:
+        """The panel of the menu "History"."""
+        return self.menus["history"][0]
 
     @property
     def made(self) -> list[Panel]:
@@ -159,6 +159,11 @@ class StudioPanels:
         for panel in self.made:
             panel.refresh()
 
+    def open_menu(self, name: str) -> None:
+        """Make the panels of a menu."""
+        for panel in self.menus[name]:
+            panel.opened(True)
+
     def close(self) -> None:
         """End what runs of the panels; their widgets close with the boxes that they are in."""
         for panel in self.made:
@@ -168,9 +173,8 @@ class StudioPanels:
 
 def make_panels(s: PanelParts) -> StudioPanels:
     """All panels of a studio."""
-    files = FilesPanel(s.session, s.guard, s.view, s.folder, s.export_html)
-    result_box = ResultBox(s.session, s.guard, s.worker)  # late: what others do of themselves comes before it
-    files.box.children = (result_box.box, *files.box.children)
+    output = OutputCheck(s.session, s.guard, s.worker)
+    diagnostics = DiagnosticsUpdates(s.session, s.guard, s.editors, s.worker)
     points = LatePanel(PointsPanel, s.session, s.guard, s.editors, s.worker)
     shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
     fit = LatePanel(FitPanel, s.session, s.guard, s.editors, s.folder, s.target)
@@ -199,13 +203,15 @@ def make_panels(s: PanelParts) -> StudioPanels:
             Section(compare),
         ],
         "Animate": [_alone(AnimationPanel, s.session, s.guard, s.view, s.folder)],
-        "Check": [_alone(DiagnosticsPanel, s.session, s.guard, s.view, s.editors, s.worker)],
+        "Check": [_alone(DiagnosticsPanel, s.session, s.guard, s.view, s.editors, diagnostics)],
     }
-    groups["Check"][0].panel.make()  # it marks possible outliers on the picture, seen or not
-    menus = {
-        "history": HistoryPanel(s.session, s.guard),
-        "examples": ExamplesPanel(s.session, s.guard),
-        "export": files,
+    menus: dict[str, list[LatePanel[Any]]] = {
+        "history": [LatePanel(HistoryPanel, s.session, s.guard)],
+        "examples": [LatePanel(ExamplesPanel, s.session, s.guard)],
+        "export": [
+            LatePanel(ResultBox, s.session, s.guard, output),
+            LatePanel(FilesPanel, s.session, s.guard, s.view, s.folder, s.export_html),
+        ],
     }
     return StudioPanels(
         groups,
@@ -214,14 +220,14 @@ def make_panels(s: PanelParts) -> StudioPanels:
         VolumePanel(s.session, s.guard, s.view, s.slices, s.opacity),
         ExamplesPanel(s.session, s.guard, is_start=True),
         OpenPanel(s.session, s.guard, points, shapes, fit, compare, s.open_volume, s.decide_labels, s.file_input),
-        [result_box],
+        [output, diagnostics],
         wand,
     )
 
 
 def arranged(
     head: Any, editors: StudioEditors, view: Any, panels: StudioPanels, words: StudioStatus, height: int
-) -> list[ipw.Widget]:
+) -> list[Any]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
 
     The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows
@@ -235,53 +241,56 @@ def arranged(
     editors.beside.children = (view,)
     panes = [_pane(panels.picture.box, editors.box, "picture"), _pane(panels.volume.box, editors.beside, "volume")]
     warnings = [panel.warning for panel in panels.at_once if panel.warning is not None]
-    messages = _box([*warnings, words.box], "dnb-studio-messages")
+    messages = column(*warnings, words.box, classes="dnb-studio-messages")
     tabs = _grouped(panels.groups)
-    tabs.children[-1].children += (_box([words.status], "dnb-section-plain"),)  # figures stand under "Check"
-    side = _box([tabs], "dnb-studio-panel")
-    start = _box([panels.start.box], "dnb-studio-start")
-    body = _box([_box([*panes, start, messages], "dnb-studio-panes"), side], "dnb-studio-body")
-    basic.own_layout(body).height = f"{height}px"
-    menus = [_box([panel.box], f"dnb-menu-{name}").add_class("dnb-studio-menu") for name, panel in panels.menus.items()]
+    tabs.children[-1].children += (column(words.status, classes="dnb-section-plain"),)  # figures stand under "Check"
+    side = column(tabs, classes="dnb-studio-panel")
+    start = column(panels.start.box, classes="dnb-studio-start")
+    body = column(
+        column(*panes, start, messages, classes="dnb-studio-panes"),
+        side,
+        classes="dnb-studio-body",
+        height=f"{height}px",
+    )
+    menus = [
+        column(*(panel.box for panel in made), classes=f"dnb-studio-menu dnb-menu-{name}")
+        for name, made in panels.menus.items()
+    ]
     return [panels.opening.box.add_class("dnb-studio-open"), head, *menus, body]
 
 
-def _box(children: Sequence[Any], name: str) -> ipw.Box:
-    return basic.VBox(list(children)).add_class(name)
+def _pane(head: Box, contents: Box, name: str) -> Box:
+    return column(head.add_class("dnb-pane-head"), contents, classes=f"dnb-pane dnb-pane-{name}")
 
 
-def _pane(head: Any, contents: Any, name: str) -> ipw.Box:
-    head.add_class("dnb-pane-head")
-    return _box([head, contents], "dnb-pane").add_class(f"dnb-pane-{name}")
-
-
-def _grouped(groups: Mapping[str, Sequence[Section]]) -> ipw.Tab:
+def _grouped(groups: Mapping[str, Sequence[Section]]) -> Tabs:
     """Tabs of groups of sections; a panel learns when it is seen."""
-    folds = {title: [_fold(section) for section in sections] for title, sections in groups.items()}
-    tabs = basic.Tab([_box(boxes, "dnb-group") for boxes in folds.values()], titles=list(groups))
+    boxes = {title: [_section(section) for section in sections] for title, sections in groups.items()}
+    tabs = Tabs([column(*group, classes="dnb-group") for group in boxes.values()], list(groups))
     known = [
         (number, box, weakref.ref(section.panel))
         for number, title in enumerate(groups)
-        for section, box in zip(groups[title], folds[title], strict=True)
+        for section, box in zip(groups[title], boxes[title], strict=True)
     ]
 
-    def notify(_change: Any = None) -> None:
+    def notify() -> None:
         for number, box, reference in known:
             panel = reference()
             if panel is not None:
-                panel.opened(tabs.selected_index == number and getattr(box, "selected_index", 0) is not None)
+                panel.opened(tabs.selected == number and (not isinstance(box, Fold) or box.is_open))
 
-    def show(number: int, box: Any) -> None:
-        tabs.selected_index = number
-        if isinstance(box, ipw.Accordion):
-            box.selected_index = 0
+    def show(number: int, box: Box) -> None:
+        tabs.choose(number)
+        if isinstance(box, Fold):
+            box.choose(0)
 
     for number, box, reference in known:
         if (panel := reference()) is not None:
             panel.unfold = partial(show, number, box)
+        if isinstance(box, Fold):
+            box.changed = notify
+    tabs.changed = notify
     notify()
-    for widget in (tabs, *(box for _, box, _ in known if isinstance(box, ipw.Accordion))):
-        widget.observe(notify, "selected_index")
     return tabs
 
 
@@ -289,12 +298,7 @@ def _alone(kind: type[Panel], *arguments: Any) -> Section:
     return Section(LatePanel(kind, *arguments), is_open=True, has_heading=False)
 
 
-def _fold(section: Section) -> Any:
-    if not section.has_heading:
-        return _box([section.panel.box], "dnb-section-plain")
-    made = basic.Accordion(
-        [section.panel.box], titles=[section.panel.title], selected_index=0 if section.is_open else None
-    )
-    if section.is_open:
-        made.add_class("dnb-section-open")  # as it is made: see js/studio/side_panel.js
-    return made.add_class("dnb-section")
+def _section(section: Section) -> Box:
+    if section.has_heading:
+        return Fold(section.panel.box, section.panel.title, is_open=section.is_open)
+    return column(section.panel.box, classes="dnb-section-plain")

@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 from deformnb.errors import DeformError
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column
 
 _LOG = logging.getLogger(__name__)
 
@@ -32,7 +33,7 @@ class StudioStatus:
 
     def __init__(self) -> None:
         self.status, self.notice = basic.Label(""), basic.HTML("")
-        self.box = basic.VBox([self.notice])
+        self.box = column(self.notice)
 
     def show(self, text: str, *, is_error: bool = False) -> None:
         """Show a text in the place of the one before; an empty text shows nothing."""

@@ -42,7 +42,7 @@ from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.converters import NO_PLACE
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume, VolumeLike
-from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import Boxes
 from deformnb.widgets.camera import on_picture
 from deformnb.widgets.cell_widgets import (
     close_all,
@@ -229,7 +229,7 @@ def end_all(ends: Sequence[Callable[[], None]]) -> None:
         end()
 
 
-class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
+class Studio(Boxes):
     """Deform a volume by dragging points on a picture of it.
 
     Parameters
@@ -273,7 +273,6 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
     >>> studio.close()
     """
 
-    children: Any
     parts: StudioParts
     deformation = traitlets.Instance(Deformation)
 
@@ -397,7 +396,15 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
         """Take the place of the parts before, or of what the cell has shown before."""
         _, height, folder = self._options
         session, panels, words, edits = parts.session, parts.panels, parts.words, parts.edits
-        head = StudioHead(session, edits.edited, words.show, folder, parts.worker.call, language=self._language)
+        head = StudioHead(
+            session,
+            edits.edited,
+            words.show,
+            folder,
+            parts.worker.call,
+            open_menu=panels.open_menu,
+            language=self._language,
+        )
         file_input, *rows = arranged(head, parts.editors, parts.view, panels, words, height)
         self.parts = parts
         if before is None:
@@ -408,13 +415,16 @@ class Studio(ipw.VBox):  # type: ignore[misc]  # ipywidgets has no types
             before.bar.close()  # the edits that are in no file are written by the autosave
             if before.view is parts.view:
                 before.leave_view()
-            panels.history.lead_back(before.session, _weakly_in_session(self, Studio._open_session, parts.worker))
+            open_former = _weakly_in_session(self, Studio._open_session, parts.worker)
+            former = before.session
+            panels.history.when_made(lambda history: history.lead_back(former, open_former))
         parts.bar = RestoreBar(session, edits.edited, words.show)  # finds what that one has left
-        panels.history.recovery = parts.bar.recovery
+        recovery = parts.bar.recovery
+        panels.history.when_made(lambda history: history.take_recovery(recovery))
         panels.opening.begin()
         words.box.children = (parts.picture.ways_on, words.notice)
         if before is None:
-            super().__init__([file_input, parts.bar, *rows], layout=basic.layout(width="100%", max_width="1600px"))
+            super().__init__([file_input, parts.bar, *rows], layout=ipw.Layout(width="100%", max_width="1600px"))
             self.add_class("dnb-studio")
         else:
             (_, *shown), self.children = self.children, (file_input, parts.bar, *rows)

@@ -1,9 +1,9 @@
 // The studio's head: the volume's name, undo and redo, menus, "Save", which Ctrl+S presses anywhere in the studio, and
 // the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
-// Messages to Python: save. Undo and redo are the editor's, for its edits that are still on their way.
+// Messages to Python: save; a menu that is opened, whose panel is made then. Undo and redo are the editor's, for its edits that are still on their way.
 
 import type { EditorDrawing } from "../editor/base.ts";
-import type { SaveRequest } from "../generated.ts";
+import type { MenuRequest, SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { buttonElement, iconElement, named, OWN_KEYS, pageElement, setText, viewOf } from "../ui/dom.ts";
 import { showInLanguage } from "../ui/words.ts";
@@ -34,7 +34,7 @@ class StudioHead {
   facts: HTMLSpanElement;
   undo: HTMLButtonElement;
   redo: HTMLButtonElement;
-  menus: Map<string, HTMLButtonElement>;
+  menus: Map<MenuRequest["name"], HTMLButtonElement>;
   opener: HTMLButtonElement;
   saver: HTMLButtonElement;
   full: HTMLButtonElement;
@@ -131,6 +131,7 @@ class StudioHead {
       const menu = this.studio?.querySelector(`.dnb-menu-${name}`),
         isOpen = name === key && !menu?.classList.contains("dnb-menu-open");
       menu?.classList.toggle("dnb-menu-open", isOpen);
+      if (isOpen) this.model.send({ type: "menu", name } satisfies MenuRequest);
       button.setAttribute("aria-expanded", String(isOpen));
     }
   }

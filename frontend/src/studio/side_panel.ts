@@ -1,8 +1,8 @@
 // The panel beside the panes: the splitter that sets its width, and what this browser remembers of it: the width, the
-// tab, and which sections are open. Also the keys of the sections' headings, which ipywidgets leaves to the pointer.
+// tab, and which sections are open.
 //
-// Tab and sections are ipywidgets', whose state all pages of a studio share. So what is remembered is applied only to
-// what is still as the studio was made (class dnb-section-open): a second page changes nothing for the first.
+// All pages of a studio share the state of tabs and sections. So what is remembered is applied only to what is still as
+// the studio was made (class dnb-section-open): a second page changes nothing for the first.
 // It is kept in a cookie, for an application has another port at each start, and local storage belongs to a port.
 
 import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
@@ -36,7 +36,8 @@ function remember(changes: Remembered) {
   if (value !== JSON.stringify(before)) document.cookie = `${COOKIE}=${encodeURIComponent(value)}; ${KEPT}`;
 }
 
-const isOpen = (section: Element) => section.querySelector(".jupyter-widget-Collapse-open") !== null;
+const headingOf = (section: Element) => section.querySelector<HTMLElement>(".dnb-section-head");
+const isOpen = (section: Element) => headingOf(section)?.getAttribute("aria-expanded") === "true";
 
 export class SidePanel {
   splitter: HTMLDivElement;
@@ -90,12 +91,12 @@ export class SidePanel {
     this.splitter.addEventListener("pointerdown", (event) => this.#grab(event), { signal });
     this.splitter.addEventListener("keydown", (event) => this.#key(event), { signal });
     this.splitter.addEventListener("dblclick", () => this.setWidth(FIRST), { signal });
-    panel.addEventListener("keydown", fold, { signal });
     this.changes = new MutationObserver(() => {
       cancelAnimationFrame(this.frame);
       this.frame = requestAnimationFrame(() => this.#follow());
     });
-    this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter: ["class"] });
+    const attributeFilter = ["aria-expanded", "aria-selected"];
+    this.changes.observe(panel, { subtree: true, childList: true, attributes: true, attributeFilter });
     this.sizes = new ResizeObserver((entries) => {
       for (const { target } of entries) this.#sized(target);
     });
@@ -185,16 +186,15 @@ export class SidePanel {
     this.#followTab(tab);
     const now = { ...open };
     for (const section of this.panel.querySelectorAll(".dnb-section")) {
-      const heading = section.querySelector(".jupyter-widget-Collapse-header"),
+      const heading = headingOf(section),
         title = heading?.textContent?.trim();
-      if (!(heading instanceof HTMLElement) || !title) continue;
+      if (!heading || !title) continue;
       const before = this.sections.get(section),
         wanted = open[title],
         isFirst = section.classList.contains("dnb-section-open");
       if (before === undefined && wanted !== undefined && wanted !== isOpen(section) && isFirst === isOpen(section))
         heading.click();
       const is = isOpen(section);
-      setAttributes(heading, { role: "button", tabindex: 0, "aria-expanded": is, ...OWN_KEYS });
       if (before === false && is) {
         this.opened = section;
         this.#scrollTo(section);
@@ -207,13 +207,13 @@ export class SidePanel {
   }
 
   #followTab(wanted: string | undefined) {
-    const tabs = [...this.panel.querySelectorAll(".lm-TabBar-tab")],
-      current = tabs.find((tab) => tab.classList.contains("lm-mod-current"));
+    const tabs = [...this.panel.querySelectorAll<HTMLElement>(".dnb-tab")],
+      current = tabs.find((tab) => tab.getAttribute("aria-selected") === "true");
     if (!current) return;
     const there = tabs.find((tab) => tab.textContent?.trim() === wanted);
-    if (!this.isTabSet && there && current === tabs[0] && there !== current) pressTab(there);
+    if (!this.isTabSet && there && current === tabs[0] && there !== current) there.click();
     this.isTabSet = true;
-    if (this.isUsed) remember({ tab: this.panel.querySelector(".lm-mod-current")?.textContent?.trim() });
+    if (this.isUsed) remember({ tab: current.textContent?.trim() });
   }
 
   /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. */
@@ -234,22 +234,4 @@ export class SidePanel {
       { top, bottom } = section.getBoundingClientRect();
     if (bottom > outer.bottom) group.scrollTop += Math.min(bottom - outer.bottom, top - outer.top);
   }
-}
-
-/** Enter and space on the heading of a section fold it, as a click does. */
-function fold(event: KeyboardEvent) {
-  const { key, target } = event;
-  if ((key !== "Enter" && key !== " ") || !(target instanceof HTMLElement)) return;
-  if (!target.matches(".jupyter-widget-Collapse-header")) return;
-  event.preventDefault(); // space would scroll
-  event.stopPropagation();
-  target.click();
-}
-
-/** Lumino's tabs look where a pointer is pressed. */
-function pressTab(tab: Element) {
-  const { left, top, width, height } = tab.getBoundingClientRect();
-  const place = { bubbles: true, cancelable: true, button: 0, clientX: left + width / 2, clientY: top + height / 2 };
-  tab.dispatchEvent(new PointerEvent("pointerdown", place));
-  document.dispatchEvent(new PointerEvent("pointerup", place));
 }

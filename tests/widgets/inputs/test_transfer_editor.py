@@ -8,7 +8,6 @@ import json
 import threading
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 import pytest
 from front_end import deliver
@@ -315,6 +314,6 @@ def test_the_panel_of_the_look_gives_it_one_width_whatever_it_says(volume: Volum
     editor = TransferEditor(volume)
     panel = DisplayPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
     place = next(box for box in panel.box.children[0].children if editor in box.children)
-    assert isinstance(place, ipw.VBox)  # stretches what it holds; a Box would be as wide as the words below the plot
-    assert place.layout.max_width == "720px"
+    assert "widget-vbox" in place.classes  # stretches what it holds; a Box would be as wide as the words below the plot
+    assert place.data([])["style"]["max-width"] == "720px"
     panel.close()

@@ -127,15 +127,15 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     other.save(tmp_path / "half.json")
     opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
     uploaded(opening.box, "half.json", content)
-    assert opening.question.box.layout.display is None
-    assert "another volume (&#x27;half" in opening.question.text.value
+    assert opening.question.box.is_shown
+    assert "another volume (&#x27;half" in opening.question.text
     assert studio.session.editing.step.strength == 1.0
-    opening.question.refuse.click()
-    assert opening.question.box.layout.display == "none"
-    opening.question.agree.click()  # nothing is asked
+    opening.question.box.children[-1].click()
+    assert not opening.question.box.is_shown
+    assert opening.question.box.children == ()  # nothing is asked
     assert studio.session.editing.step.strength == 1.0
     uploaded(opening.box, "half.json", content)
-    opening.question.agree.click()
+    opening.question.box.children[1].click()
     assert studio.session.editing.step.strength == 0.25
     assert studio.undo() is None
 
@@ -146,10 +146,10 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()
-    wait_for(lambda: files.question.box.layout.display is None)
+    wait_for(lambda: files.question.box.is_shown)
     wait_for(lambda: not files.write.disabled)
-    assert "changed by someone else" in files.question.text.value
+    assert "changed by someone else" in files.question.text
     assert (tmp_path / "mine.json").read_bytes() != mine
-    files.question.agree.click()
+    files.question.box.children[1].click()
     wait_for(lambda: (tmp_path / "mine.json").read_bytes() == mine)
     studio.close()

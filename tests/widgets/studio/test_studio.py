@@ -51,6 +51,7 @@ from deformnb.volume.transfer import levels, preset
 from deformnb.volume.volume import Grid
 from deformnb.warping.warper import warp
 from deformnb.widgets import Studio
+from deformnb.widgets.boxes import Tabs
 from deformnb.widgets.camera import SHOWS
 from deformnb.widgets.cell_widgets import close_all, close_earlier_of_this_cell
 from deformnb.widgets.inputs.transfer_editor import PresetMenu
@@ -578,10 +579,10 @@ def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> N
     (tmp_path / "ball.nrrd").write_bytes(b"the scan")
     files.name.value = "ball.nrrd"
     files.write.click()
-    assert "already there" in files.question.text.value
+    assert "already there" in files.question.text
     assert not files.write.disabled
     assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
-    files.question.agree.click()
+    files.question.box.children[1].click()
     wait_for(lambda: files.message.value.startswith("Wrote"))
     files.write.click()  # its own file
     wait_for(lambda: not files.write.disabled and files.message.value.startswith("Wrote"))
@@ -612,10 +613,10 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
     studio = Studio(a_volume(), folder=tmp_path, language="de")
     try:
         made = {late.title: late for late in studio.parts.panels.late if late.made is not None}
-        assert list(made) == ["Strength", "Steps", "Interpolation", "Diagnostics"]
+        assert list(made) == ["Strength", "Steps", "Interpolation"]
         drag(studio, a_drag(studio))
-        tabs = next(box for box in all_of(studio) if isinstance(box, ipw.Tab))
-        tabs.selected_index = 2
+        tabs = next(box for box in all_of(studio) if isinstance(box, Tabs))
+        tabs.choose(2)
         assert {late.title for late in studio.parts.panels.late if late.made is not None} == {
             *made,
             "Colours and opacity",
@@ -624,7 +625,7 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
         points = next(late for late in studio.parts.panels.late if late.title == "Points")
         assert "dnb-late" in classes_of(points.box)
         points.reveal()
-        assert tabs.selected_index == 0
+        assert tabs.selected == 0
         assert points.box.children == (points.panel.box,)
         assert "dnb-late" not in classes_of(points.box)
         table = points.panel.table

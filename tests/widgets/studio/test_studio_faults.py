@@ -121,8 +121,8 @@ def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypat
 
 def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     drag(studio, a_drag(studio))
-    before, (reason, again, back) = studio.session.steps.view, studio.parts.picture.ways_on.children
-    assert studio.parts.picture.ways_on.layout.display == "none"
+    before = studio.session.steps.view
+    assert not studio.parts.picture.ways_on.is_shown
     is_poor = [True]
     make = Pictures.automatic_picture
 
@@ -134,26 +134,27 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     monkeypatch.setattr(Pictures, "automatic_picture", picture)
     controls(studio)["Side"].value = "+z"
     studio.wait()
+    reason, again, back = studio.parts.picture.ways_on.children
     assert "no room for a picture" in reason.value
     assert "could not be made" in studio.editor.waiting  # no gesture on the old one
-    assert studio.parts.picture.ways_on.layout.display is None
+    assert studio.parts.picture.ways_on.is_shown
     assert studio.editor.picture.plane != studio.session.editing.plane
     again.click()  # it fails once more
     studio.wait()
     assert "no room" in reason.value
-    assert studio.parts.picture.ways_on.layout.display is None
+    assert studio.parts.picture.ways_on.is_shown
     back.click()  # to the picture that still stands there
     studio.wait()
     assert studio.session.steps.view == before
     assert "Undone" in notice_of(studio)
-    assert (studio.editor.waiting, studio.parts.picture.ways_on.layout.display) == ("", "none")
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_shown) == ("", False)
     studio.redo()
     studio.wait()
     assert "no room" in reason.value
     is_poor[0] = False
     again.click()
     studio.wait()
-    assert (studio.editor.waiting, studio.parts.picture.ways_on.layout.display) == ("", "none")
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_shown) == ("", False)
     assert reason.value == ""
     assert studio.editor.picture.plane == studio.session.editing.plane
     count = studio.stats()["late"]
@@ -276,13 +277,13 @@ def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None
         (tmp_path / name).write_bytes(b"somebody's")
         files.name.value = name
         files.write.click()
-        assert f"{name} is already there. Write over it?" in files.question.text.value
+        assert f"{name} is already there. Write over it?" in files.question.text
         assert not files.write.disabled
-        files.question.refuse.click()
+        files.question.box.children[-1].click()
         assert (tmp_path / name).read_bytes() == b"somebody's"
     files.name.value = "ball.py"
     files.write.click()
-    files.question.agree.click()
+    files.question.box.children[1].click()
     wait_for(lambda: files.message.value.startswith("Wrote"))
     assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
     files.message.value = ""

@@ -23,9 +23,10 @@ from deformnb.io.movies import write_movie
 from deformnb.session.exports import Frozen, movie_frames
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, widget_of
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, widget_of
 from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
@@ -117,15 +118,13 @@ class AnimationPanel(Panel):
             self._at_moment,
         )
         # Above the list, which grows: what is pressed again stays where it is.
-        self.box = basic.VBox(
-            [
-                row(add, self._update),
-                self.items,
-                row(self.time, self._here),
-                self.player,
-                row(self.easing, self.movie.box),
-            ],
-            layout=basic.layout(grid_gap="6px"),
+        self.box = column(
+            row(add, self._update),
+            self.items,
+            row(self.time, self._here),
+            self.player,
+            row(self.easing, self.movie.box),
+            grid_gap="6px",
         )
         self.refresh()
 
@@ -322,7 +321,8 @@ class MovieControls:
         self.stopped.clear()
         self._is_writing = True
         self._begun = time.monotonic()
-        self.bar.value, basic.own_layout(self.bar).visibility = 0.0, "visible"
+        self.bar.value = 0.0
+        basic.set_layout(self.bar, visibility="visible")
         self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
         self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
@@ -347,7 +347,7 @@ class MovieControls:
             self._guard(raising(reason))
         finally:
             self.message.value, self._is_writing = message, False
-            basic.own_layout(self.bar).visibility = "hidden"
+            basic.set_layout(self.bar, visibility="hidden")
             self.arrange(self._has_keys)
 
     def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:

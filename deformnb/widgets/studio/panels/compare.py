@@ -13,8 +13,9 @@ from deformnb._weak import weakly
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.cell_widgets import close_all, parts_of_another
-from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose, row
+from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.studio.status import reason_of
 from deformnb.widgets.view.live_view import LiveView
@@ -61,7 +62,7 @@ class ComparePanel(Panel):
         )
         self._menu = self.add(chooser, lambda: self._wanted, self._choose)
         session.pictures.observe(weakly(self, ComparePanel._follow_colours), "transfer")
-        self.box = basic.VBox([row(self._menu), self._line])
+        self.box = column(row(self._menu), self._line)
         self.refresh()
 
     def take(self, volume: Volume) -> None:
@@ -121,9 +122,8 @@ class ComparePanel(Panel):
             *(traitlets.link((view, name), (made, name)) for name in _SHARED if view.has_trait(name)),
         ]
         self._second, self._name = made, basic.HTML(name)
-        beside = basic.VBox([self._name, made], layout=basic.layout(display=view.layout.display)).add_class(
-            "dnb-second"
-        )
+        beside = column(self._name, made, classes="dnb-second")
+        beside.is_shown = view.layout.display != "none"
         first, *others = self._place.children
         self._place.children = (first, beside, *others)
 

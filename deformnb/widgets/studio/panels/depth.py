@@ -9,9 +9,10 @@ from typing import Any
 from deformnb.document.deformation import Step
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.curve_editor import CurveEditor
 from deformnb.widgets.inputs.depth_keys import DepthKeys
-from deformnb.widgets.studio.controls import Guard, Panel, prose, row, widget_of
+from deformnb.widgets.studio.controls import Guard, Panel, prose, widget_of
 
 HINTS = {
     "replicate": "Every slice behind the picture is deformed like the picture.",
@@ -52,9 +53,7 @@ class DepthPanel(Panel):
             self.curve.on_edit(self._curve_dragged)
         self.keys.on_edit(self._keys_changed)
         self.hint = basic.HTML()  # a label would cut long words
-        self.box = basic.VBox(
-            [row(self.rule), self.hint, self.curve, self.keys], layout=basic.layout(max_width="720px")
-        )
+        self.box = column(row(self.rule), self.hint, self.curve, self.keys, max_width="720px")
         self.refresh()
 
     def arrange(self) -> None:

@@ -8,6 +8,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.session.examples import EXAMPLES, apply_example
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, line
 from deformnb.widgets.studio.controls import Guard, Panel, button, prose
 
 _FIRST = "Double-click on the picture to add a point, and drag it. Or try:"
@@ -38,9 +39,7 @@ class ExamplesPanel(Panel):
             name: button(example.title, example.tooltip, self._applier(name)) for name, example in EXAMPLES.items()
         }
         words = basic.HTML(prose(_FIRST if is_start else _MENU))
-        self.box = basic.VBox(
-            [words, basic.HBox(list(self.buttons.values()), layout=basic.layout(flex_flow="row wrap"))]
-        )
+        self.box = column(words, line(*self.buttons.values(), flex_flow="row wrap"))
         self.refresh()
 
     def _applier(self, name: str) -> Callable[[], None]:

@@ -35,10 +35,11 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.foreground import cut_off_text, listed
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.file_transfer import FileTransfer
 from deformnb.widgets.packed_volume import unit_of
 from deformnb.widgets.parameters import PAGE_CONTROLS
-from deformnb.widgets.studio.controls import Guard, Panel, Question, button, file_stem, fill, menu, raising, row
+from deformnb.widgets.studio.controls import Guard, Panel, Question, button, file_stem, fill, menu, raising, wide
 from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.studio.status import as_html
 from deformnb.widgets.worker import Worker
@@ -124,7 +125,7 @@ class FilesPanel(Panel):
             for name, label in PAGE_CONTROLS.items()
         }
         chosen = row(*self.page_controls.values())
-        self.of_page = basic.VBox([self.page_title, self.page_text, chosen])
+        self.of_page = column(self.page_title, self.page_text, chosen)
         self.name.observe(self._show_page_words, "value")
         self._show_page_words()
         self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", display="none"))
@@ -133,15 +134,13 @@ class FilesPanel(Panel):
         self.question = Question(guard)
         self._idle()
         writing = [self.kind, self.name, self.write, self.download, self.cancel]
-        self.box = basic.VBox(
-            [
-                row(*writing),
-                self.level,
-                self.of_page,
-                row(self.copy, self.bar, self.message),
-                self.question.box,
-                self.file_transfer,
-            ]
+        self.box = column(
+            row(*writing),
+            self.level,
+            self.of_page,
+            row(self.copy, self.bar, self.message),
+            self.question.box,
+            self.file_transfer,
         )
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
@@ -356,8 +355,8 @@ LARGER = ("Make the box larger", "As large as needed, now and after every edit: 
 _MARGIN = 0.1
 
 
-class ResultBox(Panel):
-    """A row of controls for :attr:`Editing.output`; it stands in another panel.
+class OutputCheck(Panel):
+    """Check after each edit whether :attr:`Editing.output` cuts something off; where it shall not, it grows.
 
     Parameters
     ----------
@@ -367,14 +366,87 @@ class ResultBox(Panel):
     ----------
     warning : a line that is seen while something is cut off, with the way out; it stands below the pictures.
     follows : whether the box is as large as needed after every edit; it then belongs to the edit, and goes with it.
+    sides : of the box at which something is cut off.
+    done : called after each check.
     """
 
     def __init__(self, session: Session, guard: Guard, worker: Worker) -> None:
         super().__init__(session, guard)
         self.worker = worker
         self.follows = self._is_requested = False
+        self.sides: tuple[str, ...] = ()
+        self.done: Callable[[], None] = lambda: None
         self._known: Deformation | None = None
-        self._left: tuple[str, ...] = ()
+        self._text: Any = None  # made with the first warning, as is the button
+        self.warning = row()
+        self.warning.is_shown = False
+        self.refresh()
+
+    @property
+    def is_needed(self) -> bool:
+        """Choice of a box that is, or is about to be, as large as needed."""
+        return self._is_requested or (self.follows and self.session.editing.output is not None)
+
+    def follow(self, is_needed: bool) -> None:
+        """Make the box as large as needed from now on, or leave it."""
+        self.follows = self._is_requested = is_needed
+        if is_needed:
+            self._request()
+
+    def arrange(self) -> None:
+        if self.session.editing.output is None and not self._is_requested:
+            self.follows = False  # it was taken back
+        if self._known is not self.session.editing.deformation:
+            self._known = self.session.editing.deformation
+            self._request()
+        self._show_warning()
+
+    def _show_warning(self) -> None:
+        if self.sides and self._text is None:
+            self._text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
+            self.warning.children = (self._text, button(*LARGER, self._make_larger))
+        if self._text is not None:
+            self._text.value = as_html(cut_off_text(self.sides))
+            basic.set_shown(self.warning.children[1], not self.follows)  # then it is as large as it may be
+        basic.set_shown(self.warning, self.sides)
+
+    def _make_larger(self) -> None:
+        self.guard(lambda: self.follow(True))
+        self.refresh()
+        self.done()
+
+    # -- in the studio's thread ----------------------------------------------------------------------------------------
+
+    def _request(self) -> None:
+        if not self.worker.is_closed:
+            self.worker.latest("result box", weakly(self, OutputCheck._check_again))
+
+    def _fit(self) -> None:
+        self.session.results.fit_output()
+
+    def _check_again(self) -> None:
+        with contextlib.suppress(DeformError):  # of an edit that has already reported it
+            self.check()
+
+    def check(self) -> None:
+        """Make the box as large as is needed, or find what it cuts off; takes a moment."""
+        session = self.session
+        if self._is_requested:
+            self.guard(self._fit)
+            self._is_requested = False
+        elif self.follows and session.editing.output is not None:
+            session.results.fit_output(joins=True)
+        self.sides = session.results.exceeded_sides()
+        self.refresh()
+        self.done()
+
+
+class ResultBox(Panel):
+    """A row of controls for :attr:`Editing.output`; it stands in another panel."""
+
+    def __init__(self, session: Session, guard: Guard, check: OutputCheck) -> None:
+        super().__init__(session, guard)
+        self.check = check
         self._length = float(f"{_MARGIN * max(session.editing.grid.lengths):.1g}")
         self.margin = basic.BoundedFloatText(
             value=self._length,
@@ -390,28 +462,24 @@ class ResultBox(Panel):
         self.words = basic.HTML(
             "", layout=basic.layout(flex="1 1 200px", min_width="0")
         )  # a label would cut long words
-        self._warning_text = basic.HTML("", layout=basic.layout(flex="0 1 auto", min_width="0"))
-        self._larger = button(*LARGER, self._make_larger)
-        self.warning = row(self._warning_text, self._larger)
         self.choice = self.add(
             menu(
                 "Result box",
                 self._options(),
                 "What can be seen, and what the result holds: tissue dragged out of this box is cut off",
+                wide(max_width="280px"),
             ),
             self._chosen,
             self._choose,
         )
-        basic.own_layout(self.choice).max_width = "280px"
         self.add(self.margin, lambda: self._length, self._grow)
         self.box = row(self.choice, self.margin, self.words)
+        check.done = weakly(self, ResultBox.refresh)
         self.refresh()
-
-    # -- what is chosen ------------------------------------------------------------------------------------------------
 
     def _chosen(self) -> str:
         output = self.session.editing.output
-        if self._is_requested or (self.follows and output is not None):
+        if self.check.is_needed:
             return "needed"
         if output is None:
             return "volume"
@@ -430,68 +498,26 @@ class ResultBox(Panel):
         return None
 
     def _choose(self, what: str) -> None:
-        self.follows = self._is_requested = what == "needed"
-        if what == "needed":
-            self._request_check()
-        elif what == "margin":
+        self.check.follow(what == "needed")
+        if what == "margin":
             self._grow(self._length)
         elif what == "volume":
             self.session.editing.output = None
 
-    def _make_larger(self) -> None:
-        self.guard(lambda: self._choose("needed"))
-        self.refresh()
-
     def _grow(self, length: float) -> None:
         self._length = float(length)
-        self.follows = False
+        self.check.follows = False
         self.session.results.grow(self._length)
 
     def arrange(self) -> None:
-        output = self.session.editing.output
-        if output is None and not self._is_requested:
-            self.follows = False  # it was taken back
-        chosen = self._chosen()
+        output, chosen = self.session.editing.output, self._chosen()
         if chosen == "margin" and output is not None:
             self._length = self._margin_of(output) or self._length
         fill(self.choice, self._options())
         basic.set_shown(self.margin, chosen == "margin")
-        if self._known is not self.session.editing.deformation:
-            self._known = self.session.editing.deformation
-            self._request_check()
-        self._show_size()
-
-    def _show_size(self) -> None:
-        grid, volume = self.session.results.box, self.session.volume
+        grid = self.session.results.box
         size = " x ".join(map(str, grid.shape[::-1]))
-        facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * volume.dtype.itemsize)}"]
-        if self._left:
-            facts.append(f"cut off at the {listed(self._left)}")
+        facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * self.session.volume.dtype.itemsize)}"]
+        if self.check.sides:
+            facts.append(f"cut off at the {listed(self.check.sides)}")
         self.words.value = "; ".join(facts)
-        self._warning_text.value = as_html(cut_off_text(self._left))
-        basic.set_shown(self._larger, not self.follows)  # then it is as large as it may be
-        basic.set_shown(self.warning, self._left)
-
-    # -- in the studio's thread ----------------------------------------------------------------------------------------
-
-    def _request_check(self) -> None:
-        if not self.worker.is_closed:
-            self.worker.latest("result box", weakly(self, ResultBox._check_again))
-
-    def _fit(self) -> None:
-        self.session.results.fit_output()
-
-    def _check_again(self) -> None:
-        with contextlib.suppress(DeformError):  # of an edit that has already reported it
-            self.check()
-
-    def check(self) -> None:
-        """Make the box as large as is needed, or find what it cuts off; takes a moment."""
-        session = self.session
-        if self._is_requested:
-            self.guard(self._fit)
-            self._is_requested = False
-        elif self.follows and session.editing.output is not None:
-            session.results.fit_output(joins=True)
-        self._left = session.results.exceeded_sides()
-        self.refresh()

@@ -23,8 +23,9 @@ from deformnb.rbf.regions import Mask
 from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.file_input import FileInput
-from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu, row
+from deformnb.widgets.studio.controls import Guard, Panel, button, fill, menu
 from deformnb.widgets.studio.panels.folder import FolderFiles, is_volume_name, plain_name
 
 TakeRegions = Callable[[str, list[tuple[str, Mask]]], None]
@@ -98,7 +99,7 @@ class LabelChooser(Panel):
             )
         ]
         self._choice = row(self.list, *add)
-        self.box = basic.VBox([row(self.file, self.upload), self._choice])
+        self.box = column(row(self.file, self.upload), self._choice)
         basic.set_shown(self._choice, False)
         if labels is not None:
             self._show(labels, names or {})

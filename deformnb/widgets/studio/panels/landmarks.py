@@ -15,9 +15,10 @@ from deformnb.io.landmarks.formats import (
 )
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import row
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.file_transfer import FileTransfer
-from deformnb.widgets.studio.controls import Guard, button, file_stem, row
+from deformnb.widgets.studio.controls import Guard, button, file_stem
 
 
 class LandmarkFiles:

@@ -19,7 +19,7 @@ from deformnb.errors import DeformError
 from deformnb.io.landmarks.formats import parsed_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
-from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column
 from deformnb.widgets.inputs.points_table import PointsTable
 from deformnb.widgets.messages.inputs import PointsCommand
 from deformnb.widgets.studio.controls import Guard, Panel
@@ -59,7 +59,7 @@ class PointsPanel(Panel):
         self.table.observe(weakly(self, PointsPanel._rows_selected, lambda panel: True), "selected")
         self._observer = weakly(self, PointsPanel._points_selected, lambda panel: True)
         self.files = LandmarkFiles(session, guard)
-        self.box = basic.VBox([self.table, self.files.box])
+        self.box = column(self.table, self.files.box)
         self.refresh()
 
     # -- what is shown -------------------------------------------------------------------------------------------------

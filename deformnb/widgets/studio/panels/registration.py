@@ -34,8 +34,9 @@ from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Volume
 from deformnb.warping.warper import warp_picture
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.image_encoding import as_png
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, row, slider
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, slider
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.worker import Worker
 
@@ -206,16 +207,14 @@ class FitPanel(Panel):
         legend = basic.HTML(
             _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
         )
-        self.shown = basic.VBox([row(self.over, self.blend), self.preview, legend], layout=basic.layout(display="none"))
+        self.shown = column(row(self.over, self.blend), self.preview, legend)
         snap, fit, along, along_it = self.buttons.values()
-        self.box = basic.VBox(
-            [
-                row(self.choice, self.measure, self.stiffness),
-                row(snap, fit, self.count, along, along_it, self.stop, self.bar),
-                self.message,
-                self.shown,
-            ],
-            layout=basic.layout(grid_gap="4px"),
+        self.box = column(
+            row(self.choice, self.measure, self.stiffness),
+            row(snap, fit, self.count, along, along_it, self.stop, self.bar),
+            self.message,
+            self.shown,
+            grid_gap="4px",
         )
         self.refresh()
 
@@ -243,7 +242,7 @@ class FitPanel(Panel):
             made.disabled = not idle or ("outline" in text and self.session.editing.step.plane is None)
         self.choice.disabled = self._is_busy
         self.stop.disabled = not self._is_busy
-        basic.own_layout(self.bar).visibility = "visible" if self._is_busy else "hidden"
+        basic.set_layout(self.bar, visibility="visible" if self._is_busy else "hidden")
 
     # -- the target ----------------------------------------------------------------------------------------------------
 

@@ -22,9 +22,10 @@ from deformnb.rbf.rigid import RigidMotion, RigidPart, carry_points, without_con
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.messages.shapes import followed
-from deformnb.widgets.studio.controls import Guard, Panel, button, menu, row, slider, widget_of
+from deformnb.widgets.studio.controls import Guard, Panel, button, menu, slider, widget_of
 from deformnb.widgets.studio.panels.labels import LabelChooser
 
 _STATES = {"fixed": "stays where it is", "moved": "is moved"}
@@ -176,7 +177,7 @@ class PartControls(Panel):
         )
         of_plane, of_space = ([*self._shifts[k], *self._places[k]] for k in (0, 1))
         self._moving = [self._angle, self._axes, *of_plane, *of_space]
-        self.box = basic.VBox([row(state, weight, self._reach), row(*self._moving)])
+        self.box = column(row(state, weight, self._reach), row(*self._moving))
         self.refresh()
 
     def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:
@@ -363,7 +364,7 @@ class ShapesPanel(Panel):
         )
         self.labels = LabelChooser(session, guard, self.add_regions, folder, labels, names)
         more = row(*self._drawing, fixed)
-        self.box = basic.VBox([self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box])
+        self.box = column(self.items, more, self.labels.box, row(self._ends, self._rule), self.part.box)
         editor.observe(self._chosen_in_the_picture, "chosen_shape")
         self._chosen_in_the_picture({"new": editor.chosen_shape})  # before the panel was made
         self.refresh()

@@ -17,8 +17,9 @@ from deformnb.session.autosave_store import SavedSession
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
-from deformnb.widgets.studio.controls import STEP_COLOURS, Guard, Panel, action_button, button, prose, row, widget_of
+from deformnb.widgets.studio.controls import STEP_COLOURS, Guard, Panel, action_button, button, prose, widget_of
 from deformnb.widgets.studio.history_labels import go_to, history_rows
 
 """Labels of the compositions of steps."""
@@ -47,7 +48,7 @@ class StepsPanel(Panel):
         )
         mode = self.add(widget_of("mode"), lambda: session.editing.deformation.mode, session.steps.set_mode)
         self._hint = basic.HTML(layout=basic.layout(flex="1 1 300px", min_width="0"))  # a label would cut long words
-        self.box = basic.VBox([self.items, row(here, space, mode, self._hint)])
+        self.box = column(self.items, row(here, space, mode, self._hint))
         self.refresh()
 
     def _act(self, what: str, index: int, value: Any) -> None:
@@ -102,10 +103,6 @@ _HINT = "Click on a state to go there. An edit after an undo begins a branch; wh
 class HistoryPanel(Panel):
     """All states of the document that can be gone to, and what earlier sessions on the volume have left unsaved.
 
-    Attributes
-    ----------
-    recovery : the list of earlier sessions; None for none.
-
     Examples
     --------
     >>> from deformnb.datasets import PHANTOMS
@@ -122,16 +119,21 @@ class HistoryPanel(Panel):
 
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
-        self.recovery: Recovery | None = None
+        self._recovery: Recovery | None = None
         self._shown: tuple[tuple[HistoryNode, ...], tuple[SavedSession, ...]] = (), ()
         self._order: list[int] = []
         self._is_seen = True  # until it is hidden
         self.items = ItemList(label="History", commands=[], switches=False, columns=["What was done", "When"])
         self.items.on_act(self._act)
-        self.box = basic.VBox([self.items, basic.HTML(prose(_HINT))])
+        self.box = column(self.items, basic.HTML(prose(_HINT)))
         # Going between equal documents changes nothing else, and refreshes no panel.
         self._observer = weakly(self, HistoryPanel._history_changed, lambda panel: True)
         session.editing.observe(self._observer, "history")
+        self.refresh()
+
+    def take_recovery(self, recovery: Recovery) -> None:
+        """List what earlier sessions on the volume have left unsaved, too."""
+        self._recovery = recovery
         self.refresh()
 
     def lead_back(self, former: Session, open_session: Callable[[Session], None]) -> None:
@@ -150,7 +152,7 @@ class HistoryPanel(Panel):
     def _act(self, what: str, index: int, _value: Any) -> None:
         if what == "choose":
             state = self._order[index]
-            self.guard(lambda: go_to(self.session, state, recovery=self.recovery))
+            self.guard(lambda: go_to(self.session, state, recovery=self._recovery))
             self.refresh()
 
     def opened(self, is_open: bool) -> None:
@@ -160,7 +162,7 @@ class HistoryPanel(Panel):
     def arrange(self) -> None:
         if not self._is_seen:  # hundreds of rows would go to the front end after every edit
             return
-        nodes = self.session.editing.history_tree(), tuple(self.recovery.earlier if self.recovery is not None else ())
+        nodes = self.session.editing.history_tree(), tuple(self._recovery.earlier if self._recovery is not None else ())
         if nodes == self._shown:
             return
         self._shown = nodes

@@ -12,7 +12,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 import traitlets
 
@@ -23,10 +22,11 @@ from deformnb.imaging.thompson import GRID_OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
+from deformnb.widgets.boxes import Box, column, line, row
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.drawing_pair import DrawingPair
 from deformnb.widgets.inputs.file_transfer import FileTransfer
-from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, row, slider
+from deformnb.widgets.studio.controls import Guard, Panel, button, file_stem, menu, raising, slider
 from deformnb.widgets.studio.editors import make_editor, show_step, show_view_state
 from deformnb.widgets.studio.history_labels import edit_label
 from deformnb.widgets.studio.panels.folder import plain_name
@@ -93,23 +93,23 @@ class ThompsonPanel(Panel):
         self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
         self.before, self.after = _place("before"), _place("after")
-        self._pictures = basic.HBox(
-            [_titled("Original", self.before, _LOOK), _titled("Deformed", self.after)],
-            layout=basic.layout(flex_flow="row wrap", grid_gap="8px"),
+        self._pictures = line(
+            _titled("Original", self.before, _LOOK),
+            _titled("Deformed", self.after),
+            flex_flow="row wrap",
+            grid_gap="8px",
         )
         self.nowhere = basic.Label(_IN_SPACE)
         self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
-        self._own = basic.VBox([])
-        self.box = basic.VBox(
-            [
-                row(*self._grid_settings()),
-                self._own,
-                self._settings(),
-                self._pictures,
-                self.nowhere,
-                row(*self._export()),
-                self.file_transfer,
-            ]
+        self._own = column()
+        self.box = column(
+            row(*self._grid_settings()),
+            self._own,
+            self._settings(),
+            self._pictures,
+            self.nowhere,
+            row(*self._export()),
+            self.file_transfer,
         )
         if self.is_alone:
             self._listen()
@@ -117,7 +117,7 @@ class ThompsonPanel(Panel):
 
     # -- the parts -----------------------------------------------------------------------------------------------------
 
-    def _settings(self) -> ipw.Box:
+    def _settings(self) -> Box:
         most = self.editor.traits()["density"].max
         lines = basic.IntSlider(
             min=2,
@@ -142,7 +142,7 @@ class ThompsonPanel(Panel):
             layout=basic.layout(width="auto", display="none" if self.is_alone else ""),
         )
         traitlets.link((self.editor, "drag_grid"), (self.everywhere, "value"))
-        return basic.VBox([row(self.magnify, self.words), row(lines, overlay, self.everywhere)])
+        return column(row(self.magnify, self.words), row(lines, overlay, self.everywhere))
 
     def _grid_settings(self) -> list[Any]:
         pairs = [(f"{source} \u2192 {target}", (source, target)) for source, target in thompson_pairs()]
@@ -380,12 +380,10 @@ def in_words(strength: float) -> str:
     return "exaggerated" if strength > 1 else "on the way"
 
 
-def _place(side: str) -> ipw.Box:
-    return basic.Box([], layout=basic.layout(width="100%", min_width="0")).add_class(f"dnb-th-{side}")
+def _place(side: str) -> Box:
+    return Box(classes=f"dnb-th-{side}", width="100%", min_width="0")
 
 
-def _titled(title: str, place: ipw.Box, text: str = "") -> ipw.VBox:
+def _titled(title: str, place: Box, text: str = "") -> Box:
     words = [basic.HTML(text)] if text else []
-    return basic.VBox(
-        [basic.HTML(f"<b>{title}</b>"), place, *words], layout=basic.layout(flex="1 1 320px", min_width="0")
-    )
+    return column(basic.HTML(f"<b>{title}</b>"), place, *words, flex="1 1 320px", min_width="0")

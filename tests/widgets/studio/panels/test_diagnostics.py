@@ -108,7 +108,7 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     drag(studio, a_drag(studio, FAR))
     points = studio.editor.points
     assert least(studio) < 0
-    panel(studio, "Diagnostics").unfold.click()
+    panel(studio, "Diagnostics").buttons["unfold"].click()
     settle(studio)
     assert least(studio) > 0
     assert studio.session.editing.step.stages > 1
@@ -119,7 +119,7 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     studio.undo()
     assert studio.session.editing.step.stages == 1
     controls(studio)["Stages"].value = 16
-    panel(studio, "Diagnostics").unfold.click()  # fewer will do
+    panel(studio, "Diagnostics").buttons["unfold"].click()  # fewer will do
     settle(studio)
     assert 1 < studio.session.editing.step.stages < 16
 
@@ -132,7 +132,7 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     settle(studio)
     far = studio.editor.points
     assert least(studio) < 0
-    panel(studio, "Diagnostics").back.click()
+    panel(studio, "Diagnostics").buttons["take_back"].click()
     settle(studio)
     made = studio.editor.points
     assert is_fold_free(studio.session.editing.step, studio.volume.grid)
@@ -142,7 +142,7 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     assert 0 < way[0] < 1
     assert way[0] == pytest.approx(way[1])
     assert studio.editor.history["undo"] == "largest safe drag"
-    panel(studio, "Diagnostics").back.click()
+    panel(studio, "Diagnostics").buttons["take_back"].click()
     settle(studio)
     assert "Nothing folds here" in notice_of(studio)
 
@@ -153,7 +153,7 @@ def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
     controls(studio)["Strength"].value = 3.0
     settle(studio)
     assert least(studio) < 0.05
-    panel(studio, "Diagnostics").back.click()
+    panel(studio, "Diagnostics").buttons["take_back"].click()
     settle(studio)
     assert 1.0 < studio.session.editing.step.strength < 3.0
     assert least(studio) == pytest.approx(0.05, abs=0.02)
@@ -191,7 +191,7 @@ def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
     swapped = studio.editor.points.add(middle - 4, middle + 4).add(middle + 4, middle - 4)
     drag(studio, swapped)
     settle(studio)
-    panel(studio, "Diagnostics").unfold.click()
+    panel(studio, "Diagnostics").buttons["unfold"].click()
     settle(studio)
     assert "through one another" in notice_of(studio)
     assert studio.session.editing.step.stages == 1
@@ -333,7 +333,7 @@ def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: 
     drag(studio, bent_grid(studio))
     settle(studio)
     diagnostics = panel(studio, "Diagnostics")
-    diagnostics.predict.click()
+    diagnostics.buttons["best_prediction"].click()
     settle(studio)
     step = studio.session.editing.step
     assert (step.trend, studio.editor.history["undo"]) == ("quadratic", "best prediction")
@@ -354,7 +354,7 @@ def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: 
 
 def test_too_few_points_are_said_to_be_so(studio: Studio) -> None:
     before = studio.session.editing.step
-    panel(studio, "Diagnostics").predict.click()
+    panel(studio, "Diagnostics").buttons["best_prediction"].click()
     settle(studio)
     assert studio.session.editing.step is before
     assert "no active control point" in notice_of(studio) or "too few" in notice_of(studio)

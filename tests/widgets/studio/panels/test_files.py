@@ -116,10 +116,10 @@ def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.
 
 def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studio, tmp_path: Path) -> None:
     files = panel(studio, "Export")
-    assert files.of_page.layout.display == "none"
+    assert not files.of_page.is_shown
     assert files.page_title.value == studio.volume.name
     files.kind.value = next(value for _, value in files.kind.options if value.endswith(".html"))
-    assert files.of_page.layout.display is None
+    assert files.of_page.is_shown
     files.name.value, files.page_title.value, files.page_text.value = "page.html", "A < B", "Drag the <tail>."
     files.write.click()
     files.page_title.value = "of the next one"
@@ -137,7 +137,7 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
     studio = Studio(read_volume(tmp_path / "in.zarr", level=1), folder=tmp_path)
     try:
         files = panel(studio, "Export")
-        assert files.level.layout.display is None
+        assert files.level.is_shown
         assert "level 1" in files.level.children[0].value
         assert "300 x 9 x 8 voxels" in files.level.children[0].value
         assert "level 1" in volume_facts(studio.volume)
@@ -151,4 +151,4 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
 
 
 def test_a_volume_that_is_no_coarser_level_has_no_export_of_a_finer_one(studio: Studio) -> None:
-    assert panel(studio, "Export").level.layout.display == "none"
+    assert not panel(studio, "Export").level.is_shown

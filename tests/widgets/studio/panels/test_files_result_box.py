@@ -15,7 +15,7 @@ from deformnb.document import edits as key_frames
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.studio.panels.animation import AnimationPanel
-from deformnb.widgets.studio.panels.files import ResultBox
+from deformnb.widgets.studio.panels.files import OutputCheck, ResultBox
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.worker import Worker
 
@@ -39,30 +39,35 @@ def at_once(action: Callable[[], None]) -> bool:
 @pytest.fixture
 def box() -> Iterator[ResultBox]:
     """A box whose thread is the test: what it asks for is done by "check"."""
-    made = ResultBox(Session(a_brick()), at_once, Worker())
+    made = ResultBox(session := Session(a_brick()), at_once, OutputCheck(session, at_once, Worker()))
     yield made
-    made.worker.close()
+    made.check.worker.close()
+
+
+def refresh(box: ResultBox) -> None:
+    box.check.refresh()
+    box.refresh()
 
 
 def looked(box: ResultBox) -> None:
-    box.refresh()
-    box.worker.call(lambda: None).result(30)
-    box.check()
+    refresh(box)
+    box.check.worker.call(lambda: None).result(30)
+    box.check.check()
 
 
 def test_a_margin_is_chosen_and_said(box: ResultBox) -> None:
     assert (box.choice.value, box.margin.layout.display) == ("volume", "none")
     assert box.words.value == "16 x 16 x 16 voxels (x, y, z), 4.0 KiB"
     box.choice.value = "margin"
-    box.refresh()
+    refresh(box)
     assert box.session.results.box.shape == (20, 20, 20)  # a tenth of 32 mm, in whole voxels of 2 mm
     assert box.margin.layout.display is None
     box.margin.value = 8.0
-    box.refresh()
+    refresh(box)
     assert box.session.results.box.shape == (24, 24, 24)
     assert box.words.value == "24 x 24 x 24 voxels (x, y, z), 13.5 KiB"
     box.choice.value = "volume"
-    box.refresh()
+    refresh(box)
     assert box.session.editing.output is None
     assert box.margin.layout.display == "none"
 
@@ -72,16 +77,16 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
     session = Session(volume)
     session.results.grow(margin)
-    box = ResultBox(session, at_once, Worker())
-    box.refresh()
+    box = ResultBox(session, at_once, OutputCheck(session, at_once, Worker()))
+    refresh(box)
     before = session.editing.output
     assert (box.choice.value, box.margin.layout.display) == ("margin", None)
     assert padded(volume.grid, box.margin.value) == before  # another length may make the same whole voxels
     assert 0 <= abs(box.margin.value - margin) < 4.0
     session.editing.output = volume.grid.crop((0, -1, 0), (16, 18, 16))  # y alone: no one margin makes it
-    box.refresh()
+    refresh(box)
     assert (box.choice.value, box.margin.layout.display) == ("own", "none")
-    box.worker.close()
+    box.check.worker.close()
 
 
 def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
@@ -95,35 +100,35 @@ def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
     assert box.session.results.exceeded_sides() == ()
     assert box.session.editing.history["undo"] == "move points"  # the box belongs to the edit
     box.session.editing.undo()
-    box.refresh()
+    refresh(box)
     assert box.session.editing.output == box.session.volume.grid
     box.session.editing.undo()
     looked(box)
     assert box.session.editing.output is None
-    assert (box.choice.value, box.follows) == ("volume", False)
+    assert (box.choice.value, box.check.follows) == ("volume", False)
 
 
 def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
-    session, seen = box.session, box.warning.layout
-    assert seen.display == "none"
+    session, seen = box.session, box.check.warning
+    assert not seen.is_shown
     drag_out(session)
     looked(box)
-    text, button = box.warning.children
-    assert seen.display is None
+    text, button = seen.children
+    assert seen.is_shown
     assert 'role="status"' in text.value
     assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
     assert box.words.value.endswith("cut off at the left side (L)")
     button.click()
     looked(box)
     assert (box.choice.value, session.results.exceeded_sides()) == ("needed", ())
-    assert seen.display == "none"
+    assert not seen.is_shown
     assert "cut off" not in box.words.value
     drag_out(session, 40.0)
     looked(box)
-    assert (seen.display, session.results.exceeded_sides()) == ("none", ())  # the box goes on with the edits
+    assert (seen.is_shown, session.results.exceeded_sides()) == (False, ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
-    assert (seen.display, button.layout.display) == (None, None)
+    assert (seen.is_shown, button.layout.display) == (True, None)
 
 
 def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
@@ -131,21 +136,21 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     looked(box)
     drag_out(box.session, 5000.0)
     looked(box)
-    assert box.warning.layout.display is None
-    assert box.warning.children[1].layout.display == "none"
+    assert box.check.warning.is_shown
+    assert box.check.warning.children[1].layout.display == "none"
 
 
 def test_the_warning_lies_over_the_volume() -> None:
     studio = Studio(a_brick())
     try:
-        panel = panel_of(studio, ResultBox)
+        panel = panel_of(studio, OutputCheck)
         assert panel.warning in box_of(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
-        assert panel.warning.layout.display is None
+        assert panel.warning.is_shown
         panel.warning.children[1].click()
         studio.wait()
-        assert panel.warning.layout.display == "none"
+        assert not panel.warning.is_shown
         assert studio.session.results.exceeded_sides() == ()
     finally:
         studio.close()
@@ -157,7 +162,7 @@ def test_a_box_that_was_given_by_code_is_shown_as_such(box: ResultBox) -> None:
     assert box.choice.value == "own"
     assert ("a box of its own", "own") in box.choice.options
     box.choice.value = "volume"
-    box.refresh()
+    refresh(box)
     assert ("a box of its own", "own") not in box.choice.options
 
 

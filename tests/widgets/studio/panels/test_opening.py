@@ -29,7 +29,7 @@ from deformnb.widgets.studio.studio import Studio
 
 def answer(opening: OpenPanel, words: str) -> None:
     """Press the button of an answer to the question that is asked."""
-    assert opening.question.box.layout.display is None
+    assert opening.question.box.is_shown
     next(button for button in opening.question.box.children[1:] if button.description == words).click()
 
 
@@ -99,8 +99,8 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     elsewhere.save(tmp_path / "else.json")
     elsewhere.close()
     drop(tmp_path / "else.json")
-    assert opening.question.box.layout.display is None
-    opening.question.agree.click()
+    assert opening.question.box.is_shown
+    opening.question.box.children[1].click()
     assert "else.json" in studio.session.editing.history["undo"]
     studio.close()
 
@@ -116,14 +116,14 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     studio.observe(lambda change: seen.append(change["new"]), "deformation")
     uploaded(opening.box, "fish.nrrd", (tmp_path / "fish.nrrd").read_bytes())
     assert studio.session is first
-    assert "edits of bar" in opening.question.text.value
+    assert "edits of bar" in opening.question.text
     answer(opening, "Open")
     assert studio.session is not first
     np.testing.assert_array_equal(studio.volume.values, other.values)
     assert seen == [studio.deformation]
     assert "History leads back to bar" in studio.parts.words.notice.value
     assert shown() is not studio.view
-    assert opening.question.box.comm is None  # the parts before are closed
+    assert opening.question.box.children == ()  # the parts before are closed
     first.editing.change(trend="none")  # and whoever still holds their session changes nothing here
     assert studio.editor.settings.trend != "none"
     studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
@@ -171,21 +171,21 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     write_volume(Volume(blocks(), grid), tmp_path / "atlas.nrrd")
     studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
     opening = panel_of(studio, OpenPanel)
-    assert "atlas look like labels" in opening.question.text.value
+    assert "atlas look like labels" in opening.question.text
     assert "is_labels" not in studio.parts.words.notice.value  # which is for those who write code
     studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
     edited = studio.deformation
     answer(opening, "They are amounts")
     assert not studio.volume.is_labels
     opening = panel_of(studio, OpenPanel)
-    assert opening.question.box.layout.display == "none"
+    assert not opening.question.box.is_shown
     studio.open_volume(tmp_path / "atlas.nrrd", edited)
     answer(panel_of(studio, OpenPanel), "They are labels")
     assert studio.volume.is_labels
     assert studio.deformation == edited
     assert 'atlas.nrrd", is_labels=True)' in studio.session.code()
     assert set(np.unique(studio.session.results.volume().values)) <= set(np.unique(blocks()))
-    assert panel_of(studio, OpenPanel).question.box.layout.display == "none"
+    assert not panel_of(studio, OpenPanel).question.box.is_shown
     studio.close()
 
 
@@ -218,14 +218,14 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
         uploaded(opening.box, name, (tmp_path / name).read_bytes())
 
     drop("like.nrrd", 0.0, False)
-    assert "like.nrrd looks like labels" in opening.question.text.value
+    assert "like.nrrd looks like labels" in opening.question.text
     answer(opening, "Use as labels")
     assert len(labels.list.options) == 6
     drop("sure.nrrd", 0.0, True)
-    assert opening.question.box.layout.display == "none"
+    assert not opening.question.box.is_shown
     assert "sure.nrrd has 6 labels" in studio.parts.words.notice.value
     drop("elsewhere.nrrd", 900.0, True)  # of another scan: to be deformed itself
-    assert "Open elsewhere.nrrd in place of scan" in opening.question.text.value
+    assert "Open elsewhere.nrrd in place of scan" in opening.question.text
     answer(opening, "Open")
     assert studio.volume.is_labels
     studio.close()

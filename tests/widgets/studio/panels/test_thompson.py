@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import ipywidgets as ipw
 import numpy as np
 import oracle
 import pytest
@@ -19,6 +18,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Line
 from deformnb.session.session import Session
 from deformnb.widgets import Studio, ThompsonPanel
+from deformnb.widgets.boxes import Fold
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.editors import make_editor
 from deformnb.widgets.studio.panels.thompson import in_words
@@ -112,12 +112,12 @@ def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     studio = Studio(a_volume(), side="+y")
     try:
         panel = panel_of(studio, ThompsonPanel)
-        fold = next(box for box in all_of(studio) if isinstance(box, ipw.Accordion) and panel.box in all_of(box))
+        fold = next(box for box in all_of(studio) if isinstance(box, Fold) and panel.box in all_of(box))
         assert panel.editor is studio.parts.editors.plane
         assert panel.after.children == ()
-        fold.selected_index = 0
+        fold.choose(0)
         assert panel.after.children == (studio.editor,)
-        fold.selected_index = None
+        fold.choose(None)
         assert panel.after.children == ()
     finally:
         studio.close()
