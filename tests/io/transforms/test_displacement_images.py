@@ -57,6 +57,14 @@ def test_a_packed_file_is_not_taken_from_the_plain_one_beside_it(tmp_path: Path)
         np.testing.assert_array_equal(read_transform(tmp_path / name).values, field.values)  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize("components", [2, 4])
+def test_an_image_of_other_vectors_than_of_space_is_refused(components: int, tmp_path: Path) -> None:
+    image = sitk.GetImageFromArray(np.zeros((*GRID.shape, components), np.float32), isVector=True)
+    sitk.WriteImage(image, str(tmp_path / "a.mha"))
+    with pytest.raises(VolumeFileError, match=f"three components, and this image holds {components} channels"):
+        read_transform(tmp_path / "a.mha")
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("short", [1, 40, 2000])
 def test_a_file_that_is_cut_short_is_refused(suffix: str, short: int, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Raster
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Editor
+from deformnb.widgets.editor.editor import picture_png
 from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.messages.points import points_from_json, points_to_json
 
@@ -109,6 +110,13 @@ def test_the_state_for_the_page_is_plain_json(picture: Picture, points: ControlP
 
 def test_two_editors_have_different_names_in_the_page() -> None:
     assert Editor().uid != Editor().uid
+
+
+def test_a_picture_of_one_value_is_black_in_its_window(picture: Picture) -> None:
+    flat = replace(picture, values=np.full(picture.values.shape, 5.0, np.float32), window=(5.0, 6.0))
+    png, facts = picture_png(flat)
+    assert facts["range"] == [5.0, 6.0]
+    assert np.asarray(Image.open(io.BytesIO(png))).max() == 0
 
 
 def test_what_the_page_sends_becomes_the_points_and_is_observed(picture: Picture, points: ControlPoints) -> None:
