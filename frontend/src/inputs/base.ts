@@ -3,9 +3,10 @@
 
 import type { CurveEditorToFrontEnd } from "../generated.ts";
 import { EditLink } from "../sync/edits.ts";
-import type { Handlers, Model, ModelHandler, Values, Vector2 } from "../types.ts";
+import type { Model, Values, Vector2 } from "../types.ts";
 import { buttonElement, named, pageElement, setText, slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
+import { Widget } from "../ui/widget.ts";
 
 // Milliseconds after the last arrow key, when a held key that sends no keyup counts as released.
 export const KEYS_REST = 600;
@@ -30,26 +31,17 @@ export function numberUnder(event: MouseEvent, within: Element, name: string) {
   return found === null ? null : Number(found);
 }
 
-export class InputView {
+export class InputView extends Widget {
   link: EditLink;
-  handlers: Handlers = [];
-  frame = 0;
   isHeld = false;
-  closed = new AbortController();
-  root: HTMLDivElement;
   alert: HTMLDivElement;
   liveRegion: HTMLDivElement;
   theme: ThemeObserver;
   observer: ResizeObserver;
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-    name: string,
-  ) {
+  constructor(model: Model, el: HTMLElement, name: string) {
+    super(model, el, `dnb-curves ${name}`, { role: "group" });
     this.link = new EditLink((message) => model.send(message));
-    this.root = pageElement("div", `dnb-curves ${name}`, el, { role: "group" });
-    Object.assign(this.root, { deformnb: this }); // for tests and debugging
     this.alert = pageElement("div", "dnb-cv-alert", null, { role: "alert", hidden: "" }); // placed by each widget
     this.liveRegion = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
     const repaint = () => this.guard(() => this.applyTheme());
@@ -62,32 +54,13 @@ export class InputView {
     this.root.append(this.liveRegion);
     this.on("change:shown", () => this.receive());
     this.on("change:theme", () => this.applyTheme());
-    this.on("change:label", () => this.invalidate());
-    this.on("change:read_only", () => this.invalidate());
+    this.onChange(["label", "read_only"], () => this.invalidate());
     this.on("msg:custom", (message) => this.message(message));
     this.observer.observe(this.root);
     this.guard(() => {
       this.adopt(this.model.get("shown"));
       this.applyTheme();
       this.draw();
-    });
-  }
-
-  on(name: string, handler: ModelHandler) {
-    const guarded: ModelHandler = (...given) => this.guard(() => handler(...given));
-    this.model.on(name, guarded);
-    this.handlers.push([name, guarded]);
-  }
-
-  listen<K extends keyof HTMLElementEventMap>(
-    target: EventTarget,
-    name: K,
-    handler: (event: HTMLElementEventMap[K]) => void,
-    options: AddEventListenerOptions = {},
-  ) {
-    target.addEventListener(name, (event) => this.guard(() => handler(event as HTMLElementEventMap[K])), {
-      signal: this.closed.signal,
-      ...options,
     });
   }
 
@@ -102,23 +75,14 @@ export class InputView {
   }
 
   close() {
-    this.closed.abort();
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.observer.disconnect();
     this.theme.close();
-    cancelAnimationFrame(this.frame);
-    this.root.remove();
+    super.close();
   }
 
-  /** Run an action; an error in it is shown in the widget, which goes on. */
-  guard<T>(action: () => T) {
-    try {
-      return action();
-    } catch (error) {
-      console.error(error);
-      this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
-      return undefined;
-    }
+  fail(error: unknown) {
+    super.fail(error);
+    this.showMessage(`The widget met an error: ${error instanceof Error ? error.message : error}`);
   }
 
   // ---- the model ----------------------------------------------------------------------------------------------------
@@ -162,16 +126,6 @@ export class InputView {
   announce(text: string) {
     setText(this.liveRegion, text);
   }
-
-  invalidate() {
-    if (!this.frame)
-      this.frame = requestAnimationFrame(() => {
-        this.frame = 0;
-        this.guard(() => this.draw());
-      });
-  }
-
-  draw() {}
 
   applyTheme() {
     this.root.dataset.theme = this.model.get("theme") || "auto";

@@ -5,6 +5,7 @@ import type { Node, NodeRules } from "../maths/curves.ts";
 import { shownNumber } from "../maths/curves.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 import { CurvePlot } from "./curve_plot.ts";
 
 class CurveEditorView extends CurvePlot {
@@ -55,7 +56,7 @@ class CurveEditorView extends CurvePlot {
       if (event.key === "Enter" && this.isTyping) this.take(this.input.value);
       if (event.key === "Escape") this.forget();
     });
-    for (const name of ["range", "height"]) this.on(`change:${name}`, () => this.invalidate());
+    this.onChange(["range", "height"], () => this.invalidate());
     this.start();
   }
 
@@ -167,9 +168,4 @@ class CurveEditorView extends CurvePlot {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new CurveEditorView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(CurveEditorView);

@@ -4,6 +4,7 @@ import { MOST_KEYS } from "../generated.ts";
 import type { Model, Vector2 } from "../types.ts";
 
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
@@ -331,9 +332,4 @@ class DepthKeysView extends InputView {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new DepthKeysView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(DepthKeysView);

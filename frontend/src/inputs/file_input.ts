@@ -4,6 +4,7 @@
 import type { FileInputToFrontEnd, UploadBegin, UploadCancel, UploadPiece } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { buttonElement, pageElement, setText } from "../ui/dom.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 
 const MESSAGE_TIME = 8000; // milliseconds; what Python refuses is shown by the studio
 
@@ -11,9 +12,7 @@ const hasFiles = ({ dataTransfer }: DragEvent) => Boolean(dataTransfer?.types.in
 
 const size = (bytes: number) => (bytes < 1e6 ? `${Math.ceil(bytes / 1e3)} kB` : `${(bytes / 1e6).toFixed(1)} MB`);
 
-class FileInputView {
-  host: HTMLElement;
-  root: HTMLDivElement;
+class FileInputView extends Widget {
   button: HTMLButtonElement;
   chooser: HTMLInputElement;
   state: HTMLDivElement;
@@ -21,8 +20,6 @@ class FileInputView {
   bar: HTMLProgressElement;
   stop: HTMLButtonElement;
   veil: HTMLDivElement;
-  receive: (content: FileInputToFrontEnd) => Promise<void>;
-  draw: () => void;
 
   /** Files that wait for the one under way. */
   waiting: File[] = [];
@@ -34,14 +31,8 @@ class FileInputView {
 
   timer = 0;
 
-  closing = new AbortController();
-
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
-    this.host = el;
-    this.root = pageElement("div", "dnb-file-input", el);
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-file-input");
     this.button = pageElement("button", "jupyter-widgets jupyter-button widget-button dnb-fi-button", this.root, {
       type: "button",
     });
@@ -57,34 +48,24 @@ class FileInputView {
     this.bar = pageElement("progress", "dnb-fi-bar", this.state, { max: 1, "aria-label": "share that is done" });
     this.stop = buttonElement("dnb-fi-stop", this.state, "Cancel", () => this.cancel());
     this.veil = pageElement("div", "dnb-fi-veil", this.root, { hidden: "" });
-    const { signal } = this.closing;
-    this.button.addEventListener("click", () => this.chooser.click(), { signal });
-    this.chooser.addEventListener(
-      "change",
-      () => {
-        this.add([...(this.chooser.files ?? [])]);
-        this.chooser.value = ""; // the same file can be chosen again
-      },
-      { signal },
-    );
-    if (model.get("drops")) this.#takeDrops(signal);
-    this.receive = (content: FileInputToFrontEnd) => this.#receive(content);
-    this.draw = () => this.#draw();
-    model.on("msg:custom", this.receive);
-    for (const name of ["label", "accept", "tip"]) model.on(`change:${name}`, this.draw);
-    this.#draw();
+    this.listen(this.button, "click", () => this.chooser.click());
+    this.listen(this.chooser, "change", () => {
+      this.add([...(this.chooser.files ?? [])]);
+      this.chooser.value = ""; // the same file can be chosen again
+    });
+    if (model.get("drops")) this.#takeDrops();
+    this.on("msg:custom", (content: FileInputToFrontEnd) => this.#receive(content));
+    this.onChange(["label", "accept", "tip"], () => this.draw());
+    this.draw();
   }
 
   close() {
     this.cancel();
     clearTimeout(this.timer);
-    this.closing.abort();
-    this.model.off("msg:custom", this.receive);
-    for (const name of ["label", "accept", "tip"]) this.model.off(`change:${name}`, this.draw);
-    this.root.remove();
+    super.close();
   }
 
-  #draw() {
+  draw() {
     const { model } = this;
     setText(this.button, model.get("label"));
     this.button.title = this.veil.textContent = model.get("tip");
@@ -94,8 +75,8 @@ class FileInputView {
   // ---- drops --------------------------------------------------------------------------------------------------------
 
   /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. */
-  #takeDrops(signal: AbortSignal) {
-    const options = { signal, capture: true };
+  #takeDrops() {
+    const options = { capture: true };
     const isOurs = (event: DragEvent) =>
       hasFiles(event) &&
       event.target instanceof Node &&
@@ -104,21 +85,24 @@ class FileInputView {
       this.depth = depth;
       this.veil.hidden = depth <= 0;
     };
-    window.addEventListener(
+    this.listen(
+      window,
       "dragenter",
       (event) => {
         if (isOurs(event)) enter(this.depth + 1);
       },
       options,
     );
-    window.addEventListener(
+    this.listen(
+      window,
       "dragleave",
       (event) => {
         if (isOurs(event)) enter(this.depth - 1);
       },
       options,
     );
-    window.addEventListener(
+    this.listen(
+      window,
       "dragover",
       (event) => {
         if (!isOurs(event)) return;
@@ -128,7 +112,8 @@ class FileInputView {
       },
       options,
     );
-    window.addEventListener(
+    this.listen(
+      window,
       "drop",
       (event) => {
         enter(0);
@@ -203,9 +188,4 @@ class FileInputView {
   }
 }
 
-export default {
-  render({ model, el }: { model: Model; el: HTMLElement }) {
-    const view = new FileInputView(model, el);
-    return () => view.close();
-  },
-};
+export default widgetOf(FileInputView);

@@ -5,6 +5,7 @@ import { newPoint } from "../maths/points.ts";
 import { rbfAt, rbfFit } from "../maths/rbf.ts";
 import type { Model, Point, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 import { InputView, listenToDrags, targetIndex } from "./base.ts";
 
 export type NodeDrag = { index: number; before: Grid };
@@ -56,7 +57,7 @@ class GridDrawingView extends InputView {
     this.root.append(this.alert);
     this.cancelDrag = listenToDrags(this, this.svg, this);
     this.listen(this.root, "keydown", (event) => this.key(event));
-    for (const name of ["image", "box", "height"]) this.on(`change:${name}`, () => this.invalidate());
+    this.onChange(["image", "box", "height"], () => this.invalidate());
     this.showImage();
     this.on("change:image", () => this.showImage());
     this.start();
@@ -272,9 +273,4 @@ class GridDrawingView extends InputView {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new GridDrawingView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(GridDrawingView);

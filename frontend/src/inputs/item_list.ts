@@ -9,6 +9,7 @@ import type { Model } from "../types.ts";
 
 import { buttonElement, iconElement, OWN_KEYS, pageElement, setText, targetOf } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 
 /** A row of the list; `mark` is shown instead of its number, `swatch` is a colour, `time` in seconds. */
 export interface Row {
@@ -43,14 +44,11 @@ function timeOfDay(seconds: number, place: Element) {
   });
 }
 
-class ItemListView {
-  root: HTMLDivElement;
+class ItemListView extends Widget {
   table: HTMLTableElement;
   head: HTMLTableSectionElement;
   body: HTMLTableSectionElement;
   empty: HTMLDivElement;
-  draw: () => void;
-  answered: (content: ItemListToFrontEnd) => void;
   theme: ThemeObserver;
   sized: ResizeObserver;
 
@@ -60,36 +58,29 @@ class ItemListView {
   isNaming = false;
   isChoosing = false;
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
-    this.root = pageElement("div", "dnb-item-list", el);
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-item-list");
     this.table = pageElement("table", "dnb-il-table", this.root);
     this.head = pageElement("thead", "", this.table);
     this.body = pageElement("tbody", "", this.table);
     this.empty = pageElement("div", "dnb-il-empty", this.root);
-    this.draw = () => this.#draw();
-    this.answered = (content: ItemListToFrontEnd) => {
+    this.onChange(["rows", "chosen", "columns"], () => this.draw());
+    this.on("msg:custom", (content: ItemListToFrontEnd) => {
       if (content.type !== "done") return;
       this.isChoosing = false;
       this.#wait(false);
-    };
-    for (const name of ["rows", "chosen", "columns"]) model.on(`change:${name}`, this.draw);
-    model.on("msg:custom", this.answered);
-    this.root.addEventListener("keydown", (event) => this.#key(event));
+    });
+    this.listen(this.root, "keydown", (event) => this.#key(event));
     this.theme = new ThemeObserver(this.root, () => this.#repaint());
     this.sized = new ResizeObserver(() => this.#show()); // a tab that was hidden had nothing to scroll
     this.sized.observe(this.root);
-    this.#draw();
+    this.draw();
   }
 
   close() {
     this.sized.disconnect();
-    for (const name of ["rows", "chosen", "columns"]) this.model.off(`change:${name}`, this.draw);
-    this.model.off("msg:custom", this.answered);
     this.theme.close();
-    this.root.remove();
+    super.close();
   }
 
   get rows(): Row[] {
@@ -122,7 +113,7 @@ class ItemListView {
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  #draw() {
+  draw() {
     if (this.isNaming) return; // what is being written shall not go; drawn when it is done
     const held = this.#focused(),
       { rows } = this,
@@ -265,7 +256,7 @@ class ItemListView {
       this.isNaming = false;
       const name = input.value.trim();
       this.current = k;
-      this.#draw();
+      this.draw();
       if (isTaken && name !== before) this.act("rename", k, name);
       this.#focus(k, "choose");
     };
@@ -306,9 +297,4 @@ class ItemListView {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new ItemListView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(ItemListView);

@@ -11,6 +11,7 @@
 import { busOf, holdBus, releaseBus } from "../sync/bus.ts";
 import type { Bus, Model, TimeDetail } from "../types.ts";
 import { iconElement, OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 import { InputView } from "./base.ts";
 
 const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
@@ -186,7 +187,7 @@ class PlayerView extends InputView {
       this.guard(() => this.moved(event.detail));
     };
     this.bus.addEventListener("deformnb:time", this.listener);
-    for (const name of ["duration", "speed", "loop"]) this.on(`change:${name}`, () => this.#take());
+    this.onChange(["duration", "speed", "loop"], () => this.#take());
     this.on("change:time", () => {
       if (model.get("time") !== this.lastTime) this.clock.seek(model.get("time"));
     });
@@ -404,9 +405,4 @@ function listenToScrub(view: PlayerView, track: HTMLElement) {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new PlayerView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(PlayerView);

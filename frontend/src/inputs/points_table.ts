@@ -6,7 +6,7 @@
 
 import type { PointsCommand, PointsTableToFrontEnd } from "../generated.ts";
 import { busOf } from "../sync/bus.ts";
-import type { Bus, Handlers, Model, PointsDetail } from "../types.ts";
+import type { Bus, Model, PointsDetail } from "../types.ts";
 import {
   buttonElement,
   iconElement,
@@ -18,6 +18,7 @@ import {
   treeOf,
 } from "../ui/dom.ts";
 import { ThemeObserver } from "../ui/theme.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 import type { Column, TableRow } from "./point_rows.ts";
 import {
   axisNames,
@@ -52,9 +53,8 @@ const TABLE_BUTTONS: [string, string, string, boolean][] = [
   ],
 ];
 
-class PointsTableView {
+class PointsTableView extends Widget {
   selected: Set<number>;
-  root: HTMLDivElement;
   bar: HTMLDivElement;
   place: HTMLInputElement;
   addButton: HTMLButtonElement;
@@ -70,7 +70,6 @@ class PointsTableView {
   status: HTMLDivElement;
   facts: HTMLSpanElement;
   liveRegion: HTMLSpanElement;
-  handlers: Handlers;
   sized: ResizeObserver;
   visibility: IntersectionObserver;
   theme: ThemeObserver;
@@ -78,7 +77,6 @@ class PointsTableView {
 
   view = Math.random().toString(36).slice(2, 12); // a name for this view
   seq = 0;
-  frame = 0;
   reading = 0; // a timer
   /** Requests without an answer, by seq */
   waiting: Map<number, { what: string; ids: number[]; key: string }> = new Map();
@@ -102,14 +100,10 @@ class PointsTableView {
   /** Where a range of selected rows begins */
   anchor: number | null = null;
   bus: Bus | null = null;
-  closed = new AbortController();
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-points-table", { role: "group", "aria-label": "Control points" });
     this.selected = new Set(model.get("selected"));
-    this.root = pageElement("div", "dnb-points-table", el, { role: "group", "aria-label": "Control points" });
     this.bar = pageElement("div", "dnb-pt-bar", this.root);
     this.place = pageElement("input", "dnb-pt-place", this.bar, {
       type: "text",
@@ -142,45 +136,26 @@ class PointsTableView {
     this.status = pageElement("div", "dnb-pt-status", this.root);
     this.facts = pageElement("span", "dnb-pt-facts", this.status);
     this.liveRegion = pageElement("span", "dnb-pt-said", this.status, { role: "status" });
-    Object.assign(this.root, { deformnb: this }); // for tests and debugging
-
-    this.handlers = [
-      ["msg:custom", (content) => this.#answered(content)],
-      ["change:uid", () => this.follow()],
-      ["change:smoothing_on", () => this.invalidate()],
-      ["change:read_only", () => this.invalidate()],
-      [
-        "change:selected",
-        () => {
-          this.takeSelection(this.model.get("selected"));
-        },
-      ],
-    ];
-    for (const name of ["ids", "names", "flags", "numbers", "dim"]) {
-      this.handlers.push([`change:${name}`, () => this.#readSoon()]);
-    }
-    for (const [name, handler] of this.handlers) model.on(name, handler);
-    const { signal } = this.closed;
-    const on = <K extends keyof HTMLElementEventMap>(
-      target: HTMLElement,
-      name: K,
-      handler: (event: HTMLElementEventMap[K]) => void,
-    ) => target.addEventListener(name, handler, { signal });
-    on(this.scroller, "scroll", () => this.invalidate());
-    on(this.grid, "keydown", (event) => this.key(event));
-    on(this.grid, "click", (event) => this.#click(event));
-    on(this.grid, "dblclick", (event) => this.#doubleClick(event));
-    on(this.grid, "change", (event) => this.#changed(event));
-    on(this.grid, "focusin", (event) => this.#focused(event));
-    on(this.grid, "copy", (event) => {
+    this.on("msg:custom", (content) => this.#answered(content));
+    this.onChange(["uid"], () => this.follow());
+    this.onChange(["smoothing_on", "read_only"], () => this.invalidate());
+    this.onChange(["selected"], () => this.takeSelection(this.model.get("selected")));
+    this.onChange(["ids", "names", "flags", "numbers", "dim"], () => this.#readSoon());
+    this.listen(this.scroller, "scroll", () => this.invalidate());
+    this.listen(this.grid, "keydown", (event) => this.key(event));
+    this.listen(this.grid, "click", (event) => this.#click(event));
+    this.listen(this.grid, "dblclick", (event) => this.#doubleClick(event));
+    this.listen(this.grid, "change", (event) => this.#changed(event));
+    this.listen(this.grid, "focusin", (event) => this.#focused(event));
+    this.listen(this.grid, "copy", (event) => {
       if (!targetOf(event).closest("input")) this.#copyInto(event);
     });
-    on(this.grid, "paste", (event) => this.#pasted(event));
-    on(this.place, "keydown", (event) => {
+    this.listen(this.grid, "paste", (event) => this.#pasted(event));
+    this.listen(this.place, "keydown", (event) => {
       if (event.key === "Enter") this.run("add");
       event.stopPropagation();
     });
-    on(this.text, "keydown", (event) => {
+    this.listen(this.text, "keydown", (event) => {
       if (event.key === "Escape") this.run("drop");
       event.stopPropagation();
     });
@@ -210,16 +185,13 @@ class PointsTableView {
   }
 
   close() {
-    this.closed.abort();
-    for (const [name, handler] of this.handlers) this.model.off(name, handler);
     this.sized.disconnect();
     this.visibility.disconnect();
     this.theme.close();
     this.#leave();
-    cancelAnimationFrame(this.frame);
     clearTimeout(this.reading);
     this.act("seen", [], { value: false });
-    this.root.remove();
+    super.close();
   }
 
   get isReadOnly() {
@@ -363,14 +335,6 @@ class PointsTableView {
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
-
-  invalidate() {
-    if (!this.frame)
-      this.frame = requestAnimationFrame(() => {
-        this.frame = 0;
-        this.draw();
-      });
-  }
 
   draw() {
     const { order } = this,
@@ -848,9 +812,4 @@ class PointsTableView {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new PointsTableView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(PointsTableView);

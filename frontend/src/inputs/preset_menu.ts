@@ -2,8 +2,8 @@
 
 import type { Model } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 
-const TRAITS = ["value", "disabled", "thumbnails"];
 const PICTURE = 64; // CSS pixels
 const EDGE = 4; // CSS pixels between the list and the window's border
 const OWN = "Own colours";
@@ -11,20 +11,13 @@ const OWN = "Own colours";
 /** @param name of a preset */
 const labelOf = (name: string) => (name ? name.charAt(0).toUpperCase() + name.slice(1) : OWN);
 
-class PresetMenuView {
-  closing = new AbortController();
-  root: HTMLDivElement;
+class PresetMenuView extends Widget {
   button: HTMLButtonElement;
   list: HTMLDivElement;
   options: Map<string, { option: HTMLButtonElement; picture: HTMLImageElement }>;
-  draw: () => void;
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
-    const { signal } = this.closing;
-    this.root = pageElement("div", "dnb-preset-menu", el, OWN_KEYS);
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-preset-menu", OWN_KEYS);
     this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });
     // In the browser's top layer, since the row over the volume cuts off what is higher than itself.
     this.list = pageElement("div", "dnb-pm-list", this.root, {
@@ -34,19 +27,12 @@ class PresetMenuView {
     });
     const presets: [string, string][] = Object.entries(model.get("presets") ?? {});
     this.options = new Map(presets.map(([name, tip]) => [name, this.#option(name, tip)]));
-    this.button.addEventListener("click", () => this.#open(), { signal });
-    this.list.addEventListener("keydown", (event) => this.#key(event), { signal });
-    this.list.addEventListener("toggle", () => this.#draw(), { signal });
-    window.addEventListener("scroll", () => this.#hide(), { signal, capture: true }); // it would not go along
-    this.draw = () => this.#draw();
-    for (const name of TRAITS) model.on(`change:${name}`, this.draw);
-    this.#draw();
-  }
-
-  close() {
-    this.closing.abort();
-    for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
-    this.root.remove();
+    this.listen(this.button, "click", () => this.#open());
+    this.listen(this.list, "keydown", (event) => this.#key(event));
+    this.listen(this.list, "toggle", () => this.draw());
+    this.listen(window, "scroll", () => this.#hide(), { capture: true }); // it would not go along
+    this.onChange(["value", "disabled", "thumbnails"], () => this.draw());
+    this.draw();
   }
 
   #option(name: string, tip: string) {
@@ -58,7 +44,7 @@ class PresetMenuView {
     });
     const picture = pageElement("img", "", option, { alt: "", width: PICTURE, height: PICTURE, draggable: "false" });
     pageElement("span", "", option, {}, labelOf(name));
-    option.addEventListener("click", () => this.#choose(name), { signal: this.closing.signal });
+    this.listen(option, "click", () => this.#choose(name));
     return { option, picture };
   }
 
@@ -102,7 +88,7 @@ class PresetMenuView {
     all.at(place % all.length)?.focus();
   }
 
-  #draw() {
+  draw() {
     const { model } = this,
       value = model.get("value"),
       pictures = model.get("thumbnails") ?? {};
@@ -122,9 +108,4 @@ class PresetMenuView {
   }
 }
 
-export default {
-  render({ model, el }: { model: Model; el: HTMLElement }) {
-    const view = new PresetMenuView(model, el);
-    return () => view.close();
-  },
-};
+export default widgetOf(PresetMenuView);

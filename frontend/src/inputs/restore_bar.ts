@@ -8,6 +8,7 @@ import type { RestoreBarToFrontEnd, RestoreCommand } from "../generated.ts";
 import type { Model } from "../types.ts";
 
 import { buttonElement, pageElement, setText } from "../ui/dom.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 
 /** Command, text, tip */
 const RESTORE_BUTTONS: [RestoreCommand["what"], string, string][] = [
@@ -29,61 +30,44 @@ export type StatusSignal = { connect?: (slot: StatusSlot) => void; disconnect?: 
 export type StatusSlot = (kernel: unknown, status: string) => void;
 export type NotebookModel = Model & { widget_manager?: { kernel?: { statusChanged?: StatusSignal } | null } };
 
-class RestoreBarView {
-  root: HTMLDivElement;
+class RestoreBarView extends Widget {
   text: HTMLSpanElement;
   buttons: HTMLButtonElement[];
-  draw: () => void;
-  answered: (content: RestoreBarToFrontEnd) => void;
-  died: () => void;
-  changed: StatusSlot;
-  kernel: StatusSignal | undefined;
 
   timer = 0;
   isWaiting = false;
   fate = ""; // of the kernel
 
-  constructor(
-    readonly model: NotebookModel,
-    el: HTMLElement,
-  ) {
-    this.root = pageElement("div", "dnb-restore", el, { role: "status" });
+  constructor(model: NotebookModel, el: HTMLElement) {
+    super(model, el, "dnb-restore", { role: "status" });
     this.text = pageElement("span", "dnb-restore-text", this.root);
     this.buttons = RESTORE_BUTTONS.map(([what, text, tip]) => {
       const name = `dnb-restore-button dnb-restore-${what}`;
       const button = buttonElement(name, this.root, text, () => this.#act(what, button), { title: tip });
       return button;
     });
-    this.draw = () => this.#draw();
-    this.answered = (content: RestoreBarToFrontEnd) => {
+    this.onChange(["offer", "version"], () => this.draw());
+    this.on("msg:custom", (content: RestoreBarToFrontEnd) => {
       if (content.type === "done") this.#wait(false);
-    };
-    this.died = () => this.#gone("restarting");
-    this.changed = (_kernel, status) => {
-      this.#gone(status);
-    };
-    for (const name of ["offer", "version"]) model.on(`change:${name}`, this.draw);
-    model.on("msg:custom", this.answered);
-    model.on("comm_live_update", this.died);
-    this.kernel = model.widget_manager?.kernel?.statusChanged;
-    this.kernel?.connect?.(this.changed);
-    this.#draw();
+    });
+    this.on("comm_live_update", () => this.#gone("restarting"));
+    const kernel = model.widget_manager?.kernel?.statusChanged,
+      changed: StatusSlot = (_kernel, status) => this.#gone(status);
+    kernel?.connect?.(changed);
+    this.closing.signal.addEventListener("abort", () => kernel?.disconnect?.(changed));
+    this.draw();
   }
 
   close() {
     clearTimeout(this.timer);
-    for (const name of ["offer", "version"]) this.model.off(`change:${name}`, this.draw);
-    this.model.off("msg:custom", this.answered);
-    this.model.off("comm_live_update", this.died);
-    this.kernel?.disconnect?.(this.changed);
-    this.root.remove();
+    super.close();
   }
 
   #act(what: RestoreCommand["what"], button: HTMLButtonElement) {
     if (this.isWaiting) return;
     if (what === "delete" && button.textContent !== SURE) {
       button.textContent = SURE;
-      this.timer = setTimeout(() => this.#draw(), SURE_FOR);
+      this.timer = setTimeout(() => this.draw(), SURE_FOR);
       return;
     }
     this.#wait(true);
@@ -99,10 +83,10 @@ class RestoreBarView {
     const fate = GONE[status];
     if (!fate) return;
     this.fate = fate;
-    this.#draw();
+    this.draw();
   }
 
-  #draw() {
+  draw() {
     clearTimeout(this.timer);
     const offer = this.model.get("offer") || "",
       written = this.model.get("written");
@@ -118,9 +102,4 @@ class RestoreBarView {
   }
 }
 
-export default {
-  render({ model, el }: { model: NotebookModel; el: HTMLElement }) {
-    const view = new RestoreBarView(model, el);
-    return () => view.close();
-  },
-};
+export default widgetOf(RestoreBarView);

@@ -14,6 +14,7 @@ import {
   targetOf,
   treeOf,
 } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
 import { ARROWS, CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
@@ -718,12 +719,10 @@ class TransferEditorView extends CurvePlot {
       this.invalidate();
     });
     this.on("change:thumbnails", () => this.presets.showPictures());
-    for (const name of ["height", "power"]) {
-      this.on(`change:${name}`, () => {
-        this.power = model.get("power");
-        this.invalidate();
-      });
-    }
+    this.onChange(["height", "power"], () => {
+      this.power = model.get("power");
+      this.invalidate();
+    });
     this.listen(this.svg, "wheel", (event) => this.wheel(event), { passive: false });
     this.start();
   }
@@ -1078,9 +1077,4 @@ class TransferEditorView extends CurvePlot {
   }
 }
 
-function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const view = new TransferEditorView(model, el);
-  return () => view.close();
-}
-
-export default { render };
+export default widgetOf(TransferEditorView);

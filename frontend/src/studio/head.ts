@@ -6,6 +6,7 @@ import type { EditorDrawing } from "../editor/base.ts";
 import type { MenuRequest, SaveRequest } from "../generated.ts";
 import type { Model } from "../types.ts";
 import { buttonElement, iconElement, named, OWN_KEYS, pageElement, setText, viewOf } from "../ui/dom.ts";
+import { Widget, widgetOf } from "../ui/widget.ts";
 import { showInLanguage } from "../ui/words.ts";
 import { nameControls } from "./accessible_names.ts";
 import { SidePanel } from "./side_panel.ts";
@@ -22,14 +23,11 @@ const MENUS = [
   ["examples", "Examples"],
   ["export", "Export"],
 ] as const;
-const TRAITS = ["name", "facts", "history", "unsaved", "tip"];
 const PANES = ["picture", "volume"] as const;
 const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
 
 /** The head of one view of a studio. */
-class StudioHead {
-  host: HTMLElement;
-  root: HTMLDivElement;
+class StudioHead extends Widget {
   name: HTMLElement;
   facts: HTMLSpanElement;
   undo: HTMLButtonElement;
@@ -39,19 +37,13 @@ class StudioHead {
   saver: HTMLButtonElement;
   full: HTMLButtonElement;
   help: HTMLButtonElement;
-  closing = new AbortController();
-  draw: () => void;
   side: SidePanel | null = null;
   arrivals: MutationObserver;
   sizes: ResizeObserver;
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
-    this.host = el;
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-head", { role: "toolbar", "aria-label": "Studio", ...OWN_KEYS });
     el.classList.add("dnb-head-host");
-    this.root = pageElement("div", "dnb-head", el, { role: "toolbar", "aria-label": "Studio", ...OWN_KEYS });
     this.name = pageElement("strong", "dnb-head-name", this.root, { translate: "no" });
     this.facts = pageElement("span", "dnb-head-facts", this.root);
     pageElement("span", "dnb-head-gap", this.root);
@@ -71,25 +63,20 @@ class StudioHead {
     this.saver.classList.add("dnb-save");
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
     this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
-    this.draw = () => this.#draw();
-    for (const name of TRAITS) model.on(`change:${name}`, this.draw);
-    const { signal } = this.closing;
+    this.onChange(["name", "facts", "history", "unsaved", "tip"], () => this.draw());
     // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
-    window.addEventListener("keydown", (event) => this.#key(event), { signal, capture: true });
-    window.addEventListener("pointerdown", (event) => this.#press(event), { signal, capture: true });
-    window.addEventListener(
-      "click",
-      (event) => {
-        this.#dismiss(event);
-        this.#closeExamples(event);
-      },
-      { signal },
-    );
-    window.addEventListener("change", (event) => this.#chosen(event), { signal });
+    this.listen(window, "keydown", (event) => this.#key(event), { capture: true });
+    this.listen(window, "pointerdown", (event) => this.#press(event), { capture: true });
+    this.listen(window, "click", (event) => {
+      this.#dismiss(event);
+      this.#closeExamples(event);
+    });
+    this.listen(window, "change", (event) => this.#chosen(event));
+    const { signal } = this.closing;
     this.arrivals = new MutationObserver(() => this.#arrived());
     this.sizes = new ResizeObserver(() => this.arrange());
     this.sizes.observe(el);
-    this.#draw();
+    this.draw();
     requestAnimationFrame(() => {
       if (this.studio && !signal.aborted) this.arrivals.observe(this.studio, { subtree: true, childList: true });
       this.#arrived();
@@ -200,12 +187,10 @@ class StudioHead {
   }
 
   close() {
-    for (const name of TRAITS) this.model.off(`change:${name}`, this.draw);
-    this.closing.abort();
+    super.close();
     this.arrivals.disconnect();
     this.side?.close();
     this.sizes.disconnect();
-    this.root.remove();
   }
 
   #button(label: string, act: () => void) {
@@ -262,7 +247,7 @@ class StudioHead {
     if (button && this.studio?.contains(button)) button.parentElement?.remove();
   }
 
-  #draw() {
+  draw() {
     const { model } = this,
       { undo = "", redo = "" } = model.get("history") ?? {};
     setText(this.name, model.get("name"));
@@ -285,9 +270,4 @@ class StudioHead {
   }
 }
 
-export default {
-  render({ model, el }: { model: Model; el: HTMLElement }) {
-    const head = new StudioHead(model, el);
-    return () => head.close();
-  },
-};
+export default widgetOf(StudioHead);
