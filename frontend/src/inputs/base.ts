@@ -65,7 +65,13 @@ export class InputView extends Widget {
   }
 
   /** A button with a sign or an icon, which its tip explains. */
-  iconButton(parent: ParentNode, content: string | Node, tip: string, act: () => void, className = "dnb-cv-button") {
+  iconButton(
+    parent: ParentNode | null,
+    content: string | Node,
+    tip: string,
+    act: () => void,
+    className = "dnb-cv-button",
+  ) {
     return buttonElement(className, parent, content, () => this.guard(act), named(tip));
   }
 

@@ -12,19 +12,12 @@ import {
   ticksOf,
 } from "../maths/curves.ts";
 import type { Model, Vector2 } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
-import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
+import { pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { markElement, NodesView } from "./nodes_view.ts";
 
 export const PLOT = { left: 46, right: 12, top: 10, bottom: 22 };
 const TOUCH_RADIUS = 13;
 const SNAP = 5; // CSS pixels
-export const ARROWS: Record<string, Vector2> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, 1],
-  ArrowDown: [0, -1],
-};
-
 /** A drag of a node. */
 export interface NodeDrag {
   k: number;
@@ -38,10 +31,7 @@ export interface NodeDrag {
 /** A drag of the plot itself, which had these ends. */
 export type PlotDrag = { pan: Vector2 };
 
-export class CurvePlot extends InputView {
-  bar: HTMLDivElement;
-  stage: HTMLDivElement;
-  svg: SVGSVGElement;
+export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   status: HTMLDivElement;
   facts: HTMLSpanElement;
   note: HTMLSpanElement;
@@ -51,9 +41,6 @@ export class CurvePlot extends InputView {
   frontLayer: SVGGElement;
   line: SVGPathElement;
   pair: HTMLSpanElement;
-  adder: HTMLButtonElement;
-  remover: HTMLButtonElement;
-  cancelDrag: () => boolean;
 
   nodes: Node[] = [];
   /** Values of a formula instead of nodes */
@@ -63,9 +50,6 @@ export class CurvePlot extends InputView {
   chosen = 0;
   power = 1;
   snaps: number[] = [];
-  dots: SVGGElement[] = [];
-  nudged: number | null = null;
-  keyTimer = 0;
   margins = PLOT;
   box = { left: 0, top: 0, width: 0, height: 0 }; // of the plot, in pixels
   /** The ends of the axes */
@@ -75,10 +59,10 @@ export class CurvePlot extends InputView {
   ];
 
   constructor(model: Model, el: HTMLElement, name: string) {
-    super(model, el, name);
-    this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
-    this.stage = pageElement("div", "dnb-cv-stage", this.root);
-    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group" }, this.stage);
+    super(model, el, name, "data-node", [
+      "Add a node after the chosen one (A, or double click)",
+      "Remove the chosen node (Del, or right click)",
+    ]);
     this.status = pageElement("div", "dnb-cv-status", this.root);
     this.facts = pageElement("span", "dnb-cv-facts", this.status);
     this.note = pageElement("span", "dnb-cv-note", this.status);
@@ -90,26 +74,7 @@ export class CurvePlot extends InputView {
     this.frontLayer = makeLayer("front");
     for (const layer of [this.backLayer, this.axesLayer, this.curveLayer]) layer.setAttribute("aria-hidden", "true");
     this.line = svgElement("path", { class: "dnb-cv-line" }, this.curveLayer);
-    this.pair = pageElement("span", "dnb-cv-pair", null); // of buttons, for the bar
-    this.adder = this.iconButton(this.pair, "+", "Add a node after the chosen one (A, or double click)", () =>
-      this.addChosen(),
-    );
-    this.remover = this.iconButton(this.pair, "\u2212", "Remove the chosen node (Del, or right click)", () =>
-      this.removeChosen(),
-    );
-    this.cancelDrag = listenToDrags(this, this.svg, this);
-    this.listen(this.svg, "dblclick", (event) => this.doubleClick(event));
-    this.listen(this.svg, "contextmenu", (event) => this.contextMenu(event));
-    this.listen(this.root, "keydown", (event) => this.key(event));
-    this.listen(this.root, "keyup", (event) => {
-      if (ARROWS[event.key]) this.settle();
-    });
-    this.listen(this.svg, "focusout", () => this.settle());
-  }
-
-  close() {
-    clearTimeout(this.keyTimer);
-    super.close();
+    this.pair = pageElement("span", "dnb-cv-pair", null, {}, this.adder, this.remover); // for the bar
   }
 
   // ---- the axes -----------------------------------------------------------------------------------------------------
@@ -176,11 +141,6 @@ export class CurvePlot extends InputView {
     return [event.clientX - box.left, event.clientY - box.top];
   }
 
-  /** The node under the pointer. */
-  nodeAt(event: MouseEvent) {
-    return numberUnder(event, this.svg, "data-node");
-  }
-
   curve() {
     return this.samples ? curveOfSamples(this.samples) : curveThrough(this.nodes, this.isSmooth);
   }
@@ -209,7 +169,7 @@ export class CurvePlot extends InputView {
     if (k === null) return null;
     this.settle();
     this.chosen = k;
-    this.dots[k]!.focus({ preventScroll: true });
+    this.marks[k]!.focus({ preventScroll: true });
     this.isHeld = true;
     this.invalidate();
     const { nodes, samples, named } = this;
@@ -258,16 +218,8 @@ export class CurvePlot extends InputView {
     this.settleSoon();
   }
 
-  /** Settle when no arrow key is pressed any more. */
-  settleSoon() {
-    clearTimeout(this.keyTimer);
-    this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
-  }
-
-  /** End what arrow keys do: those held down are one edit. */
-  settle() {
-    clearTimeout(this.keyTimer);
-    if (this.nudged !== null) this.commit();
+  commitNudge() {
+    this.commit();
   }
 
   add(place: Vector2) {
@@ -281,8 +233,7 @@ export class CurvePlot extends InputView {
     const [nodes, chosen] = added;
     this.show(nodes, chosen);
     this.commit();
-    this.draw();
-    this.dots[this.chosen]!.focus({ preventScroll: true });
+    this.focusMark(this.chosen);
     this.announce(`added ${this.words(this.chosen)}`);
   }
 
@@ -305,40 +256,13 @@ export class CurvePlot extends InputView {
     const hadFocus = this.svg.contains(treeOf(this.root).activeElement);
     this.show(nodes, Math.min(k, nodes.length - 1));
     this.commit();
-    this.draw();
-    if (hadFocus) this.dots[this.chosen]!.focus({ preventScroll: true });
+    if (hadFocus) this.focusMark(this.chosen);
+    else this.draw();
     this.announce(`removed; ${nodes.length} nodes are left`);
   }
 
-  doubleClick(event: MouseEvent) {
-    if (this.nodeAt(event) !== null) return;
-    event.preventDefault();
+  addAt(event: MouseEvent) {
     this.add(this.tidy(this.toPlace(this.pointOf(event)), event.altKey));
-  }
-
-  contextMenu(event: MouseEvent) {
-    const k = this.nodeAt(event);
-    if (k === null || this.isReadOnly) return;
-    event.preventDefault();
-    if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
-  }
-
-  key(event: KeyboardEvent) {
-    if (event.ctrlKey || event.metaKey) return;
-    if (event.key === "Escape" && this.cancelDrag()) {
-      event.preventDefault();
-      event.stopPropagation();
-      return;
-    }
-    const k = targetIndex(this.dots, event),
-      step = ARROWS[event.key];
-    if (k < 0 || this.isReadOnly) return;
-    if (step) this.nudge(k, step, event.shiftKey);
-    else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
-    else if (event.key.toLowerCase() === "a") this.addAfter(k);
-    else return;
-    event.preventDefault();
-    event.stopPropagation();
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -447,28 +371,22 @@ export class CurvePlot extends InputView {
     svgElement("text", { class: "dnb-cv-text", x, y, "text-anchor": anchor }, this.axesLayer, text);
   }
 
+  makeMark(k: number) {
+    const mark = markElement(this.frontLayer, [TOUCH_RADIUS, 8.5, 5], { "data-node": k, role: "slider" });
+    this.listen(mark, "focus", () => {
+      this.chosen = k;
+      this.invalidate();
+    });
+    return mark;
+  }
+
   drawNodes() {
-    while (this.dots.length > this.nodes.length) this.dots.pop()?.remove();
-    while (this.dots.length < this.nodes.length) {
-      const dot = svgElement(
-        "g",
-        { class: "dnb-cv-node", "data-node": this.dots.length, role: "slider", ...OWN_KEYS },
-        this.frontLayer,
-      );
-      svgElement("circle", { r: TOUCH_RADIUS, class: "dnb-cv-hit" }, dot);
-      svgElement("circle", { r: 8.5, class: "dnb-cv-halo" }, dot);
-      svgElement("circle", { r: 5, class: "dnb-cv-dot" }, dot);
-      this.listen(dot, "focus", () => {
-        this.chosen = this.dots.indexOf(dot);
-        this.invalidate();
-      });
-      this.dots.push(dot);
-    }
+    this.countMarks(this.nodes.length);
     const [, [y0, y1]] = this.view;
     this.chosen = Math.min(this.chosen, this.nodes.length - 1);
     this.nodes.forEach((node, k) => {
       const [x, y] = this.toPixel(node);
-      setAttributes(this.dots[k]!, {
+      setAttributes(this.marks[k]!, {
         transform: `translate(${x.toFixed(2)} ${y.toFixed(2)})`,
         tabindex: 0,
         "aria-label": `node ${k + 1} of ${this.nodes.length}`,
@@ -478,7 +396,7 @@ export class CurvePlot extends InputView {
         "aria-valuemax": y1,
         "aria-readonly": this.isReadOnly,
       });
-      this.dots[k]!.classList.toggle("dnb-cv-chosen", k === this.chosen);
+      this.marks[k]!.classList.toggle("dnb-cv-chosen", k === this.chosen);
     });
   }
 

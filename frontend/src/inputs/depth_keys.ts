@@ -3,71 +3,37 @@
 import { MOST_KEYS } from "../generated.ts";
 import type { Model, Vector2 } from "../types.ts";
 
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
-import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
+import { markElement, NodesView } from "./nodes_view.ts";
 
 const BAR = { left: 16, right: 16, line: 42, height: 72, hat: 24 };
-const STEPS: Record<string, number> = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 };
 
 /** A drag of a key. */
 export type KeyDrag = { k: number; before: { knots: number[]; selected: number } };
 
-class DepthKeysView extends InputView {
-  bar: HTMLDivElement;
+class DepthKeysView extends NodesView<KeyDrag> {
   facts: HTMLSpanElement;
-  adder: HTMLButtonElement;
-  remover: HTMLButtonElement;
-  stage: HTMLDivElement;
-  svg: SVGSVGElement;
   back: SVGGElement;
   front: SVGGElement;
-  cancelDrag: () => boolean;
 
   /** The depths */
   knots: number[] = [];
   selected = 0;
-  marks: SVGGElement[] = [];
-  nudged: number | null = null;
-  keyTimer = 0;
   span = 1; // pixels of the bar
 
   constructor(model: Model, el: HTMLElement) {
-    super(model, el, "dnb-depth-keys");
-    this.bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
+    super(model, el, "dnb-depth-keys", "data-key", [
+      "Add a key beside the selected one (A, or double click)",
+      "Remove the selected key (Del, or right click)",
+    ]);
+    this.svg.setAttribute("height", String(BAR.height));
     this.facts = pageElement("span", "dnb-cv-facts dnb-cv-space", this.bar);
-    this.adder = this.iconButton(this.bar, "+", "Add a key beside the selected one (A, or double click)", () =>
-      this.addBeside(),
-    );
-    this.remover = this.iconButton(this.bar, "\u2212", "Remove the selected key (Del, or right click)", () =>
-      this.remove(this.selected),
-    );
-    this.stage = pageElement("div", "dnb-cv-stage", this.root);
-    this.svg = svgElement("svg", { class: "dnb-cv-svg", role: "group", height: BAR.height }, this.stage);
+    this.bar.append(this.adder, this.remover);
     this.back = svgElement("g", { "aria-hidden": "true" }, this.svg);
     this.front = svgElement("g", {}, this.svg);
     this.root.append(this.alert);
-    this.cancelDrag = listenToDrags(this, this.svg, this);
-    this.listen(this.svg, "dblclick", (event) => {
-      if (this.keyAt(event) === null) this.add(this.depthOf(event));
-    });
-    this.listen(this.svg, "contextmenu", (event) => {
-      const k = this.keyAt(event);
-      if (k === null || this.isReadOnly) return;
-      event.preventDefault();
-      if (!event.ctrlKey) this.remove(k); // with Ctrl it is a click on a Mac
-    });
-    this.listen(this.root, "keydown", (event) => this.key(event));
-    this.listen(this.root, "keyup", (event) => {
-      if (STEPS[event.key]) this.settle();
-    });
-    this.listen(this.svg, "focusout", () => this.settle());
     this.start();
-  }
-
-  close() {
-    clearTimeout(this.keyTimer);
-    super.close();
   }
 
   adopt({ knots, selected }: { knots: number[]; selected: number }) {
@@ -83,11 +49,6 @@ class DepthKeysView extends InputView {
 
   depthOf(event: MouseEvent) {
     return (event.clientX - this.svg.getBoundingClientRect().left - BAR.left) / this.span;
-  }
-
-  /** The key under the pointer. */
-  keyAt(event: MouseEvent) {
-    return numberUnder(event, this.svg, "data-key");
   }
 
   get apart(): number {
@@ -120,7 +81,7 @@ class DepthKeysView extends InputView {
   }
 
   press(event: PointerEvent): KeyDrag | null {
-    const k = this.isReadOnly ? null : this.keyAt(event);
+    const k = this.isReadOnly ? null : this.nodeAt(event);
     if (k === null) return null;
     this.settle();
     this.marks[k]!.focus({ preventScroll: true });
@@ -152,26 +113,27 @@ class DepthKeysView extends InputView {
     this.invalidate();
   }
 
-  nudge(k: number, by: number) {
+  nudge(k: number, [dx, dy]: Vector2, isFar: boolean) {
     this.isHeld = true;
     this.nudged = k;
-    this.knots = this.moved(this.knots, k, this.knots[k]! + by);
+    this.knots = this.moved(this.knots, k, this.knots[k]! + (dx + dy) * (isFar ? 0.1 : 0.01));
     this.move(this.value("move", k));
     this.invalidate();
-    clearTimeout(this.keyTimer);
-    this.keyTimer = setTimeout(() => this.guard(() => this.settle()), KEYS_REST);
+    this.settleSoon();
   }
 
-  /** End what arrow keys do: those held down are one edit. */
-  settle() {
-    clearTimeout(this.keyTimer);
-    if (this.nudged !== null) this.commit("move", this.nudged);
+  commitNudge(k: number) {
+    this.commit("move", k);
   }
 
   select(k: number) {
     if (this.isReadOnly || k === this.selected) return;
     this.selected = k;
     this.commit("select", k);
+  }
+
+  addAt(event: MouseEvent) {
+    this.add(this.depthOf(event));
   }
 
   add(depth: number) {
@@ -185,12 +147,12 @@ class DepthKeysView extends InputView {
     this.knots = [...this.knots, at].sort((a, b) => a - b);
     this.selected = this.knots.indexOf(at);
     this.commit("add", this.selected);
-    this.#focus();
+    this.focusMark(this.selected);
     this.announce(`added ${this.words(this.selected)}`);
   }
 
   /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
-  addBeside() {
+  addChosen() {
     const { knots, selected: k } = this,
       at = knots[k]!,
       before = knots[k - 1],
@@ -198,6 +160,14 @@ class DepthKeysView extends InputView {
     const left: Vector2 = before === undefined ? [0, at] : [(before + at) / 2, (at - before) / 2];
     const right: Vector2 = after === undefined ? [1, 1 - at] : [(after + at) / 2, (after - at) / 2];
     this.add(right[1] >= left[1] ? right[0] : left[0]);
+  }
+
+  addAfter() {
+    this.addChosen();
+  }
+
+  removeChosen() {
+    this.remove(this.selected);
   }
 
   remove(k: number) {
@@ -211,34 +181,15 @@ class DepthKeysView extends InputView {
     this.knots = this.knots.filter((_, j) => j !== k);
     this.selected = Math.min(this.selected > k ? this.selected - 1 : this.selected, this.knots.length - 1);
     this.commit("remove", k);
-    if (hadFocus) this.#focus();
+    if (hadFocus) this.focusMark(this.selected);
     this.announce(`removed; ${this.knots.length} left`);
   }
 
-  #focus() {
-    this.draw();
-    this.marks[this.selected]!.focus({ preventScroll: true });
-  }
-
-  key(event: KeyboardEvent) {
-    if (event.ctrlKey || event.metaKey) return;
-    if (event.key === "Escape" && this.cancelDrag()) {
-      event.preventDefault();
-      event.stopPropagation();
-      return;
-    }
-    const k = targetIndex(this.marks, event),
-      step = STEPS[event.key];
-    if (k < 0 || this.isReadOnly) return;
-    if (step) this.nudge(k, step * (event.shiftKey ? 0.1 : 0.01));
-    else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
-    else if (event.key.toLowerCase() === "a") this.addBeside();
-    else if (event.key === "Enter" || event.key === " ") {
-      this.settle();
-      this.select(k);
-    } else return;
-    event.preventDefault();
-    event.stopPropagation();
+  nodeKey(event: KeyboardEvent, k: number) {
+    if (event.key !== "Enter" && event.key !== " ") return super.nodeKey(event, k);
+    this.settle();
+    this.select(k);
+    return true;
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
@@ -294,29 +245,15 @@ class DepthKeysView extends InputView {
     svgElement("text", { class: "dnb-cv-text", ...place }, this.back, text);
   }
 
+  makeMark(k: number) {
+    const range = { "aria-valuemin": 0, "aria-valuemax": 1 };
+    const mark = markElement(this.front, [13, 12, 8.5], { "data-key": k, role: "slider", tabindex: 0, ...range });
+    svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark, String(k + 1));
+    return mark;
+  }
+
   #drawMarks() {
-    while (this.marks.length > this.knots.length) this.marks.pop()?.remove();
-    while (this.marks.length < this.knots.length) {
-      const mark = svgElement(
-        "g",
-        {
-          class: "dnb-cv-node",
-          "data-key": this.marks.length,
-          role: "slider",
-          tabindex: 0,
-          "aria-valuemin": 0,
-          "aria-valuemax": 1,
-          ...OWN_KEYS,
-        },
-        this.front,
-      );
-      svgElement("circle", { r: 13, class: "dnb-cv-hit" }, mark);
-      svgElement("circle", { r: 12, class: "dnb-cv-halo" }, mark);
-      svgElement("circle", { r: 8.5, class: "dnb-cv-dot" }, mark);
-      this.marks.push(mark);
-      const number = String(this.marks.length);
-      svgElement("text", { class: "dnb-cv-number", y: 3.8, "text-anchor": "middle" }, mark, number);
-    }
+    this.countMarks(this.knots.length);
     this.knots.forEach((knot, k) => {
       const isSelected = k === this.selected,
         mark = this.marks[k]!;

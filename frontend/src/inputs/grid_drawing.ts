@@ -4,19 +4,14 @@
 import { newPoint } from "../maths/points.ts";
 import { rbfAt, rbfFit } from "../maths/rbf.ts";
 import type { Model, Point, Vector2 } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { ARROWS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
 import { InputView, listenToDrags, targetIndex } from "./base.ts";
+import { markElement } from "./nodes_view.ts";
 
 export type NodeDrag = { index: number; before: Grid };
 export type Grid = { nodes: Vector2[][]; placed: number[] };
 
-const ARROWS: Record<string, Vector2> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 const STEP = 1 / 200; // of the picture's longer side, for an arrow key; Shift makes it five times as large
 const EDGE = 0.03; // around the picture, as a share of its longer side: nodes on its border are whole
 const MOST_UNDO = 100;
@@ -264,10 +259,7 @@ class GridDrawingView extends InputView {
   }
 
   #make(k: number) {
-    const mark = svgElement("g", { role: "button", ...OWN_KEYS }, this.nodes);
-    svgElement("circle", { class: "dnb-cv-hit", r: 11 }, mark);
-    svgElement("circle", { class: "dnb-cv-halo", r: 9 }, mark);
-    svgElement("circle", { class: "dnb-cv-dot", r: 4.5 }, mark);
+    const mark = markElement(this.nodes, [11, 9, 4.5], { role: "button" });
     this.marks[k] = mark;
     return mark;
   }

@@ -4,6 +4,7 @@ import type { Node, NodeRules } from "../maths/curves.ts";
 import { lineAt, shownNumber } from "../maths/curves.ts";
 import type { Model, Vector2, Vector3, Vector4 } from "../types.ts";
 import {
+  ARROWS,
   buttonElement,
   iconElement,
   OWN_KEYS,
@@ -17,7 +18,7 @@ import {
 import { widgetOf } from "../ui/widget.ts";
 import { attributeUnder, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 import type { NodeDrag, PlotDrag } from "./curve_plot.ts";
-import { ARROWS, CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
+import { CurvePlot, PLOT, pathOf } from "./curve_plot.ts";
 
 /** A value and its red, green and blue, from 0 to 1. */
 export type ColorStop = Vector4;
@@ -334,7 +335,7 @@ class ColorStops {
       { view } = this;
     if (k < 0 || view.isReadOnly) return false;
     const step = ARROWS[event.key];
-    if (step) this.nudge(k, (step[0] + step[1]) * view.valueStep(event.shiftKey));
+    if (step) this.nudge(k, (step[0] - step[1]) * view.valueStep(event.shiftKey));
     else if (event.key === "Delete" || event.key === "Backspace") this.remove(k);
     else if (event.key.toLowerCase() === "a") this.addChosen();
     else if (event.key === "Enter" || event.key === " ") {
@@ -536,7 +537,7 @@ class WindowBar {
       part = WINDOW_PARTS.find((name) => this.grips[name] === event.target);
     if (!part || view.isReadOnly) return false;
     const step = ARROWS[event.key];
-    if (step) this.nudge(part, (step[0] + step[1]) * view.valueStep(event.shiftKey));
+    if (step) this.nudge(part, (step[0] - step[1]) * view.valueStep(event.shiftKey));
     else if (event.key === "Enter" || event.key === " ") {
       view.settle();
       view.zoomToWindow();
@@ -1033,7 +1034,7 @@ class TransferEditorView extends CurvePlot {
 
   drawNodes() {
     super.drawNodes();
-    this.dots.forEach((dot, k) => {
+    this.marks.forEach((dot, k) => {
       dot.style.display = this.isSeen(this.nodes[k]![0]) ? "" : "none";
       if (this.row !== null) dot.classList.remove("dnb-cv-chosen");
     });

@@ -1,5 +1,7 @@
 // Elements of the document.
 
+import type { Vector2 } from "../types.ts";
+
 const SVG_SPACE = "http://www.w3.org/2000/svg";
 // JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
 /** The view that an element is the root of. */
@@ -8,6 +10,14 @@ export function viewOf<View>(root: Element | null | undefined) {
 }
 
 export const OWN_KEYS = { "data-lm-suppress-shortcuts": "true" };
+/** Steps of the arrow keys, to the right and down. */
+export const ARROWS: Record<string, Vector2> = {
+  ArrowLeft: [-1, 0],
+  ArrowRight: [1, 0],
+  ArrowUp: [0, -1],
+  ArrowDown: [0, 1],
+};
+
 /** CSS pixels: a press that moves less is a click. */
 const SLACK = { mouse: 2, pen: 3, touch: 6 };
 
