@@ -3,8 +3,9 @@
 import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { setText } from "../ui/dom.ts";
 import { BrushGesture } from "./gestures.ts";
+import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 
 const BRUSH_WORDS: Record<string, string> = { move: "Move", grow: "Grow" };
@@ -29,45 +30,24 @@ export class Brush {
   stroke: Stroke | null = null;
   isByKeys = false;
   timer = 0;
-  bar: HTMLDivElement;
+  bar: OptionBar;
   title: HTMLSpanElement;
   slider: HTMLInputElement;
   value: HTMLSpanElement;
-  done: HTMLButtonElement;
 
   constructor(readonly editor: BrushEditor) {
-    this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
-      hidden: "",
-      role: "group",
-      "aria-label": "Brush",
+    this.bar = new OptionBar(editor, "", "Brush");
+    this.title = this.bar.text();
+    this.slider = this.bar.slider("radius of the brush", (value) => {
+      const [least, most] = this.#limits as Vector2;
+      this.setRadius(least * (most / least) ** (value / 100));
     });
-    this.title = pageElement("span", "", this.bar);
-    this.slider = pageElement("input", "", this.bar, {
-      type: "range",
-      min: 0,
-      max: 100,
-      "aria-label": "radius of the brush",
-      ...OWN_KEYS,
-    });
-    this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
-    this.done = pageElement("button", "dnb-ed-button", this.bar, {
-      type: "button",
-      "aria-label": "put the brush away",
-      ...OWN_KEYS,
-    });
-    this.done.textContent = "Done";
-    this.slider.addEventListener("input", () =>
-      editor.frames.guard(() =>
-        this.setRadius(this.#limits[0]! * (this.#limits[1]! / this.#limits[0]!) ** (Number(this.slider.value) / 100)),
-      ),
-    );
     this.slider.addEventListener("change", () => editor.frames.guard(() => editor.stage.focus()));
-    this.done.addEventListener("click", () =>
-      editor.frames.guard(() => {
-        this.stop();
-        editor.stage.focus();
-      }),
-    );
+    this.value = this.bar.text("dnb-ed-brush-value");
+    this.bar.button("Done", "put the brush away", () => {
+      this.stop();
+      editor.stage.focus();
+    });
   }
 
   get isOn() {
@@ -123,7 +103,7 @@ export class Brush {
   }
 
   show() {
-    this.bar.hidden = !this.isOn;
+    this.bar.element.hidden = !this.isOn;
     if (!this.tool) return;
     const [least, most] = this.#limits as Vector2;
     setText(this.title, BRUSH_WORDS[this.tool]!);

@@ -6,7 +6,7 @@ import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { RegionData, Vector2 } from "../types.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
 
@@ -21,57 +21,35 @@ export type CutBarEditor = EditorParts<
 >;
 
 export class CutBar {
-  bar: HTMLDivElement;
+  bar: OptionBar;
   stops: HTMLInputElement;
   front: HTMLInputElement;
   pull: HTMLButtonElement;
 
   constructor(readonly editor: CutBarEditor) {
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-cut-bar", editor.stage.element, {
-      hidden: "",
-      role: "group",
-      "aria-label": "Chosen cut",
-    });
-    this.stops = this.#box(
+    this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-cut-bar", "Chosen cut");
+    this.stops = this.bar.checkbox(
       "Stop at the ends",
       "The cut stops at both ends; else it goes on straight to the border",
       (isOn) => editor.tools.shapes.stopAtEnds(isOn),
     );
-    this.front = this.#box(
+    this.front = this.bar.checkbox(
       "Front only",
       "The front of the volume comes apart, and the back stays as it is; " + "the group Depth has the curve",
       (isOn) => setTrait(editor.model, "front_only", isOn),
     );
-    this.pull = this.#button(
+    this.pull = this.bar.button(
       "Pull open",
-      "Put a point on either side and pull them apart; points around them hold the rest",
+      "Pull open",
       () => this.#pullOpen(),
+      "Put a point on either side and pull them apart; points around them hold the rest",
     );
-    this.#button(
+    this.bar.button(
       "Make points",
-      "Points along the line, in its place: an outline that was traced becomes points to drag",
+      "Make points",
       () => this.#makePoints(),
+      "Points along the line, in its place: an outline that was traced becomes points to drag",
     );
-  }
-
-  #button(words: string, title: string, act: () => void) {
-    const button = pageElement("button", "dnb-ed-button", this.bar, {
-      type: "button",
-      "aria-label": words,
-      title,
-      ...OWN_KEYS,
-    });
-    button.textContent = words;
-    button.addEventListener("click", () => this.editor.frames.guard(act));
-    return button;
-  }
-
-  #box(words: string, title: string, act: (isOn: boolean) => void) {
-    const label = pageElement("label", "dnb-ed-wand-through", this.bar, { title });
-    const input = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
-    pageElement("span", "", label).textContent = words;
-    input.addEventListener("change", () => this.editor.frames.guard(() => act(input.checked)));
-    return input;
   }
 
   /** The line of the chosen cut; null where it is closed, or none is chosen. */
@@ -96,11 +74,11 @@ export class CutBar {
       editor.tools.wand.isOn ||
       editor.points.isLocked ||
       editor.picture.isBefore;
-    this.bar.hidden = !this.#outline || isBusy;
+    this.bar.element.hidden = !this.#outline || isBusy;
     const isOpen = region?.kind === "line";
     for (const part of [this.stops.parentElement, this.pull]) part?.toggleAttribute("hidden", !isOpen);
     this.front.parentElement?.toggleAttribute("hidden", !isOpen || typeof isFront !== "boolean");
-    if (this.bar.hidden || !isOpen) return;
+    if (this.bar.element.hidden || !isOpen) return;
     this.stops.checked = Boolean(stopsAt(region, 0) && stopsAt(region, region.vertices.length - 1));
     this.front.checked = isFront === true;
   }

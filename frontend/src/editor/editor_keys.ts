@@ -3,18 +3,12 @@
 import { shownLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
 import type { Vector2 } from "../types.ts";
+import { ARROWS } from "../ui/dom.ts";
 import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
 import { POINT_STEPS } from "./handles.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import { around } from "./hit_test.ts";
 import type { EditorParts } from "./parts.ts";
-
-const arrows: Record<string, Vector2> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 
 /** What the keys use of the editor. */
 export type KeysEditor = EditorParts<
@@ -76,7 +70,7 @@ export class EditorKeys {
   #shapeKey(key: string, event: KeyboardEvent, shape: ShapeGrip) {
     const { editor } = this,
       { shapes: shapeTools } = editor.tools,
-      arrow = arrows[key],
+      arrow = ARROWS[key],
       command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.choice.chosen);
     const isDelete = key === "Delete" || key === "Backspace",
@@ -110,7 +104,7 @@ export class EditorKeys {
     const { editor } = this,
       { gestures, hits, modes } = editor.tools,
       onButton = around(event, "button"),
-      arrow = arrows[key];
+      arrow = ARROWS[key];
     const focused = hits.pointAt(event),
       shape = focused ? null : hits.shapeAt(event);
     if (!onButton && !isAlt && modes.held?.key(key, event, arrow)) return true;

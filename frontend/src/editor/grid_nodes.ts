@@ -7,7 +7,7 @@
 import { newPoint, nextId, placeBetween } from "../maths/points.ts";
 import { gridPlaces, gridShape } from "../maths/warp_map.ts";
 import type { LayeredFit, Point, Vector2 } from "../types.ts";
-import { OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
+import { ARROWS, OWN_KEYS, setAttributes, setText, slackOf, svgElement } from "../ui/dom.ts";
 import type { EditorParts } from "./parts.ts";
 export type GridPlaces = ReturnType<typeof gridPlaces>;
 export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; columns: number };
@@ -16,12 +16,6 @@ export type NodeDrag = { n: number; pointer: number; from: Vector2; id: number |
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
 const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
-const NODE_STEPS: Record<string, Vector2> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
@@ -323,7 +317,7 @@ export class GridNodes {
 
   #keyDown(event: KeyboardEvent) {
     const n = this.#at(event),
-      by = NODE_STEPS[event.key];
+      by = ARROWS[event.key];
     if (n === null || event.ctrlKey || event.metaKey || event.altKey) return;
     if (event.key === "Enter") this.#take(n);
     else if (by && this.made) this.#walk(this.made.places, n, by);

@@ -6,6 +6,7 @@ import type { WandRequest } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 import { shapePaths } from "./shape_handles.ts";
 
@@ -36,7 +37,7 @@ export type WandEditor = EditorParts<
 
 export class Wand {
   outline: Outline;
-  bar: HTMLDivElement;
+  bar: OptionBar;
   rule: HTMLSelectElement;
   slider: HTMLInputElement;
   tolerated: HTMLSpanElement;
@@ -59,51 +60,29 @@ export class Wand {
     const root = svgElement("g", { class: "dnb-ed-wand", "aria-hidden": "true" }, editor.stage.svg);
     const path = (name: string) => svgElement("path", { class: `dnb-ed-wand-${name}` }, root);
     this.outline = { root, fill: path("fill"), lines: [path("case"), path("line")], cross: path("cross") };
-    this.bar = pageElement("div", "dnb-ed-brush dnb-ed-options dnb-ed-wand-bar", editor.stage.element, {
-      hidden: "",
-      role: "group",
-      "aria-label": "Wand",
-    });
-    this.rule = pageElement("select", "", this.bar, { "aria-label": "values to select", ...OWN_KEYS });
-    for (const [value, words] of RULES as [string, string][])
-      pageElement("option", "", this.rule, { value: value }).textContent = words;
-    this.slider = pageElement("input", "", this.bar, {
-      type: "range",
-      min: 0,
-      max: 100,
-      value: START,
-      "aria-label": "tolerance",
-      ...OWN_KEYS,
-    });
-    this.tolerated = pageElement("span", "dnb-ed-brush-value", this.bar);
-    this.#button("Done", "put the wand away", () => {
+    this.bar = new OptionBar(editor, "dnb-ed-options dnb-ed-wand-bar", "Wand");
+    this.rule = pageElement("select", "", this.bar.element, { "aria-label": "values to select", ...OWN_KEYS });
+    for (const [value, words] of RULES as [string, string][]) pageElement("option", "", this.rule, { value }, words);
+    this.rule.addEventListener("input", () => editor.frames.guard(() => this.#changed()));
+    this.slider = this.bar.slider("tolerance", () => this.#changed(), { value: START });
+    this.tolerated = this.bar.text("dnb-ed-brush-value");
+    const done = () => {
       this.stop();
       editor.stage.focus();
-    });
-    const label = pageElement("label", "dnb-ed-wand-through", this.bar, {
-      title: "What hangs together in the volume, not only in this picture",
-    });
-    const words = "Through the depth";
-    this.through = pageElement("input", "", label, { type: "checkbox", "aria-label": words, ...OWN_KEYS });
-    pageElement("span", "", label).textContent = words;
-    this.part = this.#button("Make rigid part", "keep what is selected rigid", () => this.#make("part"));
-    this.cut = this.#button("Make cut", "cut along the outline of what is selected", () => this.#make("cut"));
-    this.words = pageElement("span", "dnb-ed-wand-words", this.bar, { role: "status" });
-    for (const input of [this.rule, this.slider, this.through]) {
-      input.addEventListener("input", () => editor.frames.guard(() => this.#changed()));
-    }
-  }
-
-  #button(text: string, label: string, action: () => void) {
-    const made = pageElement("button", "dnb-ed-button", this.bar, {
-      type: "button",
-      title: label,
-      "aria-label": text,
-      ...OWN_KEYS,
-    });
-    made.textContent = text;
-    made.addEventListener("click", () => this.editor.frames.guard(action));
-    return made;
+    };
+    this.bar.button("Done", "Done", done, "put the wand away");
+    const tip = "What hangs together in the volume, not only in this picture";
+    this.through = this.bar.checkbox("Through the depth", tip, () => this.#changed());
+    const { bar } = this;
+    this.part = bar.button(
+      "Make rigid part",
+      "Make rigid part",
+      () => this.#make("part"),
+      "keep what is selected rigid",
+    );
+    const outline = "cut along the outline of what is selected";
+    this.cut = bar.button("Make cut", "Make cut", () => this.#make("cut"), outline);
+    this.words = bar.text("dnb-ed-wand-words", { role: "status" });
   }
 
   /** What Python has answered; empty where nobody selects. */
@@ -202,7 +181,7 @@ export class Wand {
   show() {
     const { editor, answer, isOn } = this,
       { region = null, words = "", share = 1, failed = false } = answer;
-    this.bar.hidden = !isOn;
+    this.bar.element.hidden = !isOn;
     this.outline.root.setAttribute("visibility", isOn ? "visible" : "hidden");
     if (!isOn) return;
     const paths = region ? shapePaths(region, editor.viewport.view, 0) : { line: "", inside: "" };

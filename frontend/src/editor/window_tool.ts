@@ -3,8 +3,9 @@
 
 import { RestingTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
-import { OWN_KEYS, pageElement, setText } from "../ui/dom.ts";
+import { setText } from "../ui/dom.ts";
 import { WindowGesture } from "./gestures.ts";
+import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
@@ -58,7 +59,7 @@ export type WindowEditor = EditorParts<"model" | "frames" | "messages" | "stage"
 /** The tool, and a drag of the window under way. */
 export class WindowTool {
   trait: RestingTrait;
-  bar: HTMLDivElement;
+  bar: OptionBar;
   value: HTMLSpanElement;
 
   isOn = false;
@@ -71,28 +72,16 @@ export class WindowTool {
 
   constructor(readonly editor: WindowEditor) {
     this.trait = new RestingTrait(editor.model, "window");
-    this.bar = pageElement("div", "dnb-ed-brush", editor.stage.element, {
-      hidden: "",
-      role: "group",
-      "aria-label": "Window",
-    });
-    this.value = pageElement("span", "dnb-ed-brush-value", this.bar);
-    this.#button("Auto", "automatic window (Home, or double-click)", () => this.reset());
-    this.#button("Done", "put the tool away", () => {
+    this.bar = new OptionBar(editor, "", "Window");
+    this.value = this.bar.text("dnb-ed-brush-value");
+    const automatic = "automatic window (Home, or double-click)",
+      away = "put the tool away";
+    this.bar.button("Auto", automatic, () => this.reset(), automatic);
+    const done = () => {
       this.stop();
       editor.stage.focus();
-    });
-  }
-
-  #button(text: string, label: string, action: () => void) {
-    const made = pageElement("button", "dnb-ed-button", this.bar, {
-      type: "button",
-      title: label,
-      "aria-label": label,
-      ...OWN_KEYS,
-    });
-    made.textContent = text;
-    made.addEventListener("click", () => this.editor.frames.guard(action));
+    };
+    this.bar.button("Done", away, done, away);
   }
 
   /** The values of the picture, and its unit; null without a picture of grey values. */
@@ -150,7 +139,7 @@ export class WindowTool {
   }
 
   show() {
-    this.bar.hidden = !this.isOn;
+    this.bar.element.hidden = !this.isOn;
     if (this.isOn) setText(this.value, this.words);
   }
 

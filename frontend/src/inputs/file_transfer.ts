@@ -3,7 +3,7 @@
 import type { FileTransferToFrontEnd } from "../generated.ts";
 import type { Model } from "../types.ts";
 
-import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
+import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 
 async function copied(text: string) {
   try {
@@ -14,30 +14,11 @@ async function copied(text: string) {
   }
 }
 
-function downloaded(name: string, bytes: DataView<ArrayBuffer>) {
-  const url = URL.createObjectURL(new Blob([bytes]));
-  const link = Object.assign(document.createElement("a"), { href: url, download: name });
-  document.body.append(link);
-  link.click();
-  link.remove();
-  setTimeout(() => URL.revokeObjectURL(url), 60_000);
-}
-
 function render({ model, el }: { model: Model; el: HTMLElement }) {
-  const root = document.createElement("div");
-  root.className = "dnb-file-transfer";
-  const line = Object.assign(document.createElement("span"), { className: "dnb-file-transfer-line" });
-  line.setAttribute("role", "status");
-  const area = Object.assign(document.createElement("textarea"), {
-    className: "dnb-file-transfer-text",
-    readOnly: true,
-    hidden: true,
-    ariaLabel: "text to copy",
-    spellcheck: false,
-  });
-  setAttributes(area, OWN_KEYS);
-  root.append(line, area);
-  el.append(root);
+  const root = pageElement("div", "dnb-file-transfer", el);
+  const line = pageElement("span", "dnb-file-transfer-line", root, { role: "status" });
+  const attributes = { readonly: "", hidden: "", "aria-label": "text to copy", spellcheck: "false", ...OWN_KEYS };
+  const area = pageElement("textarea", "dnb-file-transfer-text", root, attributes);
 
   const receive = async (content: FileTransferToFrontEnd, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
@@ -54,7 +35,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
         area.select();
       }
     } else if (content.type === "download" && root.isConnected && root === firstShown()) {
-      downloaded(content.name, buffers[0]!);
+      saveFile(new Blob([buffers[0]!]), content.name);
       line.textContent = `Downloaded ${content.name}.`;
     }
   };

@@ -5,7 +5,7 @@ import { shownLength } from "../maths/numbers.ts";
 import { freeIds, middleOf, TURN_CODES, TURN_WAYS, turnOfDrag } from "../maths/points.ts";
 import { inPane, wayInPane } from "../maths/space.ts";
 import type { Vector2, Vector3 } from "../types.ts";
-import { slackOf, targetOf, treeOf } from "../ui/dom.ts";
+import { ARROWS, slackOf, targetOf, treeOf } from "../ui/dom.ts";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { SpaceEditorView } from "./editor.ts";
 import type { Line, SpacePane } from "./pane.ts";
@@ -289,13 +289,6 @@ export class PaneGestures {
   }
 }
 
-const SPACE_ARROWS: Record<string, Vector2> = {
-  ArrowLeft: [-1, 0],
-  ArrowRight: [1, 0],
-  ArrowUp: [0, -1],
-  ArrowDown: [0, 1],
-};
-
 /** Do what a key anywhere in the editor means; returns whether it means something. */
 export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key,
@@ -317,16 +310,16 @@ export function spaceKey(editor: SpaceEditorView, event: KeyboardEvent) {
   }
   if (isCommand) return spaceCommand(editor, key, event.shiftKey);
   if (target.closest("input[type=range]")) return false;
-  if (onButton && key in SPACE_ARROWS) return editor.toolbar.focusNext(onButton, key);
+  if (onButton && key in ARROWS) return editor.toolbar.focusNext(onButton, key);
   if (onButton && (key === "Enter" || key === " ")) return false;
-  if (key in SPACE_ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, SPACE_ARROWS[key]!, fast);
+  if (key in ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, ARROWS[key]!, fast);
   const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code]! : key];
   if (way) {
     tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
     return true;
   }
-  if (key in SPACE_ARROWS) {
-    tools.nudge(pane, id, SPACE_ARROWS[key]!, fast, event.altKey ? "both" : "target");
+  if (key in ARROWS) {
+    tools.nudge(pane, id, ARROWS[key]!, fast, event.altKey ? "both" : "target");
     return true;
   }
   if (key === "PageUp" || key === "PageDown") {

@@ -13,7 +13,7 @@ import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Sender } from "../sync/edits.ts";
 import { senderOf } from "../sync/edits.ts";
 import type { Bus, FlatPoint, Model, Point, Sides, Vector2, Vector3 } from "../types.ts";
-import { pageElement, setAttributes, svgElement } from "../ui/dom.ts";
+import { ARROWS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
 import { opacityOfByte } from "../webgl/volume_blocks.ts";
 import type { ScreenBox } from "./pointer.ts";
@@ -652,12 +652,6 @@ export class SpacePoints {
     const hit = this.hit(event),
       key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     const { editor, sender } = this.edited;
-    const arrows: Record<string, Vector2> = {
-      ArrowLeft: [-1, 0],
-      ArrowRight: [1, 0],
-      ArrowUp: [0, -1],
-      ArrowDown: [0, 1],
-    };
     if (event.ctrlKey || event.metaKey) {
       if (hit && POINT_STEPS[key]) {
         const ids = editor.get("points").map((p: Point) => p.id);
@@ -669,7 +663,7 @@ export class SpacePoints {
     }
     if (!hit) return false;
     const axis = AXES.find((k) => AXIS_NAMES[k] === key),
-      arrow = arrows[key];
+      arrow = ARROWS[key];
     if (axis !== undefined) {
       this.#lock(axis);
       return true;

@@ -15,6 +15,7 @@ import {
   RESAMPLED,
   STRETCH,
 } from "../generated.ts";
+import { lineAt } from "../maths/curves.ts";
 import type { Vector2, Vector3, Vector4 } from "../types.ts";
 import { lengthsOf } from "./grid.ts";
 
@@ -212,23 +213,11 @@ export function specimen({ grid }: Volume, { levels: [low, air, dense, high], ho
   };
 }
 
-/** The column of nodes at a value, linear between them and constant beyond, as np.interp has it. */
-function between(nodes: [value: number, ...parts: number[]][], part: number, value: number) {
-  const first = nodes[0]!,
-    last = nodes.at(-1)!;
-  if (value >= last[0]) return last[part]!;
-  if (value < first[0]) return first[part]!;
-  let k = 0;
-  while (nodes[k + 1]![0] <= value) k += 1;
-  const a = nodes[k]!,
-    b = nodes[k + 1]!;
-  return a[part]! + ((b[part]! - a[part]!) / (b[0] - a[0])) * (value - a[0]);
+/** Red, green, blue and opacity at a value: lines between the nodes, constant beyond. */
+function colourAt({ colors, opacities }: Transfer, value: number) {
+  const parts = ([1, 2, 3] as const).map((part) => colors.map((node): Vector2 => [node[0], node[part]]));
+  return [...parts, opacities].map((nodes) => lineAt(nodes, value));
 }
-
-const colourAt = ({ colors, opacities }: Transfer, value: number) => [
-  ...[1, 2, 3].map((part) => between(colors, part, value)),
-  between(opacities, 1, value),
-];
 
 /** Neighbouring nodes between which the function changes. */
 function changesOf(transfer: Transfer) {
