@@ -21,11 +21,10 @@ import {
   StandalonePage,
   showOnPage,
 } from "./standalone_page.ts";
-import type { Point, Values, Vector2 } from "./types.ts";
+import type { Plane, Point, Values, Vector2 } from "./types.ts";
 import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
 import { inLanguage, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";
-import type { Plane } from "./volume/grid.ts";
 import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
 import type { Measured } from "./volume/levels.ts";
 import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.ts";

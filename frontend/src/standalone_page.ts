@@ -130,7 +130,7 @@ function viewAnswers(
     isDrawn: (stats: Values) => void;
   },
 ): (message: Values) => void {
-  const picture: () => Packet = () => [{ type: "still" }, [still]];
+  const picture = (): Packet => [{ type: "still" }, [still]];
   const answers: Record<string, (message: Values) => Packet> = {
     hello: ({ largest, voxels }) => {
       if (!largest || voxels) falls(); // no GPU, no volume; and no Python that could make it smaller

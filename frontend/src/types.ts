@@ -207,13 +207,17 @@ export interface LayeredFit {
   hasRest: boolean;
 }
 
-/** The geometry of a picture of a volume: a and b run to the right and down in it, c into it, in the volume's unit. */
-export interface PaneInfo {
-  name: string;
+/** A plane in space: a place on it, the directions of rows and columns of pictures, and its normal. */
+export interface Plane {
   origin: Vector3;
   u: Vector3;
   v: Vector3;
   n: Vector3;
+}
+
+/** The geometry of a picture of a volume: a and b run to the right and down in it, c into it, in the volume's unit. */
+export interface PaneInfo extends Plane {
+  name: string;
   /** [a0, a1, b0, b1, c0, c1] */
   box: [...Vector4, number, number];
   /** The first and the last depth of a slice. */

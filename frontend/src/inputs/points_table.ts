@@ -792,7 +792,7 @@ class PointsTableView extends Widget {
 
   describe() {
     const { points, selected } = this;
-    const count: (n: number, one: string, more: string) => string = (n, one, more) => `${n} ${n === 1 ? one : more}`;
+    const count = (n: number, one: string, more: string) => `${n} ${n === 1 ? one : more}`;
     const suspects = points.filter((p) => p.suspect).length,
       chosen = points.filter((p) => selected.has(p.id)).length;
     const facts = [

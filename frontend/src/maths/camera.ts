@@ -4,20 +4,20 @@
 import { SMALLEST_SHARE, VIEW_AIR } from "../generated.ts";
 import type { Matrix3, Vector, Vector2, Vector3 } from "../types.ts";
 
-export const dot: (a: Vector3, b: Vector3) => number = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-export const cross: (a: Vector3, b: Vector3) => Vector3 = (a, b) => [
+export const dot = (a: Vector3, b: Vector3) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+export const cross = (a: Vector3, b: Vector3): Vector3 => [
   a[1] * b[2] - a[2] * b[1],
   a[2] * b[0] - a[0] * b[2],
   a[0] * b[1] - a[1] * b[0],
 ];
-export const scaled: (a: Vector3, k: number) => Vector3 = ([x, y, z], k) => [x * k, y * k, z * k];
-export const added: (a: Vector3, b: Vector3) => Vector3 = (a, b) => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
+export const scaled = ([x, y, z]: Vector3, k: number): Vector3 => [x * k, y * k, z * k];
+export const added = (a: Vector3, b: Vector3): Vector3 => [a[0] + b[0], a[1] + b[1], a[2] + b[2]];
 /** The vector of the values of a function of each coordinate. */
 export const mapVector = <V extends Vector>(vector: V, value: (x: number, k: number) => number) =>
   vector.map(value) as { [K in keyof V]: number };
 /** a - b */
 export const difference = <V extends Vector>(a: V, b: V) => mapVector(a, (x, k) => x - b[k]!);
-export const unitVector: (a: Vector3) => Vector3 | null = (a) => {
+export const unitVector = (a: Vector3): Vector3 | null => {
   const n = Math.hypot(...a);
   return n > 1e-9 ? scaled(a, 1 / n) : null;
 };
@@ -110,7 +110,7 @@ export class Camera {
    * @param middle in the volume's frame
    */
   inFrame([first, second, third]: Matrix3, middle: Vector3, aspect: number) {
-    const turned: (v: Vector3) => Vector3 = (v) => [dot(first, v), dot(second, v), dot(third, v)];
+    const turned = (v: Vector3): Vector3 => [dot(first, v), dot(second, v), dot(third, v)];
     const right = turned(this.right),
       up = turned(this.up),
       ahead = turned(this.direction),

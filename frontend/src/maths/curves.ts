@@ -33,13 +33,13 @@ function slopesOf(nodes: Node[]) {
     step.push(nodes[k + 1]![0] - nodes[k]![0]);
     rise.push((nodes[k + 1]![1] - nodes[k]![1]) / step[k]!);
   }
-  const inner: (k: number) => number = (k) => {
+  const inner = (k: number) => {
     if (rise[k - 1]! * rise[k]! <= 0) return 0;
     const w1 = 2 * step[k]! + step[k - 1]!,
       w2 = step[k]! + 2 * step[k - 1]!;
     return (w1 + w2) / (w1 / rise[k - 1]! + w2 / rise[k]!);
   };
-  const outer: (h0: number, h1: number, d0: number, d1: number) => number = (h0, h1, d0, d1) => {
+  const outer = (h0: number, h1: number, d0: number, d1: number) => {
     const d = ((2 * h0 + h1) * d0 - h0 * d1) / (h0 + h1);
     if (Math.sign(d) !== Math.sign(d0)) return 0;
     return Math.sign(d0) !== Math.sign(d1) && Math.abs(d) > 3 * Math.abs(d0) ? 3 * d0 : d;

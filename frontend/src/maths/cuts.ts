@@ -178,7 +178,7 @@ export function chosenPlace(
   const { fits } = layered,
     own = sidesKey(regions, a, b),
     at = layered.byKey.get(own) ?? -1;
-  const there: (k: number) => number = (k) => {
+  const there = (k: number) => {
     const [da, db] = move(k);
     return coverage(marginOf(regions, fits[k]!.key, a + da, b + db), softness);
   };

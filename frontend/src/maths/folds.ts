@@ -118,7 +118,7 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
       last = one.stages ? one.stages.at(-1)! : one;
     const { count: n, support: r, origin } = last,
       x = last.forward ? forwardTargets(last.forward) : last.centers;
-    const look: (p: number, q: number) => void = (p, q) => {
+    const look = (p: number, q: number) => {
       const a = origin[0] + p * r,
         b = origin[1] + q * r;
       found.push([a, b, detOf(fit, a, b, DET_WORK)]);
@@ -275,7 +275,7 @@ function clippedCell(
 }
 
 /** A gap neither folds nor bounds a fold. */
-const notFolded: (det: number) => number = (det) => (Number.isNaN(det) ? 1 : det);
+const notFolded = (det: number) => (Number.isNaN(det) ? 1 : det);
 
 /**
  * The folds on a lattice of det J: polygons that fill them, and segments of their outlines. Cells in which a fold may

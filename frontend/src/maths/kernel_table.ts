@@ -28,7 +28,7 @@ export function kernelOfTable({ title, order, compact, share, gaps, pieces, numb
   const low = octaveOf(least),
     firsts = new Int32Array(octaveOf(most) - low);
   for (let k = pieces - 1; k >= 0; k--) firsts[octaveOf(edges[k]!) - low] = k;
-  const inPiece: (s: number, which: number) => number = (s, which) => {
+  const inPiece = (s: number, which: number) => {
     let k = firsts[octaveOf(s) - low]!;
     while (s >= edges[k + 1]!) k += 1;
     const a = edges[k]!,

@@ -43,7 +43,7 @@ export function changed(points: Point[], ids: number[], change: (point: Point) =
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by (da, db). */
 export function movedPoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
-  const by: (place: Vector) => Vector = ([a, b]) => [a + da, b + db];
+  const by = ([a, b]: Vector): Vector => [a + da, b + db];
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
@@ -156,7 +156,7 @@ const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls besi
 
 /** The middle of the targets. */
 export function middleOf(points: { target: Vector }[]): Vector2 {
-  const mean: (c: 0 | 1) => number = (c) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
+  const mean = (c: 0 | 1) => points.reduce((sum, p) => sum + p.target[c], 0) / points.length;
   return [mean(0), mean(1)];
 }
 
@@ -198,7 +198,7 @@ function rimName(pin: Point) {
 export function rimOf(points: Point[], pin: Point) {
   const name = rimName(pin),
     [x, y] = pin.source;
-  const away: (p: Point) => number = (p) => Math.hypot(p.source[0] - x, p.source[1] - y);
+  const away = (p: Point) => Math.hypot(p.source[0] - x, p.source[1] - y);
   return points
     .filter((p) => p.name === name && p.id !== pin.id)
     .sort((p, q) => away(p) - away(q))
@@ -328,7 +328,7 @@ export function mirroredEdit(
   const moved = after.filter((p) => !isUnmoved(was.get(p.id), p));
   const first = moved.map((p) => mirrorSide(mirror, p.source, near.axis)).find((side) => side !== 0) ?? 1;
   const leads = lead || first;
-  const sideNow: (p: Point) => number = (p) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
+  const sideNow = (p: Point) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
   for (const p of before) {
     if (result.has(p.id) || sideNow(p) === 0) continue;
     const partner = partnerOf(mirror, before, p, near.partner);

@@ -282,14 +282,7 @@ function rbfAffineColumns(x: Float64Array, basis: number[][], dim: number) {
 function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m: number) {
   const e = Float64Array.from(p),
     out = b.slice(0, n * m);
-  const remove: (a: Float64Array, wa: number, k: number, f: Float64Array, wf: number, j: number) => void = (
-    a,
-    wa,
-    k,
-    f,
-    wf,
-    j,
-  ) => {
+  const remove = (a: Float64Array, wa: number, k: number, f: Float64Array, wf: number, j: number) => {
     let dot = 0;
     for (let i = 0; i < n; i++) dot += a[i * wa + k]! * f[i * wf + j]!;
     for (let i = 0; i < n; i++) a[i * wa + k]! -= dot * f[i * wf + j]!;
@@ -399,7 +392,7 @@ function rbfLeastEnergy(
     all = 2 * dim,
     w = new Float64Array(n * all),
     mean = new Array<number>(all).fill(0);
-  const fill: (out: Float64Array, width: number, first: number) => void = (out, width, first) => {
+  const fill = (out: Float64Array, width: number, first: number) => {
     for (let i = 0; i < n; i++) {
       out.set(x.subarray(dim * i, dim * (i + 1)), width * i + first);
       out.set(d.subarray(dim * i, dim * (i + 1)), width * i + first + dim);
@@ -584,7 +577,7 @@ function rbfComplete(images: number[][], basis: number[][], dim: number) {
   if (rank === dim) return rbfOuter(images, basis);
   const [first, second] = basis as Matrix,
     [firstImage, secondImage] = images as Matrix;
-  const quarter: (p: Vector) => Vector = ([a, b]) => [-b, a];
+  const quarter = ([a, b]: Vector): Vector => [-b, a];
   if (dim === 2) return rbfOuter([firstImage, quarter(firstImage)], [first, quarter(first)]);
   if (rank === 1) return rbfSmallestTurn(first, firstImage);
   const image = rbfCross(firstImage, secondImage),
@@ -748,7 +741,7 @@ function rbfSingular(columns: number[][]) {
   const count = columns.length,
     a = [...columns],
     v = a.map((_, k) => a.map((__, j) => Number(j === k)));
-  const dot: (p: number[], q: number[]) => number = (p, q) => p.reduce((sum, value, k) => sum + value * q[k]!, 0);
+  const dot = (p: number[], q: number[]) => p.reduce((sum, value, k) => sum + value * q[k]!, 0);
   for (let sweep = 0, isDone = false; sweep < 8 * (count - 1) && !isDone; sweep++) {
     isDone = true;
     for (let i = 0; i < count; i++) {
@@ -853,7 +846,7 @@ function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
   merged.forEach((q, k) => {
     for (let c = 0; c < dim; c++) x[dim * k + c] = (q.x[c]! - origin[c]!) / radius;
   });
-  const insert: (i: number, j: number, gap: number) => void = (i, j, gap) => {
+  const insert = (i: number, j: number, gap: number) => {
     let at = (i + 1) * count - 1;
     for (; at > i * count && gaps[at - 1]! > gap; at--) {
       gaps[at] = gaps[at - 1]!;
@@ -1192,7 +1185,7 @@ function rbfDiameter(places: Vector[]) {
   if (size === 0) return 0;
   const scaled = rbfScaled(places),
     middle = mapVector(scaled[0]!, () => 0);
-  const square: (p: number[], q: number[]) => number = (p, q) => {
+  const square = (p: number[], q: number[]) => {
     let sum = 0;
     for (let k = 0; k < p.length; k++) sum += (p[k]! - q[k]!) ** 2;
     return sum;
@@ -1367,7 +1360,7 @@ function rbfMerge(places: Place[], radius: number, reach: number, smoothing: num
   const near = SAME_PLACE * reach,
     order = places.map((_, k) => k).sort((i, j) => places[i]!.x[0] - places[j]!.x[0]);
   const parent = places.map((_, k) => k);
-  const root: (k: number) => number = (k) => {
+  const root = (k: number) => {
     let top = k;
     while (parent[top] !== top) {
       parent[top] = parent[parent[top]!]!;
@@ -1542,7 +1535,7 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   }
   const map = linear.map((row, i) => row.map((value, j) => Number(i === j) + value));
   const torn = rbfTornPairs(ready);
-  const isTorn: (pair: Vector2) => boolean = ([i, j]) => torn.some(([p, q]) => p === i && q === j);
+  const isTorn = ([i, j]: Vector2) => torn.some(([p, q]) => p === i && q === j);
   const crossed = torn.map(
     ([i, j]) => `control points ${i} and ${j} share a source and have different targets: the map folds between them`,
   );

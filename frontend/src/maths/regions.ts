@@ -29,7 +29,7 @@ function maskRegion(data: MaskData): Region {
       dv,
     );
   const signed = outside.map((value, k) => (isSet[k] ? -inside[k]! : value));
-  const distance: (a: number, b: number) => number = (a, b) => {
+  const distance = (a: number, b: number) => {
     const u = (a - a0) / du,
       v = (b - b0) / dv;
     const p = Math.max(0, Math.min(nu - 1, u)),
@@ -81,7 +81,7 @@ function boxDistances(isSet: Uint8Array, nv: number, nu: number, du: number, dv:
   const feet = new Int32Array(nu),
     from = new Float64Array(nu + 1);
   for (let i = 0; i < nv; i++) {
-    const height: (j: number) => number = (j) => ((above[i * nu + j]! - i) * dv) ** 2;
+    const height = (j: number) => ((above[i * nu + j]! - i) * dv) ** 2;
     const row = i * nu;
     let top = -1; // the lower envelope of the columns' parabolas
     for (let j = 0; j < nu; j++) {
@@ -128,7 +128,7 @@ export function inflated(bytes: Uint8Array) {
   let at = 16,
     out = new Uint8Array(1 << 14),
     size = 0; // at: in bits; a header of two bytes comes first
-  const take: (n: number) => number = (n) => {
+  const take = (n: number) => {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
       if (at >> 3 >= bytes.length) throw new Error("a mask ends too early");
@@ -136,7 +136,7 @@ export function inflated(bytes: Uint8Array) {
     }
     return value;
   };
-  const put: (value: number) => void = (value) => {
+  const put = (value: number) => {
     if (size === out.length) {
       const more = new Uint8Array(2 * size);
       more.set(out);
@@ -253,7 +253,7 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }: HalfSpaceD
   const length = Math.hypot(na, nb),
     u = na / length,
     v = nb / length;
-  const distance: (a: number, b: number) => number = (a, b) => (a - pa) * u + (b - pb) * v;
+  const distance = (a: number, b: number) => (a - pa) * u + (b - pb) * v;
   return { kind, distance, near: () => distance };
 }
 
@@ -271,7 +271,7 @@ function outlineEdges({ kind, vertices }: OutlineData) {
   const count = isClosed ? n : n - 1,
     turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
   const data = new Float64Array(12 * count);
-  const normal: (j: number) => Vector2 = (j) => {
+  const normal = (j: number): Vector2 => {
     const p = corners[j]!,
       q = corners[(j + 1) % n]!,
       length = Math.hypot(q[0] - p[0], q[1] - p[1]) || 1;
@@ -327,7 +327,10 @@ function signedArea(corners: Vector2[]) {
 function outlineRegion(data: OutlineData): Region {
   const edges = outlineEdges(data),
     all = Int32Array.from({ length: edges.count }, (_, k) => k);
-  const toEdges: (some: Int32Array) => Region["distance"] = (some) => (a, b) => outlineDistance(edges.data, some, a, b);
+  const toEdges =
+    (some: Int32Array): Region["distance"] =>
+    (a, b) =>
+      outlineDistance(edges.data, some, a, b);
   const distance = toEdges(all),
     opening = data.kind === "line" && data.stops?.some(Boolean) ? openingOf(data) : null;
   return {
@@ -349,7 +352,7 @@ function outlineRegion(data: OutlineData): Region {
 function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<Region["opening"]> {
   const corners = withoutTwins(vertices, false),
     n = corners.length;
-  const way: (p: Vector2, q: Vector2) => number = (p, q) => Math.hypot(q[0] - p[0], q[1] - p[1]);
+  const way = (p: Vector2, q: Vector2) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
   for (let k = 1; k < n; k++) whole += way(corners[k - 1]!, corners[k]!);
   const ends = [

@@ -14,7 +14,7 @@ const FEWEST_NODES = 4; // of a side
  */
 export function sampledFits(layered: LayeredFit, raster: Raster, values: ArrayLike<number>[]): LayeredFit {
   if (Math.min(...raster.shape) < FEWEST_NODES) return layered;
-  const sampled: (one: LayeredFit["fits"][number], k: number) => LayeredFit["fits"][number] = (one, k) => ({
+  const sampled = (one: LayeredFit["fits"][number], k: number): LayeredFit["fits"][number] => ({
     ...one,
     fit: { ...one.fit, sampled: { raster, values: values[k]!, fit: one.fit } },
   });

@@ -151,7 +151,7 @@ export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
   /** Towards a side, u being the way across, and no farther than the box. */
   const room: (across: Vector2) => number = ([x, y]) =>
     Math.min(roomAlong(x, middle[0], a0, a1), roomAlong(y, middle[1], b0, b1));
-  const at: (along: number, across: number) => Vector2 = (along, across) => [
+  const at = (along: number, across: number): Vector2 => [
     Math.min(a1, Math.max(a0, middle[0] + along * u - across * v)),
     Math.min(b1, Math.max(b0, middle[1] + along * v + across * u)),
   ];

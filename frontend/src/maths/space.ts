@@ -1,6 +1,6 @@
 // Points in space and their places in the pictures of a volume. Pure functions of plain lists.
 
-import type { FlatPoint, Matrix3, PaneInfo, Point, RbfFit, Vector, Vector3 } from "../types.ts";
+import type { FlatPoint, Matrix3, PaneInfo, Plane, Point, RbfFit, Vector, Vector3 } from "../types.ts";
 import type { Axis } from "./axes.ts";
 import { perAxis } from "./axes.ts";
 import { added, difference, dot, scaled } from "./camera.ts";
@@ -8,24 +8,24 @@ import { shownLength } from "./numbers.ts";
 import { changed } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
-export function inPane({ origin, u, v, n }: PaneInfo, place: Vector): Vector3 {
+export function inPane({ origin, u, v, n }: Plane, place: Vector): Vector3 {
   const from = difference(place as Vector3, origin);
   return [dot(from, u), dot(from, v), dot(from, n)];
 }
 
 /** The place in space of coordinates in a picture. */
-export function fromPane({ origin, u, v, n }: PaneInfo, [a, b, c]: Vector3): Vector3 {
+export function fromPane({ origin, u, v, n }: Plane, [a, b, c]: Vector3): Vector3 {
   return perAxis((k) => origin[k] + a * u[k] + b * v[k] + c * n[k]);
 }
 
 /** The displacement in space of a displacement in a picture: it never leads out of the picture's plane. */
-export function wayInPane({ u, v }: PaneInfo, da: number, db: number) {
+export function wayInPane({ u, v }: Plane, da: number, db: number) {
   return added(scaled(u, da), scaled(v, db));
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */
 export function movedInSpace(points: Point[], ids: number[], way: Vector3, what: string = "target") {
-  const by: (place: Vector) => Vector = (place) => added(place as Vector3, way);
+  const by = (place: Vector): Vector => added(place as Vector3, way);
   return changed(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),

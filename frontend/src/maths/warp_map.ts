@@ -270,7 +270,7 @@ function piecesOfLine(layered: LayeredFit, from: Vector2, to: Vector2, n: number
   const found: { first: number; last: number; k: number }[] = [];
   let first = 0,
     key = keyAt(0);
-  const end: (last: number) => void = (last) => {
+  const end = (last: number) => {
     found.push({ first, last, k: layered.byKey.get(key) ?? -1 });
   };
   for (let i = 1; i <= n; i++) {
@@ -310,7 +310,7 @@ function traceLine(
     hasCuts = layered.regions.length > 0;
   let run: number[] | null = null;
   let before = place(0);
-  const find: (x: number, y: number) => boolean = (x, y) => {
+  const find = (x: number, y: number) => {
     if (!fit) {
       at[0] = x;
       at[1] = y;

@@ -172,7 +172,7 @@ export type Picture = {
  * @param wipe share of the width that shows the original in the mode "wipe"
  */
 export function picturesOf(shows: Shows, width: number, wipe: number = 0.5): Picture[] {
-  const one: (layer: number, original: boolean, x: number, w: number) => Picture = (layer, original, x, w) => ({
+  const one = (layer: number, original: boolean, x: number, w: number): Picture => ({
     layer,
     original,
     x,

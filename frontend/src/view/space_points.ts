@@ -251,7 +251,7 @@ function planarAt(
   const { origin: o, u, v, n } = plane,
     from = perAxis((k) => x[k] - o[k]),
     knots = weights.length / count;
-  const clamp: (value: number, most: number) => number = (value, most) => Math.max(0, Math.min(most, value));
+  const clamp = (value: number, most: number) => Math.max(0, Math.min(most, value));
   const p = clamp((dot(from, u) - origin[0]) / spacing[0], columns - 1);
   const q = clamp((dot(from, v) - origin[1]) / spacing[1], rows - 1);
   const z = depth[1] > depth[0] ? clamp((dot(from, n) - depth[0]) / (depth[1] - depth[0]), 1) * (knots - 1) : 0;

@@ -5,7 +5,8 @@ import { LARGEST_COORDINATE, ORTHONORMAL_TOLERANCE, SPACING_LIMITS } from "../ge
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, cross, difference, dot, mapVector, scaled, unitVector } from "../maths/camera.ts";
-import type { Matrix3, Raster, Sides, Vector3, Vector4 } from "../types.ts";
+import { inPane } from "../maths/space.ts";
+import type { Matrix3, Plane, Raster, Sides, Vector3, Vector4 } from "../types.ts";
 
 export interface Grid {
   /** [nz, ny, nx] */
@@ -25,8 +26,6 @@ export const IDENTITY: Matrix3 = [
   [0, 1, 0],
   [0, 0, 1],
 ];
-
-export type Plane = { origin: Vector3; u: Vector3; v: Vector3; n: Vector3 };
 
 /** A grid that cannot be. */
 export class GridError extends Error {}
@@ -209,11 +208,8 @@ export function planeAlong(grid: Grid, view: string): Plane {
 }
 
 /** Coordinates [a, b, c] in a plane of places in space. */
-export function toPlane({ origin, u, v, n }: Plane, places: Vector3[]) {
-  return places.map((place): Vector3 => {
-    const away = difference(place, origin);
-    return [dot(away, u), dot(away, v), dot(away, n)];
-  });
+export function toPlane(plane: Plane, places: Vector3[]) {
+  return places.map((place) => inPane(plane, place));
 }
 
 /** Least and largest of each coordinate. */

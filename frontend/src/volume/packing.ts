@@ -15,8 +15,8 @@ import {
 import type { Axis } from "../maths/axes.ts";
 import { AXES, perAxis } from "../maths/axes.ts";
 import { added, dot } from "../maths/camera.ts";
-import type { Vector2, Vector3 } from "../types.ts";
-import type { Grid, Plane } from "./grid.ts";
+import type { Plane, Vector2, Vector3 } from "../types.ts";
+import type { Grid } from "./grid.ts";
 import {
   boundsOf,
   coarserGrid,

@@ -36,7 +36,7 @@ export function planarFolds(
   if (count > 1) return severalFold({ maps, shape, spacing, weights }, count, steep);
   const low = weights.reduce((a, b) => Math.min(a, b), Infinity);
   const high = weights.reduce((a, b) => Math.max(a, b), -Infinity);
-  const turned: (a: number, b: number, c: number, d: number) => boolean = (a, b, c, d) => {
+  const turned = (a: number, b: number, c: number, d: number) => {
     // the smallest 1 + w (a + d) + w^2 (ad - bc) for low <= w <= high
     const trace = a + d,
       det = a * d - b * c,
