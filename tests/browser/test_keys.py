@@ -43,7 +43,7 @@ def told(table: str) -> set[str]:
 )
 def test_every_key_that_is_heard_is_told(scripts: tuple[str, ...], table: str) -> None:
     keys = set().union(*(heard(name) for name in scripts))
-    assert len(keys) >= 7
+    assert len(keys) >= 4  # others are taken from the table
     # The same keys with Shift held, on one keyboard or another.
     assert keys - told(table) <= {"<", ">", ";", ":"}
 

@@ -4,6 +4,7 @@ import type { Stroke } from "../maths/brushes.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
+import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
 import { BrushGesture } from "./gestures.ts";
 import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
@@ -163,8 +164,9 @@ export class Brush {
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
       middle = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
-    if (key === "[" || key === "]") {
-      this.grow(key === "]" ? 1 : -1);
+    const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
+    if (size >= 0) {
+      this.grow(size ? 1 : -1);
       return true;
     }
     if (key === "Escape") {

@@ -28,6 +28,7 @@ const COMMANDS: Record<string, (editor: CommandEditor, ids: number[]) => void> =
   switch: (editor, ids) => editor.tools.points.switch(ids),
   reset: (editor, ids) => editor.tools.points.reset(ids),
   lock: (editor, ids) => editor.tools.points.toggleLock(ids),
+  "select-all": (editor) => editor.points.select(editor.points.list.map((p) => p.id)),
   undo: (editor) => editor.points.step("undo"),
   redo: (editor) => editor.points.step("redo"),
   move: (editor) => editor.tools.modes.setBrush("move"),
@@ -79,7 +80,8 @@ export class Commands implements EditorCommands {
   run(command: string, focused: number | null) {
     const { panels, points, tools } = this.editor,
       ids = points.idsAt(focused);
-    if (focused === null && panels.toolbar.isOff(command)) return;
+    // The history knows whether there is a step; the toolbar learns of an edit a moment later.
+    if (focused === null && !["undo", "redo"].includes(command) && panels.toolbar.isOff(command)) return;
     if (tools.shapes.choice.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
       if (!points.isLocked) SHAPE_COMMANDS[command](tools.shapes);
     } else COMMANDS[command]?.(this.editor, ids);

@@ -4,7 +4,7 @@ import { shownLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
 import type { Vector2 } from "../types.ts";
 import { ARROWS } from "../ui/dom.ts";
-import { commandOf, EDITOR_KEYS } from "../ui/keys.ts";
+import { commandOf, EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
 import { POINT_STEPS } from "./handles.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import { around } from "./hit_test.ts";
@@ -39,7 +39,7 @@ export class EditorKeys {
       return;
     }
     if (!isCommand && around(event, ".dnb-ed-help")) {
-      if (event.key === "Escape" || event.key === "?") editor.tools.modes.closeHelp();
+      if (event.key === "Escape" || commandOf(EDITOR_KEYS, event.key) === "help") editor.tools.modes.closeHelp();
       return;
     }
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
@@ -59,10 +59,12 @@ export class EditorKeys {
         POINT_STEPS[key],
         focused?.id,
       );
-    else if (key === "z") editor.points.step(event.shiftKey ? "redo" : "undo");
-    else if (key === "y") editor.points.step("redo");
-    else if (key === "a") editor.points.select(editor.points.list.map((p) => p.id));
-    else return false;
+    else {
+      const command =
+        (event.shiftKey && commandOf(EDITOR_KEYS, `Control+Shift+${key}`)) || commandOf(EDITOR_KEYS, `Control+${key}`);
+      if (!command) return false;
+      editor.commands.run(command, null);
+    }
     return true;
   }
 
@@ -73,7 +75,7 @@ export class EditorKeys {
       arrow = ARROWS[key],
       command = commandOf(EDITOR_KEYS, key);
     const isOther = JSON.stringify(shape.chosen) !== JSON.stringify(shapeTools.choice.chosen);
-    const isDelete = key === "Delete" || key === "Backspace",
+    const isDelete = command === "remove",
       way = TURN_WAYS[key];
     const isOutline = shape.corner !== null || shape.middle !== null;
     if (key === "Enter") {
@@ -82,14 +84,14 @@ export class EditorKeys {
       else if (!editor.points.isLocked) shapeTools.insertCorner(shape.middle);
       return true;
     }
-    if (!arrow && !isDelete && !way && !["F2", "Home", "o", "f"].includes(key)) return false;
+    if (!arrow && !isDelete && !way && !["rename", "reset", "switch", "turn"].includes(command ?? "")) return false;
     if (isOther) shapeTools.choice.choose(shape.chosen);
     if (editor.points.isLocked) return true;
     const isPart = editor.tools.parts.isOn,
       pixels = event.shiftKey ? 10 : 1;
-    if ((way || key === "Home") && !isPart) return false;
+    if ((way || command === "reset") && !isPart) return false;
     if (way) editor.tools.parts.turnKey(way, event.shiftKey);
-    else if (key === "Home") editor.tools.parts.reset();
+    else if (command === "reset") editor.tools.parts.reset();
     else if (arrow && isPart && shape.handle === "turn")
       editor.tools.parts.turnKey(arrow[0] || arrow[1], event.shiftKey);
     else if (arrow && isPart && !isOutline) editor.tools.parts.nudge(arrow, pixels, shape.handle ?? "move");
@@ -142,8 +144,9 @@ export class EditorKeys {
       return true;
     }
     if (key === "Escape") return gestures.escape();
-    if (key === "[" || key === "]") {
-      editor.tools.brush.grow(key === "]" ? 1 : -1);
+    const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
+    if (size >= 0) {
+      editor.tools.brush.grow(size ? 1 : -1);
       return true;
     }
     const command = (event.shiftKey && commandOf(EDITOR_KEYS, `Shift+${key}`)) || commandOf(EDITOR_KEYS, key);

@@ -6,6 +6,7 @@ import { LONGEST_ARM, plainNumber, strainGain, strainsAt } from "../maths/warp_m
 import { setTrait } from "../sync/edits.ts";
 import type { LayeredFit, Raster, Vector2, Vector4 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, svgElement } from "../ui/dom.ts";
+import { EDITOR_KEYS, tipOf } from "../ui/keys.ts";
 import type { Folds } from "./edited_map.ts";
 import type { GridPlaces } from "./grid_nodes.ts";
 import type { View } from "./painter.ts";
@@ -232,7 +233,10 @@ export class Overlay {
     });
     editor.stage.svg.before(this.canvas); // the handles lie over it
     const menus = editor.panels.toolbar.buttons.get("compare")?.button.parentElement ?? null;
-    this.select = pageElement("select", "dnb-ed-menu", menus, { "aria-label": "Overlay (V)", ...OWN_KEYS });
+    this.select = pageElement("select", "dnb-ed-menu", menus, {
+      "aria-label": tipOf(EDITOR_KEYS, "overlay", "Overlay"),
+      ...OWN_KEYS,
+    });
     for (const [value, [label, title]] of Object.entries(OVERLAYS)) {
       pageElement("option", "", this.select, { value, title: title! }).textContent = label!;
     }
@@ -530,7 +534,7 @@ export class Overlay {
     if (this.select.value !== this.kind) this.select.value = this.kind;
     if (described === this.described) return;
     this.described = described;
-    this.select.title = `What lies over the picture: ${OVERLAYS[this.kind]![1]} (V)`;
+    this.select.title = tipOf(EDITOR_KEYS, "overlay", `What lies over the picture: ${OVERLAYS[this.kind]![1]}`);
     this.key.hidden = kind !== "area" && kind !== "uncertainty";
     this.key.classList.remove("dnb-ed-key-wide");
     this.key.replaceChildren();

@@ -17,6 +17,7 @@ import {
 } from "../maths/shapes.ts";
 import type { MaskData, Motion, RegionData, ShapeData, ShapeKind, Shapes, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
+import { EDITOR_KEYS, tipOf } from "../ui/keys.ts";
 import type { View } from "./painter.ts";
 export type Chosen = { what: ShapeKind; index: number };
 /** A corner, the middle of an edge, or neither */
@@ -107,7 +108,11 @@ export class ShapeHandles {
       },
       svg,
     );
-    svgElement("title", {}, this.swap).textContent = "Swap sides: the other half stays fixed (F)";
+    svgElement("title", {}, this.swap).textContent = tipOf(
+      EDITOR_KEYS,
+      "turn",
+      "Swap sides: the other half stays fixed",
+    );
     svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.swap);
     svgElement("circle", { r: 10, class: "dnb-ed-turn-disc" }, this.swap);
     svgElement(

@@ -6,6 +6,7 @@ import type { WandRequest } from "../generated.ts";
 import { shownLength } from "../maths/numbers.ts";
 import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
+import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
 import { OptionBar } from "./option_bar.ts";
 import type { EditorParts } from "./parts.ts";
 import { shapePaths } from "./shape_handles.ts";
@@ -204,8 +205,9 @@ export class Wand {
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
       middle: Vector2 = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
-    if (key === "[" || key === "]") {
-      this.slider.value = String(Number(this.slider.value) + (key === "]" ? 2 : -2));
+    const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
+    if (size >= 0) {
+      this.slider.value = String(Number(this.slider.value) + (size ? 2 : -2));
       this.#changed();
       return true;
     }

@@ -510,12 +510,13 @@ export class SpaceEditorView extends EditorDrawing {
     const ids = this.chosenIds(focused),
       { points, pictures, pointTools: tools } = this;
     const chosenOrAll = ids.length ? ids : points.map((p) => p.id);
-    if (focused === null && this.toolbar.isOff(command)) return;
+    if (focused === null && !["undo", "redo"].includes(command) && this.toolbar.isOff(command)) return;
     const active = this.paneOf(document.activeElement)!;
     const commands: Record<string, () => void> = {
       add: () => this.setAdding(!this.isAdding),
       select: () => this.setSelecting(!this.isSelecting),
       remove: () => tools.remove(ids),
+      "select-all": () => this.select(this.points.map((p) => p.id)),
       undo: () => this.stepHistory("undo"),
       redo: () => this.stepHistory("redo"),
       rename: () => {

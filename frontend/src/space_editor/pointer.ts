@@ -362,9 +362,9 @@ function mirrorKey(editor: SpaceEditorView, pane: SpacePane, [dx, dy]: Vector2, 
 }
 
 function spaceCommand(editor: SpaceEditorView, key: string, isShift: boolean) {
-  if (key === "z") editor.stepHistory(isShift ? "redo" : "undo");
-  else if (key === "y") editor.stepHistory("redo");
-  else if (key === "a") editor.select(editor.points.map((p) => p.id));
-  else return false;
+  const command =
+    (isShift && commandOf(SPACE_EDITOR_KEYS, `Control+Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, `Control+${key}`);
+  if (!command) return false;
+  editor.run(command, null);
   return true;
 }

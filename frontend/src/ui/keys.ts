@@ -20,7 +20,7 @@ const MANY_KEYS: KeyRow[] = [
 
 const CHOICE_KEYS: KeyRow[] = [
   ["Shift + click", "add to the selected"],
-  ["Ctrl + A", "select all", { keys: ["Control+a"] }],
+  ["Ctrl + A", "select all", { command: "select-all", keys: ["Control+a"] }],
   ["Esc", "select none, give up", { keys: ["Escape"] }],
   ["B", "select several: band, taps", { command: "select", keys: ["b"] }],
   ["Tab", "to the points, to each line", { keys: ["Tab"] }],
@@ -204,6 +204,11 @@ function keyRow(table: KeyTable, given: string) {
 /** The command of a key, for keys of which one command is all they do; else null. */
 export function commandOf(table: KeyTable, key: string) {
   return keyRows(table).find(([, , about]) => about?.keys.includes(key))?.[2]?.command ?? null;
+}
+
+/** Place of a key among those of a command, -1 for keys of others: the first of "[" and "]" shrinks, the second grows. */
+export function keyPlace(table: KeyTable, command: string, key: string) {
+  return keyRow(table, command)?.[2]?.keys.indexOf(key) ?? -1;
 }
 
 /** The keys of a command as they are shown, "" for none. */
