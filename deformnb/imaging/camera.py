@@ -36,9 +36,9 @@ class Camera:
                 f"and {self.distance}."
             )
 
-    def sample_distance(self, grid: Grid, rows: int) -> float:
+    def sample_distance(self, grid: Grid, rows: int, per_voxel: int = 2) -> float:
         """Distance of samples along a ray: half a voxel (a whole one makes surfaces grainy), or a pixel if larger."""
-        return max(min(grid.spacing) / 2, self.height / rows)
+        return max(min(grid.spacing) / per_voxel, self.height / rows)
 
 
 def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:

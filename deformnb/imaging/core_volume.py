@@ -25,6 +25,7 @@ def draw_core(
     background: Float3,
     *,
     projection: str = "shaded",
+    spacing: float | None = None,
     part: ClipBox | None = None,
     ambience: Volume | None = None,
     progress: Progress | None = None,
@@ -36,6 +37,7 @@ def draw_core(
     size : (width, height) in pixels.
     background : red, green and blue in [0, 1].
     projection : "shaded" or "composite".
+    spacing : distance of samples; default is that of the camera.
     part : what is not clipped; None for all.
     ambience : as for :func:`~deformnb.imaging.projection.project`.
 
@@ -52,7 +54,7 @@ def draw_core(
         transfer=transfer,
         part=part,
         eye=_eye(camera, size),
-        spacing=camera.sample_distance(volume.grid, size[1]),
+        spacing=camera.sample_distance(volume.grid, size[1]) if spacing is None else spacing,
         ambience=ambience,
         progress=progress,
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -18,39 +19,20 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import finite_number, one_of, shown_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import (
-    LAMP,
-    LayerBlocks,
-    PerspectiveCamera,
-    ambience_beside,
-    ambience_of,
-    blocks,
-    composite,
-    faces_of,
-    knots,
-)
-from deformnb.rbf.fields import Identity
+from deformnb.imaging.raycast import Faces, Layers, Look, PerspectiveCamera, light_at
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.transfer import TransferFunction, as_transfer, is_hounsfield, typical_range
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, Volume, VolumeLike, as_volume
-from deformnb.warping.warper import Warper
+from deformnb.warping.planning import run_parts
 
-# Layers resampled at a time for an oblique view: 32 of 512 x 512 float32 are 32 MiB.
-_LAYERS = 32
-# Whole numbers of a smaller range show as terraces on a surface that is lit.
-_FEW = 64
+# Pixels of a picture that a thread makes at a time: NumPy's calls cost more than the work where there are few.
+_PIXELS = 2**15
 # Of the pixels are black, and as many of those brighter than black white: noise and a few bright spots.
 SATURATED = 0.005
 # Hounsfield units beyond enamel and cortical bone: metal, at which scanners of 12 bits end (3071).
 METAL = 3000.0
-# Beyond this a float32 has no square.
-_LARGEST = 1e18
-
-
-def _f32(*numbers: float) -> NDArray[np.float32]:
-    return np.array(numbers, dtype=np.float32)
 
 
 @dataclass(frozen=True)
@@ -60,70 +42,40 @@ class Projection:
     Parameters
     ----------
     name, title : in code and in menus.
-    add : (state or None, layers, count, settings) -> state; ``count`` layers are to be added.
-    finish : state -> values.
-    whole : (array, axis) -> values, a faster way for all layers at once; or None.
-    margin : layers that ``add`` gets before and behind those to be added, to take slopes from.
+    seen : rows [v, u] of a picture of layers; None for a slice, and where light passes through.
+    whole : all layers [depth, v, u] at once, faster.
+    is_light : whether light passes through, in the colours of a transfer function.
     """
 
     name: str
     title: str
-    add: Callable[[Any, NDArray[Any], int, dict[str, Any]], Any]
-    finish: Callable[[Any], NDArray[Any]]
-    whole: Callable[[NDArray[Any], int], NDArray[Any]] | None = None
-    margin: int = 0
+    seen: Callable[[Layers, slice], NDArray[Any]] | None = None
+    whole: Callable[[NDArray[Any]], NDArray[Any]] | None = None
+    is_light: bool = False
 
 
-def _add_max(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
-    largest = layers[:count].max(axis=0)
-    return largest if state is None else np.maximum(state, largest)
+def _largest(layers: Layers, rows: slice) -> NDArray[Any]:
+    return reduce(np.maximum, (layers.values(k, rows) for k in range(layers.shape[0])))
 
 
-def _add_sum(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
-    total = layers[:count].sum(axis=0, dtype=np.float64)
-    return (total, count) if state is None else (state[0] + total, state[1] + count)
+def _mean(layers: Layers, rows: slice) -> NDArray[Any]:
+    total = sum(layers.values(k, rows).astype(np.float64) for k in range(layers.shape[0]))
+    return np.asarray(total / layers.shape[0], dtype=np.float32)
 
 
-def _finish_mean(state: Any) -> NDArray[Any]:
-    return np.asarray(state[0] / state[1], dtype=np.float32)
-
-
-def _whole_mean(values: NDArray[Any], axis: int) -> NDArray[Any]:
+def _whole_mean(values: NDArray[Any]) -> NDArray[Any]:
     kind = np.float32 if values.dtype.kind != "f" else values.dtype
-    return np.asarray(values.mean(axis=axis, dtype=kind), dtype=np.float32)
-
-
-def _add_light(state: Any, layers: NDArray[Any], count: int, settings: dict[str, Any]) -> Any:
-    if state is None:
-        state = np.zeros((*layers.shape[1:], 4), np.float32)
-    low, width, outside = settings["range"]
-    if settings["is_scaled"]:
-        layers, outside = (np.clip((v - low) / width, -_LARGEST, _LARGEST) for v in (layers, outside))
-        layers, width = layers.astype(np.float32), 1.0
-    ambience = settings["ambience"]
-    return composite(
-        state,
-        np.ascontiguousarray(layers),
-        count,
-        settings["knots"],
-        _f32(outside, width),
-        settings["spacing"],
-        settings["light"],
-        np.float32(settings["start"]),
-        settings["faces"],
-        None if ambience is None else ambience_beside(ambience, settings["start"], layers),
-        shaded=settings["shaded"],
-    )
+    return np.asarray(values.mean(axis=0, dtype=kind), dtype=np.float32)
 
 
 PROJECTIONS: dict[str, Projection] = {
     p.name: p
     for p in (
-        Projection("mip", "Maximum (MIP)", _add_max, np.asarray, lambda v, axis: v.max(axis=axis)),
-        Projection("slice", "Slice", lambda state, layers, count, _: layers[0], np.asarray),
-        Projection("mean", "Mean", _add_sum, _finish_mean, _whole_mean),
-        Projection("composite", "Composite", _add_light, np.asarray, margin=1),
-        Projection("shaded", "Shaded composite", _add_light, np.asarray, margin=1),
+        Projection("mip", "Maximum (MIP)", _largest, lambda values: values.max(axis=0)),
+        Projection("slice", "Slice"),
+        Projection("mean", "Mean", _mean, _whole_mean),
+        Projection("composite", "Composite", is_light=True),
+        Projection("shaded", "Shaded composite", is_light=True),
     )
 }
 """All projections by name; the first is the default."""
@@ -187,12 +139,12 @@ def project(
         if not isinstance(given, kind) and (given is not None or kind is Plane):
             raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
-    order = voxel_order(volume.grid, plane)
-    settings, how = _settings(volume, transfer, method), PROJECTIONS[method]
-    if order is not None and spacing is None and part is None and eye is None and ambience is None:
-        picture = _project_voxels(volume, plane, how, settings, depth, progress)
+    how = PROJECTIONS[method]
+    look = Look.of(volume, as_transfer(transfer, volume), method == "shaded") if how.is_light else None
+    if spacing is None and part is None and eye is None and ambience is None and voxel_order(volume.grid, plane):
+        picture = _project_voxels(volume, plane, how, look, depth, progress)
     else:
-        picture = _project_lattice(volume, plane, how, settings, depth, spacing, part, eye, light, progress)
+        picture = _project_lattice(volume, plane, how, look, depth, spacing, part, eye, light, progress)
     if progress is not None:
         progress(1.0)
     if picture.values.ndim == 3:
@@ -263,31 +215,6 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 
 
-def _settings(volume: Volume, transfer: TransferFunction | str | None, method: str) -> dict[str, Any]:
-    settings: dict[str, Any] = {"shaded": method == "shaded"}
-    if method in ("composite", "shaded"):
-        settings["transfer"] = as_transfer(transfer, volume)
-        low, high = typical_range(volume)
-        settings["range"] = (low, (high - low) or max(1.0, abs(low)), volume.background)
-        settings["is_scaled"] = volume.dtype in (np.int32, np.float64)  # more digits than a float32 holds
-    return settings
-
-
-def _with_steps(settings: dict[str, Any], du: float, dv: float, dn: float) -> dict[str, Any]:
-    if "transfer" not in settings:
-        return settings
-    low, width, _ = settings["range"]
-    scaling = (low, 1 / width) if settings["is_scaled"] else (0.0, 1.0)
-    return {
-        **settings,
-        "knots": knots(settings["transfer"], dn, *scaling),
-        "spacing": _f32(dn, dv, du),
-        "light": LAMP,
-        "faces": None,
-        "ambience": None,
-    }
-
-
 def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
     """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
     cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
@@ -302,12 +229,7 @@ def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
 
 
 def _project_voxels(
-    volume: Volume,
-    plane: Plane,
-    how: Projection,
-    settings: dict[str, Any],
-    depth: float | None,
-    progress: Progress | None,
+    volume: Volume, plane: Plane, how: Projection, look: Look | None, depth: float | None, progress: Progress | None
 ) -> Picture:
     order = voxel_order(volume.grid, plane)
     assert order is not None
@@ -316,14 +238,14 @@ def _project_voxels(
     dn, dv, du = (volume.grid.spacing[2 - axis] for axis, _ in order)
     corner = plane.to_plane(volume.grid.corners(centres=True)).min(axis=0)
     raster = Raster((turned.shape[1], turned.shape[2]), (du, dv), (float(corner[0]), float(corner[1])))
-    if how.name == "slice":
+    if look is not None:
+        layers = Layers(turned.shape, (dn, dv, du), lambda k, rows: turned[k, rows])
+        values = _in_rows(layers, look.composite, progress)
+    elif how.whole is not None:
+        values = how.whole(turned)
+    else:
         axis, sign = order[0]
         values = turned[::sign][_slice_number(volume.grid, plane, axis, depth or 0.0)]
-    elif how.whole is not None:
-        values = how.whole(turned, 0)
-    else:
-        layers = _voxel_blocks(turned, how.margin, volume.background)
-        values = _accumulate(how, layers, _with_steps(settings, du, dv, dn), len(turned), progress)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
@@ -336,36 +258,21 @@ def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
     return index
 
 
-def _voxel_blocks(turned: NDArray[Any], margin: int, background: float) -> LayerBlocks:
-    """Blocks of layers; with a margin all of one size, so that one compiled function adds them."""
-    for k in range(0, len(turned), _LAYERS):
-        count = min(_LAYERS, len(turned) - k)
-        if margin == 0:
-            yield turned[k : k + count], count
-            continue
-        block = np.full((_LAYERS + 2 * margin, *turned.shape[1:]), background, turned.dtype)
-        first, last = max(0, k - margin), min(len(turned), k + _LAYERS + margin)
-        block[first - k + margin : last - k + margin] = turned[first:last]
-        yield block, count
-
-
-def _accumulate(
-    how: Projection, pieces: LayerBlocks, settings: dict[str, Any], layers: int, progress: Progress | None
-) -> NDArray[Any]:
-    state, done = None, 0
-    for block, count in pieces:
-        state = how.add(state, block, count, {**settings, "start": done})
-        done += count
-        if progress is not None:
-            progress(min(1.0, done / layers))
-    return how.finish(state)
+def _in_rows(layers: Layers, seen: Callable[[Layers, slice], NDArray[Any]], progress: Progress | None) -> NDArray[Any]:
+    """A picture of layers, some rows after the others."""
+    tall, wide = layers.shape[1:]
+    step = max(1, _PIXELS // wide)
+    parts = [slice(k, min(k + step, tall)) for k in range(0, tall, step)]
+    found: dict[int, NDArray[Any]] = {}
+    run_parts(parts, lambda rows: found.update({rows.start: seen(layers, rows)}), progress)
+    return np.concatenate([found[rows.start] for rows in parts])
 
 
 def _project_lattice(
     volume: Volume,
     plane: Plane,
     how: Projection,
-    settings: dict[str, Any],
+    look: Look | None,
     depth: float | None,
     spacing: float | None,
     part: ClipBox | None,
@@ -380,39 +287,63 @@ def _project_lattice(
     d = lattice.spacing[0]
     low = plane.to_plane(lattice.origin)
     raster = Raster(lattice.shape[1:], (d, d), (float(low[0]), float(low[1])))
-    if how.name == "slice":
-        at = plane.from_plane([low[0], low[1], depth or 0.0])
+    whole = ClipBox.whole(volume.grid)
+    held = (whole,) if part is None else (whole, part)
+    if look is not None:
+        if part is None and voxel_order(volume.grid, plane) is None:
+            part = whole  # where the volume ends slopes are a staircase, seen aslant
+        look = replace(
+            look,
+            faces=None if part is None else Faces.of(part, plane, d),
+            ambience=None if ambience is None else light_at(ambience, plane),
+        )
+        values = _light(volume, lattice, plane, look, eye, progress)
+    elif how.seen is not None:
+        layers = Layers.of_lattice(volume, lattice, plane, held=held, eye=eye)
+        values = _rounded(_in_rows(layers, how.seen, progress), volume, how)
+    else:
         depths = plane.to_plane(volume.grid.corners())[:, 2]
         near, far = float(depths.min()), float(depths.max())
         if not near <= (depth or 0.0) <= far:
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
-        one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=tuple(at))
-        values = Warper(volume if part is None else part.mask_outside(volume), output=one)(Identity(3)).values[0]
-    else:
-        is_lit = "transfer" in settings  # which cuts off by itself, and lights what it cuts
-        layers = blocks(_smooth(volume, how), lattice, _LAYERS, how.margin, plane, None if is_lit else part, eye)
-        settings = _with_steps(settings, d, d, d)
-        if is_lit and part is None and voxel_order(volume.grid, plane) is None:
-            part = ClipBox.whole(volume.grid)  # where the volume ends slopes are a staircase, seen aslant
-        if is_lit and part is not None:
-            settings["faces"] = faces_of(part, lattice, plane, eye, settings["light"])
-        if ambience is not None and settings["shaded"]:
-            settings["ambience"] = ambience_of(ambience, lattice, plane, eye)
-        values = _accumulate(how, layers, settings, lattice.shape[0], progress)
+        at = tuple(plane.from_plane([low[0], low[1], depth or 0.0]))
+        one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=at)
+        layers = Layers.of_lattice(volume if part is None else part.mask_outside(volume), one, plane, held=(whole,))
+        values = _rounded(layers.values(0, slice(0, lattice.shape[1])), volume, how)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
-def _smooth(volume: Volume, how: Projection) -> Volume:
-    """The volume with numbers between its values, where light would show the steps between a few whole numbers."""
-    low, high = volume.value_range
-    if (
-        how.margin == 0
-        or volume.dtype.kind == "f"
-        or high - low > _FEW
-        or (volume.is_labels and volume.dtype != np.bool_)
-    ):
-        return volume
-    return replace(volume, values=volume.values.astype(np.float32), is_labels=False)
+def _rounded(values: NDArray[Any], volume: Volume, how: Projection) -> NDArray[Any]:
+    """Values in the type of the volume; means keep what is between whole numbers."""
+    if how.name == "mean" or volume.dtype.kind == "f":
+        return values
+    return np.rint(values).astype(volume.dtype)
+
+
+def _light(
+    volume: Volume, lattice: Grid, plane: Plane, look: Look, eye: PerspectiveCamera | None, progress: Progress | None
+) -> NDArray[np.float32]:
+    """A picture by light, of which only the part is computed where something may be seen."""
+    out = np.zeros((*lattice.shape[1:], 4), np.float32)
+    corners = look.seen_box(volume)
+    if corners is None:
+        return out
+    places = plane.to_plane(corners)
+    if eye is not None:
+        places[:, :2] /= np.maximum(1 + places[:, 2:] / eye.distance, 1e-3)
+    index = (places - plane.to_plane(lattice.origin)) / lattice.spacing[0]
+    size = lattice.shape[::-1]
+    u, v, n = (
+        slice(*np.clip([math.floor(at.min()) - 1, math.ceil(at.max()) + 2], 0, most).tolist())
+        for at, most in zip(index.T, size, strict=True)
+    )
+    shape = n.stop - n.start, v.stop - v.start, u.stop - u.start
+    if min(shape):
+        seen = lattice.crop((n.start, v.start, u.start), shape)
+        held = (ClipBox.whole(volume.grid),) if look.faces is None else ()
+        layers = Layers.of_lattice(volume, seen, plane, held=held, eye=eye, is_smooth=True)
+        out[v, u] = _in_rows(layers, look.composite, progress)
+    return out
 
 
 def plane_lattice(grid: Grid, plane: Plane, spacing: float | None = None) -> Grid:

@@ -1,234 +1,44 @@
-"""Ray casting on the CPU: front-to-back compositing of layers, gradient shading, clipped faces, perspective.
+"""Ray casting by NumPy and SciPy: front-to-back compositing of layers, gradient shading, clipped faces, perspective.
 
 The layers are those that a viewer in front of a plane sees of a volume, one behind the other, clipped and in
 perspective. A perspective needs no ray of its own: a layer twice as far from the eye is looked up twice as wide, and
-the parallel composite of these layers is the picture that the eye sees.
+the parallel composite of these layers is the picture that the eye sees. Most samples of a scan are air, and most rays
+end at a surface: colours, slopes and light are computed for the samples that a ray still sees, and for no others.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, jnp, lax
+from deformnb._deferred import ndimage
+from deformnb._typing import Float3
 from deformnb.checks import check_fields
 from deformnb.errors import DeformError
-from deformnb.rbf.fields import Identity
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Plane
-from deformnb.volume.sampling import aligned_empty
-from deformnb.volume.transfer import TransferFunction
+from deformnb.volume.sampling import compute_type
+from deformnb.volume.transfer import TransferFunction, typical_range
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.warper import Warper
 
 _AMBIENT, _DIFFUSE, _GLOSS, _POWER = 0.35, 0.75, 0.35, 24
 
-LAMP = np.array([-0.35, -0.45, -0.82], np.float32) / np.linalg.norm([-0.35, -0.45, -0.82]).astype(np.float32)
+_OPAQUE = 2.0**-15
+"""A ray of which less is left ends: the rest would change no byte of a picture."""
+
+LAMP = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
 """The direction to the lamp along u, v and n of a picture: above the viewer's left shoulder. Pure headlight looks flat,
 light from far aside leaves half in the dark."""
 
-
-class Knots(NamedTuple):
-    """A transfer function for the compiled code: its nodes and what changes from each to the next one.
-
-    Parameters
-    ----------
-    values : (n,) where segments begin.
-    inverse : (n,) 1 over the length of each; the last ones are endless and have 0.
-    first : (4,) red, green, blue and alpha up to the first value.
-    change : (n, 4) of each segment.
-    power : thickness of a layer over the thickness that the alphas are meant for.
-    """
-
-    values: NDArray[np.float32]
-    inverse: NDArray[np.float32]
-    first: NDArray[np.float32]
-    change: NDArray[np.float32]
-    power: np.float32
-
-
-# Up to so many segments are added up for each sample, which processors do for many samples at once: with 8 a composite
-# takes 1.4 times as long as by the nearest entry of a table, and half as long as by interpolation in one. Beyond, each
-# sample finds its own.
-_ADDED = 32
-_DIGITS = 2.0**23
-_LARGEST = 1e30
-_LEAST = np.float32(2.0**-100)  # processors take what is much smaller for 0
-_AMBIENT_STEP = 4  # samples from one of the ambient light to the next: its cells are about as large
-_EACH = 2  # their number is a multiple of this, so that few programs are compiled
-
-
-def knots(transfer: TransferFunction, thickness: float, low: float = 0.0, scale: float = 1.0) -> Knots:
-    """A transfer function, exactly, for values ``(v - low) * scale`` and layers of some thickness.
-
-    A layer of another thickness than ``transfer.unit`` stops ``1 - (1 - alpha)^(thickness / unit)`` of the light, so
-    that a picture does not get darker with finer sampling.
-    """
-    at, rgba = transfer.knots()
-    # Multiples of 2^-23 up to 1 are added without an error: what is opaque stays so, whatever comes before it.
-    rgba = np.round(rgba * _DIGITS) / _DIGITS
-    values = _rounded_up((at - low) * scale)
-    length = np.diff(values, append=np.float32(np.inf))
-    # A jump is a segment of one step of a float32, which ends at its value: there holds what comes after it.
-    jumps = length == 0
-    length[jumps] = np.maximum(np.spacing(np.abs(values[jumps])), _LEAST)
-    values[jumps] -= length[jumps]
-    inverse = np.zeros_like(length)
-    ends = np.isfinite(length)
-    inverse[ends] = 1 / np.maximum(length[ends], _LEAST)
-    short = ends & (np.where(ends, length, 0) * inverse < 1)
-    inverse[short] = np.nextafter(inverse[short], np.float32(np.inf))  # a segment is whole at its end
-    spare = -len(values) % _EACH
-    return Knots(
-        np.pad(values, (0, spare), mode="edge"),
-        np.pad(inverse, (0, spare)),
-        rgba[0].astype(np.float32),
-        np.pad(np.diff(rgba, axis=0, append=rgba[-1:]), ((0, spare), (0, 0))).astype(np.float32),
-        np.float32(thickness / transfer.unit),
-    )
-
-
-def _rounded_up(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    """A float32 is at or beyond a value if it is at or beyond this."""
-    near = np.clip(values, -_LARGEST, _LARGEST).astype(np.float32)
-    return np.where(near < values, np.nextafter(near, np.float32(np.inf)), near)
-
-
-def _colour(v: Any, transfer: Any) -> tuple[Any, Any, Any, Any]:
-    """Red, green, blue and alpha of values (v, u), each as a plane."""
-
-    def within(start: Any, inverse: Any) -> Any:
-        return jnp.clip((v - start) * inverse, 0, 1)
-
-    count = transfer.values.shape[0]
-    if count <= _ADDED:
-        planes = [jnp.full(v.shape, transfer.first[c]) for c in range(4)]
-        for k in range(count):
-            t = within(transfer.values[k], transfer.inverse[k])
-            planes = [plane + t * transfer.change[k, c] for c, plane in enumerate(planes)]
-    else:
-        at = jnp.maximum(jnp.searchsorted(transfer.values, v, side="right", method="scan") - 1, 0)
-        starts = transfer.first + jnp.cumsum(transfer.change, axis=0) - transfer.change
-        t = within(transfer.values[at], transfer.inverse[at])
-        planes = [starts[at, c] + t * transfer.change[at, c] for c in range(4)]
-    red, green, blue, alpha = planes
-    return red, green, blue, -jnp.expm1(transfer.power * jnp.log1p(-jnp.clip(alpha, 0, 1)))
-
-
-def _light_layers(
-    state: Any,
-    layers: Any,
-    count: Any,
-    transfer: Any,
-    limits: Any,
-    spacing: Any,
-    light: Any,
-    start: Any,
-    faces: Any,
-    ambience: Any,
-    *,
-    shaded: bool,
-) -> Any:
-    """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over layers [1 + n, v, u] of values.
-
-    ``limits`` are the value beyond the sides and the width of the range of values; ``start`` is the number of the first
-    layer; ``faces`` (see :func:`deformnb.imaging.raycast.faces_of`, or None) cut off; ``ambience`` (see
-    :func:`deformnb.imaging.raycast.ambience_beside`, or None) is the light that reaches each place.
-    """
-
-    def add(k: Any, total: Any) -> Any:
-        here = layers[k + 1].astype(jnp.float32)
-        *colors, alpha = _colour(here, transfer)
-        ambient = 1.0 if ambience is None else _between(ambience, k)
-        bright = _shade(layers, k, spacing, light, limits, ambient) if shaded else None
-        if faces is not None:
-            held, bare, glow = _beside(faces, start + k, here.shape)
-            alpha = jnp.where(held, alpha, 0)
-            bright = None if bright is None else bright + bare * (glow - bright)
-        share = (1 - total[3]) * alpha
-        lit = share if bright is None else share * bright
-        return (*(sum_ + lit * color for sum_, color in zip(total[:3], colors, strict=True)), total[3] + share)
-
-    return jnp.stack(lax.fori_loop(0, count, add, tuple(state[..., c] for c in range(4))), axis=-1)
-
-
-def _shade(layers: Any, k: Any, spacing: Any, light: Any, limits: Any, ambient: Any) -> Any:
-    """Brightness by Blinn and Phong, lit from both sides; 0.8 where the gradient vanishes and all ambient light comes.
-
-    Outside the volume is background, so that where a body is cut off its face is lit like any surface.
-    """
-    before, after = layers[k].astype(jnp.float32), layers[k + 2].astype(jnp.float32)
-    here = jnp.pad(layers[k + 1].astype(jnp.float32), 1, constant_values=limits[0])
-    g = jnp.stack(
-        [
-            (after - before) / spacing[0],
-            (here[2:, 1:-1] - here[:-2, 1:-1]) / spacing[1],
-            (here[1:-1, 2:] - here[1:-1, :-2]) / spacing[2],
-        ],
-        axis=-1,
-    )
-    size = jnp.sqrt(jnp.sum(g * g, axis=-1))
-    lamp = jnp.stack([light[2], light[1], light[0]])
-    half = lamp + jnp.array([-1.0, 0.0, 0.0])
-    half = half / jnp.sqrt(jnp.sum(half * half))
-    n = g / jnp.maximum(size, 1e-6)[..., None]
-    # What ambient light does not reach the lamp reaches less, for it is no point; shares as in the live view's shader.
-    lit = ambient * (_AMBIENT + _GLOSS * jnp.abs(n @ half) ** _POWER) + (0.42 + 0.58 * ambient) * _DIFFUSE * jnp.abs(
-        n @ lamp
-    )
-    # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range per voxel.
-    sure = jnp.clip(size * jnp.min(spacing) / (0.02 * limits[1]), 0, 1)
-    return sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient)
-
-
-def _between(ambience: Any, layer: Any) -> Any:
-    """The ambient light of a layer of a block, interpolated between every :data:`_AMBIENT_STEP`-th one."""
-    before = layer // _AMBIENT_STEP
-    share = (layer - before * _AMBIENT_STEP) / _AMBIENT_STEP
-    return ambience[before] + share * (ambience[before + 1] - ambience[before])
-
-
-def _beside(faces: Any, layer: Any, shape: tuple[int, int]) -> tuple[Any, Any, Any]:
-    """Masks of places within all faces, their nearness to a face that is seen, and the light of that face."""
-    step, (a0, b0, c0) = faces["step"], faces["first"]
-    c = c0 + step * layer
-    wide = 1 + c * faces["bend"]
-    a, b = wide * (a0 + step * jnp.arange(shape[1])), wide * (b0 + step * jnp.arange(shape[0]))[:, None]
-    held, bare, glow = jnp.ones(shape, bool), jnp.zeros(shape, jnp.float32), jnp.zeros(shape, jnp.float32)
-    for k in range(faces["planes"].shape[0]):
-        u, v, n, offset = faces["planes"][k]
-        depth = u * a + v * b + (n * c + offset)
-        held &= depth >= 0
-        near = jnp.clip(1.5 - depth * faces["nearness"][k], 0, 1) * (faces["nearness"][k] > 0)
-        glow = jnp.where(near > bare, faces["glow"][k], glow)
-        bare = jnp.maximum(bare, near)
-    return held, bare, glow
-
-
-def glow_of(normals: NDArray[np.float64], light: NDArray[Any]) -> NDArray[np.float32]:
-    """Brightness of faces with these normals (..., 3) along u, v and n of a picture; ``light`` leads to the lamp.
-
-    Examples
-    --------
-    >>> glow_of(np.array([[0.0, 0.0, 1.0]]), np.array([0.0, 0.0, -1.0])).round(2)
-    array([1.45], dtype=float32)
-    """
-    half = light + np.array([0.0, 0.0, -1.0])
-    half = (half / np.linalg.norm(half)).astype(normals.dtype)
-    lit = _AMBIENT + _DIFFUSE * np.abs(normals @ light) + _GLOSS * np.abs(normals @ half) ** _POWER
-    return np.asarray(lit, np.float32)
-
-
-composite = compiled(_light_layers, donated="state", static_argnames="shaded")  # the next state takes its place
-
-
-LayerBlocks: TypeAlias = Iterator[tuple[NDArray[Any], int]]
-
 _NEAREST = 0.02  # of the distance of the eye: what is nearer to it is not seen
+
+Samples = NDArray[np.floating]
+PlaneCoordinates = tuple[Samples, Samples, Samples]
 
 
 @dataclass(frozen=True)
@@ -267,126 +77,284 @@ class PerspectiveCamera:
             grid.unit,
         )
 
-    def layer(self, lattice: Grid, plane: Plane, k: int) -> Grid:
-        """The places of a layer of the lattice: wider the farther it is."""
-        a, b, depth = plane.to_plane(lattice.index_to_point([0, 0, k]))
-        share = max(_NEAREST, 1 + depth / self.distance)
-        d = lattice.spacing[0]
-        return replace(
-            lattice,
-            shape=(1, *lattice.shape[1:]),
-            spacing=(d * share, d * share, d),
-            origin=tuple(plane.from_plane([a * share, b * share, depth])),
+
+@dataclass(frozen=True)
+class Layers:
+    """Layers [depth, v, u] that a viewer sees, front to back.
+
+    Parameters
+    ----------
+    spacing : distances (dn, dv, du) of neighbours.
+    values : number of a layer and some of its rows -> values [v, u].
+    places : number of a layer, rows and columns (n,) -> coordinates (u, v, n) of these samples in the plane; None where
+        the layers are voxels.
+    """
+
+    shape: tuple[int, int, int]
+    spacing: Float3
+    values: Callable[[int, slice], NDArray[np.generic]]
+    places: Callable[[int, NDArray[np.intp], NDArray[np.intp]], PlaneCoordinates] | None = None
+
+    @classmethod
+    def of_lattice(
+        cls,
+        volume: Volume,
+        lattice: Grid,
+        plane: Plane,
+        *,
+        held: Sequence[ClipBox] = (),
+        eye: PerspectiveCamera | None = None,
+        is_smooth: bool = False,
+    ) -> Layers:
+        """Layers of a lattice along the axes of ``plane``, trilinear between voxels.
+
+        Parameters
+        ----------
+        held : outside of each is background.
+        eye : sees the layers, which are then wider the farther they are.
+        is_smooth : a mask is interpolated like numbers; other labels are not.
+        """
+        given = volume.finite_values if volume.dtype != np.bool_ else volume.finite_values.view(np.uint8)
+        voxels = np.pad(given, 1, mode="edge")  # up to half a voxel beyond the middle of the last one holds its value
+        order: Literal[0, 1] = 0 if volume.is_labels and not (is_smooth and volume.dtype == np.bool_) else 1
+        (a0, b0, c0), d = plane.to_plane(lattice.origin), lattice.spacing[0]
+        bend = 0.0 if eye is None else 1 / eye.distance
+        to_index, origin = _indices(volume.grid, plane)
+        sides = [(*_indices(box.grid, plane), box.low, box.high) for box in held]
+
+        def size(k: int) -> tuple[float, float]:
+            """Depth of a layer, and how wide it is."""
+            depth = c0 + d * k
+            return depth, max(_NEAREST, 1 + depth * bend)
+
+        def values(k: int, rows: slice) -> NDArray[np.generic]:
+            depth, wide = size(k)
+            at = np.array([wide * a0, wide * (b0 + d * rows.start), depth])
+            found = np.empty((rows.stop - rows.start, lattice.shape[2]), compute_type(volume.dtype))
+            ndimage.affine_transform(
+                voxels,
+                (to_index * [wide * d, wide * d, 1.0])[::-1, ::-1],
+                (to_index @ at + origin)[::-1] + 1,
+                output=found[None],
+                order=order,
+                mode="constant",
+                cval=volume.background,
+                prefilter=False,
+            )
+            u, v = (at[axis] + wide * d * np.arange(found.shape[1 - axis], dtype=np.float32) for axis in (0, 1))
+            for steps, first, lows, highs in sides:
+                for (du, dv, dn), shift, low, high in zip(steps, first, lows, highs, strict=True):
+                    index = du * u + (dv * v + (dn * depth + shift))[:, None]
+                    found[(index < low) | (index >= high)] = volume.background
+            return found
+
+        def places(k: int, rows: NDArray[np.intp], columns: NDArray[np.intp]) -> PlaneCoordinates:
+            depth, wide = size(k)
+            return wide * (a0 + d * columns), wide * (b0 + d * rows), np.full(len(rows), depth)
+
+        return cls(lattice.shape, (d, d, d), values, places)
+
+
+def _indices(grid: Grid, plane: Plane) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Matrix and shift from coordinates (u, v, n) of a plane to indices of a grid."""
+    return np.linalg.inv(grid.matrix) @ plane.frame.T, grid.point_to_index(plane.origin)
+
+
+@dataclass(frozen=True)
+class Look:
+    """Colours, opacities and light of the samples of a volume.
+
+    Parameters
+    ----------
+    transfer : colours and opacities for a thickness of ``transfer.unit``.
+    background : the value outside of the volume.
+    width : of the range of its values: slopes of less than a hundredth of it per voxel are no surface.
+    is_shaded : whether surfaces are lit.
+    kind : of the numbers in which values are compared.
+    faces : that cut off, and are lit evenly where they cut through a body.
+    ambience : coordinates of samples -> the light from all around that reaches each; all of it where there is none.
+    """
+
+    transfer: TransferFunction
+    background: float
+    width: float
+    is_shaded: bool
+    kind: str = "float32"
+    faces: Faces | None = None
+    ambience: Callable[[PlaneCoordinates], Samples] | None = None
+
+    @classmethod
+    def of(cls, volume: Volume, transfer: TransferFunction, is_shaded: bool) -> Look:
+        """The look of a volume."""
+        low, high = typical_range(volume)
+        return cls(
+            transfer, volume.background, (high - low) or max(1.0, abs(low)), is_shaded, compute_type(volume.dtype)
         )
 
-
-def blocks(
-    volume: Volume,
-    lattice: Grid,
-    layers: int,
-    margin: int,
-    plane: Plane,
-    part: ClipBox | None = None,
-    eye: PerspectiveCamera | None = None,
-) -> LayerBlocks:
-    """Blocks of layers, the last one as large as the others: one compiled function resamples all of them.
-
-    Parameters
-    ----------
-    lattice : along the axes of ``plane``.
-    layers : in one block.
-    margin : layers before and behind each block.
-    part : outside of it is background.
-    eye : sees the layers, which are then wider the farther they are.
-    """
-    if eye is not None:
-        volume = _aligned(volume)
-    for k in range(0, lattice.shape[0], layers):
-        first, count = k - margin, layers + 2 * margin
-        if eye is None:
-            values = _seen(volume, lattice.crop((first, 0, 0), (count, *lattice.shape[1:])), part)
+    def seen_box(self, volume: Volume) -> NDArray[np.float64] | None:
+        """Corners (8, 3) of the part of a volume outside of which nothing is seen; None if nothing is at all."""
+        first, last = self._limits
+        # Between two voxels on one side of all opaque values there is none.
+        if volume.background <= first:
+            seen = volume.finite_values > first
+        elif volume.background >= last:
+            seen = volume.finite_values < last
         else:
-            values = np.concatenate([_seen(volume, eye.layer(lattice, plane, first + n), part) for n in range(count)])
-        yield values, min(layers, lattice.shape[0] - k)
+            return volume.grid.corners()
+        ends = []
+        for axis in range(3):
+            (found,) = np.nonzero(seen.any(axis=tuple(k for k in range(3) if k != axis)))
+            if not len(found):
+                return None
+            ends.append((int(found[0]) - 1, int(found[-1]) + 2))
+        start = tuple(first for first, _ in ends)
+        return volume.grid.crop(start, tuple(end - first for first, end in ends)).corners()  # type: ignore[arg-type]
+
+    @cached_property
+    def _limits(self) -> tuple[float, float]:
+        """All values that are not transparent lie between these two."""
+        at, rgba = self.transfer.knots()
+        (opaque,) = np.nonzero(rgba[:, 3] > 0)
+        if not len(opaque):
+            return np.inf, -np.inf
+        first, last = opaque[0], opaque[-1]
+        low = -np.inf if first == 0 else at[first - 1]
+        if first and low == at[first]:  # a jump: there holds what comes after it
+            low = np.nextafter(np.float32(low), np.float32(-np.inf))
+        return float(low), float(at[last + 1]) if last + 1 < len(at) else np.inf
+
+    def composite(self, layers: Layers, rows: slice) -> NDArray[np.float32]:
+        """Front to back: C += (1 - A) alpha c, A += (1 - A) alpha, over some rows of layers.
+
+        Returns
+        -------
+        (rows, columns, 4) red, green, blue times opacity, and opacity.
+        """
+        first, last = self._limits
+        shape = rows.stop - rows.start, layers.shape[2]
+        wide = shape[1] + 2  # with a sample of background around all
+        color, passing = np.zeros((shape[0] * shape[1], 3)), np.ones(shape[0] * shape[1])
+        power = layers.spacing[0] / self.transfer.unit
+        before, here, after = (self._bordered(layers, k, rows) for k in (-2, -1, 0))
+        for k in range(layers.shape[0]):
+            before, here, after = here, after, self._bordered(layers, k + 1, rows)
+            inner = here[1:-1, 1:-1]
+            at = np.flatnonzero((inner > first) & (inner < last) & (passing > _OPAQUE).reshape(shape))
+            v, u = np.divmod(at, shape[1])
+            place = (v + 1) * wide + u + 1
+            rgba = self.transfer(here.ravel()[place])
+            alpha = 1 - (1 - rgba[:, 3]) ** power
+            bright: NDArray[np.floating] | float = 1.0
+            places = layers.places(k, v + rows.start, u) if layers.places is not None else None
+            if self.is_shaded:
+                slopes = [
+                    after.ravel()[place] - before.ravel()[place],
+                    here.ravel()[place + wide] - here.ravel()[place - wide],
+                    here.ravel()[place + 1] - here.ravel()[place - 1],
+                ]
+                ambient = 1.0 if self.ambience is None or places is None else self.ambience(places)
+                bright = self._brightness(slopes, layers.spacing, ambient)
+            if self.faces is not None and places is not None:
+                held, bare, glow = self.faces.beside(places)
+                alpha *= held
+                if self.is_shaded:
+                    bright = bright + bare * (glow - bright)
+            color[at] += (passing[at] * alpha * bright)[:, None] * rgba[:, :3]
+            passing[at] *= 1 - alpha
+            if k % 8 == 0 and passing.max() <= _OPAQUE:
+                break
+        return np.column_stack([color, 1 - passing]).astype(np.float32).reshape(*shape, 4)
+
+    def _bordered(self, layers: Layers, k: int, rows: slice) -> Samples:
+        """Rows of a layer and those around them; outside of the layers is background.
+
+        So a body is lit like any surface where it is cut off.
+        """
+        deep, tall, wide = layers.shape
+        out = np.full((rows.stop - rows.start + 2, wide + 2), self.background, self.kind)
+        if 0 <= k < deep:
+            first, last = max(rows.start - 1, 0), min(rows.stop + 1, tall)
+            out[first - rows.start + 1 : last - rows.start + 1, 1:-1] = layers.values(k, slice(first, last))
+        return out
+
+    def _brightness(self, slopes: list[Samples], spacing: Float3, ambient: Samples | float) -> Samples:
+        """Brightness by Blinn and Phong; 0.8 where the slope vanishes and all ambient light comes.
+
+        Parameters
+        ----------
+        slopes : differences (n,) of neighbours along n, v and u.
+        """
+        dn, dv, du = spacing
+        g = np.stack([slopes[2] / du, slopes[1] / dv, slopes[0] / dn], axis=-1) / self.width
+        size = np.sqrt((g * g).sum(axis=-1))
+        lit = _lit(g / np.maximum(size, 1e-30)[:, None], ambient)
+        # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range a voxel.
+        sure = np.clip(size * (min(spacing) / 0.02), 0, 1)
+        return np.asarray(sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient))
 
 
-def ambience_of(light: Volume, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None) -> NDArray[np.float32]:
-    """Ambient light at every fourth sample of a lattice along each axis.
+def _lit(normals: Samples, ambient: Samples | float = 1.0) -> Samples:
+    """Brightness of surfaces with normals (..., 3) along u, v and n, lit from both sides by Blinn and Phong.
+
+    What ambient light does not reach the lamp reaches less, for it is no point; shares as in the live view's shader.
+    """
+    half = LAMP + np.array([0.0, 0.0, -1.0])
+    half = half / np.linalg.norm(half)
+    lamp = (0.42 + 0.58 * ambient) * _DIFFUSE * np.abs(normals @ LAMP)
+    return np.asarray(ambient * (_AMBIENT + _GLOSS * np.abs(normals @ half) ** _POWER) + lamp)
+
+
+@dataclass(frozen=True)
+class Faces:
+    """The six faces of a part that is left of a body, in coordinates (u, v, n) of a plane.
 
     Parameters
     ----------
-    light : see :func:`deformnb.imaging.occlusion.ambient_light`; outside of it all light comes.
+    planes : (6, 4): how far within it a place (u, v, n, 1) is.
+    nearness : (6,): 1 over the depth, along n, to which it is lit, 0 of one that is not seen.
+    glow : (6,): how brightly.
     """
-    deep, tall, wide = ((n - 1) // _AMBIENT_STEP + 2 for n in lattice.shape)  # one beyond the last sample
-    few = replace(lattice, shape=(deep, tall, wide), spacing=(_AMBIENT_STEP * lattice.spacing[0],) * 3)
-    if eye is None:
-        return np.asarray(Warper(light, output=few, fill=1.0)(Identity(3)).values, np.float32)
-    layers = [eye.layer(few, plane, k) for k in range(deep)]
-    return np.concatenate([Warper(light, output=layer, fill=1.0)(Identity(3)).values for layer in layers]).astype(
-        np.float32
-    )
+
+    planes: NDArray[np.float64]
+    nearness: NDArray[np.float64]
+    glow: Samples
+
+    @classmethod
+    def of(cls, part: ClipBox, plane: Plane, spacing: float) -> Faces:
+        """The faces of a part, for samples so far apart."""
+        points, inward = part.sides()
+        normals = inward @ plane.frame.T
+        offsets = ((np.asarray(plane.origin) - points) * inward).sum(axis=-1)
+        deep = 2 * max(spacing, min(part.grid.spacing))  # as in the live view: wholly for a voxel, then less and less
+        # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
+        slope = np.maximum(normals[:, 2], 0.0)
+        nearness = np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0)
+        return cls(np.column_stack([normals, offsets]), nearness, _lit(normals))
+
+    def beside(self, places: PlaneCoordinates) -> tuple[NDArray[np.bool_], Samples, Samples]:
+        """Masks of places (n,) within all faces, their nearness to a face that is seen, and the light of that face."""
+        a, b, c = places
+        held, bare, glow = np.ones(len(a), bool), np.zeros(len(a)), np.zeros(len(a))
+        for (u, v, n, offset), nearness, light in zip(self.planes, self.nearness, self.glow, strict=True):
+            depth = u * a + v * b + n * c + offset
+            held &= depth >= 0
+            if nearness > 0:
+                near = np.clip(1.5 - depth * nearness, 0, 1)
+                glow = np.where(near > bare, light, glow)
+                bare = np.maximum(bare, near)
+        return held, bare, glow
 
 
-def ambience_beside(ambience: NDArray[np.float32], start: int, layers: NDArray[Any]) -> NDArray[np.float32]:
-    """Ambient light at every pixel of every fourth layer of a block, and of the next one.
+def light_at(light: Volume, plane: Plane) -> Callable[[PlaneCoordinates], Samples]:
+    """A function of places in a plane's coordinates that looks up ambient light.
 
     Parameters
     ----------
-    ambience : of :func:`ambience_of`.
-    start : number of the block's first layer, a multiple of 4.
-    layers : [1 + n + 1, v, u] of the block.
+    light : see :func:`deformnb.imaging.occlusion.ambient_light`.
     """
-    first, count = start // _AMBIENT_STEP, (len(layers) - 2) // _AMBIENT_STEP + 1
-    # A block may go on behind the last layer.
-    made: NDArray[Any] = np.take(ambience, range(first, first + count), axis=0, mode="clip")
-    share = np.arange(_AMBIENT_STEP, dtype=np.float32) / _AMBIENT_STEP
-    for axis, n in ((1, layers.shape[1]), (2, layers.shape[2])):
-        made = np.moveaxis(made, axis, -1)
-        fine = made[..., :-1, None] + share * np.diff(made)[..., None]
-        made = np.moveaxis(fine.reshape(*made.shape[:-1], -1)[..., :n], -1, axis)
-    return np.ascontiguousarray(made)
 
+    def at(places: PlaneCoordinates) -> Samples:
+        index = light.grid.point_to_index(plane.from_plane(np.stack(places, axis=-1)))
+        return np.asarray(ndimage.map_coordinates(light.values, index.T[::-1], order=1, mode="nearest"))
 
-def faces_of(
-    part: ClipBox, lattice: Grid, plane: Plane, eye: PerspectiveCamera | None, light: NDArray[Any]
-) -> dict[str, Any]:
-    """The faces of a part for :func:`deformnb.imaging.raycast.composite`, in coordinates of the plane.
-
-    Returns
-    -------
-    dict
-        ``planes`` (6, 4): how far within it a place (a, b, c, 1) is; ``nearness`` (6,): 1 over the depth, along n, to
-        which it is lit, 0 of one that is not seen; ``glow`` (6,): how brightly; and where the lattice begins.
-    """
-    points, inward = part.sides()
-    normals = inward @ plane.frame.T
-    offsets = ((np.asarray(plane.origin) - points) * inward).sum(axis=-1)
-    d = lattice.spacing[0]
-    deep = 2 * max(d, min(part.grid.spacing))  # as the live view lights them: wholly for a voxel, then less and less
-    # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
-    slope = np.maximum(normals[:, 2], 0.0)
-    first = plane.to_plane(lattice.origin)
-    return {
-        "planes": np.column_stack([normals, offsets]).astype(np.float32),
-        "nearness": np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0).astype(np.float32),
-        "glow": glow_of(normals, light),
-        "first": tuple(np.float32(c) for c in first),
-        "step": np.float32(d),
-        "bend": np.float32(0.0 if eye is None else 1 / eye.distance),
-    }
-
-
-def _seen(volume: Volume, lattice: Grid, part: ClipBox | None) -> NDArray[Any]:
-    seen = Warper(volume, output=lattice)(Identity(3))
-    return (
-        seen.values
-        if part is None
-        else np.where(part.holds(lattice), seen.values, volume.dtype.type(volume.background))
-    )
-
-
-def _aligned(volume: Volume) -> Volume:
-    """The volume where JAX shares its memory: it is looked at layer by layer, and must not be copied for each."""
-    values = aligned_empty(volume.shape, volume.dtype)
-    values[...] = volume.finite_values
-    return replace(volume, values=values)
+    return at

@@ -1,7 +1,7 @@
 """Small pictures of a volume in the colours of each preset, made in some hundredths of a second.
 
-The ray caster of :mod:`~deformnb.imaging.raycast` is compiled for each number of nodes of a transfer function, which
-takes longer than all of these pictures by NumPy.
+All presets share the layers of a coarse copy and their light, which the ray caster of
+:mod:`~deformnb.imaging.raycast` would sample anew for each.
 """
 
 from __future__ import annotations

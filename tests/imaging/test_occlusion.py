@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deformnb.imaging.occlusion import ambient_light
 from deformnb.imaging.projection import project
-from deformnb.imaging.raycast import PerspectiveCamera, ambience_beside, ambience_of
+from deformnb.imaging.raycast import light_at
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction
@@ -98,26 +98,21 @@ def test_full_light_changes_no_picture_and_none_leaves_what_the_lamp_reaches() -
     np.testing.assert_allclose(seen(0.4, volume=even)[6, 6, :3], 0.8 * (0.3 + 0.7 * 0.4), atol=1e-5)
 
 
-def test_ambient_light_is_looked_up_along_the_rays_of_a_perspective() -> None:
+def test_ambient_light_is_interpolated_where_it_is_looked_up() -> None:
     volume = shell()
     light = ambient_light(volume, SOLID)
     plane = Plane.through(volume.grid.center, (1.0, 2.0, -0.5))
-    eye = PerspectiveCamera(60.0, 40.0, 30.0)
-    lattice = eye.lattice(volume.grid, plane, 1.0)
-    coarse = ambience_of(light, lattice, plane, eye)
-    for k in (0, 3, len(coarse) - 2):
-        layer = eye.layer(lattice, plane, 4 * k)
-        exact = warp(light, Identity(3), output=layer, fill=1.0).values[0]
-        found = coarse[k][: -(-exact.shape[0] // 4), : -(-exact.shape[1] // 4)]
-        np.testing.assert_allclose(found, exact[::4, ::4], atol=1e-5)
+    index = np.random.default_rng(0).uniform(0, np.array(light.shape[::-1]) - 1, (40, 3))
+    places = plane.to_plane(light.grid.index_to_point(index))
+    found = light_at(light, plane)((places[:, 0], places[:, 1], places[:, 2]))
+    wanted = literal_lookup(light, index)
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
 
 
-def test_between_its_samples_ambient_light_is_interpolated_in_a_layer() -> None:
-    z, y, x = np.indices((14, 6, 5), dtype=np.float32)
-    coarse = 0.1 * z + 0.02 * y - 0.05 * x
-    block = np.empty((10, 18, 15), np.uint8)  # 8 layers of 18 x 15 samples, and one beside them on each side
-    found = ambience_beside(coarse, 32, block)
-    k, v, u = np.meshgrid([8, 9, 10], np.arange(18) / 4, np.arange(15) / 4, indexing="ij")
-    np.testing.assert_allclose(found, 0.1 * k + 0.02 * v - 0.05 * u, atol=1e-6)
-    last = ambience_beside(coarse, 48, block)
-    np.testing.assert_array_equal(last[2], last[1])  # there is no layer behind the last one
+def literal_lookup(light: Volume, index: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The light at some indices, trilinear, one after the other."""
+    found = []
+    for at in index:
+        one = Grid((1, 1, 1), light.grid.spacing, tuple(light.grid.index_to_point(at)), light.grid.direction)
+        found.append(float(warp(light, Identity(3), output=one).values[0, 0, 0]))
+    return np.array(found)

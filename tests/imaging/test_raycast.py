@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from deformnb.imaging.projection import project
-from deformnb.imaging.raycast import PerspectiveCamera
+from deformnb.imaging.projection import plane_lattice, project
+from deformnb.imaging.raycast import Layers, PerspectiveCamera
 from deformnb.volume.clip import ClipBox, check_clip
 from deformnb.volume.plane import VIEWS, Picture, Plane
 from deformnb.volume.transfer import TransferFunction
@@ -144,3 +144,22 @@ def test_a_far_eye_sees_in_parallel() -> None:
     far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=PerspectiveCamera(1e7, 40.0, 40.0))
     alpha = [p.values[..., 3].sum() for p in (near, far)]
     assert alpha[0] == pytest.approx(alpha[1], rel=0.05)  # the lattices lie half a sample apart
+
+
+@pytest.mark.parametrize("eye", [None, PerspectiveCamera(60.0, 41.0, 41.0)])
+def test_samples_have_the_value_at_their_places(eye: PerspectiveCamera | None) -> None:
+    k, j, i = np.indices(GRID.shape)
+    volume = Volume((3.0 * i - 2.0 * j + 0.5 * k).astype(np.float32), GRID)
+    plane = Plane.through(GRID.center, (0.3, 1.0, -0.2))
+    lattice = plane_lattice(GRID, plane, 0.7) if eye is None else eye.lattice(GRID, plane, 0.7)
+    layers, rows = Layers.of_lattice(volume, lattice, plane, eye=eye), slice(9, 14)
+    assert layers.places is not None
+    compared = 0
+    for depth in (5, lattice.shape[0] // 2):
+        found = layers.values(depth, rows)
+        v, u = (axis.ravel() for axis in np.indices(found.shape))
+        index = GRID.point_to_index(plane.from_plane(np.stack(layers.places(depth, v + rows.start, u), axis=-1)))
+        inside = ((index > 0) & (index < np.array(GRID.shape[::-1]) - 1)).all(axis=1)
+        np.testing.assert_allclose(found.ravel()[inside], (index @ [3.0, -2.0, 0.5])[inside], atol=1e-4)
+        compared += inside.sum()
+    assert compared > 50

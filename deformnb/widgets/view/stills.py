@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from deformnb.errors import DeformError
 from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
 from deformnb.imaging.display import DisplaySettings
 from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
-from deformnb.imaging.preview import draw_slices, draw_slices_mip
 from deformnb.imaging.vtk_volume import gl_status
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.clip import WHOLE, Clip, ClipBox, check_clip
@@ -34,7 +32,7 @@ from deformnb.widgets.textures import MAP_SIZE
 from deformnb.widgets.vtk.folds import Folding
 from deformnb.widgets.vtk.scene import VtkScene
 
-_PREVIEW_VOXELS = 128**3  # take 0.2 s, with this share of the pixels: a cell waits for its preview
+_PREVIEW_VOXELS = 128**3  # take 0.3 s on two processors, with this share of the pixels: a cell waits for its preview
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +85,7 @@ def render_scene(
 
     Parameters
     ----------
-    most : voxels of the deformed volume at most; default is as many as there are.
+    most : voxels at most, each sampled once instead of twice along an axis; default is as many as there are.
     progress : called with the finished share from 0 to 1.
     """
 
@@ -120,9 +118,7 @@ def _render(
     box = scene.output or scene.shown.volume.grid
     field = scene.shown_field(is_original)
     warped = 0.0 if field is None else 0.3
-    seen = _seen(
-        scene, field, box if most is None else coarser(box, factors_of(box, most, most)), within(progress, 0.0, warped)
-    )
+    seen = _seen(scene, field, box, most, within(progress, 0.0, warped))
     camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
     background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
     if scene.projection == "mip":
@@ -131,7 +127,6 @@ def _render(
         )
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
     transfer = _in_bytes(scene.transfer, *scene.shown.window)
-    ambience = _ambience(scene.shown.volume, transfer, field, box) if scene.ambient_occlusion else None
     return draw_core(
         seen,
         camera,
@@ -139,15 +134,29 @@ def _render(
         transfer,
         background,
         projection=scene.projection,
+        spacing=None if most is None else camera.sample_distance(seen.grid, size[1], per_voxel=1),
         part=part,
-        ambience=ambience,
+        ambience=_ambience(scene.shown.volume, transfer, field, box) if scene.ambient_occlusion else None,
         progress=rest,
     )
 
 
-def _seen(scene: SceneDescription, field: AbstractField | None, lattice: Grid, progress: Progress | None) -> Volume:
-    """The voxels of a scene: deformed on a lattice, or as they are."""
-    return scene.shown.volume if field is None else Warper(scene.shown.volume, output=lattice)(field, progress=progress)
+def _seen(
+    scene: SceneDescription, field: AbstractField | None, box: Grid, most: int | None, progress: Progress | None
+) -> Volume:
+    """The voxels of a scene, deformed or as they are; if there are too many, means of some or fewer ones."""
+    volume = scene.shown.volume
+    factors = (1, 1, 1) if most is None else factors_of(volume.grid if field is None else box, most, most)
+    if field is not None:
+        return Warper(volume, output=coarser(box, factors))(field, progress=progress)
+    if max(factors) == 1:
+        return volume
+    values = (
+        volume.values[tuple(slice(None, None, factor) for factor in factors[::-1])]
+        if volume.is_labels
+        else (block_means(volume.values, factors) + 0.5).astype(np.uint8)
+    )
+    return replace(volume, values=values, grid=coarser(volume.grid, factors))
 
 
 def _part(scene: SceneDescription) -> ClipBox | None:
@@ -163,14 +172,13 @@ def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField |
 
 
 def preview_png(scene: SceneDescription) -> bytes:
-    """A small picture with captions as a PNG, quickly: from few voxels, by :mod:`deformnb.imaging.preview`.
-
-    Nothing is compiled for it but the warp of a deformed volume; there is no ambient occlusion on it.
-    """
+    """A small picture with captions as a PNG, quickly: from few voxels and pixels, and without ambient occlusion."""
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
-    canvas = Pillow.fromarray(_as_shown(scene.shows, PREVIEW_SIZE, partial(_preview, scene)))
+    pixels = round(PREVIEW_SHARE * PREVIEW_SIZE[0]), round(PREVIEW_SHARE * PREVIEW_SIZE[1])
+    drawn = render_scene(replace(scene, ambient_occlusion=False), pixels, _PREVIEW_VOXELS)
+    canvas = Pillow.fromarray(drawn).resize(PREVIEW_SIZE, Pillow.Resampling.BICUBIC)
     both = ["original", "deformed"]
     captions = {"original": both[:1], "side_by_side": both, "wipe": both, "fade": ["original over deformed"]}.get(
         scene.shows, []
@@ -179,46 +187,6 @@ def preview_png(scene: SceneDescription) -> bytes:
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))
-
-
-def _preview(scene: SceneDescription, size: tuple[int, int], is_original: bool, _start: float, _end: float) -> Image:
-    field, box = scene.shown_field(is_original), scene.output or scene.shown.volume.grid
-    few = partial(factors_of, limit=_PREVIEW_VOXELS, largest=_PREVIEW_VOXELS)
-    seen = _seen(scene, field, coarser(box, few(box)), None)
-    if field is None:
-        seen = _coarse(seen, few(seen.grid))
-    camera, part, background = camera_of(scene.camera, box, size[0] / size[1]), _part(scene), scene.background
-    pixels = round(PREVIEW_SHARE * size[0]), round(PREVIEW_SHARE * size[1])
-    if scene.projection == "mip":
-        drawn = draw_slices_mip(
-            seen, camera, pixels, 255 * scene.shown.white, INKS[background], BACKGROUNDS[background], part=part
-        )
-    else:
-        drawn = draw_slices(
-            seen,
-            camera,
-            pixels,
-            _in_bytes(scene.transfer, *scene.shown.window),
-            BACKGROUNDS[background],
-            is_lit=scene.projection == "shaded",
-            part=part,
-        )
-    from PIL import Image as Pillow
-
-    return np.asarray(Pillow.fromarray(drawn).resize(size, Pillow.Resampling.BICUBIC))
-
-
-def _coarse(volume: Volume, factors: tuple[int, int, int]) -> Volume:
-    """Means over blocks of bytes; of labels the first voxel of each."""
-    if max(factors) == 1:
-        return volume
-    fx, fy, fz = factors
-    values = (
-        volume.values[::fz, ::fy, ::fx]
-        if volume.is_labels
-        else (block_means(volume.values, factors) + 0.5).astype(np.uint8)
-    )
-    return replace(volume, values=values, grid=coarser(volume.grid, factors))
 
 
 def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
