@@ -14,31 +14,26 @@ import { Messages } from "./messages.ts";
 export class EditorTheme {
   colours = { stage: "#777", grid: "#777" };
 
-  #root: HTMLElement;
-
-  #model: Model;
-
-  #frames: Frames;
-
   #observer: ThemeObserver;
 
-  constructor(root: HTMLElement, model: Model, frames: Frames) {
-    this.#root = root;
-    this.#model = model;
-    this.#frames = frames;
+  constructor(
+    private readonly root: HTMLElement,
+    private readonly model: Model,
+    private readonly frames: Frames,
+  ) {
     this.#observer = new ThemeObserver(root, () => frames.guard(() => this.apply()));
   }
 
   apply() {
-    const root = this.#root;
-    root.dataset.theme = this.#model.get("theme") || "auto";
+    const root = this.root;
+    root.dataset.theme = this.model.get("theme") || "auto";
     root.classList.toggle("dnb-dark", this.#observer.isDark);
     const style = getComputedStyle(root);
     const [stage, grid] = ["--dnb-stage", "--dnb-grid"].map(
       (name) => style.getPropertyValue(name).trim() || "#777",
     ) as [string, string];
     this.colours = { stage, grid };
-    this.#frames.invalidate();
+    this.frames.invalidate();
   }
 
   close() {

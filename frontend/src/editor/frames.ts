@@ -46,10 +46,6 @@ const REST = 120; // milliseconds after which the full picture is drawn
 
 /** Requests of frames, and actions whose errors are shown. */
 export class Frames {
-  #draw: () => void;
-
-  #messages: Messages;
-
   request = 0; // of the next frame, or 0
 
   isMoving = false; // whether something has moved within the last moments
@@ -60,10 +56,10 @@ export class Frames {
 
   #restTimer = 0;
 
-  constructor(messages: Messages, draw: () => void) {
-    this.#messages = messages;
-    this.#draw = draw;
-  }
+  constructor(
+    private readonly messages: Messages,
+    private readonly draw: () => void,
+  ) {}
 
   close() {
     cancelAnimationFrame(this.request);
@@ -76,7 +72,7 @@ export class Frames {
       return action();
     } catch (error) {
       console.error(error);
-      this.#messages.show(`The editor met an error: ${error instanceof Error ? error.message : error}`);
+      this.messages.show(`The editor met an error: ${error instanceof Error ? error.message : error}`);
       return undefined;
     }
   }
@@ -102,7 +98,7 @@ export class Frames {
 
   #run() {
     this.request = 0;
-    this.guard(() => this.#draw());
+    this.guard(() => this.draw());
   }
 
   moving() {

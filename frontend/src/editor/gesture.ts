@@ -49,15 +49,15 @@ export abstract class Gesture {
 
 /** A gesture that is a click where the pointer does not move. */
 abstract class ClickGesture extends Gesture {
-  #click: (() => void) | null;
-
-  constructor(from: Vector2, click: (() => void) | null) {
+  constructor(
+    from: Vector2,
+    private readonly click: (() => void) | null,
+  ) {
     super(from, click !== null);
-    this.#click = click;
   }
 
   end(isCancelled: boolean) {
-    if (this.isPress && !isCancelled) this.#click?.();
+    if (this.isPress && !isCancelled) this.click?.();
     else this.release(isCancelled);
   }
 
@@ -67,37 +67,38 @@ abstract class ClickGesture extends Gesture {
 
 /** A drag that moves the view. */
 export class PanGesture extends ClickGesture {
-  #viewport: Viewport;
-
-  constructor(from: Vector2, viewport: Viewport, click: (() => void) | null = null) {
+  constructor(
+    from: Vector2,
+    private readonly viewport: Viewport,
+    click: (() => void) | null = null,
+  ) {
     super(from, click);
-    this.#viewport = viewport;
   }
 
   drag(at: Vector2) {
-    this.#viewport.panBy(at[0] - this.at[0], at[1] - this.at[1]);
+    this.viewport.panBy(at[0] - this.at[0], at[1] - this.at[1]);
   }
 }
 
 /** A finger where nobody works in the editor: its drag belongs to the page around, which may scroll. */
 export class TapGesture extends ClickGesture {
-  #advise: () => void;
-
-  constructor(from: Vector2, advise: () => void, click: () => void) {
+  constructor(
+    from: Vector2,
+    private readonly advise: () => void,
+    click: () => void,
+  ) {
     super(from, click);
-    this.#advise = advise;
   }
 
   drag() {}
 
   override release(isCancelled: boolean) {
-    if (!isCancelled) this.#advise();
+    if (!isCancelled) this.advise();
   }
 }
 
 /** A rectangle that selects the points in it. */
 export class BandGesture extends ClickGesture {
-  #points: EditedPoints;
   #show: (band: Band | null) => void;
   #inside: (band: Band) => number[];
   #before: number[];
@@ -107,12 +108,11 @@ export class BandGesture extends ClickGesture {
   /** @param adds whether what was selected stays so */
   constructor(
     from: Vector2,
-    points: EditedPoints,
+    private readonly points: EditedPoints,
     adds: boolean,
     act: { show: (band: Band | null) => void; inside: (band: Band) => number[]; click?: () => void; end?: () => void },
   ) {
     super(from, act.click ?? (() => {}));
-    this.#points = points;
     this.#show = act.show;
     this.#inside = act.inside;
     this.#end = act.end;
@@ -124,12 +124,12 @@ export class BandGesture extends ClickGesture {
     const [x0, y0] = this.from;
     const band = { x: Math.min(x0, x), y: Math.min(y0, y), width: Math.abs(x - x0), height: Math.abs(y - y0) };
     this.#show(band);
-    this.#points.select([...this.#before, ...this.#inside(band)]);
+    this.points.select([...this.#before, ...this.#inside(band)]);
   }
 
   override release(isCancelled: boolean) {
     this.#show(null);
-    if (isCancelled) this.#points.select(this.#was);
+    if (isCancelled) this.points.select(this.#was);
     else this.#end?.();
   }
 }
@@ -146,9 +146,6 @@ export type GrabbedPoint = { id: number; what: "target" | "source"; isNew?: bool
 
 /** A drag of a point and of those that are selected with it; its click selects. */
 export class PointsGesture extends Gesture {
-  #points: EditedPoints;
-  #dragger: PointDragger;
-  #grabbed: GrabbedPoint;
   #adds: boolean;
   #was: boolean;
   #what: Moved;
@@ -157,16 +154,13 @@ export class PointsGesture extends Gesture {
   constructor(
     event: PointerEvent,
     from: Vector2,
-    grabbed: GrabbedPoint,
-    points: EditedPoints,
+    private readonly grabbed: GrabbedPoint,
+    private readonly points: EditedPoints,
     isSelecting: boolean,
-    dragger: PointDragger,
+    private readonly dragger: PointDragger,
   ) {
     super(from);
     const { id, what } = grabbed;
-    this.#points = points;
-    this.#dragger = dragger;
-    this.#grabbed = grabbed;
     this.#adds = isSelecting || event.shiftKey || event.ctrlKey || event.metaKey;
     this.#was = points.selected.has(id);
     this.#what = event.altKey ? "both" : what;
@@ -178,37 +172,31 @@ export class PointsGesture extends Gesture {
   }
 
   drag(_at: Vector2, by: Vector2, { altKey }: PointerEvent) {
-    const { id } = this.#grabbed;
-    if (this.isPress) this.#dragger.beginDrag();
-    this.#dragger.drag(this.#points.idsAt(id), by, this.#what, id, altKey);
+    const { id } = this.grabbed;
+    if (this.isPress) this.dragger.beginDrag();
+    this.dragger.drag(this.points.idsAt(id), by, this.#what, id, altKey);
   }
 
   end(isCancelled: boolean) {
-    const { id, isNew } = this.#grabbed;
-    if (!this.isPress) this.#dragger.endDrag(isCancelled);
+    const { id, isNew } = this.grabbed;
+    if (!this.isPress) this.dragger.endDrag(isCancelled);
     else if (this.#was && !isNew && !isCancelled) {
-      this.#points.select(this.#adds ? [...this.#points.selected].filter((other) => other !== id) : [id]);
+      this.points.select(this.#adds ? [...this.points.selected].filter((other) => other !== id) : [id]);
     }
   }
 }
 
 /** A drag of the handle that turns points about a place of the view; Alt scales instead, Shift goes in steps. */
 export class TurnGesture extends Gesture {
-  #about: Vector2;
-  #turn: (angle: number, factor: number) => void;
-  #endDrag: (isCancelled: boolean, kind: "turn" | "scale") => void;
   #scales = false;
 
   constructor(
     from: Vector2,
-    about: Vector2,
-    turn: (angle: number, factor: number) => void,
-    endDrag: (isCancelled: boolean, kind: "turn" | "scale") => void,
+    private readonly about: Vector2,
+    private readonly turn: (angle: number, factor: number) => void,
+    private readonly endDrag: (isCancelled: boolean, kind: "turn" | "scale") => void,
   ) {
     super(from);
-    this.#about = about;
-    this.#turn = turn;
-    this.#endDrag = endDrag;
   }
 
   override get isHolding() {
@@ -216,13 +204,13 @@ export class TurnGesture extends Gesture {
   }
 
   drag([x, y]: Vector2, _by: Vector2, event: PointerEvent) {
-    const [a, b] = this.#about,
+    const [a, b] = this.about,
       [x0, y0] = this.from;
     this.#scales = event.altKey;
-    this.#turn(...turnOfDrag([x0 - a, y0 - b], [x - a, y - b], event));
+    this.turn(...turnOfDrag([x0 - a, y0 - b], [x - a, y - b], event));
   }
 
   end(isCancelled: boolean) {
-    this.#endDrag(isCancelled || this.isPress, this.#scales ? "scale" : "turn");
+    this.endDrag(isCancelled || this.isPress, this.#scales ? "scale" : "turn");
   }
 }

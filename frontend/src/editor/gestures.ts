@@ -13,29 +13,28 @@ import type { WindowTool } from "./window_tool.ts";
 
 /** Two fingers that move and zoom the view. */
 export class PinchGesture extends Gesture {
-  #pointers: Map<number, Vector2>;
-  #viewport: Viewport;
   #was: { x: number; y: number; gap: number };
 
   /** @param pointers places of those that are down */
-  constructor(pointers: Map<number, Vector2>, viewport: Viewport) {
+  constructor(
+    private readonly pointers: Map<number, Vector2>,
+    private readonly viewport: Viewport,
+  ) {
     super([0, 0], false);
-    this.#pointers = pointers;
-    this.#viewport = viewport;
     this.#was = this.#fingers();
   }
 
   #fingers() {
-    const [[ax, ay], [bx, by]] = [...this.#pointers.values()] as [Vector2, Vector2];
+    const [[ax, ay], [bx, by]] = [...this.pointers.values()] as [Vector2, Vector2];
     return { x: (ax + bx) / 2, y: (ay + by) / 2, gap: Math.max(10, Math.hypot(ax - bx, ay - by)) };
   }
 
   drag() {
-    if (this.#pointers.size < 2) return;
+    if (this.pointers.size < 2) return;
     const was = this.#was,
       { x, y, gap } = this.#fingers();
-    this.#viewport.panBy(x - was.x, y - was.y);
-    this.#viewport.zoomAt(gap / was.gap, x, y);
+    this.viewport.panBy(x - was.x, y - was.y);
+    this.viewport.zoomAt(gap / was.gap, x, y);
     this.#was = { x, y, gap };
   }
 
@@ -44,77 +43,75 @@ export class PinchGesture extends Gesture {
 
 /** A drag that changes the window of the grey values; its click is given, null for nothing. */
 export class WindowGesture extends Gesture {
-  #window: Pick<WindowTool, "begin" | "drag" | "end">;
-  #click: (() => void) | null;
-
-  constructor(from: Vector2, window: Pick<WindowTool, "begin" | "drag" | "end">, click: (() => void) | null) {
+  constructor(
+    from: Vector2,
+    private readonly window: Pick<WindowTool, "begin" | "drag" | "end">,
+    private readonly click: (() => void) | null,
+  ) {
     super(from);
-    this.#window = window;
-    this.#click = click;
   }
 
   drag(_at: Vector2, by: Vector2) {
-    if (this.isPress) this.#window.begin();
-    this.#window.drag(by);
+    if (this.isPress) this.window.begin();
+    this.window.drag(by);
   }
 
   end(isCancelled: boolean) {
-    if (!this.isPress || isCancelled) this.#window.end(isCancelled);
-    else this.#click?.();
+    if (!this.isPress || isCancelled) this.window.end(isCancelled);
+    else this.click?.();
   }
 }
 
 /** A stroke of the pen, or a place that it sets. */
 export class PenGesture extends Gesture {
-  #pen: Pick<Pen, "drag" | "up">;
-
-  constructor(from: Vector2, pen: Pick<Pen, "drag" | "up">) {
+  constructor(
+    from: Vector2,
+    private readonly pen: Pick<Pen, "drag" | "up">,
+  ) {
     super(from);
-    this.#pen = pen;
   }
 
   drag(at: Vector2) {
-    this.#pen.drag(at);
+    this.pen.drag(at);
   }
 
   end(isCancelled: boolean, at: Vector2) {
-    if (!isCancelled) this.#pen.up(this.from, at);
+    if (!isCancelled) this.pen.up(this.from, at);
   }
 }
 
 type Stroking = Pick<Brush, "press" | "drag" | "lift" | "hover">;
 
 export class BrushGesture extends Gesture {
-  #brush: Stroking;
-  #isFinger: boolean;
-
-  constructor(from: Vector2, brush: Stroking, isFinger: boolean) {
+  constructor(
+    from: Vector2,
+    private readonly brush: Stroking,
+    private readonly isFinger: boolean,
+  ) {
     super(from, false);
-    this.#brush = brush;
-    this.#isFinger = isFinger;
     brush.press(from);
   }
 
   drag(at: Vector2) {
-    this.#brush.drag(at);
+    this.brush.drag(at);
   }
 
   end(isCancelled: boolean) {
-    this.#brush.lift(isCancelled);
-    if (this.#isFinger) this.#brush.hover(null); // one that is away points nowhere
+    this.brush.lift(isCancelled);
+    if (this.isFinger) this.brush.hover(null); // one that is away points nowhere
   }
 }
 
 /** A drag of the axis of the mirror. */
 export class AxisGesture extends Gesture {
-  #mirror: PointMirror;
-  #viewport: Viewport;
   #start: { axis: string; at: number };
 
-  constructor(from: Vector2, mirror: PointMirror, viewport: Viewport) {
+  constructor(
+    from: Vector2,
+    private readonly mirror: PointMirror,
+    private readonly viewport: Viewport,
+  ) {
     super(from);
-    this.#mirror = mirror;
-    this.#viewport = viewport;
     this.#start = mirror.state;
   }
 
@@ -124,44 +121,42 @@ export class AxisGesture extends Gesture {
 
   drag(_at: Vector2, [x, y]: Vector2) {
     const { axis, at } = this.#start;
-    this.#mirror.moveAxis(at + (axis === "a" ? x : y) / this.#viewport.view.k, false);
+    this.mirror.moveAxis(at + (axis === "a" ? x : y) / this.viewport.view.k, false);
   }
 
   end(isCancelled: boolean) {
-    this.#mirror.moveAxis((isCancelled ? this.#start : this.#mirror.state).at, true);
+    this.mirror.moveAxis((isCancelled ? this.#start : this.mirror.state).at, true);
   }
 }
 
 /** A drag of a shape, a corner or the middle of an edge. */
 export class ShapeGesture extends Gesture {
-  #shapes: ShapeTools;
-  #grip: ShapeGrip;
-
-  constructor(from: Vector2, shapes: ShapeTools, grip: ShapeGrip) {
+  constructor(
+    from: Vector2,
+    private readonly shapes: ShapeTools,
+    private readonly grip: ShapeGrip,
+  ) {
     super(from);
-    this.#shapes = shapes;
-    this.#grip = grip;
   }
 
   drag(_at: Vector2, [x, y]: Vector2) {
-    if (this.isPress) this.#shapes.beginDrag(this.#grip);
-    this.#shapes.drag(x, y);
+    if (this.isPress) this.shapes.beginDrag(this.grip);
+    this.shapes.drag(x, y);
   }
 
   end(isCancelled: boolean) {
-    if (!this.isPress) this.#shapes.endDrag(isCancelled);
+    if (!this.isPress) this.shapes.endDrag(isCancelled);
   }
 }
 
 /** A drag of the motion of a rigid part. */
 export class PartGesture extends Gesture {
-  #parts: PartTools;
-  #handle: PartHandle;
-
-  constructor(from: Vector2, parts: PartTools, handle: PartHandle) {
+  constructor(
+    from: Vector2,
+    private readonly parts: PartTools,
+    private readonly handle: PartHandle,
+  ) {
     super(from);
-    this.#parts = parts;
-    this.#handle = handle;
   }
 
   override get isHolding() {
@@ -169,11 +164,11 @@ export class PartGesture extends Gesture {
   }
 
   drag(at: Vector2, _by: Vector2, { shiftKey }: PointerEvent) {
-    if (this.isPress) this.#parts.beginDrag(this.#handle, this.from);
-    this.#parts.drag(at, shiftKey);
+    if (this.isPress) this.parts.beginDrag(this.handle, this.from);
+    this.parts.drag(at, shiftKey);
   }
 
   end(isCancelled: boolean) {
-    this.#parts.endDrag(isCancelled);
+    this.parts.endDrag(isCancelled);
   }
 }
