@@ -378,13 +378,14 @@ def test_a_point_in_space_comes_into_the_middle_of_pictures_that_are_zoomed_in(p
     space = "document.querySelector('.dnb-space').deformnb"
     try:
         page.add(editor, "editor")
-        page.wait(f"{space}.shownCount > 0")
-        page.page.evaluate(f"() => {{ for (const pane of {space}.pictures) pane.zoomAt(6, 10, 10); }}")
+        page.wait(f"{space}.parts.requests.shownCount > 0")
+        page.page.evaluate(f"() => {{ for (const pane of {space}.parts.row.panes) pane.viewport.zoomAt(6, 10, 10); }}")
         editor.look_at(1)
-        page.wait(f"{space}.cursor.join() === '20,20,15' && !{space}.frames.request")
+        page.wait(f"{space}.parts.cursor.place.join() === '20,20,15' && !{space}.frames.request")
         for k in range(3):
-            pane = f"{space}.pictures[{k}]"
-            middle = page.page.evaluate(f"() => {pane}.toPlane([{pane}.view.width / 2, {pane}.view.height / 2])")
+            pane = f"{space}.parts.row.panes[{k}]"
+            size = f"{pane}.viewport.view"
+            middle = page.page.evaluate(f"() => {pane}.viewport.placeAt([{size}.width / 2, {size}.height / 2])")
             wanted = Pane.of(volume.grid, list(PANES)[k]).plane.to_plane([20.0, 20.0, 15.0])[:2]
             assert np.abs(np.subtract(middle, wanted)).max() < 0.1
     finally:

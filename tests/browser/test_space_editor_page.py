@@ -34,7 +34,7 @@ class Opened:
     def __init__(self, page: LivePage, editor: SpaceEditor) -> None:
         self.page, self.editor = page, editor
         page.add(editor, "editor")
-        page.wait(f"{PAGE}.shownCount > 0")
+        page.wait(f"{PAGE}.parts.requests.shownCount > 0")
         self.mouse = page.page.mouse
 
     def js(self, expression: str) -> Any:
@@ -42,7 +42,7 @@ class Opened:
 
     def on_screen(self, pane: int, place: Any) -> tuple[float, float]:
         """CSS pixels of the window where a place in space is in one of the pictures."""
-        v = self.js(f"{PAGE}.pictures[{pane}].view")
+        v = self.js(f"{PAGE}.parts.row.panes[{pane}].viewport.view")
         box = self.page.page.locator(".dnb-sp-stage").nth(pane).bounding_box()
         a, b, _ = Pane.of(self.editor.volume.grid, list(PANES)[pane]).plane.to_plane(place)
         return box["x"] + v["k"] * a + v["x"], box["y"] + v["k"] * b + v["y"]
@@ -56,13 +56,13 @@ class Opened:
         self.settled()
 
     def settled(self) -> None:
-        self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frames.request && !{PAGE}.pendingLook")
+        self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frames.request && !{PAGE}.parts.requests.pending")
         self.page.wait(f"!{PAGE}.frames.request")
 
     def picture(self, pane: int) -> np.ndarray:
         """Grey values of one of the pictures, as they came from Python."""
         width, *values = self.js(
-            f"(() => {{ const c = {PAGE}.pictures[{pane}].picture, all = c.getContext('2d').getImageData(0, 0, "
+            f"(() => {{ const c = {PAGE}.parts.row.panes[{pane}].image.picture, all = c.getContext('2d').getImageData(0, 0, "
             "c.width, c.height).data; return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()"
         )
         return np.array(values).reshape(-1, width)
@@ -78,7 +78,7 @@ class Opened:
         return False
 
     def scale(self, pane: int) -> float:
-        return float(self.js(f"{PAGE}.pictures[{pane}].view.k"))
+        return float(self.js(f"{PAGE}.parts.row.panes[{pane}].viewport.view.k"))
 
 
 @pytest.fixture
@@ -295,7 +295,7 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
     target = points.target.copy()
     target[0] += [18.0, 7.0, -9.0]  # past its neighbour
     editor.editor.points = ControlPoints.from_arrays(points.source, target)
-    editor.page.wait(f"({PAGE}.facts.folds ?? [1])[0] <= 0")
+    editor.page.wait(f"({PAGE}.parts.status.facts.folds ?? [1])[0] <= 0")
     editor.settled()
     assert editor.js(rings) == ["visible"] * 3
     found = folding(fit_rbf(editor.editor.points, trend="translation"), volume.grid)
@@ -304,6 +304,6 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
         assert middle == pytest.approx(editor.on_screen(pane, found.place), abs=1.0)
     editor.editor.points = points.reset()
-    editor.page.wait(f"{PAGE}.facts.folds[0] > 0")
+    editor.page.wait(f"{PAGE}.parts.status.facts.folds[0] > 0")
     editor.settled()
     assert editor.js(rings) == ["hidden"] * 3

@@ -53,7 +53,7 @@ def press(space: Opened, *keys: str) -> None:
 
 
 def select(space: Opened, *ids: int) -> None:
-    space.js(f"{PAGE}.select({list(ids)})")
+    space.js(f"{PAGE}.parts.points.select({list(ids)})")
     space.page.page.locator(".dnb-sp-stage").first.focus()
     space.settled()
 
@@ -266,7 +266,7 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     page.wait(f"{said} === 'Making the pictures'")
     assert not page.page.evaluate("document.querySelector('.dnb-ed-waiting') !== null")  # nothing is locked by it
     lets.set()
-    page.wait(f"{PAGE}.shownCount > 0")
+    page.wait(f"{PAGE}.parts.requests.shownCount > 0")
     page.wait(f"{said} === ''")
     eventually(lambda: not editor.worker.is_wanted)  # finer ones may come later
     editor.worker.call(lambda: None).result(60)
@@ -309,16 +309,16 @@ def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs
     space = opened(pairs)
     space.settled()
     drawn = space.js(f"""(() => {{
-      const editor = {PAGE}, pane = editor.pictures[0], {{ handles }} = pane, update = handles.update.bind(handles);
-      const context = pane.canvas.getContext("2d"), fill = context.fillRect.bind(context), flat = [];
+      const editor = {PAGE}, {{ points, row }} = editor.parts, pane = row.panes[0], {{ handles }} = pane, update = handles.update.bind(handles);
+      const context = pane.image.canvas.getContext("2d"), fill = context.fillRect.bind(context), flat = [];
       let painted = 0;
       context.fillRect = (...box) => {{ painted += 1; fill(...box); }};
       handles.update = (points, ...given) => {{ flat.push([...points]); return update(points, ...given); }};
       const counts = [], count = () => {{ editor.frames.drawNow(); counts.push(painted); }};
       count();
-      editor.points = editor.points.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 1) }}));
+      points.list = points.list.map((p) => (p.id ? p : {{ ...p, target: p.target.map((x) => x + 1) }}));
       count();
-      pane.zoomAt(1.5);
+      pane.viewport.zoomAt(1.5);
       count();
       return [counts, flat[1].filter((p) => flat[0].includes(p)).map((p) => p.id).sort()];
     }})()""")

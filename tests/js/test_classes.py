@@ -21,8 +21,6 @@ LARGE_CLASSES = {
     "inputs/points_table.ts:PointsTableView": (50, 37),
     "inputs/transfer_editor.ts:TransferEditorView": (38, 21),
     "maths/brushes.ts:Stroke": (8, 18),
-    "space_editor/editor.ts:SpaceEditorView": (50, 36),
-    "space_editor/pane.ts:SpacePane": (25, 26),
     "sync/edits.ts:Sender": (31, 22),
     "view/live_view.ts:LiveVolumeView": (52, 29),
     "view/render_loop.ts:FrameLoop": (27, 29),
@@ -35,15 +33,10 @@ LARGE_CLASSES = {
 GIVEN_OWNERS = {
     "ColorStops of TransferEditorView",
     "MoreMenu of Toolbar",
-    "PaneGestures of SpaceEditorView",
     "PresetButtons of TransferEditorView",
-    "SpacePane of SpaceEditorView",
-    "SpacePointTools of SpaceEditorView",
     "WindowBar of TransferEditorView",
 }
 FORWARDS = {
-    "editor/commands.ts:Commands.guard",
-    "editor/commands.ts:Commands.focus",
     "view/live_view.ts:LiveVolumeView.showMessage",
     "view/live_view.ts:LiveVolumeView.seen",
     "view/live_view.ts:LiveVolumeView.send",

@@ -9,6 +9,7 @@ import { ThemeObserver } from "../ui/theme.ts";
 import type { ToolbarHost } from "../ui/toolbar.ts";
 import { Frames } from "./frames.ts";
 import { Messages } from "./messages.ts";
+import type { EditorRoot } from "./stage.ts";
 
 /** The colours of an editor: of the page around, light or dark, Jupyter's or VS Code's, else the browser's. */
 export class EditorTheme {
@@ -42,11 +43,9 @@ export class EditorTheme {
 }
 
 /** The commands of an editor, for its toolbar and for the page around. */
-export interface EditorCommands extends ToolbarHost {
+export interface EditorCommands {
   /** Run a command on a point; null for what is selected. */
   run(command: string, focused: number | null): void;
-  /** Give the focus to the picture. */
-  focus(): void;
 }
 
 /** The drawing and the messages that both editors share. */
@@ -59,6 +58,9 @@ export abstract class EditorDrawing {
 
   abstract commands: EditorCommands;
 
+  /** Its box, which takes the focus. */
+  abstract stage: EditorRoot;
+
   constructor(readonly model: Model) {
     this.sender = senderOf(busOf(model), model);
     // Wherever a press in it goes, the keys are the editor's from then on.
@@ -66,6 +68,14 @@ export abstract class EditorDrawing {
     this.messages = new Messages();
     this.frames = new Frames(this.messages, () => this.draw());
     this.theme = new EditorTheme(this.root, model, this.frames);
+  }
+
+  /** What its toolbar calls. */
+  get host(): ToolbarHost {
+    return {
+      guard: (action) => this.frames.guard(action),
+      run: (command, focused) => this.commands.run(command, focused),
+    };
   }
 
   /** Draw everything: each editor has its own. */

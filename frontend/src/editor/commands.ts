@@ -68,14 +68,6 @@ const SHAPE_COMMANDS: Record<string, (shapes: CommandEditor["tools"]["shapes"]) 
 export class Commands implements EditorCommands {
   constructor(readonly editor: CommandEditor) {}
 
-  guard(action: () => void) {
-    this.editor.frames.guard(action);
-  }
-
-  focus() {
-    this.editor.stage.focus();
-  }
-
   /** @param focused the point that has the focus; null for what is selected */
   run(command: string, focused: number | null) {
     const { panels, points, tools } = this.editor,

@@ -1,11 +1,13 @@
 // The points and shapes of one view of an editor, as they are during a drag, and which of them are selected.
 
 import { RestingTrait } from "../sync/edits.ts";
-import type { Point, Shapes, Vector2 } from "../types.ts";
-import type { EditorParts } from "./parts.ts";
+import type { Point, Shapes } from "../types.ts";
+import type { Parts } from "./parts.ts";
 
 /** What the points use of the editor. */
-export type PointsEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "picture" | "viewport">;
+export type PointsEditor = Pick<Parts, "model" | "sender" | "frames" | "messages"> & {
+  picture?: { readonly isBefore: boolean };
+};
 
 export class EditedPoints {
   list: Point[];
@@ -32,7 +34,7 @@ export class EditedPoints {
   }
 
   get isLocked() {
-    return this.isWaiting || Boolean(this.editor.model.get("read_only")) || this.editor.picture.isBefore;
+    return this.isWaiting || Boolean(this.editor.model.get("read_only")) || Boolean(this.editor.picture?.isBefore);
   }
 
   /** Whether points, a shape or a part are being dragged. */
@@ -58,16 +60,6 @@ export class EditedPoints {
 
   toggle(id: number) {
     this.select(this.selected.has(id) ? [...this.selected].filter((other) => other !== id) : [...this.selected, id]);
-  }
-
-  /** The ids of the points in a rectangle of the view. */
-  inside({ x, y, width, height }: { x: number; y: number; width: number; height: number }) {
-    return this.list
-      .filter(({ target }) => {
-        const [px, py] = this.editor.viewport.onView(target as Vector2);
-        return px >= x && py >= y && px - x <= width && py - y <= height;
-      })
-      .map((p) => p.id);
   }
 
   /** The selected points, or the one in focus if that is not selected. */

@@ -79,8 +79,6 @@ export class EditorView extends EditorDrawing {
       bus = busOf(model);
     bus.views = (bus.views ?? 0) + 1;
     sender.receive();
-    el.classList.add("dnb-ed-host");
-    el.append(root);
     // Parts know one another, and read each other only once all are there.
     const parts = { model, bus, sender, messages, frames, theme, tools: {}, layers: {}, panels: {} } as Parts;
     const { tools, layers, panels } = parts;
@@ -88,9 +86,9 @@ export class EditorView extends EditorDrawing {
     this.layers = layers;
     this.panels = panels;
     this.commands = parts.commands = new Commands(parts);
-    panels.toolbar = new Toolbar(this.commands, root);
+    panels.toolbar = new Toolbar(this.host, root);
     this.stage = parts.stage = new Stage(el, root);
-    this.viewport = parts.viewport = new Viewport(parts);
+    this.viewport = parts.viewport = new Viewport(frames, () => parts.picture.sheet);
     panels.names = new NamePrompt(parts);
     this.stage.element.append(messages.tip, messages.alert);
     panels.help = new HelpPanel(this.stage.element, root, () => this.stage.focus());

@@ -2,7 +2,8 @@
 
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, treeOf } from "../ui/dom.ts";
-import type { EditorParts } from "./parts.ts";
+import type { Frames } from "./frames.ts";
+import type { EditorRoot } from "./stage.ts";
 
 export interface Naming {
   take: (text: string) => void;
@@ -11,7 +12,7 @@ export interface Naming {
 }
 
 /** What the field uses of the editor. */
-export type PromptEditor = EditorParts<"frames" | "stage" | "viewport">;
+export type PromptEditor = { frames: Frames; stage: EditorRoot };
 
 export class NamePrompt {
   input: HTMLInputElement;
@@ -44,7 +45,7 @@ export class NamePrompt {
   /** Request a name beside a place of the view. */
   prompt(text: string, placeholder: string, [x, y]: Vector2, naming: Naming) {
     const { input } = this,
-      { width, height } = this.editor.viewport.view;
+      { clientWidth: width, clientHeight: height } = this.editor.stage.element;
     this.naming = naming;
     input.hidden = false;
     input.value = text;

@@ -1,13 +1,12 @@
-// The stage of the editor of a picture: the box with the picture, and what is drawn over it.
+// The elements of an editor: the box with its pictures, and what is drawn over them.
 
 import type { Vector2 } from "../types.ts";
 import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
 
-export class Stage {
-  element: HTMLDivElement;
-  canvas: HTMLCanvasElement;
-  svg: SVGSVGElement;
-  wait: HTMLDivElement;
+/** The box of an editor, over which it shows what is waited for. */
+export abstract class EditorRoot {
+  veil = pageElement("div", "dnb-ed-veil");
+  wait = pageElement("div", "dnb-ed-wait", this.veil, { role: "status" }); // there from the start: so it is read out
 
   /** Ends the listeners of the editor. */
   closing = new AbortController();
@@ -15,16 +14,16 @@ export class Stage {
   /**
    * @param host the element that the page gives to the editor
    * @param root the editor's own element in it
+   * @param element the box
    */
   constructor(
     readonly host: HTMLElement,
     readonly root: HTMLElement,
+    readonly element: HTMLDivElement,
   ) {
-    this.element = pageElement("div", "dnb-ed-stage", root, { tabindex: "0", role: "application", ...OWN_KEYS });
-    this.canvas = pageElement("canvas", "dnb-ed-canvas", this.element, { "aria-hidden": "true" });
-    this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.element);
-    const veil = pageElement("div", "dnb-ed-veil", this.element);
-    this.wait = pageElement("div", "dnb-ed-wait", veil, { role: "status" }); // there from the start: so it is read out
+    host.classList.add("dnb-ed-host");
+    host.append(root);
+    root.append(element);
   }
 
   close() {
@@ -33,25 +32,40 @@ export class Stage {
     this.host.classList.remove("dnb-ed-host");
   }
 
-  /** Give the focus to the stage. */
-  focus() {
-    this.element.focus({ preventScroll: true });
-  }
+  /** Give the focus to a picture. */
+  abstract focus(): void;
 
   get isWorkedIn() {
     return isWorkedIn(this.root);
+  }
+
+  /** @param words what is waited for, "" for nothing */
+  showWaiting(words: string, isWaiting = words !== "") {
+    this.element.classList.toggle("dnb-ed-waiting", isWaiting);
+    this.element.setAttribute("aria-busy", String(isWaiting));
+    setText(this.wait, words);
+  }
+}
+
+/** The stage of the editor of a picture. */
+export class Stage extends EditorRoot {
+  canvas: HTMLCanvasElement;
+  svg: SVGSVGElement;
+
+  constructor(host: HTMLElement, root: HTMLElement) {
+    super(host, root, pageElement("div", "dnb-ed-stage", null, { tabindex: "0", role: "application", ...OWN_KEYS }));
+    this.canvas = pageElement("canvas", "dnb-ed-canvas", this.element, { "aria-hidden": "true" });
+    this.svg = svgElement("svg", { class: "dnb-ed-svg" }, this.element);
+    this.element.append(this.veil);
+  }
+
+  focus() {
+    this.element.focus({ preventScroll: true });
   }
 
   /** The place of a pointer in CSS pixels of the view. */
   placeOf(event: MouseEvent): Vector2 {
     const box = this.element.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
-  }
-
-  /** @param words what is waited for, "" for nothing */
-  showWaiting(words: string) {
-    this.element.classList.toggle("dnb-ed-waiting", words !== "");
-    this.element.setAttribute("aria-busy", String(words !== ""));
-    setText(this.wait, words);
   }
 }

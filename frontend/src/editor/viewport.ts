@@ -1,22 +1,28 @@
-// The viewport of the editor of a picture: which part of the picture is seen, and how large.
+// The viewport of a picture in an editor: which part of the picture is seen, and how large.
 
-import type { Vector2 } from "../types.ts";
+import type { Vector2, Vector4 } from "../types.ts";
+import type { Frames } from "./frames.ts";
+import type { Band } from "./gesture.ts";
 import type { View } from "./painter.ts";
-import type { EditorParts } from "./parts.ts";
 
 export const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
 const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
-
-/** What the viewport uses of the editor. */
-export type ViewportEditor = EditorParts<"frames" | "picture">;
 
 export class Viewport {
   view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
 
   isFitted = true; // whether the view shows the whole picture
 
-  constructor(readonly editor: ViewportEditor) {}
+  /**
+   * @param box the sides of the picture: a0, a1, b0, b1
+   * @param margin CSS pixels around it
+   */
+  constructor(
+    private readonly frames: Frames,
+    private readonly box: () => readonly [...Vector4, ...number[]],
+    private readonly margin = MARGIN,
+  ) {}
 
   /**
    * The place of the picture at a place of the view.
@@ -31,6 +37,12 @@ export class Viewport {
     return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
   }
 
+  /** Whether a place of the picture lies in a rectangle of the view. */
+  isInside(place: Vector2, { x, y, width, height }: Band) {
+    const [px, py] = this.onView(place);
+    return px >= x && py >= y && px - x <= width && py - y <= height;
+  }
+
   /** Take another size in CSS pixels: the whole picture, or the same middle. */
   resize(width: number, height: number, ratio: number) {
     const v = this.view,
@@ -41,19 +53,20 @@ export class Viewport {
   }
 
   get #fittedScale() {
-    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+    const [a0, a1, b0, b1] = this.box(),
       { width, height } = this.view;
-    return Math.min((width - 2 * MARGIN) / (a1 - a0), (height - 2 * MARGIN) / (b1 - b0));
+    const { margin } = this;
+    return Math.max(1e-9, Math.min((width - 2 * margin) / (a1 - a0), (height - 2 * margin) / (b1 - b0)));
   }
 
   /** Show the whole picture. */
   fit() {
-    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+    const [a0, a1, b0, b1] = this.box(),
       { width, height } = this.view,
       k = this.#fittedScale;
     Object.assign(this.view, { k, x: width / 2 - (k * (a0 + a1)) / 2, y: height / 2 - (k * (b0 + b1)) / 2 });
     this.isFitted = true;
-    this.editor.frames.invalidate();
+    this.frames.invalidate();
   }
 
   panBy(dx: number, dy: number) {
@@ -80,7 +93,7 @@ export class Viewport {
 
   /** Keep at least a tenth of the picture in the view, or fill a tenth of it. */
   #keepInView() {
-    const [a0, a1, b0, b1] = this.editor.picture.sheet,
+    const [a0, a1, b0, b1] = this.box(),
       v = this.view;
     const least = (length: number, room: number) => LEAST_SEEN * Math.min(v.k * length, room);
     const across = least(a1 - a0, v.width),
@@ -88,6 +101,6 @@ export class Viewport {
     v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
     v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
     this.isFitted = false;
-    this.editor.frames.moving();
+    this.frames.moving();
   }
 }

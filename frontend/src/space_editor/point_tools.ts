@@ -1,6 +1,7 @@
 // Edits of the points of the editor in space: adding, moving and removing them, the mirror, the lattice to which they
 // snap, turning and scaling.
 
+import type { Moved } from "../editor/gesture.ts";
 import type { PointsEdit } from "../generated.ts";
 import { added, difference, dot, scaled } from "../maths/camera.ts";
 import { shownLength } from "../maths/numbers.ts";
@@ -14,19 +15,23 @@ import {
   removedPoints,
   turnOfKey,
 } from "../maths/points.ts";
-import { flatPoint, fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
+import { fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
+import { setTrait } from "../sync/edits.ts";
 import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
-import type { SpaceEditorView } from "./editor.ts";
 import type { SpacePane } from "./pane.ts";
+import type { SpaceParts } from "./parts.ts";
 
 const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
 
-export type Moved = "target" | "source" | "both";
+/** What the tools use of the editor. */
+export type SpaceToolEditor = SpaceParts<
+  "model" | "sender" | "frames" | "messages" | "row" | "points" | "edits" | "cursor"
+>;
 
 export class SpacePointTools {
-  constructor(readonly editor: SpaceEditorView) {}
+  constructor(readonly editor: SpaceToolEditor) {}
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
@@ -35,19 +40,22 @@ export class SpacePointTools {
    * @param join edits with the same are undone as one
    */
   change(points: Point[], kind: PointsEdit["kind"], join: string | null = null) {
-    return this.editor.edit(this.symmetric(this.editor.points, points), kind, join);
+    return this.editor.edits.edit(this.symmetric(this.editor.points.list, points), kind, join);
   }
 
   /**
-   * A step of a drag: points moved from where they were by a way in space.
+   * A step of a drag: points moved by CSS pixels in a picture from where they were.
    * @param id the point under the pointer
    */
-  drag(ids: number[], way: Vector3, what: Moved, id: number) {
-    const {
-      editor,
-      editor: { drag0 },
-    } = this;
-    if (drag0) editor.show(this.symmetric(drag0, movedInSpace(drag0, ids, way, what), this.#sideOfPoint(id)));
+  drag(pane: SpacePane, ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean) {
+    const { edits } = this.editor,
+      { drag0 } = edits,
+      { k } = pane.viewport.view;
+    if (!drag0) return;
+    const free = freeIds(drag0, ids);
+    if (!free.length) this.announceLocked(id);
+    const way = this.#snappedWay(pane.info, id, wayInPane(pane.info, by[0] / k, by[1] / k), what, isLoose);
+    edits.show(this.symmetric(drag0, movedInSpace(drag0, free, way, what), this.#sideOfPoint(id)));
   }
 
   /**
@@ -64,21 +72,21 @@ export class SpacePointTools {
   /** Move points across the slices. */
   nudgeDepth(pane: SpacePane, id: number | null, voxels: number) {
     const by = voxels * pane.info.spacing[2];
-    if (this.editor.chosenIds(id).length) this.#nudgeBy(id, pane.info.n.map((x) => by * x) as Vector3, "target");
+    if (this.editor.points.idsAt(id).length) this.#nudgeBy(id, scaled(pane.info.n, by), "target");
   }
 
   #nudgeBy(id: number | null, way: Vector3, what: Moved) {
     const { editor } = this,
-      ids = editor.chosenIds(id);
+      ids = editor.points.idsAt(id);
     if (ids.length === 0) {
-      editor.setCursor(editor.cursor.map((x, k) => x + way[k]!) as Vector3, true);
+      editor.cursor.set(added(editor.cursor.place, way), true);
       return;
     }
-    if (id !== null && !editor.selected.has(id)) editor.select([id]);
-    const free = freeIds(editor.points, ids);
+    if (id !== null && !editor.points.selected.has(id)) editor.points.select([id]);
+    const free = freeIds(editor.points.list, ids);
     if (!free.length) this.announceLocked(ids[0]!);
-    this.change(movedInSpace(editor.points, free, way, what), "nudge", `nudge ${ids}`);
-    const p = ids.length === 1 ? editor.points.find((q) => q.id === ids[0]) : null;
+    this.change(movedInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
+    const p = ids.length === 1 ? editor.points.withId(ids[0]!) : null;
     if (p) editor.messages.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
   }
 
@@ -88,13 +96,13 @@ export class SpacePointTools {
    * @param at in pixels
    */
   addAt(pane: SpacePane, at: Vector2) {
-    const { editor } = this,
-      { k, x, y } = pane.view;
-    const near = editor.points
-      .map((p) => flatPoint(p, pane.info, editor.isSlice ? pane.depth : null))
-      .find((p) => !p.isFar && Math.hypot(k * p.target[0] + x - at[0], k * p.target[1] + y - at[1]) < SPACE_NEAR);
+    const { editor } = this;
+    const near = pane.flatPoints().find(({ isFar, target }) => {
+      const [x, y] = pane.viewport.onView(target);
+      return !isFar && Math.hypot(x - at[0], y - at[1]) < SPACE_NEAR;
+    });
     if (near) {
-      editor.select([near.id]);
+      editor.points.select([near.id]);
       pane.handles.focus(near.id);
       return near.id;
     }
@@ -107,9 +115,9 @@ export class SpacePointTools {
 
   addPlace(place: Vector3, pane: SpacePane) {
     const { editor } = this,
-      id = nextId(editor.points, editor.sender.nextId);
-    if (!this.change(addedPoint(editor.points, id, place, place), "add")) return null;
-    editor.select([id]);
+      id = nextId(editor.points.list, editor.sender.nextId);
+    if (!this.change(addedPoint(editor.points.list, id, place, place), "add")) return null;
+    editor.points.select([id]);
     editor.frames.drawNow();
     pane.handles.focus(id);
     editor.messages.announce(`point ${id} added at ${place.map(shownLength).join(", ")}`);
@@ -117,29 +125,29 @@ export class SpacePointTools {
   }
 
   announceLocked(id: number) {
-    const p = this.editor.points.find((q) => q.id === id);
+    const p = this.editor.points.withId(id);
     if (p) this.editor.messages.hint(`${p.name || `Point ${p.id}`} is locked; L frees it`, 4000);
   }
 
   toggleLock(ids: number[]) {
     const { editor } = this;
     if (!ids.length) editor.messages.hint("Select points to lock them");
-    else if (editor.edit(lockedPoints(editor.points, ids), "lock")) {
-      editor.messages.announce(editor.points.find((p) => p.id === ids[0])?.locked ? "locked" : "free");
+    else if (editor.edits.edit(lockedPoints(editor.points.list, ids), "lock")) {
+      editor.messages.announce(editor.points.withId(ids[0]!)?.locked ? "locked" : "free");
     }
   }
 
   remove(wanted: number[]) {
     const { editor } = this,
-      ids = freeIds(editor.points, wanted);
+      ids = freeIds(editor.points.list, wanted);
     if (wanted.length && !ids.length) this.announceLocked(wanted[0]!);
-    const at = editor.points.findIndex((p) => p.id === ids[0]),
-      pane = editor.paneOf(document.activeElement)!;
-    const hadFocus = editor.root.contains(treeOf(editor.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(editor.points, ids), "remove")) return;
+    const at = editor.points.list.findIndex((p) => p.id === ids[0]),
+      pane = editor.row.paneOf(document.activeElement);
+    const hadFocus = editor.row.root.contains(treeOf(editor.row.root).activeElement);
+    if (!ids.length || !this.change(removedPoints(editor.points.list, ids), "remove")) return;
     editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     editor.frames.drawNow();
-    const next = editor.points[Math.min(at, editor.points.length - 1)];
+    const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
     if (hadFocus && !(next && pane.handles.focus(next.id))) pane.stage.focus({ preventScroll: true });
   }
 
@@ -151,7 +159,7 @@ export class SpacePointTools {
    */
   #facing(axis: string) {
     const k = "xyz".indexOf(axis);
-    return this.editor.panes.reduce((p, q) => (Math.abs(q.n[k]!) > Math.abs(p.n[k]!) ? q : p));
+    return this.editor.cursor.panes.reduce((p, q) => (Math.abs(q.n[k]!) > Math.abs(p.n[k]!) ? q : p));
   }
 
   /**
@@ -167,15 +175,15 @@ export class SpacePointTools {
 
   /** The lengths within which a source is on the plane, and a partner is found. */
   get #mirrorNear() {
-    const { spacing } = this.editor.panes[0]!;
+    const { spacing } = this.editor.cursor.panes[0]!;
     return { axis: 0.5 * Math.min(...spacing), partner: Math.max(...spacing) };
   }
 
   /** @param at null for the middle */
   #setMirror(on: boolean, axis: string, at: number | null) {
     const { editor } = this;
-    editor.set("mirror", { on, axis, at });
-    if (at === null) editor.set("mirror", { on, axis, at: this.mirror.at });
+    setTrait(editor.model, "mirror", { on, axis, at });
+    if (at === null) setTrait(editor.model, "mirror", { on, axis, at: this.mirror.at });
     if (on) editor.messages.hint(`What you do on one side of the plane across ${axis} is done on the other too`, 4000);
   }
 
@@ -216,7 +224,7 @@ export class SpacePointTools {
   }
 
   #sideOfPoint(id: number) {
-    const p = this.editor.points.find((q) => q.id === id),
+    const p = this.editor.points.withId(id),
       { mirror } = this;
     return p && mirror.on ? mirrorSide(mirror, p.source, this.#mirrorNear.axis) : 0;
   }
@@ -244,10 +252,10 @@ export class SpacePointTools {
       {
         box: [a0, a1, b0, b1, c0, c1],
         spacing,
-      } = editor.panes[0]!,
+      } = editor.cursor.panes[0]!,
       voxel = Math.min(...spacing);
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
-    editor.set("snap", this.snap > 0 ? 0 : step);
+    setTrait(editor.model, "snap", this.snap > 0 ? 0 : step);
     if (this.snap > 0)
       editor.messages.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
   }
@@ -265,8 +273,8 @@ export class SpacePointTools {
   }
 
   /** The way that brings the point under the pointer onto a node; the others go with it. */
-  snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
-    const p = this.editor.drag0?.find((q) => q.id === id);
+  #snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
+    const p = this.editor.edits.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const target = p.target as Vector3;
     return difference(fromPane(pane, this.#snapped(pane, inPane(pane, added(target, way)))), target);
@@ -277,9 +285,9 @@ export class SpacePointTools {
   /** The ids that a turn takes along; null, and a hint, where there is nothing to turn. */
   #turnables() {
     const { editor } = this,
-      chosen = [...editor.selected],
-      free = freeIds(editor.points, chosen);
-    if (editor.isLocked || !chosen.length) return null;
+      chosen = [...editor.points.selected],
+      free = freeIds(editor.points.list, chosen);
+    if (editor.points.isLocked || !chosen.length) return null;
     if (!free.length) this.announceLocked(chosen[0]!);
     else if (free.length < 2) editor.messages.hint("Select two points or more to turn them", 4000);
     return free.length < 2 ? null : free;
@@ -295,7 +303,7 @@ export class SpacePointTools {
       [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
-    this.change(turnedInSpace(editor.points, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
+    this.change(turnedInSpace(editor.points.list, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
     editor.messages.announce(
       angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
@@ -304,17 +312,15 @@ export class SpacePointTools {
   /** Begin a drag of the handle that turns. Returns the ids, or null. */
   beginTurn() {
     const ids = this.#turnables();
-    if (ids) this.editor.beginDrag();
+    if (ids) this.editor.edits.beginDrag();
     return ids;
   }
 
   /** A step of such a drag. */
   turnTo(pane: SpacePane, ids: number[], angle: number, factor: number) {
-    const {
-      editor,
-      editor: { drag0 },
-    } = this;
-    if (drag0) editor.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
+    const { editor } = this,
+      { drag0 } = editor.edits;
+    if (drag0) editor.edits.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
     editor.messages.hint(
       factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
     );

@@ -238,7 +238,7 @@ class StudioHead extends Widget {
   #chosen({ target }: Event) {
     const isOurs =
       target instanceof HTMLSelectElement && this.studio?.contains(target) && target.closest(".dnb-pane-head");
-    if (isOurs && !target.matches(":focus-visible")) this.#editor?.commands.focus();
+    if (isOurs && !target.matches(":focus-visible")) this.#editor?.stage.focus();
   }
 
   /** A message that its user has read goes, until Python has another one. */

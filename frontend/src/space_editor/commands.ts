@@ -1,0 +1,77 @@
+// The commands of the toolbar and of keys in the editor in space.
+
+import type { EditorCommands } from "../editor/base.ts";
+import { freeIds, renamedPoint, resetPoints, switchedPoints } from "../maths/points.ts";
+import { flatPoint } from "../maths/space.ts";
+import type { SpacePane } from "./pane.ts";
+import type { SpaceParts } from "./parts.ts";
+
+/** What the commands use of the editor. */
+export type SpaceCommandEditor = SpaceParts<
+  "model" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "toolbar" | "names"
+>;
+
+/** Let the user name a point. */
+function rename({ edits, names, points, row }: SpaceCommandEditor, id: number, pane: SpacePane) {
+  const p = points.withId(id);
+  if (!p || points.isLocked) return;
+  const {
+    target: [a, b],
+  } = flatPoint(p, pane.info, null);
+  const box = row.element.getBoundingClientRect(),
+    stage = pane.stage.getBoundingClientRect(),
+    [x, y] = pane.viewport.onView([a, b]);
+  names.prompt(p.name, `point ${id}`, [stage.left - box.left + x, stage.top - box.top + y], {
+    take: (text) => edits.edit(renamedPoint(points.list, id, text), "rename"),
+    focus: () => pane.handles.focus(id),
+  });
+}
+
+type Command = (editor: SpaceCommandEditor, ids: number[], pane: SpacePane) => void;
+
+function zoom({ row }: SpaceCommandEditor, factor: number) {
+  for (const { viewport } of row.panes) viewport.zoomAt(factor);
+}
+
+/** Commands on points of these ids, in a picture. */
+const COMMANDS: Record<string, Command> = {
+  add: ({ modes }) => modes.setAdding(!modes.isAdding),
+  select: ({ modes }) => modes.setSelecting(!modes.isSelecting),
+  remove: ({ tools }, ids) => tools.remove(ids),
+  "select-all": ({ points }) => points.select(points.list.map((p) => p.id)),
+  undo: ({ points }) => points.step("undo"),
+  redo: ({ points }) => points.step("redo"),
+  rename: (editor, ids, pane) => {
+    if (ids.length === 1) rename(editor, ids[0]!, pane);
+  },
+  switch: ({ points, tools }, ids) => tools.change(switchedPoints(points.list, ids), "switch"),
+  reset: ({ points: { list }, tools }, ids) =>
+    tools.change(resetPoints(list, freeIds(list, ids.length ? ids : list.map((p) => p.id))), "reset"),
+  lock: ({ tools }, ids) => tools.toggleLock(ids),
+  go: ({ cursor }, ids) => {
+    if (ids.length === 1) cursor.goTo(ids[0]!);
+  },
+  compare: ({ model, requests }) => requests.look({ original: !model.get("shows_original") }),
+  "zoom-in": (editor) => zoom(editor, 1.25),
+  "zoom-out": (editor) => zoom(editor, 0.8),
+  fit: ({ row }) => {
+    for (const { viewport } of row.panes) viewport.fit();
+  },
+  help: ({ modes }) => modes.toggleHelp(),
+  mirror: ({ tools }) => tools.toggleMirror(),
+  "mirror-axis": ({ tools }) => tools.turnMirror(),
+  snap: ({ tools }) => tools.toggleSnap(),
+  "turn-left": ({ tools }, _ids, pane) => tools.turnKey(pane, -1, { isLarge: true, isScale: false }),
+  "turn-right": ({ tools }, _ids, pane) => tools.turnKey(pane, 1, { isLarge: true, isScale: false }),
+};
+
+export class SpaceCommands implements EditorCommands {
+  constructor(readonly editor: SpaceCommandEditor) {}
+
+  /** @param focused the point that has the focus; null for what is selected */
+  run(command: string, focused: number | null) {
+    const { points, row, toolbar } = this.editor;
+    if (focused === null && !["undo", "redo"].includes(command) && toolbar.isOff(command)) return;
+    COMMANDS[command]?.(this.editor, points.idsAt(focused), row.paneOf(document.activeElement));
+  }
+}

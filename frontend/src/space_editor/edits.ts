@@ -1,0 +1,98 @@
+// Edits of the points in space: one at a time, or shown on their way during a drag.
+
+import type { PointsEdit } from "../generated.ts";
+import { samePoints } from "../maths/points.ts";
+import { withSources } from "../maths/space.ts";
+import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
+import { MOST_CHARACTERS } from "../sync/edits.ts";
+import type { Point, PointsDetail } from "../types.ts";
+import type { SpaceParts } from "./parts.ts";
+
+export class SpaceEdits {
+  id = Math.random().toString(36).slice(2, 12); // of the view, where others follow it
+
+  /** The points before the drag, or null. */
+  drag0: Point[] | null = null;
+
+  constructor(readonly editor: SpaceParts<"model" | "sender" | "frames" | "messages" | "points">) {
+    editor.points.draggers = [this];
+  }
+
+  /** Whether there is nothing to edit: slices to look at. */
+  get isViewer() {
+    const { model, points } = this.editor;
+    return Boolean(model.get("read_only")) && points.list.length === 0;
+  }
+
+  /**
+   * Make an edit. Returns whether there is one.
+   * @param join edits with the same are undone as one
+   */
+  edit(list: Point[], kind: PointsEdit["kind"] = "move", join: string | null = null) {
+    const { messages, points, sender } = this.editor;
+    if (points.isLocked || samePoints(list, points.list)) return false;
+    if (JSON.stringify(list).length > MOST_CHARACTERS) {
+      messages.show("These are too many points to send at once. Remove some, or edit in Python.");
+      return false;
+    }
+    sender.edit(list, kind, join); // which notifies all views, this one too
+    return true;
+  }
+
+  beginDrag() {
+    const { points } = this.editor;
+    if (!points.isLocked) this.drag0 = points.list;
+  }
+
+  /** Show points on their way. */
+  show(list: Point[]) {
+    this.#publish(list, "move");
+    this.editor.sender.move(list);
+  }
+
+  endDrag(isCancelled: boolean, kind: PointsEdit["kind"] = "move") {
+    const { points, sender } = this.editor,
+      { drag0 } = this,
+      { list } = points;
+    this.drag0 = null;
+    if (!drag0) return;
+    points.list = drag0;
+    if (!isCancelled && this.edit(list, kind)) return;
+    this.#publish(sender.points, "end"); // Python may have moved them meanwhile
+    sender.move(points.list); // Python has seen the drag, and now that it is no more
+  }
+
+  #publish(list: Point[], phase: "move" | "end") {
+    const { frames, model, points } = this.editor;
+    points.list = list;
+    publishPoints(busOf(model), { origin: this.id, points: list, settings: settingsOf(model), fit: null, phase });
+    frames.invalidate();
+  }
+
+  /** Take the points of this window, wherever they came from. */
+  receive() {
+    const {
+      points,
+      sender: { points: list },
+    } = this.editor;
+    if (this.drag0) {
+      // Python has found where a new point takes hold; the pointer keeps the rest
+      this.drag0 = withSources(this.drag0, list);
+      points.list = withSources(points.list, list);
+      return;
+    }
+    if (samePoints(list, points.list)) return;
+    this.#publish(list, "end");
+    points.select([...points.selected]);
+  }
+
+  /** Take over the points of another view. */
+  receiveMove({ origin, points: list, phase }: PointsDetail) {
+    const { frames, points } = this.editor;
+    if (origin === this.id || this.drag0) return;
+    if (phase === "move") {
+      points.list = list;
+      frames.invalidate();
+    } else this.receive();
+  }
+}

@@ -1,0 +1,97 @@
+// The keys of the editor in space, turned into calls of its parts. The keys are listed in ui/keys.ts.
+
+import { POINT_STEPS } from "../editor/handles.ts";
+import { added, scaled } from "../maths/camera.ts";
+import { shownLength } from "../maths/numbers.ts";
+import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
+import { wayInPane } from "../maths/space.ts";
+import type { Vector2 } from "../types.ts";
+import { ARROWS, targetOf } from "../ui/dom.ts";
+import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
+import type { SpacePane } from "./pane.ts";
+import type { SpaceParts } from "./parts.ts";
+
+/** What the keys use of the editor. */
+export type SpaceKeysEditor = SpaceParts<
+  "messages" | "row" | "points" | "tools" | "modes" | "cursor" | "commands" | "toolbar"
+>;
+
+/** Do what a key anywhere in the editor means; returns whether it means something. */
+export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key,
+    isCommand = event.ctrlKey || event.metaKey;
+  const target = targetOf(event),
+    { cursor, modes, points, tools } = editor,
+    fast = event.shiftKey ? 10 : 1;
+  if (target.closest("input[type=text], select")) return false; // have keys of their own
+  const onButton = target.closest("button"),
+    pane = editor.row.paneOf(target);
+  const focused = target.closest("[data-id]"),
+    id = focused ? Number(focused.getAttribute("data-id")) : null;
+  if (isCommand && POINT_STEPS[key] && !onButton) {
+    return pane.handles.focusNext(
+      points.list.map((p) => p.id),
+      POINT_STEPS[key],
+      id,
+    );
+  }
+  if (isCommand) return spaceCommand(editor, key, event.shiftKey);
+  if (target.closest("input[type=range]")) return false;
+  if (onButton && key in ARROWS) return editor.toolbar.focusNext(onButton, key);
+  if (onButton && (key === "Enter" || key === " ")) return false;
+  if (key in ARROWS && target.closest("[data-mark]")) return mirrorKey(editor, pane, ARROWS[key]!, fast);
+  const way = TURN_WAYS[event.altKey ? TURN_CODES[event.code]! : key];
+  if (way) {
+    tools.turnKey(pane, way, { isLarge: event.shiftKey, isScale: event.altKey });
+    return true;
+  }
+  if (key in ARROWS) {
+    tools.nudge(pane, id, ARROWS[key]!, fast, event.altKey ? "both" : "target");
+    return true;
+  }
+  if (key === "PageUp" || key === "PageDown") {
+    const by = (key === "PageUp" ? -1 : 1) * fast;
+    if (event.altKey) tools.nudgeDepth(pane, id, by);
+    else cursor.scroll(pane.info, by);
+    return true;
+  }
+  if (event.altKey) return false;
+  if (key === " ") {
+    modes.isSpaceDown = true;
+    return true;
+  }
+  if (key === "Enter") {
+    if (id === null) tools.addPlace(cursor.place, pane);
+    else points.toggle(id);
+    return true;
+  }
+  if (key === "Escape") return modes.escape();
+  const command = (event.shiftKey && commandOf(SPACE_EDITOR_KEYS, `Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, key);
+  if (!command) return false;
+  editor.commands.run(command === "zoom" ? (key === "-" ? "zoom-out" : "zoom-in") : command, id);
+  return true;
+}
+
+/** Move the plane of the mirror by voxels of a picture that looks along it. */
+function mirrorKey(editor: SpaceKeysEditor, pane: SpacePane, [dx, dy]: Vector2, voxels: number) {
+  const {
+      info,
+      info: {
+        spacing: [du, dv],
+      },
+    } = pane,
+    { tools } = editor,
+    { at, normal } = tools.mirror;
+  const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
+  tools.moveMirror(added(scaled(normal, at), way), true);
+  editor.messages.announce(`mirror at ${shownLength(tools.mirror.at)}`);
+  return true;
+}
+
+function spaceCommand({ commands }: SpaceKeysEditor, key: string, isShift: boolean) {
+  const command =
+    (isShift && commandOf(SPACE_EDITOR_KEYS, `Control+Shift+${key}`)) || commandOf(SPACE_EDITOR_KEYS, `Control+${key}`);
+  if (!command) return false;
+  commands.run(command, null);
+  return true;
+}

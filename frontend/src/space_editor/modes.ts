@@ -1,0 +1,50 @@
+// The modes of the editor in space: adding and selecting.
+
+import type { SpaceParts } from "./parts.ts";
+
+export class SpaceModes {
+  isAdding = false;
+  isSelecting = false;
+  isSpaceDown = false;
+
+  constructor(readonly editor: SpaceParts<"frames" | "messages" | "points" | "row" | "help">) {}
+
+  /**
+   * Switch a mode in which whatever is dragged around or clicked is added to the selection: fingers have no Shift key.
+   */
+  setSelecting(isSelecting: boolean) {
+    const { frames, messages } = this.editor;
+    if (isSelecting) this.setAdding(false);
+    this.isSelecting = isSelecting;
+    if (isSelecting) messages.hint("Drag a band around points, or tap one after the other. Esc when done", 4000);
+    frames.invalidate();
+  }
+
+  setAdding(isAdding: boolean) {
+    const { frames, messages, points, row } = this.editor;
+    if (isAdding) this.setSelecting(false);
+    this.isAdding = isAdding && !points.isLocked;
+    row.element.classList.toggle("dnb-ed-adding", this.isAdding);
+    if (this.isAdding) messages.hint("Click where a feature is, and drag it. Esc when done");
+    frames.invalidate();
+  }
+
+  /** Show or hide the list of keys. The focus goes to the list, and back to where it was. */
+  toggleHelp() {
+    this.editor.help.toggle();
+    this.editor.frames.invalidate();
+  }
+
+  /** End a drag, the list of keys, a mode or the selection, one after the other; false where there is none. */
+  escape() {
+    const { help, points, row } = this.editor;
+    if (row.cancelGestures()) return true;
+    if (help.isOpen) this.toggleHelp();
+    else if (this.isAdding || this.isSelecting) {
+      this.setAdding(false);
+      this.setSelecting(false);
+    } else if (points.selected.size > 0) points.select([]);
+    else return false;
+    return true;
+  }
+}

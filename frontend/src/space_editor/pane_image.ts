@@ -1,0 +1,115 @@
+// The pixels of one of the three pictures, with parts and cuts over them.
+
+import type { View } from "../editor/painter.ts";
+import type { PaneContent } from "../generated.ts";
+import type { Raster } from "../types.ts";
+import { pageElement } from "../ui/dom.ts";
+
+const PART_INK = [86, 180, 233, 0.36],
+  CUT_INK = [255, 214, 10, 0.9]; // red, green, blue and opacity
+
+function makeCanvas(width: number, height: number) {
+  return Object.assign(document.createElement("canvas"), { width, height });
+}
+
+function contextOf(canvas: HTMLCanvasElement) {
+  return canvas.getContext("2d") as CanvasRenderingContext2D;
+}
+
+/** Parts and cuts as a translucent picture. */
+function tinted([height, width]: [number, number], shares: Uint8Array) {
+  const made = new ImageData(width, height),
+    canvas = makeCanvas(width, height);
+  for (let k = 0, j = 0; k < shares.length; k += 2, j += 4) {
+    const [ink, share] = shares[k + 1] ? [CUT_INK, shares[k + 1]] : [PART_INK, shares[k]];
+    made.data.set(ink.slice(0, 3), j);
+    made.data[j + 3] = ink[3]! * share!;
+  }
+  contextOf(canvas).putImageData(made, 0, 0);
+  return canvas;
+}
+
+export class PaneImage {
+  canvas: HTMLCanvasElement;
+  picture: HTMLCanvasElement | null = null;
+
+  /** The parts and cuts over it. */
+  #shapes: HTMLCanvasElement | null = null;
+
+  /** The depth that is seen at each pixel of a projection. */
+  #depths: Float32Array | null = null;
+
+  #raster: Raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
+
+  /** What is painted on the canvas: pixels, their place and the colour around them. */
+  #painted: unknown[] = [];
+
+  constructor(stage: HTMLElement) {
+    this.canvas = pageElement("canvas", "dnb-ed-canvas", stage, { "aria-hidden": "true" });
+  }
+
+  resize(width: number, height: number) {
+    Object.assign(this.canvas, { width, height });
+    this.#painted = []; // which clears it
+  }
+
+  /** The depth that is seen at a place of a projection; undefined of slices. */
+  depthAt(a: number, b: number) {
+    const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin,
+    } = this.#raster;
+    const column = Math.max(0, Math.min(nu - 1, Math.round((a - origin[0]) / du)));
+    const row = Math.max(0, Math.min(nv - 1, Math.round((b - origin[1]) / dv)));
+    return this.#depths?.[row * nu + column];
+  }
+
+  /**
+   * Take over a picture of Python.
+   * @param shares of parts and of cuts in each pixel
+   */
+  take(
+    { shape: [height, width], spacing, origin, channels, shapes }: PaneContent,
+    pixels: Uint8Array,
+    depths: Float32Array | null,
+    shares: Uint8Array | null,
+  ) {
+    const made = new ImageData(width, height),
+      out = new Uint32Array(made.data.buffer);
+    for (let k = 0; k < out.length; k++) {
+      const [r, g, b] =
+        channels === 1 ? [pixels[k], pixels[k], pixels[k]] : [pixels[3 * k], pixels[3 * k + 1], pixels[3 * k + 2]];
+      out[k] = 0xff000000 | (b! << 16) | (g! << 8) | r!;
+    }
+    this.picture = makeCanvas(width, height);
+    contextOf(this.picture).putImageData(made, 0, 0);
+    this.#raster = { shape: [height, width], spacing, origin };
+    this.#depths = depths;
+    this.#shapes = shapes && shares && tinted(shapes, shares);
+  }
+
+  /** Paint it, unless it is on the canvas: of moving points most frames bring no other picture. */
+  paint({ k, x, y, ratio }: View, around: string) {
+    const picture = this.picture,
+      shapes = this.#shapes,
+      painted = [picture, shapes, around, k, x, y];
+    if (painted.every((value, index) => value === this.#painted[index])) return;
+    this.#painted = painted;
+    const c = contextOf(this.canvas);
+    c.setTransform(1, 0, 0, 1, 0, 0);
+    c.fillStyle = around;
+    c.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    if (!picture) return;
+    const {
+      shape: [nv, nu],
+      spacing: [du, dv],
+      origin: [a, b],
+    } = this.#raster;
+    const box = [k * (a - du / 2) + x, k * (b - dv / 2) + y, k * du * nu, k * dv * nv] as const;
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.imageSmoothingQuality = "high";
+    c.drawImage(picture, ...box);
+    if (shapes) c.drawImage(shapes, ...box);
+  }
+}

@@ -1,0 +1,44 @@
+// The parts of the editor in space, and the type of those that one of them uses.
+
+import type { EditorTheme } from "../editor/base.ts";
+import type { EditedPoints } from "../editor/edited_points.ts";
+import type { Frames } from "../editor/frames.ts";
+import type { Messages } from "../editor/messages.ts";
+import type { NamePrompt } from "../editor/name_prompt.ts";
+import type { Sender } from "../sync/edits.ts";
+import type { Model } from "../types.ts";
+import type { HelpPanel } from "../ui/keys.ts";
+import type { Toolbar } from "../ui/toolbar.ts";
+import type { SpaceCommands } from "./commands.ts";
+import type { SliceCursor } from "./cursor.ts";
+import type { SpaceEdits } from "./edits.ts";
+import type { SpaceModes } from "./modes.ts";
+import type { PaneRow } from "./pane_row.ts";
+import type { SpacePointTools } from "./point_tools.ts";
+import type { PictureRequests } from "./requests.ts";
+import type { SpaceStatus } from "./status_line.ts";
+
+interface Parts {
+  model: Model;
+  sender: Sender;
+  messages: Messages;
+  frames: Frames;
+  theme: EditorTheme;
+  /** Its pictures, and what lies over them. */
+  row: PaneRow;
+  points: EditedPoints;
+  edits: SpaceEdits;
+  tools: SpacePointTools;
+  modes: SpaceModes;
+  /** The place at which the slices meet. */
+  cursor: SliceCursor;
+  requests: PictureRequests;
+  commands: SpaceCommands;
+  toolbar: Toolbar;
+  names: NamePrompt;
+  help: HelpPanel;
+  status: SpaceStatus;
+}
+
+/** The parts that one of them uses. */
+export type SpaceParts<Part extends keyof Parts = keyof Parts> = Pick<Parts, Part>;

@@ -1,0 +1,94 @@
+// The line below the pictures: points, folds, and a remark or a next step.
+
+import { NEARLY_FOLDED } from "../generated.ts";
+import { shownLength } from "../maths/numbers.ts";
+import type { Vector3 } from "../types.ts";
+import { pageElement, setAttributes, setText } from "../ui/dom.ts";
+import type { SpaceParts } from "./parts.ts";
+
+const SPACE_FOLD_TIP =
+  "Smallest factor by which volumes are stretched, on a coarse lattice: 1 keeps them; below 0 " +
+  "the volume folds over itself";
+
+/**
+ * Remarks of Python: the least det J and the share of the volume that folds, the place where it folds most, a sentence.
+ */
+export type Facts = { folds?: [number, number] | null; worst?: Vector3 | null; note?: string; isBad?: boolean };
+
+export class SpaceStatus {
+  facts: Facts = {};
+  #line: HTMLSpanElement;
+  #folds: HTMLSpanElement;
+  #notes: HTMLDivElement;
+
+  constructor(
+    readonly editor: SpaceParts<"model" | "points" | "edits" | "cursor">,
+    root: HTMLElement,
+  ) {
+    const status = pageElement("div", "dnb-ed-status", root),
+      state = pageElement("div", "dnb-ed-state", status);
+    this.#line = pageElement("span", "dnb-ed-facts", state);
+    this.#folds = pageElement("span", "dnb-ed-folds", state);
+    this.#notes = pageElement("div", "dnb-ed-notes", status);
+  }
+
+  /** The place where the map folds most, as Python has found it when the points last rested; null where nothing folds. */
+  get worst() {
+    const { folds, worst = null } = this.facts;
+    return this.editor.points.list.length && folds && folds[0] <= 0 ? worst : null;
+  }
+
+  update() {
+    const { facts } = this,
+      { edits, points } = this.editor,
+      { list, selected } = points;
+    if (edits.isViewer) {
+      setText(this.#notes, facts.note || "Click or drag the cross-hair; the wheel goes through the slices");
+      return;
+    }
+    const off = list.filter((p) => !p.active).length,
+      count = `${list.length} ${list.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`,
+      one = selected.size === 1 ? list.find((p) => selected.has(p.id)) : null;
+    const chosen = one
+      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      : selected.size
+        ? `${selected.size} selected`
+        : "";
+    setText(
+      this.#line,
+      list.length
+        ? [count, chosen].filter(Boolean).join(" \u00b7 ")
+        : "No points yet: four or more in space bend the volume, one moves it",
+    );
+    this.#updateFolds(list.length ? facts.folds : null);
+    setText(this.#notes, facts.note || this.#advice());
+    this.#notes.classList.toggle("dnb-ed-bad", Boolean(facts.isBad));
+    this.#notes.classList.toggle("dnb-ed-near", !facts.isBad && Boolean(facts.note));
+  }
+
+  #updateFolds(folds: [number, number] | null | undefined) {
+    const [least, share] = folds ?? [1, 0],
+      value = `min det J ${least.toFixed(2)}`;
+    this.#folds.classList.toggle("dnb-ed-bad", least <= 0);
+    this.#folds.classList.toggle("dnb-ed-near", least > 0 && least < NEARLY_FOLDED);
+    const much = share > 0 ? ` on ${(100 * share).toFixed(share < 0.1 ? 1 : 0)} %` : "";
+    const words =
+      least <= 0 ? `\u25b2 folds${much}` : least < NEARLY_FOLDED ? "\u25b2 nearly folds" : "\u2713 no folds";
+    setText(this.#folds, folds ? `${words} (${value})` : "");
+    setAttributes(this.#folds, { title: folds ? SPACE_FOLD_TIP : "" });
+  }
+
+  /** A next step for the user, where there is nothing to remark. */
+  #advice() {
+    const { cursor, model, points } = this.editor;
+    if (model.get("read_only")) return "These points are shown only";
+    if (points.list.length === 0) {
+      return "Double-click adds a point; a click brings the slices there; ? for keys";
+    }
+    if (points.selected.size === 0) {
+      const wheel = cursor.isSlice ? "goes through the slices" : "zooms";
+      return `Drag a disc to move what is under it; the wheel ${wheel}; ? for keys`;
+    }
+    return "Arrows move the selected points, J brings the slices to them, Delete removes them, Home puts them back";
+  }
+}
