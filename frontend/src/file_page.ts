@@ -317,7 +317,7 @@ class FilePage extends StandalonePage {
     const view = viewOf<LiveVolumeView>(pagePart("volume").querySelector(".dnb-view"));
     if (!view?.loop) return;
     view.loop.drawNow(2);
-    saveFile(await blobOf(view.canvas), `${this.fileName} volume.png`);
+    saveFile(await blobOf(view.elements.canvas), `${this.fileName} volume.png`);
   }
 }
 

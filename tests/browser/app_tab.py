@@ -28,7 +28,7 @@ _VOLUME = """() => {
   const page = document.querySelector('.dnb-view').deformnb;
   document.querySelector('.dnb-editor').deformnb.frames.drawNow(); // which says where its points are
   page.loop.drawNow(1);
-  return page.canvas.toDataURL('image/png').split(',')[1];
+  return page.elements.canvas.toDataURL('image/png').split(',')[1];
 }"""
 _PICTURE = """() => {
   document.querySelector('.dnb-editor').deformnb.frames.drawNow();

@@ -73,7 +73,7 @@ async function draw(name, source) {
 function pixels() { // what is on the canvas, drawn at once and in full
   const page = document.querySelector(".dnb-view").deformnb;
   page.loop.drawNow(2);
-  return page.canvas.toDataURL("image/png").split(",")[1];
+  return page.elements.canvas.toDataURL("image/png").split(",")[1];
 }
 </script>"""
 

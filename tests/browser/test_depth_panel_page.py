@@ -44,7 +44,7 @@ class Depth:
         self.link.show(self.editor)
         self.session.editing.observe(self._changed, "deformation")
         page.loaded()
-        page.wait("document.querySelector('.dnb-view').deformnb.link.index !== null")
+        page.wait("document.querySelector('.dnb-view').deformnb.shownField.link.index !== null")
 
     def _guard(self, action: Any) -> bool:
         action()

@@ -287,12 +287,12 @@ def test_a_drag_beside_a_cut_moves_the_volume_without_a_byte(page: LivePage) -> 
     view.follow(editor, Deformation((step,)).field(GRID))
     page.wait(f"{VIEW}.caster.planar?.cut")
     before, sent, messages = page.pixels(), view.stats()["field_bytes"], view.stats()["messages"]
-    count = page.page.evaluate(f"{VIEW}.link.count")
+    count = page.page.evaluate(f"{VIEW}.shownField.link.count")
     moved = step.points.move(step.points.ids[0], np.asarray(step.points.target[0]) - [6.0, 0.0])
     moved = moved.move(step.points.ids[1], np.asarray(step.points.target[1]) - [6.0, 0.0])
     moved = moved.move(step.points.ids[2], np.asarray(step.points.target[2]) - [6.0, 0.0])
     editor.points = moved
-    page.wait(f"{VIEW}.link.count > {count}")
+    page.wait(f"{VIEW}.shownField.link.count > {count}")
     after = page.pixels()
     assert view.stats()["field_bytes"] == sent
     assert view.stats()["messages"] == messages

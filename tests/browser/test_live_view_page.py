@@ -282,7 +282,7 @@ DRAWN = "document.querySelector('.dnb-volume')?.deformnb"
 
 def drawn(page: LivePage) -> np.ndarray:
     """The picture that Python has drawn, as it is on the screen."""
-    data = page.page.evaluate(f"{DRAWN}.canvas.toDataURL('image/png').split(',')[1]")
+    data = page.page.evaluate(f"{DRAWN}.elements.canvas.toDataURL('image/png').split(',')[1]")
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
 
 
@@ -455,7 +455,7 @@ def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -
     said = "models.view.sent.filter((m) => m.type !== 'seen').length"  # fields of before are confirmed when drawn
     sent, messages = view.stats()["field_bytes"], page.page.evaluate(said)
     page.page.evaluate("(points) => { models.editor.set('points', points); }", _listed(dragged))
-    page.wait("document.querySelector('.dnb-view').deformnb.link.count > 1")
+    page.wait("document.querySelector('.dnb-view').deformnb.shownField.link.count > 1")
     moved = page.pixels().astype(int)
     assert np.abs(moved - start).mean() > 2
     assert np.abs(moved - expected).mean() < 0.3  # the browser's fit is the package's
@@ -502,7 +502,7 @@ def test_what_goes_right_and_down_in_the_editor_does_so_in_space(page: LivePage)
     assert page.errors == []
 
 
-LINK = "document.querySelector('.dnb-view').deformnb.link"
+LINK = "document.querySelector('.dnb-view').deformnb.shownField.link"
 
 
 def _middle(image: np.ndarray) -> np.ndarray:
@@ -525,7 +525,7 @@ def test_a_narrow_transfer_function_is_seen_without_bands(page: LivePage) -> Non
     # Until the new voxels are on the card the old ones keep their colours.
     kept = page.page.evaluate(f"[{PAGE}.caster.volume.loaded, {PAGE}.caster.table.rgba[0]]")
     assert kept == [True, pytest.approx(0.1)]
-    page.wait(f"{PAGE}.info.id !== '{whole}' && {PAGE}.caster.isReady && !{PAGE}.loader")
+    page.wait(f"{PAGE}.info.id !== '{whole}' && {PAGE}.caster.isReady && !{PAGE}.voxels.loader")
     fine = page.pixels()
     assert unevenness(fine) < 0.4 * unevenness(banded)
     assert np.abs(fine[70:110, 70:170].astype(int) - banded[70:110, 70:170]).mean() < 8  # the same picture otherwise

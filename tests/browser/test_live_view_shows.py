@@ -207,10 +207,10 @@ def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> N
     page.wait(f"{CHANGES} > 2")  # by itself
     page.page.focus(".dnb-canvas")
     page.page.keyboard.press(" ")  # stops it
-    page.wait(f"{VIEW}.flicker.timer === 0")
+    page.wait(f"{VIEW}.elements.flicker.timer === 0")
     seen = {caption(page): page.pixels()}
     stopped = page.page.evaluate(CHANGES)
-    page.page.evaluate(f"{VIEW}.flicker.turn()")
+    page.page.evaluate(f"{VIEW}.elements.flicker.turn()")
     seen[caption(page)] = page.pixels()
     assert column(seen["deformed"]) - column(seen["original"]) > 8
     assert page.page.evaluate(CHANGES) == stopped + 1  # ours, and none of its own
@@ -218,7 +218,7 @@ def test_flicker_alternates_at_one_place_and_can_be_stopped(page: LivePage) -> N
     page.wait(f"{CHANGES} > {stopped + 2}")
     view.shows = "original"
     page.wait("document.querySelector('.dnb-caption').textContent === 'original'")
-    assert page.page.evaluate(f"{VIEW}.flicker.timer") == 0
+    assert page.page.evaluate(f"{VIEW}.elements.flicker.timer") == 0
 
 
 def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePage) -> None:
@@ -226,7 +226,7 @@ def test_flicker_does_not_move_by_itself_where_motion_is_unwelcome(page: LivePag
     view = opened(page, shows="flicker")
     view.show_deformation(extrusion(5.0))
     page.flush()
-    assert page.page.evaluate(f"{VIEW}.flicker.timer") == 0
+    assert page.page.evaluate(f"{VIEW}.elements.flicker.timer") == 0
     assert caption(page) == "deformed"
     deformed = page.pixels()
     page.page.mouse.click(100, 90)
@@ -282,11 +282,11 @@ def test_the_background_follows_the_page(page: LivePage) -> None:
     view = opened(page, background="auto")
     assert page.pixels()[3, 3].min() > 180
     page.page.emulate_media(color_scheme="dark")
-    page.wait(f"{VIEW}.root.dataset.background === 'dark'")
+    page.wait(f"{VIEW}.elements.root.dataset.background === 'dark'")
     assert page.pixels()[3, 3].max() < 60
     page.page.evaluate("""() => { document.body.style.setProperty("--jp-layout-color1", "rgb(250, 250, 250)");
         document.body.dataset.jpThemeLight = "true"; }""")  # as JupyterLab does
-    page.wait(f"{VIEW}.root.dataset.background === 'light'")
+    page.wait(f"{VIEW}.elements.root.dataset.background === 'light'")
     view.background = "dark"
     assert page.pixels()[3, 3].max() < 60
 
@@ -310,7 +310,7 @@ def test_nothing_is_cut_off_beside_another_widget(browser: Any, width: int) -> N
     page.close()
 
 
-LINK = f"{VIEW}.link"
+LINK = f"{VIEW}.shownField.link"
 
 
 def followed(page: LivePage) -> tuple[LiveView, Editor]:

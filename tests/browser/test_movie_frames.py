@@ -86,7 +86,7 @@ def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(pa
     np.testing.assert_array_equal(frames, pictures[::-1])
     assert np.abs(frames[0].astype(int) - frames[1]).max() > 50
     scene.close()
-    page.wait("!document.querySelector('.dnb-view').deformnb.movie")
+    page.wait("!document.querySelector('.dnb-view').deformnb.movies.movie")
 
 
 @pytest.mark.nightly
@@ -117,7 +117,7 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
 def test_a_page_that_closes_or_fails_ends_the_wait(page: LivePage) -> None:
     view = shown(page)
     scene = scene_of(view, (64, 64))
-    page.page.evaluate("document.querySelector('.dnb-view').deformnb.values = null")  # as while it comes
+    page.page.evaluate("document.querySelector('.dnb-view').deformnb.voxels.values = null")  # as while it comes
     with pytest.raises(PageGoneError, match="the volume has not come"):
         in_thread(page, scene.render)
     scene = scene_of(view)

@@ -52,7 +52,7 @@ def test_an_animation_in_jupyterlab(lab: Lab, tab: Any) -> None:
     cells = page.evaluate("() => jupyterapp.shell.currentWidget.content.widgets.length")
     page.keyboard.press("End")
     page.keyboard.press("Home")
-    page.wait_for_function(f"{VIEW}.times.frames && {VIEW}.times.bus", timeout=60_000)
+    page.wait_for_function(f"{VIEW}.shownField.times.frames && {VIEW}.shownField.times.bus", timeout=60_000)
     before = None
     while before != (before := state(lab, page)):  # messages may still be on their way
         page.wait_for_timeout(500)

@@ -198,13 +198,13 @@ def test_a_view_follows_the_player_and_its_pixels_are_the_cores(page: LivePage) 
     maps = animation.stack(GRID)
     view.set_camera((0, 1, 0))
     view.play(maps, player, output=FINE)
-    page.wait(f"{VIEW}.times.frames && {VIEW}.times.bus")
+    page.wait(f"{VIEW}.shownField.times.frames && {VIEW}.shownField.times.bus")
     messages, size = view.stats()["messages"], view.stats()["field_bytes"]
     assert size >= maps.values.shape[0] * 8 * 8 * 8
     seen = []
     for time in (0.0, 0.7, 1.3, 2.0):
         player.time = time
-        page.wait(f"{VIEW}.times.time === {time}")
+        page.wait(f"{VIEW}.shownField.times.time === {time}")
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
         assert dice(live, still) > 0.96, time
         core = LiveView(volume, transfer="surface", width=SIZE[0], height=SIZE[1], background="dark")
@@ -226,7 +226,7 @@ def test_a_view_follows_the_player_and_its_pixels_are_the_cores(page: LivePage) 
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     # Whatever else is shown ends it.
     view.show_deformation(None)
-    page.wait(f"!{VIEW}.times.frames && !{VIEW}.field.planar")
+    page.wait(f"!{VIEW}.shownField.times.frames && !{VIEW}.field.planar")
     still = page.pixels()
     player.time = 2.0
     page.frames()
@@ -244,12 +244,12 @@ def test_a_view_that_is_drawn_later_and_a_player_that_is_not_drawn(page: LivePag
     page.add(player, "player", draw=False)
     page.add(view, "view")
     page.loaded()
-    page.wait(f"{VIEW}.times.frames && {VIEW}.times.player")
+    page.wait(f"{VIEW}.shownField.times.frames && {VIEW}.shownField.times.player")
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.95
     end = silhouette(page.pixels())
     player.time = 0.0
-    page.wait(f"{VIEW}.times.time === 0")
+    page.wait(f"{VIEW}.shownField.times.time === 0")
     assert dice(silhouette(page.pixels()), end) < 0.85
     assert page.errors == []
 
@@ -266,13 +266,13 @@ def test_what_is_dragged_is_seen_at_once_also_after_playing(page: LivePage) -> N
     page.loaded()
     view.set_camera((0, 1, 0))
     view.follow(editor, Deformation((step,)).field(GRID))
-    page.wait(f"{VIEW}.link.editor && {VIEW}.field.planar")
+    page.wait(f"{VIEW}.shownField.link.editor && {VIEW}.field.planar")
     view.play(animation.stack(GRID), player)
     player.time = 2.0
-    page.wait(f"{VIEW}.times.frames && {VIEW}.times.time === 2")
+    page.wait(f"{VIEW}.shownField.times.frames && {VIEW}.shownField.times.time === 2")
     bent = silhouette(page.pixels())
     editor.points = step.points.move(5, step.points.target[5] + (0, 4))
-    page.wait(f"{VIEW}.link.count > 0")
+    page.wait(f"{VIEW}.shownField.link.count > 0")
     dragged = silhouette(page.pixels())
     assert dice(dragged, bent) < 0.9
     reference = LiveView(volume, transfer="surface", width=SIZE[0], height=SIZE[1], background="dark")
@@ -280,6 +280,6 @@ def test_what_is_dragged_is_seen_at_once_also_after_playing(page: LivePage) -> N
     reference.show_deformation(Deformation((step.with_points(editor.points),)), output=FINE)
     assert dice(dragged, silhouette(reference.still(SIZE))) > 0.93
     player.time = 1.9  # and the player goes on from where it is
-    page.wait(f"{VIEW}.times.time === 1.9")
+    page.wait(f"{VIEW}.shownField.times.time === 1.9")
     assert dice(silhouette(page.pixels()), bent) > 0.95
     assert page.errors == []

@@ -37,7 +37,7 @@ def test_a_page_without_a_kernel_is_cut_open(browser: Any, tmp_path: Path) -> No
     page.goto(path.as_uri())
     page.wait_for_function(f"() => document.querySelector('.dnb-view') && {VIEW}.caster?.isReady", timeout=60000)
     assert page.locator("details.dnb-page-clip").get_attribute("open") is not None  # it is cut already
-    picture = f"(() => {{ {VIEW}.loop.drawNow(1); return {VIEW}.canvas.toDataURL(); }})()"
+    picture = f"(() => {{ {VIEW}.loop.drawNow(1); return {VIEW}.elements.canvas.toDataURL(); }})()"
     cut = page.evaluate(picture)
     page.get_by_role("button", name="Show all").click()
     assert page.evaluate(f"{VIEW}.model.get('clip')") == [[0, 1], [0, 1], [0, 1]]

@@ -128,7 +128,7 @@ class Opened:
     def volume(self) -> NDArray[np.int64]:
         """What is on the canvas of the volume, drawn in full now."""
         data = self.js(f"""{{ const view = {VIEW}; view.loop.drawNow(2);
-            return view.canvas.toDataURL('image/png').split(',')[1]; }}""")
+            return view.elements.canvas.toDataURL('image/png').split(',')[1]; }}""")
         return _decoded(data)
 
     def picture(self) -> NDArray[np.int64]:
@@ -254,7 +254,7 @@ def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y, steps=4)
-    page.wait(f"{VIEW}.link.isMoving")
+    page.wait(f"{VIEW}.shownField.link.isMoving")
     assert (middle(page.volume()) - middle(start))[0] > 3
     assert not page.points().displacement.any()  # the points are the model's until the hand lets go
     page.page.mouse.up()
@@ -483,7 +483,7 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
         opened.js(f"""{{ const model = {MODELS}.editor, moved = {json.dumps(moved)};
             model.update({{ points: model.get("points").map((p) => ({{ ...p,
               ...moved.find((m) => m.id === p.id) }})) }}); }}""")
-        opened.wait(f"{VIEW}.link.count > 1")
+        opened.wait(f"{VIEW}.shownField.link.count > 1")
         opened.settled()
         gap = _lit(opened)
         columns = np.flatnonzero(gap.any(axis=0))
@@ -526,7 +526,7 @@ def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browse
 
 
 def _lit(opened: Opened) -> NDArray[np.bool_]:
-    data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.canvas.toDataURL('image/png').split(',')[1]; }}")
+    data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.elements.canvas.toDataURL('image/png').split(',')[1]; }}")
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     return np.asarray(image.max(axis=2) > 64)
 

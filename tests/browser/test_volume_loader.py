@@ -82,7 +82,7 @@ def test_the_bar_says_how_far_it_is(browser: Any) -> None:
     page = LivePage(browser)  # with its own patience: nothing is asked for twice
     held: list[tuple[Any, Any]] = []
     view = sent(page, lambda content, buffers: held.append((content, buffers)))
-    page.wait(f"{VIEW}.loader")
+    page.wait(f"{VIEW}.voxels.loader")
     assert page.page.is_visible(".dnb-progress")
     assert page.page.get_attribute(".dnb-progress", "aria-valuenow") == "0"
     page.outbox.append(("view", *held[0]))
@@ -103,7 +103,7 @@ def test_until_the_volume_comes_the_background_is_the_pages(browser: Any) -> Non
     page.wait(f"{VIEW}.caster.size[0] === 300")
     assert _brightness(page) > 180
     page.page.emulate_media(color_scheme="dark")
-    page.wait(f"{VIEW}.root.dataset.background === 'dark'")
+    page.wait(f"{VIEW}.elements.root.dataset.background === 'dark'")
     assert _brightness(page) < 60
     page.close()
 

@@ -69,7 +69,7 @@ def changed(page: LivePage, change: Any) -> None:
 
 def pixels(page: LivePage) -> np.ndarray:
     page.flush()
-    data = page.page.evaluate(f"{PAGE}.canvas.toDataURL('image/png').split(',')[1]")
+    data = page.page.evaluate(f"{PAGE}.elements.canvas.toDataURL('image/png').split(',')[1]")
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
 
 
@@ -134,9 +134,9 @@ def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
     assert page.page.text_content(".dnb-frame:nth-of-type(2) .dnb-caption, .dnb-frame .dnb-caption") == "original"
     changed(page, lambda: setattr(view, "shows", "flicker"))
     page.wait(f"{PAGE}.layers.length === 2", 60)
-    page.wait(f"{PAGE}.flicker.layer === 1", 60, passing=True)
+    page.wait(f"{PAGE}.elements.flicker.layer === 1", 60, passing=True)
     one = middle(pixels(page))
-    page.wait(f"{PAGE}.flicker.layer === 0", 60, passing=True)
+    page.wait(f"{PAGE}.elements.flicker.layer === 0", 60, passing=True)
     assert np.abs(middle(pixels(page)) - one).max() > 2
     changed(page, lambda: setattr(view, "shows", "wipe"))
     page.page.locator(".dnb-wipe").press("End")  # all of it is the original
@@ -151,7 +151,7 @@ def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None
     page.page.emulate_media(color_scheme="dark")
     page.wait(f"{PAGE}.elements.theme.name === 'dark'")
     changed(page, lambda: page.page.evaluate("document.getElementById('root').style.width = '160px'"))
-    page.wait(f"{PAGE}.canvas.width === 160")
+    page.wait(f"{PAGE}.elements.canvas.width === 160")
     page.wait(f"{PAGE}.layers[0].width === 160", 60)
     assert view.stats()["width"] == 160
     assert pixels(page)[0, 0].max() < 60

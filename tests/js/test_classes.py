@@ -22,9 +22,7 @@ LARGE_CLASSES = {
     "inputs/transfer_editor.ts:TransferEditorView": (38, 21),
     "maths/brushes.ts:Stroke": (8, 18),
     "sync/edits.ts:Sender": (31, 22),
-    "view/live_view.ts:LiveVolumeView": (52, 29),
     "view/render_loop.ts:FrameLoop": (27, 29),
-    "view/server_view.ts:ServerVolumeView": (26, 27),
     "view/space_points.ts:SpacePoints": (28, 22),
     "webgl/raycaster.ts:RayCaster": (28, 25),
 }
@@ -36,16 +34,7 @@ GIVEN_OWNERS = {
     "PresetButtons of TransferEditorView",
     "WindowBar of TransferEditorView",
 }
-FORWARDS = {
-    "view/live_view.ts:LiveVolumeView.showMessage",
-    "view/live_view.ts:LiveVolumeView.seen",
-    "view/live_view.ts:LiveVolumeView.send",
-    "view/live_view.ts:LiveVolumeView.on",
-    "view/server_view.ts:ServerVolumeView.on",
-    "view/server_view.ts:ServerVolumeView.send",
-    "view/server_view.ts:ServerVolumeView.showMessage",
-    "view/server_view.ts:ServerVolumeView.writeCamera",
-}
+FORWARDS: set[str] = set()
 
 # What parts use of the editor, where it is more than a dozen names: these figures only fall.
 LARGE_INTERFACES = {

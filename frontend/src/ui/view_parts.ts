@@ -222,8 +222,8 @@ export function listen(
 }
 
 /** The function that closes a view that has just been drawn. */
-export function opened(view: { root: HTMLElement; close: () => void }) {
-  Object.assign(view.root, { deformnb: view }); // for tests and for debugging
+export function opened(view: { elements: { root: HTMLElement }; close: () => void }) {
+  Object.assign(view.elements.root, { deformnb: view }); // for tests and for debugging
   return () => view.close();
 }
 

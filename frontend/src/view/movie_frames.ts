@@ -2,26 +2,26 @@
 // their own, so that whoever turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
-import type { LiveViewToPython, MovieFrame } from "../generated.ts";
+import type { MovieFrame } from "../generated.ts";
 import { MOVIE_PIECE } from "../generated.ts";
 import { type Clip, isClipped } from "../maths/clipping.ts";
-import type { Model, Values, Vector2, Without } from "../types.ts";
+import type { Model, Values, Vector2 } from "../types.ts";
 import { picturesOf, type Shows } from "../ui/view_parts.ts";
 import { type Background, RayCaster } from "../webgl/raycaster.ts";
-import type { VolumeData } from "../webgl/types.ts";
 import { fieldOf } from "./follow_editor.ts";
 import { FrameLoop } from "./render_loop.ts";
 import type { Bytes, Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 import { ViewCamera } from "./view_camera.ts";
+import type { ViewMessages } from "./view_elements.ts";
 import { floatsOf } from "./volume_loader.ts";
+import { volumeData } from "./voxels.ts";
 
 /** The live view whose volume and colours are drawn */
 export interface MovieSource {
   model: Model;
   info: VolumeInfo | null;
   values: Uint8Array | null;
-  send: (content: Without<LiveViewToPython, "view">, buffers?: ArrayBuffer[]) => void;
-  about: (info: VolumeInfo) => VolumeData;
+  messages: ViewMessages;
 }
 
 /** Traits of the view as the movie began. */
@@ -34,7 +34,32 @@ interface MovieLooks {
   clip: Clip;
 }
 
-export class MovieFrames {
+/** The movies that Python lets a live view draw, one at a time. */
+export class Movies {
+  movie: MovieFrames | null = null;
+
+  constructor(private readonly view: MovieSource) {}
+
+  draw(content: MovieFrame, buffers: Bytes[]) {
+    const { id } = content;
+    if (this.movie?.id !== id) {
+      this.close();
+      try {
+        this.movie = new MovieFrames(this.view, content);
+      } catch (error) {
+        this.view.messages.send({ type: "movie_failed", id, message: String(error) });
+      }
+    }
+    return this.movie?.draw(content, buffers);
+  }
+
+  close() {
+    this.movie?.close();
+    this.movie = null;
+  }
+}
+
+class MovieFrames {
   id: string;
   looks: MovieLooks;
   canvas: HTMLCanvasElement;
@@ -94,13 +119,13 @@ export class MovieFrames {
   }
 
   async #load() {
-    const { values, info, about } = this.view;
+    const { values, info } = this.view;
     if (!values || !info) throw new Error("the volume has not come yet");
     const pause = () =>
       new Promise<void>((resolve) => {
         setTimeout(resolve, 0);
       });
-    await this.caster.setVolume(values, about(info), pause);
+    await this.caster.setVolume(values, volumeData(info), pause);
   }
 
   #pictures(width: number, height: number) {
@@ -130,12 +155,16 @@ export class MovieFrames {
       if (!png) throw new Error("the browser made no picture");
       const bytes = await png.arrayBuffer();
       for (let offset = 0; offset < bytes.byteLength; offset += MOVIE_PIECE) {
-        view.send({ type: "movie_piece", id, index, offset, size: bytes.byteLength }, [
+        view.messages.send({ type: "movie_piece", id, index, offset, size: bytes.byteLength }, [
           bytes.slice(offset, offset + MOVIE_PIECE),
         ]);
       }
     } catch (error) {
-      view.send({ type: "movie_failed", id, message: String((error instanceof Error && error.message) || error) });
+      view.messages.send({
+        type: "movie_failed",
+        id,
+        message: String((error instanceof Error && error.message) || error),
+      });
     }
   }
 

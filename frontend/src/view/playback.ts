@@ -13,23 +13,18 @@ import { floatsOf } from "./volume_loader.ts";
 /** Maps of all moments */
 export type Moments = { count: number; duration: number; maps: Float32Array; planar: PlanarField };
 
-/** The live view whose field this changes */
-export interface PlayedView {
-  model: Model;
-  field: Field | null;
-  still: { request(): void } | null;
-  applyField: () => void;
-  touch: (held: boolean) => void;
-}
-
 export class TimeLink {
   frames: Moments | null = null;
   bus: Bus | null = null;
   player: Model | null = null;
   followed: FollowedModel;
 
-  constructor(readonly view: PlayedView) {
-    this.followed = new FollowedModel(view.model);
+  /** @param show takes the map of another moment; while it plays only quick pictures are drawn */
+  constructor(
+    model: Model,
+    readonly show: (planar: PlanarField, isPlaying: boolean) => void,
+  ) {
+    this.followed = new FollowedModel(model);
   }
 
   async follow(reference: string | Model | null) {
@@ -75,12 +70,7 @@ export class TimeLink {
   }
 
   #show({ time, isPlaying }: TimeDetail) {
-    const { view, frames } = this;
-    if (!frames || !view.field) return;
-    view.field = { ...view.field, planar: planarAt(frames, time) };
-    view.applyField();
-    view.touch(isPlaying); // while it plays only quick pictures are drawn
-    if (!isPlaying) view.still?.request();
+    if (this.frames) this.show(planarAt(this.frames, time), isPlaying);
   }
 
   close() {

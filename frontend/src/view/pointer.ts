@@ -16,7 +16,7 @@ export class PointerControls {
   closed = new AbortController();
 
   constructor(readonly view: VolumeViewLike) {
-    const { canvas } = view,
+    const { canvas } = view.elements,
       { signal } = this.closed;
     const add = <K extends keyof HTMLElementEventMap>(name: K, handler: (event: HTMLElementEventMap[K]) => void) =>
       canvas.addEventListener(
@@ -35,8 +35,6 @@ export class PointerControls {
       if (!view.spacePoints.doubleClick(e)) view.showView("home");
     });
     add("keydown", (e) => this.key(e));
-    canvas.addEventListener("webglcontextlost", (e) => view.lost(e), { signal });
-    canvas.addEventListener("webglcontextrestored", () => view.restored(), { signal });
   }
 
   get isBusy() {
@@ -45,7 +43,7 @@ export class PointerControls {
 
   /** The box of the picture, of two side by side the one at x. */
   box(x = 0): ScreenBox {
-    const whole = this.view.canvas.getBoundingClientRect(),
+    const whole = this.view.elements.canvas.getBoundingClientRect(),
       { parts } = this.view.camera,
       width = whole.width / parts;
     const part = Math.max(0, Math.min(parts - 1, Math.floor((x - whole.left) / width)));
@@ -58,8 +56,8 @@ export class PointerControls {
 
   down(event: PointerEvent) {
     if (event.button > 1) return; // the right button belongs to the browser
-    this.view.canvas.setPointerCapture(event.pointerId);
-    this.view.canvas.focus({ preventScroll: true });
+    this.view.elements.canvas.setPointerCapture(event.pointerId);
+    this.view.elements.canvas.focus({ preventScroll: true });
     this.points.set(event.pointerId, [event.clientX, event.clientY]);
     this.moving = false;
   }
@@ -98,9 +96,9 @@ export class PointerControls {
 
   up(event: PointerEvent) {
     if (!this.points.delete(event.pointerId) || this.points.size) return;
-    if (this.view.loop) this.view.loop.release();
+    this.view.release();
     if (this.moving) this.view.writeCamera();
-    else if (event.type === "pointerup") this.view.flicker.press(false);
+    else if (event.type === "pointerup") this.view.elements.flicker.press(false);
   }
 
   /** Zooms by a factor, keeping the place under a pointer where it is. */
@@ -120,7 +118,7 @@ export class PointerControls {
   }
 
   wheel(event: WheelEvent) {
-    if (!event.ctrlKey && !event.metaKey && !isWorkedIn(this.view.canvas)) return;
+    if (!event.ctrlKey && !event.metaKey && !isWorkedIn(this.view.elements.canvas)) return;
     event.preventDefault();
     const pixels = event.deltaY * (event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1);
     this.zoom(Math.exp(-Math.max(-300, Math.min(300, pixels)) * 0.0016), event);
@@ -146,7 +144,7 @@ export class PointerControls {
       ArrowUp: [0, -step],
       ArrowDown: [0, step],
     };
-    if (event.key === " " && !this.view.flicker.press(true)) return;
+    if (event.key === " " && !this.view.elements.flicker.press(true)) return;
     const turn = turns[event.key];
     if (turn) camera.turn(...turn);
     else if (event.key === "+" || event.key === "=") this.zoom(1.2);

@@ -2,39 +2,21 @@
 // view where a browser cannot draw.
 // To Python: hello, size, camera, seen, bye. From Python: frame, notice, badge, trame.
 
-import type {
-  FrameSent,
-  LiveViewToPython,
-  ToServerRenderer,
-  TrameAddress,
-  VolumeViewToFrontEnd,
-  VolumeViewToPython,
-} from "../generated.ts";
+import type { FrameSent, ToServerRenderer, TrameAddress, VolumeViewToFrontEnd } from "../generated.ts";
 import { COMPARISONS, LARGEST_SIDE } from "../generated.ts";
-import type { Model, ModelHandler, Vector2, Without } from "../types.ts";
+import type { Model, ModelHandler, Vector2 } from "../types.ts";
 import { pageElement } from "../ui/dom.ts";
-import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
 import { opened } from "../ui/view_parts.ts";
-import { PointerControls } from "./pointer.ts";
-import { SpacePoints } from "./space_points.ts";
+import { VolumeFrontEnd } from "./front_end.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
-import { ViewCamera } from "./view_camera.ts";
-import { ViewElements, ViewMessages } from "./view_elements.ts";
+import type { ViewElements, ViewMessages } from "./view_elements.ts";
 import { bytesOf } from "./volume_loader.ts";
 
 const CAMERAS_IN_FLIGHT = 2; // the newest waits until a picture shows one of those before it
 const PATIENCE = 700; // milliseconds after which a camera without a picture is given up
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
-export class ServerVolumeView {
-  closed = false;
-  messages: ViewMessages;
-  elements: ViewElements;
-  root: HTMLDivElement;
-  canvas: HTMLCanvasElement;
-  flicker: Flicker;
-  shown: Shows;
-  info: VolumeInfo | null = null;
+export class ServerVolumeView extends VolumeFrontEnd {
   layers: ImageBitmap[] = []; // the pictures that came last
   drawn = 0; // their number in Python
   count = 0; // of pictures that have been drawn
@@ -46,74 +28,51 @@ export class ServerVolumeView {
   retry = 0;
   sized = ""; // the size that was sent last
   resizing = 0;
-  loop: { release(): void };
   inner: HTMLIFrameElement | null = null;
-  camera: ViewCamera;
   waiting: HTMLDivElement;
-  pointer: PointerControls;
-  spacePoints: SpacePoints;
   greeting: number;
 
-  constructor(
-    readonly model: Model,
-    el: HTMLElement,
-  ) {
-    this.messages = new ViewMessages(model, (error) => this.fail(error));
-    this.elements = new ViewElements(model, el, "dnb-volume", {
-      showView: (view) => this.showView(view),
-      rethemed: () => this.size(),
-      flip: () => {
-        this.caption();
-        this.paint();
-      },
-      compared: () => this.paint(),
-      resized: () => this.size(),
-      picture: () =>
-        this.drawn
-          ? new Promise((done) => {
-              this.canvas.toBlob(done, "image/png");
-            })
-          : Promise.resolve(null),
-    });
-    this.root = this.elements.root;
-    this.canvas = this.elements.canvas;
-    this.flicker = this.elements.flicker;
-    this.shown = this.elements.shows;
-    this.loop = { release() {} }; // Python decides when to draw
-    this.camera = new ViewCamera(this);
-    this.waiting = pageElement("div", "dnb-waiting", this.root, { role: "status" });
+  constructor(model: Model, el: HTMLElement) {
+    super(model, el, "dnb-volume", "The volume view");
+    this.waiting = pageElement("div", "dnb-waiting", this.elements.root, { role: "status" });
     this.wait("Preparing the picture \u2026");
-
     this.#listen();
-    this.pointer = new PointerControls(this);
-    this.spacePoints = new SpacePoints(this);
     this.readInfo();
     this.size();
-    this.setShows();
+    this.takeShows();
     this.greeting = setTimeout(() => {
       if (!this.drawn) this.wait("No picture has come yet. Is the kernel running?");
     }, LONG);
   }
 
   #listen() {
-    this.on("msg:custom", (content, buffers) => this.receive(content, buffers || []));
-    this.on("change:volume_info", () => this.readInfo());
-    this.on("change:camera", () => this.readCamera());
-    this.on("change:shows", () => this.setShows());
-    this.on("change:label", () => this.caption());
-    for (const name of ["width", "height", "fill", "background"]) this.on(`change:${name}`, () => this.size());
+    const { messages } = this;
+    messages.on("msg:custom", (content, buffers) => this.receive(content, buffers || []));
+    messages.on("change:volume_info", () => this.readInfo());
+    messages.on("change:camera", () => this.readCamera());
+    messages.on("change:shows", () => this.takeShows());
+    messages.on("change:label", () => this.caption());
+    for (const name of ["width", "height", "fill", "background"]) messages.on(`change:${name}`, () => this.size());
   }
 
-  on(name: string, handler: (...given: Parameters<ModelHandler>) => unknown) {
-    this.messages.on(name, handler);
+  setBackground() {
+    this.size(); // which has the theme
   }
 
-  send(content: Without<VolumeViewToPython, "view">) {
-    this.messages.send(content);
+  flip() {
+    this.caption();
+    this.paint();
   }
 
-  showMessage(text: string) {
-    this.elements.showMessage(text);
+  compared() {
+    this.paint();
+  }
+
+  async picture(): Promise<Blob | null> {
+    if (!this.drawn) return null;
+    return new Promise((done) => {
+      this.elements.canvas.toBlob(done, "image/png");
+    });
   }
 
   wait(text: string) {
@@ -121,17 +80,12 @@ export class ServerVolumeView {
     this.waiting.hidden = !text;
   }
 
-  fail(error: unknown) {
-    console.error(error);
-    this.showMessage(`The volume view has failed: ${(error instanceof Error && error.message) || error}`);
-  }
-
   // -- size, theme, captions -----------------------------------------------------------------------------------------
 
   size() {
     if (this.closed) return;
     const { background, theme } = this.elements;
-    this.root.dataset.background = background;
+    this.elements.root.dataset.background = background;
     const { width, height } = this.elements.fit(),
       within = (n: number) => Math.min(LARGEST_SIDE, Math.max(16, n));
     const now = {
@@ -143,14 +97,15 @@ export class ServerVolumeView {
     const sent = JSON.stringify(now);
     if (sent === this.sized) return;
     this.camera.reframed(() => {
-      this.canvas.width = now.width;
-      this.canvas.height = now.height;
+      this.elements.canvas.width = now.width;
+      this.elements.canvas.height = now.height;
     });
     this.paint();
-    this.touchParts();
+    this.follow();
     clearTimeout(this.resizing);
     const report = () => {
-      this.send({ type: this.sized ? "size" : "hello", ...now });
+      if (this.sized) this.messages.send({ type: "size", ...now });
+      else this.messages.send({ type: "hello", ...now });
       this.sized = sent;
     };
     // A window that is dragged larger sends it once.
@@ -166,34 +121,20 @@ export class ServerVolumeView {
   frame({ view, url }: TrameAddress) {
     if (view !== this.messages.id || !/^http:\/\/(127\.0\.0\.1|\[::1\]|localhost):\d+\/index\.html\?/.test(url)) return;
     this.inner?.remove();
-    this.inner = pageElement("iframe", "dnb-inner", this.root, {
+    this.inner = pageElement("iframe", "dnb-inner", this.elements.root, {
       src: url,
-      title: this.canvas.getAttribute("aria-label") ?? "",
+      title: this.elements.canvas.getAttribute("aria-label") ?? "",
     });
-    this.root.classList.add("dnb-framed");
+    this.elements.root.classList.add("dnb-framed");
     this.drawn = this.drawn || 1;
     this.wait("");
-  }
-
-  setShows() {
-    const { shows } = this.elements;
-    this.camera.reframed(() => {
-      this.shown = shows;
-    });
-    this.flicker.set(shows === "flicker");
-    this.elements.compare.set(shows);
-    this.caption();
-  }
-
-  caption() {
-    this.elements.caption(this.flicker.layer);
   }
 
   // -- pictures ------------------------------------------------------------------------------------------------------
 
   receive(content: VolumeViewToFrontEnd, buffers: Bytes[]) {
     if (content.type === "notice") {
-      this.showMessage(String(content.text));
+      this.elements.showMessage(String(content.text));
       if (!this.drawn) this.wait("");
     }
     if (content.type === "trame") this.frame(content);
@@ -217,16 +158,16 @@ export class ServerVolumeView {
       this.wait("");
       this.paint();
     } finally {
-      if (!this.closed) this.send({ type: "seen", seq });
+      if (!this.closed) this.messages.send({ type: "seen", seq });
     }
   }
 
   paint() {
-    const bitmap = this.layers[this.flicker.isOn ? this.flicker.layer : 0] || this.layers[0];
-    const context = bitmap && this.canvas.getContext("2d");
+    const bitmap = this.layers[this.elements.flicker.isOn ? this.elements.flicker.layer : 0] || this.layers[0];
+    const context = bitmap && this.elements.canvas.getContext("2d");
     if (!context) return;
     context.imageSmoothingQuality = "high";
-    const { width, height } = this.canvas,
+    const { width, height } = this.elements.canvas,
       [, original] = this.layers;
     context.drawImage(bitmap, 0, 0, width, height);
     const { share } = this.elements.compare;
@@ -250,27 +191,16 @@ export class ServerVolumeView {
   }
 
   get pixels(): Vector2 {
-    return [this.canvas.width, this.canvas.height];
+    return [this.elements.canvas.width, this.elements.canvas.height];
   }
 
-  readCamera(isForced = false) {
-    if (this.camera.read(isForced)) this.touchParts();
-  }
-
-  /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
-  writeCamera() {
-    this.camera.write();
-  }
-
-  touchParts() {
-    if (!this.info) return;
-    this.elements.follow(this.camera);
-    this.spacePoints.draw();
+  override cameraRead() {
+    this.follow();
   }
 
   /** Requests a picture from the camera, which has moved. */
   touch() {
-    this.touchParts();
+    this.follow();
     const isGivenUp = performance.now() - this.sentAt > PATIENCE;
     if (this.number - this.answered < CAMERAS_IN_FLIGHT || isGivenUp) this.#sendCamera();
     else this.isLate = true;
@@ -284,7 +214,7 @@ export class ServerVolumeView {
     this.isLate = false;
     this.number += 1;
     this.sentAt = performance.now();
-    this.send({ type: "camera", camera: this.camera.trait, number: this.number });
+    this.messages.send({ type: "camera", camera: this.camera.trait, number: this.number });
   }
 
   #answer(number: number) {
@@ -292,26 +222,10 @@ export class ServerVolumeView {
     if (this.isLate) this.#sendCamera();
   }
 
-  showView(view: ViewName) {
-    if (!this.info) return;
-    this.camera.seeAll(this.info.views[view]);
-    this.touchParts();
-    this.writeCamera();
-  }
-
-  lost() {} // a canvas of pictures has no context that could be lost
-
-  restored() {}
-
-  close() {
-    this.closed = true;
+  override close() {
     for (const timer of [this.greeting, this.resizing, this.retry]) clearTimeout(timer);
-    this.send({ type: "bye" });
-    this.messages.close();
-    this.pointer.close();
-    this.spacePoints.close();
+    super.close();
     for (const bitmap of this.layers) bitmap.close();
-    this.elements.close();
   }
 }
 
@@ -320,8 +234,6 @@ export interface UndrawnView {
   model: Model;
   messages: ViewMessages;
   elements: ViewElements;
-  root: HTMLElement;
-  send: (content: Without<LiveViewToPython, "view">) => void;
 }
 
 /**
@@ -337,12 +249,12 @@ export class StillPicture {
     readonly view: UndrawnView,
     readonly why: string,
   ) {
-    this.image = pageElement("img", "dnb-still", view.root, { alt: view.model.get("label") || "Volume" });
+    this.image = pageElement("img", "dnb-still", view.elements.root, { alt: view.model.get("label") || "Volume" });
   }
 
   /** Requests pictures; Python answers that it draws, and does so from then on. */
   request() {
-    if (!this.pictures) this.view.send({ type: "still", background: this.view.elements.theme.name });
+    if (!this.pictures) this.view.messages.send({ type: "still", background: this.view.elements.theme.name });
   }
 
   /** Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once. */
@@ -376,9 +288,9 @@ export class StillPicture {
       widget_manager: model.widget_manager,
       send: (content) => model.send({ type: "drawn", view: view.messages.id, say: content } satisfies ToServerRenderer),
     };
-    view.root.hidden = true;
+    view.elements.root.hidden = true;
     this.pictures = new ServerVolumeView(part, view.elements.host);
-    this.pictures.showMessage(this.why);
+    this.pictures.elements.showMessage(this.why);
     opened(this.pictures);
     this.#shown();
   }
@@ -397,7 +309,7 @@ export class StillPicture {
 
   close() {
     this.pictures?.close();
-    this.view.root.hidden = false;
+    this.view.elements.root.hidden = false;
     URL.revokeObjectURL(this.image.src);
     this.image.remove();
   }

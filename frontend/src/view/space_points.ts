@@ -306,10 +306,10 @@ export class SpacePoints {
   constructor(readonly view: VolumeViewLike) {
     this.id = Math.random().toString(36).slice(2, 12);
     this.followed = new FollowedModel(view.model);
-    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.root);
+    this.svg = svgElement("svg", { class: "dnb-sp-over", visibility: "hidden" }, view.elements.root);
     this.axisLine = svgElement("path", { class: "dnb-sp-axis", visibility: "hidden" }, this.svg);
     this.handles = new Handles(this.svg, { label: spaceLabel, tip: spaceTip });
-    this.liveRegion = pageElement("div", "dnb-ed-spoken", view.root, { "aria-live": "polite" });
+    this.liveRegion = pageElement("div", "dnb-ed-spoken", view.elements.root, { "aria-live": "polite" });
     const on = <K extends keyof SVGElementEventMap>(name: K, handler: (event: SVGElementEventMap[K]) => void) =>
       this.svg.addEventListener(
         name,
@@ -337,7 +337,7 @@ export class SpacePoints {
       e.preventDefault();
       e.stopPropagation();
     });
-    view.on("change:points_editor", () => this.follow(view.model.get("points_editor")));
+    view.messages.on("change:points_editor", () => this.follow(view.model.get("points_editor")));
     this.follow(view.model.get("points_editor")).catch((error) => view.fail(error));
   }
 
@@ -451,7 +451,7 @@ export class SpacePoints {
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
-    if (isFocusLost) view.canvas.focus({ preventScroll: true });
+    if (isFocusLost) view.elements.canvas.focus({ preventScroll: true });
     this.#drawAxis(camera);
     this.#lookLater(camera);
   }
@@ -544,7 +544,7 @@ export class SpacePoints {
   }
 
   place(event: MouseEvent): Vector2 {
-    const box = this.view.canvas.getBoundingClientRect();
+    const box = this.view.elements.canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   }
 

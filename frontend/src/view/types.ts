@@ -2,13 +2,13 @@
 
 import type { CameraData } from "../generated.ts";
 import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
-import type { Flicker, Shows, ViewName } from "../ui/view_parts.ts";
+import type { Shows, ViewName } from "../ui/view_parts.ts";
 import type { RayCaster } from "../webgl/raycaster.ts";
 import type { PlanarField, SpaceField } from "../webgl/types.ts";
 import type { PointerControls } from "./pointer.ts";
 import type { SpacePoints } from "./space_points.ts";
 import type { ViewCamera } from "./view_camera.ts";
-import type { ViewElements } from "./view_elements.ts";
+import type { ViewElements, ViewMessages } from "./view_elements.ts";
 
 /** A buffer of a message. */
 export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;
@@ -58,29 +58,25 @@ export interface Field {
 /** The front end of a view, as its camera, its pointer and its points need it. */
 export interface VolumeViewLike {
   model: Model;
-  root: HTMLElement;
-  canvas: HTMLCanvasElement;
+  messages: ViewMessages;
   elements: ViewElements;
   /** Width and height of the full picture in pixels. */
-  pixels: Vector2;
+  readonly pixels: Vector2;
   camera: ViewCamera;
   info: VolumeInfo | null;
   /** The value of the trait "shows" that the camera is for. */
   shown: Shows;
   closed: boolean;
-  flicker: Flicker;
   pointer: PointerControls;
-  loop: { release(): void } | null;
   spacePoints: SpacePoints;
   /** Of a view that has the voxels. */
-  values?: Uint8Array | null;
-  field?: Field | null;
-  caster?: RayCaster | null;
-  on(name: string, handler: (...given: never[]) => unknown): void;
+  readonly values?: Uint8Array | null;
+  readonly field?: Field | null;
+  readonly caster?: RayCaster | null;
   fail(error: unknown): void;
   touch(held?: boolean): void;
   writeCamera(): void;
   showView(view: ViewName): void;
-  lost(event: Event): void;
-  restored(): void;
+  /** The finger or the button is lifted. */
+  release(): void;
 }

@@ -1,0 +1,126 @@
+// The front end of a volume, whoever draws it: its elements, messages, camera, pointer and points in space.
+
+import type { Model, Vector2 } from "../types.ts";
+import type { Shows, ViewName } from "../ui/view_parts.ts";
+import { PointerControls } from "./pointer.ts";
+import { SpacePoints } from "./space_points.ts";
+import type { VolumeInfo, VolumeViewLike } from "./types.ts";
+import { ViewCamera } from "./view_camera.ts";
+import { ViewElements, ViewMessages } from "./view_elements.ts";
+
+export abstract class VolumeFrontEnd implements VolumeViewLike {
+  closed = false;
+  info: VolumeInfo | null = null;
+  shown: Shows;
+  messages: ViewMessages;
+  elements: ViewElements;
+  camera: ViewCamera;
+  pointer: PointerControls;
+  spacePoints: SpacePoints;
+
+  /**
+   * @param kind a class of the root
+   * @param title names it in its errors
+   */
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+    kind: string,
+    private readonly title: string,
+  ) {
+    this.messages = new ViewMessages(model, (error) => this.fail(error));
+    this.elements = new ViewElements(model, el, kind, {
+      showView: (view) => this.showView(view),
+      rethemed: () => this.setBackground(),
+      flip: (layer) => this.flip(layer),
+      compared: () => this.compared(),
+      resized: () => this.size(),
+      picture: () => this.picture(),
+    });
+    this.shown = this.elements.shows;
+    this.camera = new ViewCamera(this);
+    this.pointer = new PointerControls(this);
+    this.spacePoints = new SpacePoints(this);
+  }
+
+  /** Width and height of the full picture in pixels. */
+  abstract get pixels(): Vector2;
+
+  abstract size(): void;
+
+  abstract setBackground(): void;
+
+  /** Another layer of two in turn is shown. */
+  abstract flip(layer: number): void;
+
+  /** The line or the slider between original and deformed was moved. */
+  abstract compared(): void;
+
+  /** What is seen, as a PNG; null for nothing. */
+  abstract picture(): Promise<Blob | null>;
+
+  /** Draw again, as something has changed. `held`: a finger or a button is still down. */
+  abstract touch(held?: boolean): void;
+
+  /** The finger or the button is lifted. */
+  release() {}
+
+  fail(error: unknown) {
+    console.error(error);
+    this.elements.showMessage(`${this.title} has failed: ${(error instanceof Error && error.message) || error}`);
+  }
+
+  /** Show the trait "shows"; two in turn or compared only where that is drawn here. */
+  takeShows(isDrawn = true) {
+    const { elements } = this,
+      { shows } = elements;
+    this.camera.reframed(() => {
+      this.shown = shows;
+    });
+    elements.flicker.set(shows === "flicker" && isDrawn);
+    elements.compare.set(isDrawn ? shows : "");
+    this.caption();
+  }
+
+  caption() {
+    this.elements.caption(this.elements.flicker.layer);
+  }
+
+  /** Let all that lies around and over the picture follow the camera. */
+  follow() {
+    if (!this.info) return;
+    this.elements.follow(this.camera);
+    this.spacePoints.draw();
+  }
+
+  readCamera(isForced = false) {
+    if (this.camera.read(isForced)) this.cameraRead();
+  }
+
+  /** The camera was changed by Python or by a button. */
+  cameraRead() {
+    this.touch();
+  }
+
+  /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
+  writeCamera() {
+    this.camera.write();
+    this.settled();
+  }
+
+  /** The camera rests. */
+  settled() {}
+
+  showView(view: ViewName) {
+    if (!this.info) return;
+    this.camera.seeAll(this.info.views[view]);
+    this.cameraRead();
+    this.writeCamera();
+  }
+
+  close() {
+    this.closed = true;
+    this.messages.send({ type: "bye" });
+    for (const part of [this.messages, this.pointer, this.spacePoints, this.elements]) part.close();
+  }
+}

@@ -1,0 +1,140 @@
+// The displacement that a live view shows: of Python, or of an editor or a player in the same window.
+
+import type { FieldMaps } from "../generated.ts";
+import type { Model } from "../types.ts";
+import type { RayCaster } from "../webgl/raycaster.ts";
+import type { PlanarField, SpaceField } from "../webgl/types.ts";
+import type { KnownCuts } from "./follow_editor.ts";
+import { FieldLink, fieldOf } from "./follow_editor.ts";
+import { SpaceLink } from "./follow_space.ts";
+import { TimeLink } from "./playback.ts";
+import type { FrameLoop } from "./render_loop.ts";
+import type { Bytes, Field, VolumeInfo } from "./types.ts";
+import type { ViewCamera } from "./view_camera.ts";
+import type { ViewMessages } from "./view_elements.ts";
+
+/** What the field uses of its view. */
+export interface FieldView {
+  model: Model;
+  messages: ViewMessages;
+  camera: ViewCamera;
+  readonly info: VolumeInfo | null;
+  readonly caster: RayCaster | null;
+  readonly loop: FrameLoop | null;
+  readonly still: { request(): void } | null;
+  touch(held?: boolean): void;
+  mark(): void;
+  fail(error: unknown): void;
+}
+
+export class LiveField {
+  shown: Field | null = null;
+  cuts: KnownCuts = {};
+  received = 0; // bytes
+  link: FieldLink;
+  times: TimeLink;
+  spaceLink: SpaceLink;
+
+  constructor(private readonly view: FieldView) {
+    const { messages, model } = view;
+    this.link = new FieldLink(
+      model,
+      (planar, isDrawing) => this.#follow(planar, isDrawing),
+      (isMoving) => this.#moved(isMoving),
+    );
+    this.times = new TimeLink(model, (planar, isPlaying) => this.#play(planar, isPlaying));
+    this.spaceLink = new SpaceLink(model, {
+      info: () => view.info,
+      move: (isMoving) => this.#moved(isMoving),
+      apply: (space, isMoving) => this.#followSpace(space, isMoving),
+      follows: (sender) => messages.send({ type: "follows", sender }),
+    });
+    for (const [link, name] of [
+      [this.link, "editor"],
+      [this.times, "player"],
+      [this.spaceLink, "points_editor"],
+    ] as const) {
+      messages.on(`change:${name}`, () => link.follow(model.get(name)));
+      link.follow(model.get(name)).catch((error) => view.fail(error));
+    }
+  }
+
+  /** Take what Python has sent; false where it belongs to a field that is not here. */
+  receive(content: FieldMaps, buffers: Bytes[]) {
+    const { view } = this;
+    this.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
+    this.times.drop();
+    const field = content.frames
+      ? this.times.take(content, content.frames, buffers as [Bytes, Bytes])
+      : fieldOf(content, buffers, this.cuts);
+    if (!field) return false;
+    view.camera.reframed(() => {
+      // a larger field of view is seen whole
+      this.shown = {
+        ...field,
+        planar: this.link.merged(field.planar, content.follow || null),
+        space: this.spaceLink.merged(field.space, content.moved || null),
+      };
+    });
+    view.mark();
+    this.apply();
+    view.touch();
+    return true;
+  }
+
+  apply() {
+    const { camera, caster, loop } = this.view;
+    if (!caster?.volume || !this.shown || !loop) return;
+    loop.apply(() => {
+      const { shown } = this; // of then, which may be a newer one
+      if (!caster.volume || !shown) return;
+      caster.setPlanar(shown.planar);
+      caster.setSpace(shown.space);
+      caster.volume.box = camera.box;
+      this.view.mark();
+    });
+  }
+
+  /** Show new maps from the editor in this window: no byte goes to Python. */
+  #follow(planar: PlanarField, isDrawing: boolean) {
+    if (this.shown) this.shown.planar = planar;
+    else this.shown = { box: null, planar, space: null };
+    this.apply();
+    if (!isDrawing && this.view.caster?.volume) this.view.touch(this.link.isMoving);
+  }
+
+  /** The same of a displacement in space. */
+  #followSpace(space: SpaceField, isMoving: boolean) {
+    if (!this.shown) return;
+    this.shown.space = space;
+    this.apply();
+    if (!isMoving && this.view.caster?.volume) this.view.touch();
+  }
+
+  #play(planar: PlanarField, isPlaying: boolean) {
+    if (!this.shown) return;
+    this.shown = { ...this.shown, planar };
+    this.apply();
+    this.view.touch(isPlaying);
+    if (!isPlaying) this.view.still?.request();
+  }
+
+  /** Make the maps and the displacement of the newest movements. */
+  catchUp() {
+    this.link.catchUp();
+    this.spaceLink.catchUp();
+  }
+
+  /** A point is on its way: its maps are made with the next picture, or now if none is drawn here. */
+  #moved(isMoving: boolean) {
+    const { caster, loop } = this.view;
+    if (!isMoving && loop?.held) loop.release();
+    if (!isMoving) return;
+    if (loop && caster?.volume) this.view.touch(true);
+    else this.catchUp();
+  }
+
+  close() {
+    for (const link of [this.link, this.spaceLink, this.times]) link.close();
+  }
+}

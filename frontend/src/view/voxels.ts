@@ -1,0 +1,126 @@
+// The voxels of a live view: fetched piece by piece, then given to the GPU.
+
+import type { Chunk } from "../generated.ts";
+import type { Vector3 } from "../types.ts";
+import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { MemoryError, NOT_HELD, type RayCaster } from "../webgl/raycaster.ts";
+import type { VolumeData } from "../webgl/types.ts";
+import type { Bytes, VolumeInfo } from "./types.ts";
+import type { ViewElements, ViewMessages } from "./view_elements.ts";
+import { VolumeLoader } from "./volume_loader.ts";
+
+const FEWEST = 32 ** 3; // voxels that are still worth a look
+
+/** What a ray caster is told of a volume beside its values. */
+export function volumeData({ shape, spacing, outside, grey, share, is_labels: isLabels, box }: VolumeInfo): VolumeData {
+  return { shape, spacing, outside, isLabels, grey, share, box: { low: box.low, high: box.high }, ownBox: box };
+}
+
+/** What the voxels use of their view. */
+export interface VoxelsView {
+  readonly info: VolumeInfo | null;
+  readonly caster: RayCaster | null;
+  readonly field: unknown;
+  messages: ViewMessages;
+  elements: ViewElements;
+  /** Request what is missing from Python, of so many voxels at most. */
+  hello(voxels?: number): void;
+  setTable(): void;
+  /** All are on the GPU. */
+  uploaded(): void;
+}
+
+export class LiveVoxels {
+  values: Uint8Array | null = null; // once all are here
+  loader: VolumeLoader | null = null;
+  isScarce = false; // whether the GPU did not hold all voxels
+  received = 0; // bytes
+
+  #progress: HTMLDivElement;
+
+  constructor(private readonly view: VoxelsView) {
+    this.#progress = pageElement("div", "dnb-progress", view.elements.root, {
+      role: "progressbar",
+      "aria-label": "loading the volume",
+    });
+  }
+
+  /** Forget those that are here. */
+  drop() {
+    this.values = null;
+    this.loader?.close();
+    this.loader = null;
+  }
+
+  load(info: VolumeInfo) {
+    this.loader = new VolumeLoader(
+      info,
+      (index) => this.view.messages.send({ type: "chunk", id: info.id, index }),
+      (share) => this.#setProgress(0.8 * share),
+      (isStuck) => this.#setStuck(isStuck),
+    );
+  }
+
+  #setStuck(isStuck: boolean) {
+    const { elements } = this.view;
+    elements.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
+    if (!isStuck) return;
+    const button = pageElement("button", "dnb-again", elements.notice, { type: "button", ...OWN_KEYS });
+    button.textContent = "Try again";
+    button.addEventListener("click", () => {
+      if (!this.view.field) this.view.hello();
+      this.loader?.again();
+    });
+  }
+
+  #setProgress(share: number) {
+    this.#progress.style.setProperty("--share", String(share));
+    this.#progress.setAttribute("aria-valuenow", String(Math.round(100 * share)));
+    this.#progress.hidden = share >= 1;
+  }
+
+  async receive(content: Chunk, packed: Bytes) {
+    const { loader, view } = this;
+    if (!loader || loader.id !== content.id) return;
+    this.received += packed.byteLength;
+    const values = await loader.receive(content, packed);
+    if (!values || !view.info) return;
+    this.values = values;
+    await this.upload(view.info, values);
+  }
+
+  /** Request half of the voxels, since the GPU does not hold the volume, until they are too few to look at. */
+  requestFewer(shape: Vector3, why = new MemoryError(NOT_HELD)) {
+    const fewer = Math.floor((shape[0] * shape[1] * shape[2]) / 2);
+    if (fewer < FEWEST) throw why;
+    this.isScarce = true;
+    this.loader = null;
+    this.values = null;
+    this.view.hello(fewer);
+  }
+
+  async upload(info: VolumeInfo, values: Uint8Array) {
+    const { view } = this,
+      { caster } = view;
+    if (!caster) return;
+    const tick = (done: number) =>
+      new Promise<void>((resolve) => {
+        this.#setProgress(0.8 + 0.19 * done);
+        setTimeout(resolve, 0);
+      });
+    let done = false;
+    try {
+      const uploaded = caster.setVolume(values, volumeData(info), tick);
+      this.loader = null;
+      view.setTable(); // now, for these voxels: once they are up it would be fitted to them a second time
+      done = await uploaded;
+    } catch (error) {
+      if (!(error instanceof MemoryError)) throw error;
+      if (caster === view.caster && info === view.info) this.requestFewer(info.shape, error);
+      return;
+    }
+    if (!done || caster !== view.caster) return;
+    view.uploaded();
+    this.#setProgress(1);
+  }
+}
