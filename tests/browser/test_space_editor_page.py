@@ -62,8 +62,9 @@ class Opened:
     def picture(self, pane: int) -> np.ndarray:
         """Grey values of one of the pictures, as they came from Python."""
         width, *values = self.js(
-            f"(() => {{ const c = {PAGE}.parts.row.panes[{pane}].image.picture, all = c.getContext('2d').getImageData(0, 0, "
-            "c.width, c.height).data; return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()"
+            f"(() => {{ const c = {PAGE}.parts.row.panes[{pane}].image.picture, "
+            "all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; "
+            "return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()"
         )
         return np.array(values).reshape(-1, width)
 

@@ -309,7 +309,8 @@ def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs
     space = opened(pairs)
     space.settled()
     drawn = space.js(f"""(() => {{
-      const editor = {PAGE}, {{ points, row }} = editor.parts, pane = row.panes[0], {{ handles }} = pane, update = handles.update.bind(handles);
+      const editor = {PAGE}, {{ points, row }} = editor.parts, pane = row.panes[0];
+      const {{ handles }} = pane, update = handles.update.bind(handles);
       const context = pane.image.canvas.getContext("2d"), fill = context.fillRect.bind(context), flat = [];
       let painted = 0;
       context.fillRect = (...box) => {{ painted += 1; fill(...box); }};

@@ -526,7 +526,9 @@ def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browse
 
 
 def _lit(opened: Opened) -> NDArray[np.bool_]:
-    data = opened.js(f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.elements.canvas.toDataURL('image/png').split(',')[1]; }}")
+    data = opened.js(
+        f"{{ {VIEW}.loop.drawNow(2); return {VIEW}.elements.canvas.toDataURL('image/png').split(',')[1]; }}"
+    )
     image = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB"))
     return np.asarray(image.max(axis=2) > 64)
 
