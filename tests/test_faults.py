@@ -346,7 +346,7 @@ def test_edits_go_on_while_a_movie_is_written(tmp_path: Path) -> None:
     studio = Studio(a_volume(), side="+y", folder=tmp_path)
     files = panel(studio, "Export")
     goes_on = threading.Event()
-    files.bar.observe(lambda _: goes_on.wait(PATIENCE), "value")  # which the other thread moves
+    files.writing.bar.observe(lambda _: goes_on.wait(PATIENCE), "value")  # which the other thread moves
     drag(studio, a_drag(studio))
     files.name.value = "ball.nrrd"
     files.write.click()

@@ -329,11 +329,6 @@ LARGE_CLASSES = {
     "deformnb.io.volumes.headers.Header": (4, 17),
     "deformnb.rbf.interpolant.RBFInterpolant": (29, 17),
     "deformnb.widgets.editor.space_editor.SpaceEditor": (30, 21),
-    "deformnb.widgets.studio.layout.PanelParts": (0, 16),
-    "deformnb.widgets.studio.panels.animation.MovieControls": (10, 18),
-    "deformnb.widgets.studio.panels.files.FilesPanel": (13, 25),
-    "deformnb.widgets.studio.panels.registration.FitPanel": (22, 20),
-    "deformnb.widgets.studio.panels.thompson.ThompsonPanel": (22, 25),
 }
 
 

@@ -103,7 +103,9 @@ def test_the_target_is_laid_over_the_picture(shown: tuple[Any, Any]) -> None:
     ghost = page.locator("img.dnb-ed-ghost")
     assert ghost.count() == 1
     assert not ghost.is_visible()
-    server.run(page, "next(p for p in studio.parts.panels.late if p.title.startswith('Match')).panel.over.value = 0.6")
+    server.run(
+        page, "next(p for p in studio.parts.panels.late if p.title.startswith('Match')).panel.preview.over.value = 0.6"
+    )
     ghost.wait_for(timeout=60_000)
     page.wait_for_function("document.querySelector('img.dnb-ed-ghost').naturalWidth === 64")
     found = page.evaluate(f"""() => {{

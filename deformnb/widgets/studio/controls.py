@@ -9,6 +9,7 @@ from __future__ import annotations
 import html
 import re
 import threading
+import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -18,6 +19,7 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
+from deformnb._progress import time_left
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
@@ -44,6 +46,7 @@ WHOLE_DESCRIPTION = {"description_width": "initial"}
 """Style of a control whose description is never cut short."""
 _STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and beside the folds
 _ROUNDING = 0.501  # of a slider's step
+_SHOWN_SHARE = 0.01  # of work, by which a bar grows
 
 
 def raising(error: Exception) -> Callable[[], None]:
@@ -611,6 +614,65 @@ class VolumePanel(Panel):
 def _take_preset(session: Session, name: str) -> None:
     if name:  # the user's own are those that are there
         session.pictures.transfer = name
+
+
+class ProgressBar:
+    """A bar of work that is under way, seen meanwhile, and the button that stops it.
+
+    Parameters
+    ----------
+    text, tooltip : of the button; width : of the bar.
+
+    Attributes
+    ----------
+    bar, stop : the widgets; is_busy : whether work is under way.
+
+    Examples
+    --------
+    >>> progress = ProgressBar("Stop", "Stop; nothing is changed", "140px")
+    >>> progress.begin()
+    >>> progress.stop.click()
+    >>> progress.is_busy, progress.is_stopped()
+    (True, True)
+    """
+
+    def __init__(self, text: str, tooltip: str, width: str) -> None:
+        self._stopped = threading.Event()
+        self._begun = 0.0
+        self.is_busy = False
+        self.stop = button(text, tooltip, self._stopped.set)
+        self.stop.disabled = True
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width=width, visibility="hidden"))
+
+    def begin(self) -> None:
+        """Show the bar, and let the work be stopped."""
+        self._stopped.clear()
+        self._begun = time.monotonic()
+        self.bar.value = 0.0
+        self._set_busy(True)
+
+    def end(self) -> None:
+        """Hide the bar."""
+        self._set_busy(False)
+
+    def _set_busy(self, is_busy: bool) -> None:
+        self.is_busy = is_busy
+        self.stop.disabled = not is_busy
+        basic.set_layout(self.bar, visibility="visible" if is_busy else "hidden")
+
+    def show(self, share: float) -> str:
+        """Show the finished share, and return in words how long the rest takes."""
+        if abs(share - self.bar.value) > _SHOWN_SHARE or share == 1:  # a message for each would flood the front end
+            self.bar.value = share
+        return time_left(time.monotonic() - self._begun, share)
+
+    def cancel(self) -> None:
+        """Stop the work."""
+        self._stopped.set()
+
+    def is_stopped(self) -> bool:
+        """Check whether the work shall stop."""
+        return self._stopped.is_set()
 
 
 class Question:

@@ -55,6 +55,21 @@ from deformnb.widgets.worker import Worker
 
 
 @dataclass(frozen=True)
+class GivenVolumes:
+    """Volumes that a user gives with the one that is deformed.
+
+    Parameters
+    ----------
+    labels, label_names : numbered parts of the volume and what they are called.
+    target : what the volume shall look like, to be chosen in the panel of fitting.
+    """
+
+    labels: Volume | None = None
+    label_names: Mapping[int, str] | None = None
+    target: Volume | None = None
+
+
+@dataclass(frozen=True)
 class PanelParts:
     """Parts of a studio that panels may need.
 
@@ -67,8 +82,7 @@ class PanelParts:
     opacity : the editor of the opacity curve.
     folder : where files are saved and opened.
     export_html : writes the page that deforms without a kernel.
-    labels, label_names : numbered parts of the volume and what they are called.
-    target : what the volume shall look like, to be chosen in the panel of fitting.
+    given : other volumes that belong to the session's.
     preview : shows a step that is on its way and no edit yet; None gives it up.
     open_volume : opens a volume in place of the session's.
     decide_labels : takes the voxels of the session's for labels, or for amounts.
@@ -84,9 +98,7 @@ class PanelParts:
     opacity: TransferEditor
     folder: str | PathLike[str]
     export_html: Callable[..., None]
-    labels: Volume | None
-    label_names: Mapping[int, str] | None
-    target: Volume | None
+    given: GivenVolumes
     preview: Preview
     open_volume: Callable[[Volume | Channels], None]
     decide_labels: Callable[[bool], None]
@@ -176,8 +188,8 @@ def make_panels(s: PanelParts) -> StudioPanels:
     output = OutputCheck(s.session, s.guard, s.worker)
     diagnostics = DiagnosticsUpdates(s.session, s.guard, s.editors, s.worker)
     points = LatePanel(PointsPanel, s.session, s.guard, s.editors, s.worker)
-    shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors.plane, s.labels, s.label_names, s.folder)
-    fit = LatePanel(FitPanel, s.session, s.guard, s.editors, s.folder, s.target)
+    shapes = LatePanel(ShapesPanel, s.session, s.guard, s.editors.plane, s.given.labels, s.given.label_names, s.folder)
+    fit = LatePanel(FitPanel, s.session, s.guard, s.editors, s.folder, s.given.target)
     thompson = LatePanel(ThompsonPanel, s.session, s.guard, s.editors.plane, s.folder)
     folded: list[LatePanel[Any]] = [points, shapes, fit, thompson]
     shape = [
@@ -191,7 +203,7 @@ def make_panels(s: PanelParts) -> StudioPanels:
         shapes.panel.add_regions(what, regions)
 
     wand = Wand(s.session, s.editors.plane, s.worker, s.guard, take_regions)
-    compare = LatePanel(ComparePanel, s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.target)
+    compare = LatePanel(ComparePanel, s.session, s.guard, s.view, s.editors.beside, s.worker, s.folder, s.given.target)
     channels = [LatePanel(ChannelsPanel, s.session, s.guard)] if s.session.channels else []
     groups = {
         "Shape": shape,

@@ -58,7 +58,7 @@ from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.parameters import PAGE_CONTROLS
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, make_editor
 from deformnb.widgets.studio.head import StudioHead
-from deformnb.widgets.studio.layout import PanelParts, StudioPanels, arranged, make_panels
+from deformnb.widgets.studio.layout import GivenVolumes, PanelParts, StudioPanels, arranged, make_panels
 from deformnb.widgets.studio.save_restore import RestoreBar
 from deformnb.widgets.studio.slices import StudioSlices
 from deformnb.widgets.studio.status import StudioStatus
@@ -229,6 +229,9 @@ def end_all(ends: Sequence[Callable[[], None]]) -> None:
         end()
 
 
+_NONE_GIVEN = GivenVolumes()
+
+
 class Studio(Boxes):
     """Deform a volume by dragging points on a picture of it.
 
@@ -308,15 +311,10 @@ class Studio(Boxes):
         if isinstance(deformation, (str, PathLike)):
             session.files.known.remember(deformation)
         self._options = view, height, folder
-        self._begin(session, laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
+        others = GivenVolumes(laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
+        self._begin(session, others)
 
-    def _begin(
-        self,
-        session: Session,
-        labels: Volume | None = None,
-        label_names: Mapping[int, str] | None = None,
-        target: Volume | None = None,
-    ) -> None:
+    def _begin(self, session: Session, given: GivenVolumes = _NONE_GIVEN) -> None:
         """Take the parts for a session; where they cannot be made those before, if any, stay as they were."""
         before: StudioParts | None = getattr(self, "parts", None)
         words = StudioStatus()
@@ -326,7 +324,7 @@ class Studio(Boxes):
         worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
             with closed_on_failure(lambda: end_all(ends)), worded_by_another():  # by the head
-                parts = self._make(before, session, words, worker, ends, labels, label_names, target)
+                parts = self._make(before, session, words, worker, ends, given)
                 self._show(parts, before)
         except BaseException:
             close_all(words.box, words.notice, words.status)
@@ -346,9 +344,7 @@ class Studio(Boxes):
         words: StudioStatus,
         worker: Worker,
         ends: list[Callable[[], None]],
-        labels: Volume | None,
-        label_names: Mapping[int, str] | None,
-        target: Volume | None,
+        given: GivenVolumes,
     ) -> StudioParts:
         """Make the parts, and note what ends each of them once it is there."""
         kind, height, folder = self._options
@@ -378,9 +374,7 @@ class Studio(Boxes):
                 opacity,
                 folder,
                 self.export_html,
-                labels,
-                label_names,
-                target,
+                given,
                 link.preview,
                 _weakly_in_session(self, Studio.open_volume, worker),
                 _weakly_in_session(self, Studio._decide_labels, worker),

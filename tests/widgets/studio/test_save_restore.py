@@ -141,15 +141,15 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
 
     files.name.value = "mine.json"
     files.write.click()
-    wait_for(lambda: files.message.value.startswith("Wrote mine.json"))
+    wait_for(lambda: files.writing.message.value.startswith("Wrote mine.json"))
     assert studio.session.files.saved is not None
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()
-    wait_for(lambda: files.question.box.is_shown)
+    wait_for(lambda: files.writing.question.box.is_shown)
     wait_for(lambda: not files.write.disabled)
-    assert "changed by someone else" in files.question.text
+    assert "changed by someone else" in files.writing.question.text
     assert (tmp_path / "mine.json").read_bytes() != mine
-    files.question.box.children[1].click()
+    files.writing.question.box.children[1].click()
     wait_for(lambda: (tmp_path / "mine.json").read_bytes() == mine)
     studio.close()

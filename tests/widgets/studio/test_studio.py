@@ -564,7 +564,7 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
         files.write.click()
         wait_for(lambda: not files.write.disabled)
         assert (tmp_path / name).stat().st_size > 0, notice_of(studio)
-        assert name in files.message.value
+        assert name in files.writing.message.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
         files.name.value = wrong
         files.write.click()
@@ -579,22 +579,22 @@ def test_a_scan_is_not_written_over_unasked(studio: Studio, tmp_path: Path) -> N
     (tmp_path / "ball.nrrd").write_bytes(b"the scan")
     files.name.value = "ball.nrrd"
     files.write.click()
-    assert "already there" in files.question.text
+    assert "already there" in files.writing.question.text
     assert not files.write.disabled
     assert (tmp_path / "ball.nrrd").read_bytes() == b"the scan"
-    files.question.box.children[1].click()
-    wait_for(lambda: files.message.value.startswith("Wrote"))
+    files.writing.question.box.children[1].click()
+    wait_for(lambda: files.writing.message.value.startswith("Wrote"))
     files.write.click()  # its own file
-    wait_for(lambda: not files.write.disabled and files.message.value.startswith("Wrote"))
+    wait_for(lambda: not files.write.disabled and files.writing.message.value.startswith("Wrote"))
 
 
 def test_writing_can_be_cancelled(studio: Studio, tmp_path: Path) -> None:
     files = panel(studio, "Export")
     files.name.value = "ball.gif"
     files.write.click()
-    files.cancel.click()
+    files.writing.cancel.click()
     wait_for(lambda: not files.write.disabled)
-    assert "Stopped" in files.message.value
+    assert "Stopped" in files.writing.message.value
     wait_for(lambda: not list(tmp_path.iterdir()))  # the panel is free before the writer has ended
 
 

@@ -277,18 +277,18 @@ def test_no_file_is_written_over_unasked(studio: Studio, tmp_path: Path) -> None
         (tmp_path / name).write_bytes(b"somebody's")
         files.name.value = name
         files.write.click()
-        assert f"{name} is already there. Write over it?" in files.question.text
+        assert f"{name} is already there. Write over it?" in files.writing.question.text
         assert not files.write.disabled
-        files.question.box.children[-1].click()
+        files.writing.question.box.children[-1].click()
         assert (tmp_path / name).read_bytes() == b"somebody's"
     files.name.value = "ball.py"
     files.write.click()
-    files.question.box.children[1].click()
-    wait_for(lambda: files.message.value.startswith("Wrote"))
+    files.writing.question.box.children[1].click()
+    wait_for(lambda: files.writing.message.value.startswith("Wrote"))
     assert b"import deformnb" in (tmp_path / "ball.py").read_bytes()
-    files.message.value = ""
+    files.writing.message.value = ""
     files.write.click()  # its own by now
-    wait_for(lambda: files.message.value.startswith("Wrote"))
+    wait_for(lambda: files.writing.message.value.startswith("Wrote"))
 
 
 def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:

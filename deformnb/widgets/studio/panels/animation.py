@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,7 +13,6 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 
-from deformnb._progress import time_left
 from deformnb.document import edits as key_frames
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import EASINGS, Deformation, Keyframe
@@ -26,7 +24,7 @@ from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.item_list import ItemList
 from deformnb.widgets.inputs.player import LONGEST_MOVIE, Playback, Player
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, widget_of
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, ProgressBar, button, raising, widget_of
 from deformnb.widgets.studio.panels.folder import plain_name
 from deformnb.widgets.view.page_scene import PageGoneError
 from deformnb.widgets.worker import Worker
@@ -269,10 +267,8 @@ class MovieControls:
 
     def __init__(self, session: Session, guard: Guard, view: Any, folder: Path) -> None:
         self._session, self._guard, self._view, self._folder = session, guard, view, folder
-        self.stopped = threading.Event()
         self._thread = Worker("deformnb-movie")
-        self._is_writing = self._has_keys = False
-        self._begun = 0.0
+        self._has_keys = False
         layouts = {
             "kind": {"width": "130px"},
             "fps": {"width": "130px"},
@@ -296,12 +292,13 @@ class MovieControls:
         )
         self.kind.observe(lambda change: self._renamed(change["new"]), "value")
         self.write = button("Write movie", "Write it into the folder of the notebook", lambda: guard(self._start))
-        self.cancel = button("Cancel", "Stop; no half file is left", self.stopped.set)
+        self.progress = ProgressBar("Cancel", "Stop; no half file is left", "120px")
         self.renderer = widget_of("movie_renderer", layout=basic.layout(width="190px"), label="60px")
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", visibility="hidden"))
         self.message = basic.Label("")
         chosen = [self.renderer] if hasattr(view, "page_scene") else []
-        self.box = row(self.kind, self.name, self.fps, *chosen, self.write, self.cancel, self.bar, self.message)
+        self.box = row(
+            self.kind, self.name, self.fps, *chosen, self.write, self.progress.stop, self.progress.bar, self.message
+        )
         self.arrange(False)
 
     def _renamed(self, suffix: str) -> None:
@@ -311,18 +308,13 @@ class MovieControls:
     def arrange(self, has_keys: bool) -> None:
         """Let movies be written where there is something to write."""
         self._has_keys = has_keys
-        self.write.disabled = self._is_writing or not has_keys
-        self.cancel.disabled = not self._is_writing
+        self.write.disabled = self.progress.is_busy or not has_keys
 
     def _start(self) -> None:
         path = self._folder / plain_name(self.name.value)
         frozen = Frozen.of(self._session, self._view.seen())
         fps, by_page = float(self.fps.value), self._takes_page()
-        self.stopped.clear()
-        self._is_writing = True
-        self._begun = time.monotonic()
-        self.bar.value = 0.0
-        basic.set_layout(self.bar, visibility="visible")
+        self.progress.begin()
         self.message.value = f"Writing {path.name} ..."
         self.arrange(self._has_keys)
         self._thread.call(lambda: self._do(path, frozen, fps, by_page=by_page))
@@ -346,8 +338,8 @@ class MovieControls:
             reason = error
             self._guard(raising(reason))
         finally:
-            self.message.value, self._is_writing = message, False
-            basic.set_layout(self.bar, visibility="hidden")
+            self.message.value = message
+            self.progress.end()
             self.arrange(self._has_keys)
 
     def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:
@@ -356,17 +348,18 @@ class MovieControls:
         if by_page:
             of_page = replace(frozen, seen=replace(frozen.seen, scene=self._view.page_scene))
             try:
-                write_movie(path, movie_frames(of_page, fps), fps, progress=self._progress, cancel=self.stopped.is_set)
+                write_movie(
+                    path, movie_frames(of_page, fps), fps, progress=self._count, cancel=self.progress.is_stopped
+                )
                 return note
             except PageGoneError as error:
                 note = f" Python has drawn it: {error}."
-            self._begun = time.monotonic()
-        write_movie(path, movie_frames(frozen, fps), fps, progress=self._progress, cancel=self.stopped.is_set)
+            self.progress.begin()
+        write_movie(path, movie_frames(frozen, fps), fps, progress=self._count, cancel=self.progress.is_stopped)
         return note
 
-    def _progress(self, done: int, total: int) -> None:
-        self.bar.value = share = done / max(total, 1)
-        left = time_left(time.monotonic() - self._begun, share)
+    def _count(self, done: int, total: int) -> None:
+        left = self.progress.show(done / max(total, 1))
         self.message.value = ", ".join(words for words in (f"{done} of {total or '?'} pictures", left) if words)
 
     def wait(self, timeout: float = 120.0) -> None:
@@ -375,5 +368,5 @@ class MovieControls:
 
     def close(self) -> None:
         """Stop what is being written."""
-        self.stopped.set()
+        self.progress.cancel()
         self._thread.close()

@@ -69,10 +69,6 @@ class FilesPanel(Panel):
         super().__init__(session, guard)
         self._view = view
         self._folder = Path(folder)
-        self._write_page = write_page
-        self._job: Job | None = None  # what is awaited
-        self._ending = threading.Lock()
-        self._thread = Worker("deformnb-files")
         stem = file_stem(session.volume)
         kinds = [
             (f"{e.title} ({e.suffixes[0]})", f"{stem}{'_deformed' * (name in _VOLUMES)}{e.suffixes[0]}")
@@ -89,58 +85,28 @@ class FilesPanel(Panel):
         self.kind.observe(lambda change: setattr(self.name, "value", change["new"]), "value")
         self.write = self._acting("Write", "Write it into the folder of the notebook", lambda: self._start(False))
         self.download = self._acting("Download", "Write it and hand it to the browser", lambda: self._start(True))
-        self.cancel = self._acting("Cancel", "Stop; no half file is left", self._cancel)
-        self._whole_name = next(name for title, name in kinds if name.endswith(_FOLDERS))
-        self.whole = self._acting(
+        whole = self._acting(
             "Export at full resolution",
             "Deform the finest level of the pyramid block by block, into an OME-Zarr folder beside the notebook",
             self._start_whole,
         )
         self.level = row(
             basic.HTML(html.escape(_level_text(session.volume)), layout=basic.layout(flex="1 1 240px", min_width="0")),
-            self.whole,
+            whole,
         )
         basic.set_shown(self.level, _level_text(session.volume))
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
-        whole = {"width": "auto", "margin": "2px 0"}
-        self.page_title = basic.Text(
-            value=session.volume.name, description="Title", layout=whole, tooltip="Of the web page"
-        )
-        self.page_text = basic.Textarea(
-            description="Text",
-            rows=3,
-            layout=whole,
-            continuous_update=False,
-            placeholder="What a reader of the page is to look at or to try",
-            tooltip="Stands under the title of the web page",
-        )
-        self.page_controls = {
-            name: basic.Checkbox(
-                value=True,
-                description=f"{label} on the page",
-                indent=False,
-                layout={"width": "auto", "margin": "2px 8px 2px 0"},
-                tooltip="Whether the web page has this control",
-            )
-            for name, label in PAGE_CONTROLS.items()
-        }
-        chosen = row(*self.page_controls.values())
-        self.of_page = column(self.page_title, self.page_text, chosen)
-        self.name.observe(self._show_page_words, "value")
-        self._show_page_words()
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", display="none"))
-        self.message = basic.Label("")
-        self.file_transfer = FileTransfer()
-        self.question = Question(guard)
-        self._idle()
-        writing = [self.kind, self.name, self.write, self.download, self.cancel]
+        self.page = PageOptions(session.volume.name)
+        self.name.observe(self._show_page_options, "value")
+        self._show_page_options()
+        self.writing = FileWriting(guard, write_page, self._set_busy)
         self.box = column(
-            row(*writing),
+            row(self.kind, self.name, self.write, self.download, self.writing.cancel),
             self.level,
-            self.of_page,
-            row(self.copy, self.bar, self.message),
-            self.question.box,
-            self.file_transfer,
+            self.page.box,
+            row(self.copy, self.writing.bar, self.writing.message),
+            self.writing.question.box,
+            self.writing.file_transfer,
         )
 
     def _acting(self, text: str, tooltip: str, action: Callable[[], None]) -> ipw.Button:
@@ -148,12 +114,12 @@ class FilesPanel(Panel):
 
     # -- writing -------------------------------------------------------------------------------------------------------
 
-    def _show_page_words(self, _change: Any = None) -> None:
-        basic.set_shown(self.of_page, self.name.value.lower().endswith(_PAGE))
+    def _show_page_options(self, _change: Any = None) -> None:
+        basic.set_shown(self.page.box, self.name.value.lower().endswith(_PAGE))
 
     def _start_whole(self) -> None:
         if not self.name.value.lower().endswith(_FOLDERS):
-            self.kind.value = self.name.value = self._whole_name
+            self.kind.value = self.name.value = next(name for _, name in self.kind.options if name.endswith(_FOLDERS))
         self._start(False)
 
     def _start(self, downloads: bool) -> None:
@@ -164,29 +130,122 @@ class FilesPanel(Panel):
             try:
                 export_for(path)  # refuses an unknown suffix, before anything begins
             except DeformError as error:
-                self.message.value = ""
+                self.writing.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
         frozen = Frozen.of(self.session, self._view.seen())
-        page = {
-            "title": self.page_title.value,
-            "about": self.page_text.value,
-            "controls": [name for name, box in self.page_controls.items() if box.value],
-        }
+        job = Job(path, frozen, downloads, page=self.page.chosen())
         if os.path.lexists(path) and not frozen.files.known.has(path):
-            self.message.value = ""
+            self.writing.message.value = ""
             is_volume = path.name.lower().endswith((*EXPORTS["volume"].suffixes, *_FOLDERS))
             doubt = ", and may be the original" if is_volume else ""
-            self.question.ask(
-                f"{path.name} is already there{doubt}. Write over it?",
-                "Write over it",
-                lambda: self._begin(Job(path, frozen, downloads, page=page, overwrite=True)),
-            )
+            self.writing.ask(f"{path.name} is already there{doubt}. Write over it?", job)
             return
-        self._begin(Job(path, frozen, downloads, page=page))
+        self.writing.begin(job)
 
-    def _begin(self, job: Job) -> None:
+    def _set_busy(self, is_busy: bool) -> None:
+        self.download.disabled = self.write.disabled = is_busy
+
+    def _copy(self) -> None:
+        self.writing.message.value = ""
+        note = (
+            ""
+            if self.session.files.source
+            else (f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
+        )
+        self.writing.file_transfer.copy(self.session.code(), note)
+
+    def close(self) -> None:
+        """Stop what is being written."""
+        self.writing.close()
+
+
+class PageOptions:
+    """Options of a web page: its title, the text under it, and the controls that it has.
+
+    Parameters
+    ----------
+    name : of the volume, the first title.
+
+    Attributes
+    ----------
+    box : of the widgets; title, text : the fields; controls : switches by the names of controls.
+
+    Examples
+    --------
+    >>> options = PageOptions("fish")
+    >>> options.controls["reset"].value = False
+    >>> options.chosen()["title"], "reset" in options.chosen()["controls"]
+    ('fish', False)
+    """
+
+    def __init__(self, name: str) -> None:
+        whole = {"width": "auto", "margin": "2px 0"}
+        self.title = basic.Text(value=name, description="Title", layout=whole, tooltip="Of the web page")
+        self.text = basic.Textarea(
+            description="Text",
+            rows=3,
+            layout=whole,
+            continuous_update=False,
+            placeholder="What a reader of the page is to look at or to try",
+            tooltip="Stands under the title of the web page",
+        )
+        self.controls = {
+            name: basic.Checkbox(
+                value=True,
+                description=f"{label} on the page",
+                indent=False,
+                layout={"width": "auto", "margin": "2px 8px 2px 0"},
+                tooltip="Whether the web page has this control",
+            )
+            for name, label in PAGE_CONTROLS.items()
+        }
+        self.box = column(self.title, self.text, row(*self.controls.values()))
+
+    def chosen(self) -> dict[str, Any]:
+        """The choices, as options of ``write_page``."""
+        return {
+            "title": self.title.value,
+            "about": self.text.value,
+            "controls": [name for name, box in self.controls.items() if box.value],
+        }
+
+
+class FileWriting:
+    """Writes one file at a time in a thread of its own, with progress and a way to stop.
+
+    Parameters
+    ----------
+    guard : shows errors.
+    write_page : writes the studio as one HTML file.
+    set_busy : called with True while a file is being written, with False at its end.
+
+    Attributes
+    ----------
+    bar, message, cancel : of what is being written; question : whether to write over a file.
+    file_transfer : hands files to the browser.
+    """
+
+    def __init__(self, guard: Guard, write_page: WritePage, set_busy: Callable[[bool], None]) -> None:
+        self._guard, self._write_page, self._set_busy = guard, write_page, set_busy
+        self._job: Job | None = None  # what is awaited
+        self._ending = threading.Lock()
+        self._thread = Worker("deformnb-files")
+        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", display="none"))
+        self.message = basic.Label("")
+        self.cancel = button("Cancel", "Stop; no half file is left", lambda: guard(self._cancel))
+        self.question = Question(guard)
+        self.file_transfer = FileTransfer()
+        self._idle()
+
+    def ask(self, text: str, job: Job) -> None:
+        """Ask before a job that writes over a file."""
+        over = Job(job.path, job.frozen, job.downloads, page=job.page, overwrite=True)
+        self.question.ask(text, "Write over it", lambda: self.begin(over))
+
+    def begin(self, job: Job) -> None:
+        """Begin a job."""
         self.question.forget()
-        self.write.disabled = self.download.disabled = True
+        self._set_busy(True)
         self.cancel.disabled = False
         self.bar.value = 0.0
         basic.set_shown(self.bar, True)
@@ -205,22 +264,20 @@ class FilesPanel(Panel):
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
             if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
-                self.guard(lambda: self.file_transfer.download(job.path.name, content))
+                self._guard(lambda: self.file_transfer.download(job.path.name, content))
         except Cancelled:
             self._ended(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            over = Job(job.path, job.frozen, job.downloads, page=job.page, overwrite=True)
             if self._ended(job, ""):
-                self.question.ask(
+                self.ask(
                     f"{job.path.name} has been changed by someone else since it was opened or saved here."
                     " Write it under another name, or over theirs?",
-                    "Write over it",
-                    lambda: self._begin(over),
+                    job,
                 )
         except Exception as error:
             reason = error
             if self._ended(job, ""):
-                self.guard(raising(reason))
+                self._guard(raising(reason))
 
     def _progress(self, job: Job, share: float) -> None:
         if job.is_cancelled:
@@ -253,16 +310,7 @@ class FilesPanel(Panel):
     def _idle(self) -> None:
         self.cancel.disabled = True
         basic.set_shown(self.bar, False)
-        self.download.disabled = self.write.disabled = False  # last: who writes the next file finds all of it idle
-
-    def _copy(self) -> None:
-        self.message.value = ""
-        note = (
-            ""
-            if self.session.files.source
-            else (f"This volume has no file: line {VOLUME_LINE} is the place for yours before the script is run.")
-        )
-        self.file_transfer.copy(self.session.code(), note)
+        self._set_busy(False)  # last: who writes the next file finds all of it idle
 
     def close(self) -> None:
         """Stop what is being written."""

@@ -9,7 +9,6 @@ The target is another volume, or the result of another session on this one; the 
 from __future__ import annotations
 
 import html
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +35,7 @@ from deformnb.warping.warper import warp_picture
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.image_encoding import as_png
-from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, button, raising, slider
+from deformnb.widgets.studio.controls import WHOLE_DESCRIPTION, Guard, Panel, ProgressBar, button, raising, slider
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.worker import Worker
 
@@ -114,6 +113,49 @@ class Begun:
 Work = Callable[[Begun], tuple[ControlPoints, str]]
 
 
+class FitPreview:
+    """Pictures of what is deformed and of the target, beside each other and one laid over the other.
+
+    Parameters
+    ----------
+    target : gives the pictures; editors : ``editors.current`` shows the target over its own.
+    request : called when a slider has been moved.
+
+    Attributes
+    ----------
+    box : the sliders and the picture; over, blend : the sliders; image : the picture.
+    """
+
+    def __init__(self, target: FitTarget, editors: Any, request: Callable[[Any], None]) -> None:
+        self._target, self._editors = target, editors
+        self._laid_over: tuple[Any, ...] = ()
+        wide = basic.layout(flex="1 1 240px", max_width="420px")
+        self.over = slider(
+            "Overlay", 0.0, 1.0, 0.02, "The target laid over the picture that is edited; 0 not at all", layout=wide
+        )
+        self.blend = slider(
+            "Blend", 0.0, 1.0, 0.02, "Left: 0 the volume as it is deformed now, 1 the target", layout=wide
+        )
+        for one in (self.over, self.blend):
+            one.observe(request, "value")
+        self.image = ipw.Image(format="png", layout=basic.layout(max_width="100%", align_self="flex-start"))
+        legend = basic.HTML(
+            _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
+        )
+        self.box = column(row(self.over, self.blend), self.image, legend)
+
+    def show(self) -> None:
+        """Make both pictures: takes time."""
+        moving, fixed = self._target.pair()
+        editor = self._editors.current
+        if self.over.value > 0 and self._laid_over != (editor, moving, fixed):  # sent where it is seen, and once
+            editor.ghost = as_png(ghost(moving, fixed))  # type: ignore[arg-type]
+            self._laid_over = (editor, moving, fixed)
+        editor.ghost_opacity = self.over.value
+        now, goal = compared(moving, fixed, editor.fit())  # type: ignore[arg-type]
+        self.image.value = as_png(blended(now, goal, self.blend.value))
+
+
 class FitPanel(Panel):
     """Targets found by the pictures.
 
@@ -126,6 +168,7 @@ class FitPanel(Panel):
     Attributes
     ----------
     target : what is chosen; buttons : by their words; message : the line of text.
+    progress : of what the buttons do; preview : of the pictures.
     """
 
     title = "Match to another picture"
@@ -137,8 +180,6 @@ class FitPanel(Panel):
         self._editors = editors
         self.target = FitTarget(session, folder, target)
         self.thread = Worker("deformnb-fit")
-        self._stop = threading.Event()
-        self._is_busy = False
         self.choice = basic.Dropdown(
             options=self.target.choices(),
             description="Target",
@@ -181,39 +222,15 @@ class FitPanel(Panel):
             text: button(text, tip, partial(guard, partial(self._start, text, work)))
             for text, (tip, work) in self._works().items()
         }
-        self.stop = button("Stop", "Stop; nothing is changed", self._stop.set)
-        self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="140px", visibility="hidden"))
+        self.progress = ProgressBar("Stop", "Stop; nothing is changed", "140px")
         self.message = basic.HTML(_words(_HINT if target is None else self.target.note))
-        self.blend = slider(
-            "Blend",
-            0.0,
-            1.0,
-            0.02,
-            "Left: 0 the volume as it is deformed now, 1 the target",
-            layout=basic.layout(flex="1 1 240px", max_width="420px"),
-        )
-        self.blend.observe(self._request_preview, "value")
-        self.over = slider(
-            "Overlay",
-            0.0,
-            1.0,
-            0.02,
-            "The target laid over the picture that is edited; 0 not at all",
-            layout=basic.layout(flex="1 1 240px", max_width="420px"),
-        )
-        self.over.observe(self._request_preview, "value")
-        self._laid_over: tuple[Any, ...] = ()
-        self.preview = ipw.Image(format="png", layout=basic.layout(max_width="100%", align_self="flex-start"))
-        legend = basic.HTML(
-            _words("Left: now, blended with the target. Right: now in green, target in magenta; grey where they agree.")
-        )
-        self.shown = column(row(self.over, self.blend), self.preview, legend)
+        self.preview = FitPreview(self.target, editors, self._request_preview)
         snap, fit, along, along_it = self.buttons.values()
         self.box = column(
             row(self.choice, self.measure, self.stiffness),
-            row(snap, fit, self.count, along, along_it, self.stop, self.bar),
+            row(snap, fit, self.count, along, along_it, self.progress.stop, self.progress.bar),
             self.message,
-            self.shown,
+            self.preview.box,
             grid_gap="4px",
         )
         self.refresh()
@@ -236,13 +253,13 @@ class FitPanel(Panel):
         self._request_preview()
 
     def _allow(self) -> None:
-        basic.set_shown(self.shown, self.target.volume is not None and self.session.editing.step.plane is not None)
-        idle = not self._is_busy and self.target.volume is not None
+        basic.set_shown(
+            self.preview.box, self.target.volume is not None and self.session.editing.step.plane is not None
+        )
+        idle = not self.progress.is_busy and self.target.volume is not None
         for text, made in self.buttons.items():
             made.disabled = not idle or ("outline" in text and self.session.editing.step.plane is None)
-        self.choice.disabled = self._is_busy
-        self.stop.disabled = not self._is_busy
-        basic.set_layout(self.bar, visibility="visible" if self._is_busy else "hidden")
+        self.choice.disabled = self.progress.is_busy
 
     # -- the target ----------------------------------------------------------------------------------------------------
 
@@ -254,7 +271,7 @@ class FitPanel(Panel):
 
     def _choose(self, key: str) -> str:
         try:
-            self.target.choose(key, self._progress)
+            self.target.choose(key, self._advance)
         finally:
             self.choice.value = self.target.key  # what could not be read is not chosen
             if self.target.volume is None and self.session.editing.step.plane is not None:
@@ -263,7 +280,7 @@ class FitPanel(Panel):
 
     def take(self, volume: Volume) -> None:
         """Make a volume the target that is chosen."""
-        if self._is_busy:
+        if self.progress.is_busy:
             raise DeformError("a fit is under way; stop it first.")
         self.target.offer(volume.in_unit(self.session.editing.grid.unit))
         self.target.choose(GIVEN)
@@ -274,14 +291,12 @@ class FitPanel(Panel):
     # -- work ----------------------------------------------------------------------------------------------------------
 
     def _busy(self, words: str) -> None:
-        self._stop.clear()
-        self._is_busy = True
-        self.bar.value = 0.0
+        self.progress.begin()
         self.message.value = _words(words)
         self._allow()
 
     def _start(self, what: str, work: Work) -> None:
-        if self._is_busy:
+        if self.progress.is_busy:
             raise DeformError("a fit is under way; stop it first.")
         begun = self._begin()
         self._busy(f"{what} ...")
@@ -329,15 +344,14 @@ class FitPanel(Panel):
             self.guard(raising(reason))
         finally:
             self.message.value = _words(message)  # before the next fit can begin and say its own
-            self._is_busy = False
+            self.progress.end()
             self._allow()
             self._request_preview()
 
-    def _progress(self, share: float) -> None:
-        if self._stop.is_set():
+    def _advance(self, share: float) -> None:
+        if self.progress.is_stopped():
             raise Cancelled("stopped in the studio.")
-        if abs(share - self.bar.value) > 0.01 or share == 1:
-            self.bar.value = share
+        self.progress.show(share)
 
     # -- the four buttons ----------------------------------------------------------------------------------------------
 
@@ -346,7 +360,7 @@ class FitPanel(Panel):
             raise DeformError("no point is selected; click on those that shall snap, with Shift for several.")
         moving, fixed = self.target.pair()
         found = snap_to_match(
-            begun.points, begun.selected, moving, fixed, map_now=begun.map_now, progress=self._progress
+            begun.points, begun.selected, moving, fixed, map_now=begun.map_now, progress=self._advance
         )
         words = [f"{len(found.ids) - len(found.left)} of {len(found.ids)} points snapped."]
         for why in dict.fromkeys(found.left.values()):
@@ -363,12 +377,12 @@ class FitPanel(Panel):
             )
         moving, fixed = self.target.pair()
         start = time.perf_counter()
-        found = fit_targets(begun.points, moving, fixed, progress=self._progress, **begun.options, **begun.settings)
+        found = fit_targets(begun.points, moving, fixed, progress=self._advance, **begun.options, **begun.settings)
         return found.points, _report(found, begun.points, time.perf_counter() - start)
 
     def _along(self, begun: Begun) -> tuple[ControlPoints, str]:
         source, goal = (self._outline(picture) for picture in self.target.pair())
-        found = fit_outline(begun.points, source, goal, count=self.count.value, progress=self._progress)
+        found = fit_outline(begun.points, source, goal, count=self.count.value, progress=self._advance)
         return found.points, f"{len(found.ids)} points put on the outline. {_bent(found.energy)}"
 
     def _slide(self, begun: Begun) -> tuple[ControlPoints, str]:
@@ -381,7 +395,7 @@ class FitPanel(Panel):
                 "no point is on the outline yet: press \u201cPoints along the outline\u201d, or select "
                 "points that lie on it."
             )
-        found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._progress)
+        found = slide(points, [self._outline(self.target.pair()[1])], ids=ids, progress=self._advance)
         return found.points, f"{len(found.ids)} points slid. {_bent(found.energy)}"
 
     def _outline(self, picture: Any) -> Any:
@@ -393,7 +407,7 @@ class FitPanel(Panel):
     # -- the preview ---------------------------------------------------------------------------------------------------
 
     def _request_preview(self, _change: Any = None) -> None:
-        if self.target.volume is not None and not self._is_busy and not self.thread.is_closed:
+        if self.target.volume is not None and not self.progress.is_busy and not self.thread.is_closed:
             self.thread.latest("preview", self._show_preview)
 
     def _show_preview(self) -> None:
@@ -401,24 +415,13 @@ class FitPanel(Panel):
         if self.session.editing.step.plane is None:
             return
         try:
-            moving, fixed = self.target.pair()
-            self._lay_over(moving, fixed)
-            now, goal = compared(moving, fixed, self._editors.current.fit())  # type: ignore[arg-type]
-            self.preview.value = as_png(blended(now, goal, self.blend.value))
+            self.preview.show()
         except DeformError as error:
             self.message.value = _words(str(error))
 
-    def _lay_over(self, moving: Any, fixed: Any) -> None:
-        """The target over the picture in the editor; sent only where it is seen, and once."""
-        editor = self._editors.current
-        if self.over.value > 0 and self._laid_over != (editor, moving, fixed):
-            editor.ghost = as_png(ghost(moving, fixed))
-            self._laid_over = (editor, moving, fixed)
-        editor.ghost_opacity = self.over.value
-
     def close(self) -> None:
         """Stop what is being fitted."""
-        self._stop.set()
+        self.progress.cancel()
         self.thread.close()
 
 

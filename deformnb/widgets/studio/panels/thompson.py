@@ -22,7 +22,8 @@ from deformnb.imaging.thompson import GRID_OVERLAYS, draw_grids
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
-from deformnb.widgets.boxes import Box, column, line, row
+from deformnb.widgets.boxes import Box, Boxes, column, line, row
+from deformnb.widgets.cell_widgets import close_all
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.inputs.drawing_pair import DrawingPair
 from deformnb.widgets.inputs.file_transfer import FileTransfer
@@ -58,12 +59,12 @@ class ThompsonPanel(Panel):
     session : what is deformed.
     guard : does what was requested and reports errors; default shows them in the panel.
     editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
-        shown by itself: the last expression of a cell, or its ``box``.
+        shown by itself, as the last expression of a cell.
     folder : where figures are written.
 
     Attributes
     ----------
-    before, after : the places of the two views.
+    views : the two grids; own : grids of a user's own; figure : writes both grids as a file.
 
     Examples
     --------
@@ -86,33 +87,15 @@ class ThompsonPanel(Panel):
         folder: str | PathLike[str] = ".",
     ) -> None:
         super().__init__(session, guard or self._guarded)
-        self.message = basic.HTML("", layout=basic.layout(flex="1 1 200px", min_width="0"))
         self.is_alone = editor is None
         self.editor = make_editor(session, _HEIGHT) if editor is None else editor
-        self.folder = Path(folder)
-        self._thread = Worker("deformnb-grids")
         self._is_open = self.is_alone
-        self.before, self.after = _place("before"), _place("after")
-        self._pictures = line(
-            _titled("Original", self.before, _LOOK),
-            _titled("Deformed", self.after),
-            flex_flow="row wrap",
-            grid_gap="8px",
-        )
-        self.nowhere = basic.Label(_IN_SPACE)
-        self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
-        self._own = column()
-        self.box = column(
-            row(*self._grid_settings()),
-            self._own,
-            self._settings(),
-            self._pictures,
-            self.nowhere,
-            row(*self._export()),
-            self.file_transfer,
-        )
-        if self.is_alone:
-            self._listen()
+        self.figure = GridFigure(session, self.guard, self.editor, Path(folder))
+        self.own = OwnGrids(session, self.guard)
+        self.views = GridViews(self.editor)
+        self.box = column(row(*self._grid_settings()), self.own.box, self._settings(), self.views.box, self.figure.box)
+        self._widget = Boxes([self.box]) if self.is_alone else None
+        self._sync = EditorSync(session, self.guard, self.editor, self.refresh) if self.is_alone else None
         self.refresh()
 
     # -- the parts -----------------------------------------------------------------------------------------------------
@@ -160,32 +143,7 @@ class ThompsonPanel(Panel):
             tooltip="Where the head is on this picture",
         )
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
-        self.own = basic.ToggleButton(
-            description="Own drawings",
-            layout=basic.layout(width="auto"),
-            tooltip="A grid of your own on this picture, and one on a second drawing",
-        )
-        self.own.observe(lambda change: self.guard(lambda: self._show_own(change["new"])), "value")
-        return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid)), self.own]
-
-    def _export(self) -> list[Any]:
-        stem = file_stem(self.session.volume)
-        self.name = basic.Text(
-            value=f"{stem}_grids",
-            description="Figure",
-            style={"description_width": "60px"},
-            layout=basic.layout(width="260px"),
-            tooltip="File name, without its end",
-        )
-        self.downloads = basic.Checkbox(
-            description="hand it to the browser too", indent=False, layout=basic.layout(width="auto")
-        )
-        self.file_transfer = FileTransfer()
-        self.writers = [
-            button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}", self._writer(f".{kind}"))
-            for kind in ("svg", "pdf", "png")
-        ]
-        return [self.name, *self.writers, self.downloads, self.message]
+        return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid)), self.own.toggle]
 
     # -- what is shown -------------------------------------------------------------------------------------------------
 
@@ -195,13 +153,7 @@ class ThompsonPanel(Panel):
         self.arrange()
 
     def arrange(self) -> None:
-        on_picture = self.session.editing.step.plane is not None
-        basic.set_shown(self._pictures, on_picture)
-        basic.set_shown(self.nowhere, not (on_picture))
-        shown = (self.editor,) if self._is_open and on_picture else ()
-        for place in (self.before, self.after):
-            if place.children != shown:
-                place.children = shown
+        self.views.show(is_on_picture=self.session.editing.step.plane is not None, is_open=self._is_open)
         self.words.value = in_words(self.session.editing.step.strength)
 
     # -- what is done --------------------------------------------------------------------------------------------------
@@ -217,41 +169,152 @@ class ThompsonPanel(Panel):
         points = ControlPoints.from_arrays(*rows)  # 56 names would hide the picture
         self.session.editing.edit_points(points, f"apply the grid of {target}")
 
-    def _show_own(self, is_shown: bool) -> None:
-        """Show or put away the two drawings, beginning with the picture that is seen."""
-        self._end_own()
-        if is_shown:
-            if self.session.editing.step.plane is None:
-                raise DeformError(_IN_SPACE)
-            self.drawings = DrawingPair(self.session.pictures.picture(), guard=self.guard)
-            told = "Points at the nodes of your grid, in place of those that are there; can be undone"
-            self._own.children = (self.drawings, button("Apply own grids", told, lambda: self.guard(self.apply_own)))
+    def close(self) -> None:
+        """End the thread, and the editor of a panel that stands alone."""
+        self.figure.close()
+        self.own.close()
+        if self._sync is not None:
+            self._sync.close()
+            close_all(self._widget, self.editor)
 
-    def _end_own(self) -> None:
-        self._own.children = ()
+    def _guarded(self, action: Callable[[], None]) -> bool:
+        try:
+            action()
+        except DeformError as error:
+            self.figure.message.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
+            return False
+        return True
+
+    def _repr_mimebundle_(self, **options: Any) -> Any:
+        return None if self._widget is None else self._widget._repr_mimebundle_(**options)
+
+
+class GridViews:
+    """Two views of an editor side by side: the picture on a regular grid, and the deformed one.
+
+    Parameters
+    ----------
+    editor : of which both are views.
+
+    Attributes
+    ----------
+    before, after : their places; nowhere : what stands there for points in space; box : all of it.
+    """
+
+    def __init__(self, editor: Editor) -> None:
+        self._editor = editor
+        self.before, self.after = _place("before"), _place("after")
+        self._pictures = line(
+            _titled("Original", self.before, _LOOK),
+            _titled("Deformed", self.after),
+            flex_flow="row wrap",
+            grid_gap="8px",
+        )
+        self.nowhere = basic.Label(_IN_SPACE)
+        self.box = column(self._pictures, self.nowhere)
+
+    def show(self, *, is_on_picture: bool, is_open: bool) -> None:
+        """Show the views where there is a picture, and while they are seen."""
+        self._pictures.is_shown = is_on_picture
+        basic.set_shown(self.nowhere, not is_on_picture)
+        shown = (self._editor,) if is_open and is_on_picture else ()
+        for place in (self.before, self.after):
+            if place.children != shown:
+                place.children = shown
+
+
+class OwnGrids:
+    """Two drawings with a grid on each, shown by a switch: control points go from one grid to the other.
+
+    Attributes
+    ----------
+    toggle : the switch; box : the place of the drawings; drawings : None while they are not shown.
+    """
+
+    def __init__(self, session: Session, guard: Guard) -> None:
+        self._session, self._guard = session, guard
+        self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
+        self.box = column()
+        self.toggle = basic.ToggleButton(
+            description="Own drawings",
+            layout=basic.layout(width="auto"),
+            tooltip="A grid of your own on this picture, and one on a second drawing",
+        )
+        self.toggle.observe(lambda change: guard(lambda: self._show(change["new"])), "value")
+
+    def _show(self, is_shown: bool) -> None:
+        """Show or put away the two drawings, beginning with the picture that is seen."""
+        self.close()
+        if is_shown:
+            if self._session.editing.step.plane is None:
+                raise DeformError(_IN_SPACE)
+            self.drawings = DrawingPair(self._session.pictures.picture(), guard=self._guard)
+            told = "Points at the nodes of your grid, in place of those that are there; can be undone"
+            self.box.children = (self.drawings, button("Apply own grids", told, lambda: self._guard(self.apply)))
+
+    def close(self) -> None:
+        """Put the drawings away."""
+        self.box.children = ()
         if self.drawings is not None:
             self.drawings.close()
             self.drawings = None
 
-    def apply_own(self) -> None:
+    def apply(self) -> None:
         """Put control points at the nodes of the grid on this picture, which go to those of the second drawing."""
         if self.drawings is None:
             raise DeformError("no drawings are shown: press Own drawings.")
-        if self.drawings.first.picture.plane != self.session.editing.step.plane:
+        if self.drawings.first.picture.plane != self._session.editing.step.plane:
             raise DeformError(
                 "the grid was put on another side of the volume: go back to it, or press Own drawings "
                 "twice to begin on this one."
             )
         grids = self.drawings.map()
         rows = grids.source_nodes.reshape(-1, 2), grids.target_nodes.reshape(-1, 2)
-        self.session.editing.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
+        self._session.editing.edit_points(ControlPoints.from_arrays(*rows), "apply grids of your own")
+
+
+class GridFigure:
+    """Writes both grids with the overlay as a figure, in a thread of its own.
+
+    Parameters
+    ----------
+    guard : shows errors.
+    editor : whose overlay and lines the figure has.
+    folder : where figures are written.
+
+    Attributes
+    ----------
+    box : the controls; name, downloads, writers, message, file_transfer : the widgets in it.
+    """
+
+    def __init__(self, session: Session, guard: Guard, editor: Editor, folder: Path) -> None:
+        self._session, self._guard, self._editor, self.folder = session, guard, editor, folder
+        self._thread = Worker("deformnb-grids")
+        stem = file_stem(session.volume)
+        self.name = basic.Text(
+            value=f"{stem}_grids",
+            description="Figure",
+            style={"description_width": "60px"},
+            layout=basic.layout(width="260px"),
+            tooltip="File name, without its end",
+        )
+        self.downloads = basic.Checkbox(
+            description="hand it to the browser too", indent=False, layout=basic.layout(width="auto")
+        )
+        self.file_transfer = FileTransfer()
+        self.writers = [
+            button(kind.upper(), f"Write both grids with the overlay as {kind.upper()}", self._writer(f".{kind}"))
+            for kind in ("svg", "pdf", "png")
+        ]
+        self.message = basic.HTML("", layout=basic.layout(flex="1 1 200px", min_width="0"))
+        self.box = column(row(self.name, *self.writers, self.downloads, self.message), self.file_transfer)
 
     def _writer(self, suffix: str) -> Callable[[], Any]:
-        return lambda: self.guard(lambda: self.write(suffix))
+        return lambda: self._guard(lambda: self.write(suffix))
 
     def write(self, suffix: str) -> None:
         """Write the figure into the folder, in a thread of its own."""
-        session, editor, step = self.session, self.editor, self.session.editing.step
+        session, editor, step = self._session, self._editor, self._session.editing.step
         if step.plane is None:
             raise DeformError(_IN_SPACE)
         path = self.folder / plain_name(f"{self.name.value.strip()}{suffix}")
@@ -284,7 +347,7 @@ class ThompsonPanel(Panel):
                 self.file_transfer.download(path.name, path.read_bytes())
         except Exception as error:
             reason = error
-            self.guard(raising(reason))
+            self._guard(raising(reason))
         finally:
             if message or self.message.value.startswith("Writing"):
                 self.message.value = message
@@ -292,73 +355,65 @@ class ThompsonPanel(Panel):
                 writer.disabled = False
 
     def close(self) -> None:
-        """End the thread, and the editor of a panel that stands alone."""
+        """End the thread."""
         self._thread.close()
-        self._end_own()
-        if self.is_alone:
-            self.session.editing.unobserve(self._session_changed, _EDITING)
-            self.session.pictures.unobserve(self._session_changed, _PICTURES)
-            self.editor.close()
 
-    # -- alone ---------------------------------------------------------------------------------------------------------
 
-    def _listen(self) -> None:
-        self._drawn = self.session.pictures.automatic_picture()
-        self.editor.observe(self._points_changed, "points")
-        self.editor.observe(self._shapes_changed, ["cuts", "parts"])
-        self.editor.on_history(lambda way: getattr(self.session.editing, way)())
-        self.editor.observe(self._window_chosen, "window")
-        self.session.editing.observe(self._session_changed, _EDITING)
-        self.session.pictures.observe(self._session_changed, _PICTURES)
+class EditorSync:
+    """Between a session and the editor of a panel that stands alone."""
+
+    def __init__(self, session: Session, guard: Guard, editor: Editor, refresh: Callable[[], None]) -> None:
+        self._session, self._guard, self._editor, self._refresh = session, guard, editor, refresh
+        self._drawn = self._session.pictures.automatic_picture()
+        self._editor.observe(self._points_changed, "points")
+        self._editor.observe(self._shapes_changed, ["cuts", "parts"])
+        self._editor.on_history(lambda way: getattr(self._session.editing, way)())
+        self._editor.observe(self._window_chosen, "window")
+        self._session.editing.observe(self._session_changed, _EDITING)
+        self._session.pictures.observe(self._session_changed, _PICTURES)
 
     def _points_changed(self, change: Any) -> None:
-        if change["new"] != self.session.editing.points:
-            label = edit_label(self.session.editing.points, change["new"])
-            self._taken(lambda: self.session.editing.edit_points(change["new"], label))
+        if change["new"] != self._session.editing.points:
+            label = edit_label(self._session.editing.points, change["new"])
+            self._taken(lambda: self._session.editing.edit_points(change["new"], label))
 
     def _shapes_changed(self, change: Any) -> None:
         what = change["name"]
-        if getattr(self.session.editing.step, what) != change["new"]:
-            made = self.editor.edit_under_way
+        if getattr(self._session.editing.step, what) != change["new"]:
+            made = self._editor.edit_under_way
             points = None if made is None else made.points
             self._taken(
                 lambda: (
-                    self.session.editing.change(cuts=change["new"])
+                    self._session.editing.change(cuts=change["new"])
                     if what == "cuts"
-                    else self.session.editing.edit_parts(change["new"], points=points)
+                    else self._session.editing.edit_parts(change["new"], points=points)
                 )
             )
 
     def _window_chosen(self, change: Any) -> None:
-        self.guard(lambda: self.session.pictures.set_trait("window", tuple(change["new"]) or None))
+        self._guard(lambda: self._session.pictures.set_trait("window", tuple(change["new"]) or None))
 
     def _taken(self, edit: Callable[[], None]) -> None:
         """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""
-        if not self.guard(edit):
-            show_step(self.editor, self.session)
+        if not self._guard(edit):
+            show_step(self._editor, self._session)
 
     def _session_changed(self, change: Any) -> None:
         if change["name"] == "history":
-            self.editor.history = dict(change["new"])
+            self._editor.history = dict(change["new"])
             return
-        if self.session.editing.step.plane is not None:
-            picture = self.session.pictures.automatic_picture()
+        if self._session.editing.step.plane is not None:
+            picture = self._session.pictures.automatic_picture()
             if self._drawn is not picture:  # the editor's own is in the window of the session
-                self.editor.picture = self._drawn = picture
-            show_view_state(self.editor, self.session)
-            show_step(self.editor, self.session)
-        self.refresh()
+                self._editor.picture = self._drawn = picture
+            show_view_state(self._editor, self._session)
+            show_step(self._editor, self._session)
+        self._refresh()
 
-    def _guarded(self, action: Callable[[], None]) -> bool:
-        try:
-            action()
-        except DeformError as error:
-            self.message.value = str(error).replace("&", "&amp;").replace("<", "&lt;")
-            return False
-        return True
-
-    def _repr_mimebundle_(self, **options: Any) -> Any:
-        return self.box._repr_mimebundle_(**options)
+    def close(self) -> None:
+        """Stop observing the session."""
+        self._session.editing.unobserve(self._session_changed, _EDITING)
+        self._session.pictures.unobserve(self._session_changed, _PICTURES)
 
 
 def in_words(strength: float) -> str:

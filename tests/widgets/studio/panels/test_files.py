@@ -59,21 +59,21 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(
     files.write.click()
     assert begun.wait(60)
     assert files.write.disabled
-    assert not files.cancel.disabled
-    files.cancel.click()
+    assert not files.writing.cancel.disabled
+    files.writing.cancel.click()
     assert not files.write.disabled
     assert not files.download.disabled
-    assert files.cancel.disabled
-    assert files.bar.layout.display == "none"
-    assert files.message.value == "Stopped; ball.png was not written."
+    assert files.writing.cancel.disabled
+    assert files.writing.bar.layout.display == "none"
+    assert files.writing.message.value == "Stopped; ball.png was not written."
     files.name.value = "ball.py"
     files.write.click()  # while the other still works
-    wait_for(lambda: files.message.value.startswith("Wrote ball.py"))
+    wait_for(lambda: files.writing.message.value.startswith("Wrote ball.py"))
     go_on.set()
     assert ended.wait(60)
     wait_for(lambda: sorted(p.name for p in tmp_path.iterdir()) == ["ball.png", "ball.py"])
     assert (tmp_path / "ball.png").read_bytes() == b"older"
-    assert files.message.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
+    assert files.writing.message.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
 
 
 def test_a_file_that_takes_its_place_is_not_cancelled(
@@ -93,15 +93,15 @@ def test_a_file_that_takes_its_place_is_not_cancelled(
     files.name.value = "ball.png"
     files.write.click()
     assert landing.wait(60)
-    files.cancel.click()
-    assert "Stopped" not in files.message.value  # for it is there
+    files.writing.cancel.click()
+    assert "Stopped" not in files.writing.message.value  # for it is there
     go_on.set()
-    wait_for(lambda: files.message.value.startswith("Wrote ball.png"))
+    wait_for(lambda: files.writing.message.value.startswith("Wrote ball.png"))
 
 
 def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     files, sent = panel(studio, "Export"), []
-    monkeypatch.setattr(files.file_transfer, "send", lambda content, buffers=None: sent.append(content))
+    monkeypatch.setattr(files.writing.file_transfer, "send", lambda content, buffers=None: sent.append(content))
     files.copy.click()
     studio.session.files.source = 'dn.read_volume("ball.nrrd")'
     files.copy.click()
@@ -116,14 +116,14 @@ def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.
 
 def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studio, tmp_path: Path) -> None:
     files = panel(studio, "Export")
-    assert not files.of_page.is_shown
-    assert files.page_title.value == studio.volume.name
+    assert not files.page.box.is_shown
+    assert files.page.title.value == studio.volume.name
     files.kind.value = next(value for _, value in files.kind.options if value.endswith(".html"))
-    assert files.of_page.is_shown
-    files.name.value, files.page_title.value, files.page_text.value = "page.html", "A < B", "Drag the <tail>."
+    assert files.page.box.is_shown
+    files.name.value, files.page.title.value, files.page.text.value = "page.html", "A < B", "Drag the <tail>."
     files.write.click()
-    files.page_title.value = "of the next one"
-    wait_for(lambda: files.message.value.startswith("Wrote page.html"))
+    files.page.title.value = "of the next one"
+    wait_for(lambda: files.writing.message.value.startswith("Wrote page.html"))
     page = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert "<title>A &lt; B</title>" in page
     assert '<h1 translate="no">A &lt; B</h1>' in page
@@ -141,8 +141,8 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
         assert "level 1" in files.level.children[0].value
         assert "300 x 9 x 8 voxels" in files.level.children[0].value
         assert "level 1" in volume_facts(studio.volume)
-        files.whole.click()
-        wait_for(lambda: files.message.value.startswith("Wrote in_deformed.zarr"))
+        files.level.children[1].click()
+        wait_for(lambda: files.writing.message.value.startswith("Wrote in_deformed.zarr"))
         assert_array_equal(read_volume(tmp_path / "in_deformed.zarr", level=0).values, values)
         files.download.click()
         assert "a browser cannot take over" in notice_of(studio)

@@ -172,7 +172,7 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
         begun.set()
         edited.wait(30)
 
-    bench.panel.bar.observe(slow, "value")
+    bench.panel.progress.bar.observe(slow, "value")
     bench.panel.buttons["Fit all points"].click()
     assert begun.wait(60)
     moved = bench.session.editing.points.move(8, [20.0, 20.0])
@@ -185,7 +185,7 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
 
 def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:
     before = bench.session.editing.deformation
-    bench.panel.bar.observe(lambda _: bench.panel.stop.click(), "value")
+    bench.panel.progress.bar.observe(lambda _: bench.panel.progress.stop.click(), "value")
     bench.press("Fit all points")
     assert bench.said.endswith("Stopped; nothing was changed.</div>")
     assert bench.session.editing.deformation is before
@@ -237,23 +237,23 @@ def test_a_target_elsewhere_in_space_is_laid_middle_on_middle(tmp_path: Path) ->
 
 
 def test_the_preview_shows_both_pictures(bench: Bench) -> None:
-    wait_for(lambda: len(bench.panel.preview.value) > 0)
-    first = bench.panel.preview.value
+    wait_for(lambda: len(bench.panel.preview.image.value) > 0)
+    first = bench.panel.preview.image.value
     shown = np.asarray(Image.open(io.BytesIO(first)))
     assert shown.shape == (260, 526, 3)
     assert (shown[..., 0] == shown[..., 2]).all()  # magenta
-    bench.panel.blend.value = 1.0
-    wait_for(lambda: bench.panel.preview.value != first)
+    bench.panel.preview.blend.value = 1.0
+    wait_for(lambda: bench.panel.preview.image.value != first)
     finish(bench.panel)
-    second = np.asarray(Image.open(io.BytesIO(bench.panel.preview.value)))
+    second = np.asarray(Image.open(io.BytesIO(bench.panel.preview.image.value)))
     assert (second[:, 266:] == shown[:, 266:]).all()
     assert (second[:, :260, 0] == shown[:, 266:, 0]).all()  # the left is the target now
 
 
 def test_the_target_is_laid_over_the_editor_on_request(bench: Bench) -> None:
-    wait_for(lambda: len(bench.panel.preview.value) > 0)
+    wait_for(lambda: len(bench.panel.preview.image.value) > 0)
     assert bench.editor.ghost == b""
-    bench.panel.over.value = 0.4
+    bench.panel.preview.over.value = 0.4
     wait_for(lambda: bench.editor.ghost_opacity == 0.4)
     laid = np.asarray(Image.open(io.BytesIO(bench.editor.ghost)))
     fixed = bench.panel.target.pair()[1].grey()  # type: ignore[union-attr]

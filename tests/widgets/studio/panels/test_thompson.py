@@ -90,22 +90,22 @@ def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPan
     page_edits(panel, before.add([12.0, 8.0], [12.0, 8.0]).add([14.0, 8.0], [12.0, 8.0]))
     assert panel.session.editing.points == before
     assert panel.editor.points == before
-    assert "control point" in panel.message.value
+    assert "control point" in panel.figure.message.value
 
 
 def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
-    assert panel.before.children == panel.after.children == (panel.editor,)
-    assert "dnb-th-before" in classes_of(panel.before)
-    assert "dnb-th-after" in classes_of(panel.after)
+    assert panel.views.before.children == panel.views.after.children == (panel.editor,)
+    assert "dnb-th-before" in classes_of(panel.views.before)
+    assert "dnb-th-after" in classes_of(panel.views.after)
     panel.session.steps.add(in_space=True)
-    assert panel.before.children == panel.after.children == ()
-    assert panel.nowhere.layout.display is None
+    assert panel.views.before.children == panel.views.after.children == ()
+    assert panel.views.nowhere.layout.display is None
     with pytest.raises(DeformError, match="in space"):
         panel.apply_grid()
     with pytest.raises(DeformError, match="in space"):
-        panel.write(".svg")
+        panel.figure.write(".svg")
     panel.session.editing.edit_step(0)
-    assert panel.after.children == (panel.editor,)
+    assert panel.views.after.children == (panel.editor,)
 
 
 def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
@@ -114,11 +114,11 @@ def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
         panel = panel_of(studio, ThompsonPanel)
         fold = next(box for box in all_of(studio) if isinstance(box, Fold) and panel.box in all_of(box))
         assert panel.editor is studio.parts.editors.plane
-        assert panel.after.children == ()
+        assert panel.views.after.children == ()
         fold.choose(0)
-        assert panel.after.children == (studio.editor,)
+        assert panel.views.after.children == (studio.editor,)
         fold.choose(None)
-        assert panel.after.children == ()
+        assert panel.views.after.children == ()
     finally:
         studio.close()
 
@@ -179,33 +179,33 @@ def test_a_grid_of_thompson_is_laid_around_the_fish_and_can_be_undone() -> None:
 def test_three_files_are_written_and_handed_over(panel: ThompsonPanel, tmp_path: Path) -> None:
     panel.session.editing.edit_points(panel.session.editing.points.add([12.0, 8.0], [15.0, 9.0]))
     handed: list[tuple[str, int]] = []
-    panel.file_transfer.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
+    panel.figure.file_transfer.download = lambda name, content: handed.append((name, len(content)))  # type: ignore[method-assign]
     panel.editor.overlay = "area"
-    panel.downloads.value = True
+    panel.figure.downloads.value = True
     for suffix, begins in ((".svg", b"<?xml"), (".pdf", b"%PDF"), (".png", b"\x89PNG")):
-        panel.write(suffix)
-        wait_for(lambda: panel.message.value.startswith("Wrote"), 60)
+        panel.figure.write(suffix)
+        wait_for(lambda: panel.figure.message.value.startswith("Wrote"), 60)
         assert (tmp_path / f"ball_grids{suffix}").read_bytes().startswith(begins)
-        panel.message.value = ""
+        panel.figure.message.value = ""
     assert "area grows" in (tmp_path / "ball_grids.svg").read_text(encoding="utf-8")
     assert [name for name, size in handed if size > 1000] == ["ball_grids.svg", "ball_grids.pdf", "ball_grids.png"]
-    wait_for(lambda: not any(button.disabled for button in panel.writers))
+    wait_for(lambda: not any(button.disabled for button in panel.figure.writers))
 
 
 def test_a_name_that_leads_elsewhere_is_refused(panel: ThompsonPanel, tmp_path: Path) -> None:
-    panel.name.value = "../elsewhere"
-    panel.writers[0].click()
-    assert "no plain file name" in panel.message.value
+    panel.figure.name.value = "../elsewhere"
+    panel.figure.writers[0].click()
+    assert "no plain file name" in panel.figure.message.value
     assert list(tmp_path.iterdir()) == []
-    assert not panel.writers[0].disabled
+    assert not panel.figure.writers[0].disabled
 
 
 def test_a_figure_that_cannot_be_drawn_is_said(panel: ThompsonPanel, tmp_path: Path) -> None:
-    panel.folder = tmp_path / "not there"
-    panel.write(".svg")
-    wait_for(lambda: not panel.writers[0].disabled)
-    assert "not there" in panel.message.value or "folder" in panel.message.value
-    assert not panel.message.value.startswith("Writ")
+    panel.figure.folder = tmp_path / "not there"
+    panel.figure.write(".svg")
+    wait_for(lambda: not panel.figure.writers[0].disabled)
+    assert "not there" in panel.figure.message.value or "folder" in panel.figure.message.value
+    assert not panel.figure.message.value.startswith("Writ")
 
 
 def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
@@ -216,16 +216,16 @@ def test_points_of_a_grid_are_met_exactly(panel: ThompsonPanel) -> None:
 
 def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonPanel) -> None:
     with pytest.raises(DeformError, match="press Own drawings"):
-        panel.apply_own()
+        panel.own.apply()
     before = panel.session.editing.points
-    panel.own.value = True
-    assert panel.drawings is not None
-    panel.drawings.line_counts[0].value = 3
-    panel.drawings.show_second(panel.session.pictures.picture())
-    assert panel.drawings.second is not None
-    wider = panel.drawings.second.nodes * (2.0, 1.0)
-    panel.drawings.second.nodes = wider
-    panel.apply_own()
+    panel.own.toggle.value = True
+    assert panel.own.drawings is not None
+    panel.own.drawings.line_counts[0].value = 3
+    panel.own.drawings.show_second(panel.session.pictures.picture())
+    assert panel.own.drawings.second is not None
+    wider = panel.own.drawings.second.nodes * (2.0, 1.0)
+    panel.own.drawings.second.nodes = wider
+    panel.own.apply()
     assert len(panel.session.editing.points) == 3 * 7
     assert panel.session.editing.history["undo"] == "apply grids of your own"
     target = panel.session.editing.points.target.reshape(3, 7, 2)
@@ -236,6 +236,6 @@ def test_grids_on_two_drawings_become_points_that_can_be_undone(panel: ThompsonP
     assert panel.session.editing.points == before
     panel.session.set_view("+x")
     with pytest.raises(DeformError, match="another side"):
-        panel.apply_own()
-    panel.own.value = False
-    assert panel.drawings is None
+        panel.own.apply()
+    panel.own.toggle.value = False
+    assert panel.own.drawings is None
