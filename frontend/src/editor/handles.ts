@@ -399,14 +399,14 @@ export class ToolMarks {
     svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.grip);
     svgElement("rect", { x: -9, y: -9, width: 18, height: 18, rx: 4 }, this.grip);
     this.gripIcon = svgElement("path", { d: "M0-6.5V6.5M-3-3.5L-6.5 0-3 3.5M3-3.5L6.5 0 3 3.5" }, this.grip);
-    svgElement("title", {}, this.grip).textContent = "Drag the axis of the mirror";
+    svgElement("title", {}, this.grip, "Drag the axis of the mirror");
     this.turn = svgElement("g", { "data-mark": "turn", class: "dnb-ed-turn", visibility: "hidden" }, this.root);
     this.stalk = svgElement("path", { class: "dnb-ed-turn-stalk" }, this.turn);
     this.knob = svgElement("g", {}, this.turn);
     svgElement("circle", { r: 14, class: "dnb-ed-hit" }, this.knob);
     svgElement("circle", { r: 8, class: "dnb-ed-turn-disc" }, this.knob);
     svgElement("path", { d: "M4.2-1.6A4.5 4.5 0 1 0 4 2.2M4.6-4.6V-1.4H1.4", class: "dnb-ed-turn-arrow" }, this.knob);
-    svgElement("title", {}, this.turn).textContent = "Turn what is selected; Alt scales it, Shift goes in steps";
+    svgElement("title", {}, this.turn, "Turn what is selected; Alt scales it, Shift goes in steps");
     this.brush = svgElement("g", { class: "dnb-ed-circle", visibility: "hidden", "aria-hidden": "true" }, svg);
     this.circles = ["case", "line"].map((name) => svgElement("circle", { class: `dnb-ed-circle-${name}` }, this.brush));
   }

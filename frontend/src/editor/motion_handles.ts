@@ -34,7 +34,7 @@ export class MotionHandles {
     this.circles = ["hit", "case", "line"].map((name) =>
       svgElement("circle", { class: `dnb-ed-turn-ring-${name}` }, ring),
     );
-    svgElement("title", {}, ring).textContent = "Drag around to turn the part; Shift goes in steps of 15\u00b0";
+    svgElement("title", {}, ring, "Drag around to turn the part; Shift goes in steps of 15\u00b0");
     this.knob = svgElement(
       "g",
       {
@@ -53,7 +53,7 @@ export class MotionHandles {
     svgElement("circle", { r: 16, class: "dnb-ed-hit" }, this.knob);
     svgElement("circle", { r: 8, class: "dnb-ed-turn-disc" }, this.knob);
     svgElement("path", { d: "M4.2-1.6A4.5 4.5 0 1 0 4 2.2M4.6-4.6V-1.4H1.4", class: "dnb-ed-turn-arrow" }, this.knob);
-    svgElement("title", {}, this.knob).textContent = "Drag around to turn the part; Shift goes in steps of 15\u00b0";
+    svgElement("title", {}, this.knob, "Drag around to turn the part; Shift goes in steps of 15\u00b0");
     this.cross = svgElement(
       "g",
       {
@@ -71,7 +71,7 @@ export class MotionHandles {
     for (const name of ["case", "line"]) {
       svgElement("path", { d: "M-7 0H7M0-7V7", class: `dnb-ed-pivot-${name}` }, this.cross);
     }
-    svgElement("title", {}, this.cross).textContent = "The pivot: the part turns about it. Drag it where a joint is";
+    svgElement("title", {}, this.cross, "The pivot: the part turns about it. Drag it where a joint is");
   }
 
   /** Show the handles of a part, or none. True if the focus was on one that is gone. */

@@ -30,7 +30,7 @@ import {
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { buttonElement } from "../ui/dom.ts";
 import { PenGesture } from "./gestures.ts";
 import type { EditorParts } from "./parts.ts";
 import { ShapeChoice } from "./shape_choice.ts";
@@ -617,13 +617,8 @@ export class ShapeTools {
       ["off", `Switch ${it} off`],
       ["cancel", "Cancel"],
     ] as [string, string][]) {
-      const button = pageElement("button", "dnb-ed-offer", editor.messages.alert, {
-        type: "button",
-        "data-offer": how,
-        ...OWN_KEYS,
-      });
-      button.textContent = text;
-      button.addEventListener("click", () => editor.frames.guard(() => this.#takeOffer(offer, how)));
+      const take = () => editor.frames.guard(() => this.#takeOffer(offer, how));
+      buttonElement("dnb-ed-offer", editor.messages.alert, text, take, { "data-offer": how });
     }
     editor.frames.invalidate();
     return true;

@@ -157,7 +157,7 @@ export class StatusLine {
       const icon = svgElement("svg", { viewBox: "-10 -10 20 20", "aria-hidden": "true", "data-region": mark }, entry);
       if (REGION_FORMS[mark]) svgElement("path", { d: REGION_FORMS[mark] }, icon);
       else svgElement("circle", { r: 7 }, icon);
-      pageElement("span", "", entry).textContent = String(count);
+      pageElement("span", "", entry, {}, String(count));
     }
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }

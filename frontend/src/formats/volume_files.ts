@@ -1,4 +1,6 @@
-// Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels.
+// Volumes of files in the browser, as deformnb/io reads them: the same grid, values and labels. The readers of npm were
+// measured on the files of tests/js/test_volume_files.py in November 2026: nifti-reader-js 0.8.0 took 7 of 11 damaged
+// ones, among them headers of gigabytes, and nrrd-js 0.2.1 unpacks no gzip.
 
 import { AXES } from "../maths/axes.ts";
 import type { Matrix3, Vector3 } from "../types.ts";

@@ -145,7 +145,7 @@ export class SpaceEditorView extends EditorDrawing {
       ...OWN_KEYS,
     });
     for (const [name, title] of Object.entries(SPACE_PROJECTIONS)) {
-      pageElement("option", "", chooser, { value: name }).textContent = title;
+      pageElement("option", "", chooser, { value: name }, title);
     }
     return chooser;
   }

@@ -6,7 +6,8 @@
 
 import type { BoxChoice } from "../generated.ts";
 import type { Model } from "../types.ts";
-import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
+import { buttonElement, pageElement, setAttributes } from "../ui/dom.ts";
+import { widgetOf } from "../ui/widget.ts";
 
 /** A box as Python describes it; a child is a box, or the index of a widget in the trait "contents". */
 interface BoxNode {
@@ -82,7 +83,6 @@ class WidgetPlace {
 
 /** The element of a box, and what is in it. */
 class BoxPlace {
-  root: HTMLElement;
   data: BoxNode | null = null;
 
   /** Headings of tabs and sections. */
@@ -94,8 +94,7 @@ class BoxPlace {
   widgets: Map<string, WidgetPlace> = new Map();
   waiting: HTMLElement | null = null;
 
-  constructor(root: HTMLElement) {
-    this.root = root;
+  constructor(readonly root: HTMLElement) {
     root.classList.add(...BOX);
   }
 
@@ -106,14 +105,15 @@ class BoxPlace {
 }
 
 class BoxesView {
-  model: Model;
   top: BoxPlace;
   places: Map<number, BoxPlace> = new Map();
   draw: () => void;
   isDue = false;
 
-  constructor(model: Model, el: HTMLElement) {
-    this.model = model;
+  constructor(
+    readonly model: Model,
+    el: HTMLElement,
+  ) {
     this.top = new BoxPlace(el);
     el.classList.add("widget-vbox");
     this.draw = () => {
@@ -208,10 +208,7 @@ class BoxesView {
       place.waiting = null;
       return [];
     }
-    if (!place.waiting) {
-      place.waiting = pageElement("div", "dnb-waiting", null, { role: "status" });
-      place.waiting.textContent = WAITING;
-    }
+    place.waiting ??= pageElement("div", "dnb-waiting", null, { role: "status" }, WAITING);
     return [place.waiting];
   }
 
@@ -221,16 +218,11 @@ class BoxesView {
       const list = pageElement("div", kind === "tabs" ? "dnb-tab-list" : "dnb-section-heading");
       if (kind === "tabs") list.setAttribute("role", "tablist");
       place.headings = titles.map((title, index) => {
-        const heading = pageElement("button", kind === "tabs" ? "dnb-tab" : "dnb-section-head", list, {
-          type: "button",
-          ...OWN_KEYS,
-        });
+        const choose = () => this.#choose(place, kind === "fold" && place.selected === index ? null : index);
+        const words = pageElement("span", "", null, {}, title);
+        const heading = buttonElement(kind === "tabs" ? "dnb-tab" : "dnb-section-head", list, words, choose);
         if (kind === "tabs") setAttributes(heading, { role: "tab", id: `dnb-tab-${++made}` });
-        else pageElement("span", "dnb-section-arrow", heading, { "aria-hidden": "true" });
-        pageElement("span", "", heading).textContent = title;
-        heading.addEventListener("click", () => {
-          this.#choose(place, kind === "fold" && place.selected === index ? null : index);
-        });
+        else words.before(pageElement("span", "dnb-section-arrow", null, { "aria-hidden": "true" }));
         return heading;
       });
       if (kind === "tabs") list.addEventListener("keydown", (event) => this.#key(place, event));
@@ -287,9 +279,4 @@ class BoxesView {
   }
 }
 
-export default {
-  render({ model, el }: { model: Model; el: HTMLElement }) {
-    const view = new BoxesView(model, el);
-    return () => view.close();
-  },
-};
+export default widgetOf(BoxesView);

@@ -2,7 +2,7 @@
 
 import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
-import { OWN_KEYS, pageElement } from "../ui/dom.ts";
+import { buttonElement, pageElement } from "../ui/dom.ts";
 import { MemoryError, NOT_HELD, type RayCaster } from "../webgl/raycaster.ts";
 import type { VolumeData } from "../webgl/types.ts";
 import type { Bytes, VolumeInfo } from "./types.ts";
@@ -65,9 +65,7 @@ export class LiveVoxels {
     const { elements } = this.view;
     elements.showMessage(isStuck ? "The volume does not come. Is the kernel running?" : "");
     if (!isStuck) return;
-    const button = pageElement("button", "dnb-again", elements.notice, { type: "button", ...OWN_KEYS });
-    button.textContent = "Try again";
-    button.addEventListener("click", () => {
+    buttonElement("dnb-again", elements.notice, "Try again", () => {
       if (!this.view.field) this.view.hello();
       this.loader?.again();
     });
