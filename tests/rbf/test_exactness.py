@@ -265,8 +265,8 @@ OTHERS = {
     "lines",
     "axis_of",
     "found",
-    "ends_of",
     "steep_places",
+    "target_places",
     "folds_at",
     "rescaled",
 }

@@ -242,6 +242,9 @@ def test_composed_is_the_composition_of_the_maps(dim: int) -> None:
     oracle.assert_close(Composed(a, Composed(b, c)).displacement(x), wanted, atol=1e-12)
     oracle.assert_close(Composed(a, Identity(dim)).displacement(x), a.displacement(x), atol=1e-12)
     oracle.assert_close(Composed(Identity(dim), a).displacement(x), a.displacement(x), atol=1e-12)
+    assert not Composed(a, Identity(dim)).is_identity
+    assert not Composed(Identity(dim), a).is_identity
+    assert Composed(Identity(dim), Identity(dim)).is_identity
     assert compose(a) is a
     assert np.abs(compose(a, b).displacement(x) - compose(b, a).displacement(x)).max() > 0.1  # the order matters
 
