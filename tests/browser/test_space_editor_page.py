@@ -63,7 +63,9 @@ class Opened:
         """Grey values of one of the pictures, as they came from Python."""
         width, *values = self.js(
             f"(() => {{ const c = {PAGE}.parts.row.panes[{pane}].image.picture, "
-            "all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; "
+            "read = new OffscreenCanvas(c.width, c.height).getContext('2d', { willReadFrequently: true }); "
+            "read.drawImage(c, 0, 0); "  # Chromium warns of a canvas that is read again and again
+            "const all = read.getImageData(0, 0, c.width, c.height).data; "
             "return [c.width, ...all.filter((_, k) => k % 4 === 0)]; })()"
         )
         return np.array(values).reshape(-1, width)
