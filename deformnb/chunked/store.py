@@ -27,14 +27,7 @@ import numpy as np
 from deformnb._jax import jax
 from deformnb.chunked.blocks import BlockWarp
 from deformnb.errors import DeformError
-from deformnb.io.files.atomic import (
-    atomic_write,
-    check_target,
-    flush_folder,
-    not_written,
-    publish_folder,
-    try_lock,
-)
+from deformnb.io.files.atomic import atomic_write, check_target, flush_folder, not_written, publish_folder, try_lock
 from deformnb.io.files.errors import fail, shown
 from deformnb.io.volumes import ome_zarr
 from deformnb.rbf.fields import AbstractField

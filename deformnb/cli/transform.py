@@ -51,12 +51,7 @@ def add_transform(commands: Any) -> None:
 
 def _transform(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
-    from deformnb.io.transforms.formats import (
-        check_transform_target,
-        is_transform,
-        read_transform,
-        write_transform,
-    )
+    from deformnb.io.transforms.formats import check_transform_target, is_transform, read_transform, write_transform
     from deformnb.io.transforms.remarks import stated_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert

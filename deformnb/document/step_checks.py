@@ -15,14 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Floats, Progress
-from deformnb.analysis.folds import (
-    NEARLY_FOLDED,
-    Folds,
-    air_nodes,
-    folds_of,
-    jacobian_determinant,
-    largest_safe_share,
-)
+from deformnb.analysis.folds import NEARLY_FOLDED, Folds, air_nodes, folds_of, jacobian_determinant, largest_safe_share
 from deformnb.analysis.gaussian_process import Uncertainty, fit_system, process_scale, uncertainty
 from deformnb.analysis.quality import STRAIN, FitQuality, affine_split, fit_quality
 from deformnb.checks import check_arguments

@@ -23,13 +23,7 @@ from deformnb._deferred import scipy
 from deformnb._typing import Image
 from deformnb.checks import finite_number, shown_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
-from deformnb.io.files.atomic import (
-    atomic_write,
-    check_target,
-    hold_folder,
-    sweep_folder,
-    temporary_name,
-)
+from deformnb.io.files.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
 from deformnb.io.files.errors import fail, shown
 from deformnb.io.files.paths import as_path
 

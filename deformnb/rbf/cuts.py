@@ -276,10 +276,7 @@ class SideChoice:
         return decide(here, there, self.sides, self.rule, self.softness, jnp)
 
 
-@pytree(
-    data_fields=["fields", "regions"],
-    meta_fields=["sides", "plane", "rule", "softness"],
-)
+@pytree(data_fields=["fields", "regions"], meta_fields=["sides", "plane", "rule", "softness"])
 @dataclass(frozen=True, eq=False, repr=False)
 class Decoupled(AbstractField):
     """Smooth fields of the regions between cuts, and the choice among them: the paper's decoupled interpolant.

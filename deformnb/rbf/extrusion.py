@@ -252,10 +252,7 @@ EXTRUSIONS: dict[str, Callable[..., Weights]] = {
 """All extrusion rules by name; the first is the default."""
 
 
-@pytree(
-    data_fields=["maps", "knots", "weights"],
-    meta_fields=["plane", "depth"],
-)
+@pytree(data_fields=["maps", "knots", "weights"], meta_fields=["plane", "depth"])
 @dataclass(frozen=True, eq=False, repr=False)
 class Extrusion(AbstractField):
     """A field in space made of fields over one plane.

@@ -376,10 +376,7 @@ class RigidPart:
         return self if self.motion is None or strength == 1 else replace(self, motion=self.motion.power(strength))
 
 
-@pytree(
-    data_fields=["base", "regions", "matrices", "shifts", "scales"],
-    meta_fields=["weights", "notes"],
-)
+@pytree(data_fields=["base", "regions", "matrices", "shifts", "scales"], meta_fields=["weights", "notes"])
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidInterpolant(AbstractField):
     """The solved displacement beside rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.

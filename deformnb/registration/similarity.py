@@ -95,10 +95,7 @@ def measure_named(name: str) -> Measure:
         raise DeformError(f"unknown measure of similarity {name!r}; choose one of {', '.join(MEASURES)}.") from None
 
 
-@pytree(
-    data_fields=["source", "active", "nugget", "scales", "span", "turn"],
-    meta_fields=["kernel", "trend", "stages"],
-)
+@pytree(data_fields=["source", "active", "nugget", "scales", "span", "turn"], meta_fields=["kernel", "trend", "stages"])
 @dataclass(frozen=True, eq=False)
 class Fitting:
     """Fit as a function of its targets; all lengths are relative to an origin and a support.

@@ -218,8 +218,7 @@ class Pictures(traitlets.HasTraits):
     def transfer_function(self) -> TransferFunction:
         """Colours and opacities, a preset fitted to the volume."""
         return self._transfer.of(
-            lambda: self.transfer,
-            lambda chosen: preset(chosen, self._volume) if isinstance(chosen, str) else chosen,
+            lambda: self.transfer, lambda chosen: preset(chosen, self._volume) if isinstance(chosen, str) else chosen
         )
 
     @property

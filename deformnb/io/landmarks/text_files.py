@@ -19,13 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.files.errors import fail, shown
-from deformnb.io.landmarks.coordinates import (
-    coordinates,
-    finite_number,
-    is_comment,
-    is_missing,
-    without_missing,
-)
+from deformnb.io.landmarks.coordinates import coordinates, finite_number, is_comment, is_missing, without_missing
 from deformnb.warping.points import Landmarks
 
 

@@ -20,17 +20,7 @@ from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes, shown
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path, regular_file
-from deformnb.io.volumes import (
-    dicom,
-    images,
-    metaimage,
-    nifti,
-    nrrd,
-    ome_zarr,
-    raw,
-    tiff,
-    vti,
-)
+from deformnb.io.volumes import dicom, images, metaimage, nifti, nrrd, ome_zarr, raw, tiff, vti
 from deformnb.io.volumes.headers import SINGLE, Header
 from deformnb.volume.channels import luma
 from deformnb.volume.known_spacings import known_spacing

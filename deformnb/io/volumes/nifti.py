@@ -22,14 +22,7 @@ from deformnb._typing import Float3, Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.errors import fail
 from deformnb.io.files.streams import take
-from deformnb.io.volumes.headers import (
-    SINGLE,
-    Header,
-    Layout,
-    checked_layout,
-    triple,
-    volume_shape,
-)
+from deformnb.io.volumes.headers import SINGLE, Header, Layout, checked_layout, triple, volume_shape
 from deformnb.io.volumes.voxels import Source, layout_blocks, write_packed
 from deformnb.volume.volume import IDENTITY, LPS_TO_RAS, NIFTI_UNITS, Grid, Matrix3, Volume
 

@@ -26,14 +26,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import fail, shown, unpacking
-from deformnb.io.volumes.headers import (
-    HEADER_BYTES,
-    SINGLE,
-    Header,
-    Layout,
-    checked_layout,
-    volume_shape,
-)
+from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Header, Layout, checked_layout, volume_shape
 from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 

@@ -24,14 +24,7 @@ from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path
 from deformnb.io.files.streams import packed
 from deformnb.io.volumes import images, metaimage, nifti, nrrd, ome_zarr, tiff
-from deformnb.io.volumes.formats import (
-    format_of,
-    in_given_unit,
-    located,
-    plain_name,
-    read_any_header,
-    write_volume,
-)
+from deformnb.io.volumes.formats import format_of, in_given_unit, located, plain_name, read_any_header, write_volume
 from deformnb.io.volumes.headers import MOST_MOMENTS, Header, Layout
 from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names

@@ -30,14 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import fail, shown
 from deformnb.io.files.paths import regular_file
-from deformnb.io.volumes.headers import (
-    SINGLE,
-    Header,
-    Layout,
-    VoxelBlocks,
-    checked_layout,
-    volume_shape,
-)
+from deformnb.io.volumes.headers import SINGLE, Header, Layout, VoxelBlocks, checked_layout, volume_shape
 from deformnb.io.volumes.tiff_pages import (
     DESCRIPTION,
     HEIGHT,
