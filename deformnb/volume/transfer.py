@@ -122,6 +122,19 @@ class TransferFunction:
         order = np.argsort(places, kind="stable")  # what comes before a jump first
         return values[places][order], rows[order]
 
+    def in_bytes(self, low: float, high: float) -> TransferFunction:
+        """The transfer function of the bytes that a window from ``low`` to ``high`` makes of values.
+
+        Examples
+        --------
+        >>> TransferFunction(((0, 1, 1, 1),), ((0, 0), (10, 1))).in_bytes(0, 20).opacities
+        ((0.0, 0.0), (127.5, 1.0))
+        """
+        scale = 255 / (high - low)
+        colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in self.colors)
+        opacities = tuple(((v - low) * scale, alpha) for v, alpha in self.opacities)
+        return TransferFunction(colors, opacities, self.unit)
+
     def table(self, low: float, high: float) -> NDArray[np.float32]:
         """Red, green, blue and alpha of evenly spaced values, for graphics hardware that reads them linearly.
 

@@ -126,7 +126,7 @@ def _render(
             seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part, progress=rest
         )
     # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
-    transfer = _in_bytes(scene.transfer, *scene.shown.window)
+    transfer = scene.transfer.in_bytes(*scene.shown.window)
     return draw_core(
         seen,
         camera,
@@ -187,14 +187,6 @@ def preview_png(scene: SceneDescription) -> bytes:
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))
-
-
-def _in_bytes(transfer: TransferFunction, low: float, high: float) -> TransferFunction:
-    """The transfer function of the bytes that a window makes of values."""
-    scale = 255 / (high - low)
-    colors = tuple(((v - low) * scale, r, g, b) for v, r, g, b in transfer.colors)
-    opacities = tuple(((v - low) * scale, alpha) for v, alpha in transfer.opacities)
-    return TransferFunction(colors, opacities, transfer.unit)
 
 
 # Voxels and pixels of a quick picture: the core takes some 0.2 s for them. Always the same, for it compiles for each.
