@@ -315,7 +315,7 @@ def smallest_measurement(volume: Volume) -> float:
     --------
     >>> values = np.full((10, 10, 10), -3024, np.int16)
     >>> values[:, 1:9, 1:9], values[:, 3:7, 3:7], values[:, 5, 5] = -1000, 40, 900
-    >>> smallest_measured(Volume.from_array(values))
+    >>> smallest_measurement(Volume.from_array(values))
     -1000.0
     """
     if volume not in _SMALLEST:
