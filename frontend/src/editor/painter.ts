@@ -652,13 +652,9 @@ const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for t
  * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
  */
 class LayerPlan {
-  origin: Vector2;
-  scale: Vector2;
-  shift: number;
   isShort: boolean;
   here: Float32Array<ArrayBuffer>[];
   depths: Float32Array<ArrayBuffer>[];
-  still: number;
   plan: Int8Array<ArrayBuffer>;
   fitOf: Int8Array<ArrayBuffer>;
 
@@ -675,24 +671,25 @@ class LayerPlan {
     readonly layered: LayeredFit,
     readonly maps: Float32Array<ArrayBufferLike>[],
     public nodes: Lattice,
-    { origin, scale, shift }: LevelPlaces,
+    readonly places: LevelPlaces,
     readonly softness: number,
     readonly isMoving: boolean,
   ) {
-    this.origin = origin;
-    this.scale = scale;
-    this.shift = shift;
     this.isShort = layered.regions.reduce((sum, { edges }) => sum + (edges ?? 0), 0) <= FEW_EDGES;
     // Distances of every node to the cuts, and the depth of its images within their regions.
     this.here = layered.regions.map(() => new Float32Array(nodes.rows * nodes.columns));
     this.depths = layered.fits.map(() => new Float32Array(nodes.rows * nodes.columns));
-    this.still = layered.fits.length; // the number of the identity among the maps
     this.plan = new Int8Array(nodes.rows * nodes.columns);
     this.fitOf = Int8Array.from({ length: 1 << layered.regions.length }, (_, key) => layered.byKey.get(key) ?? -1);
     this.#measure();
     for (let i = 0; i < nodes.rows; i++) {
       for (let j = 0; j < nodes.columns; j++) this.plan[i * nodes.columns + j] = this.#cell(i, j);
     }
+  }
+
+  /** The number of the identity among the maps. */
+  get still() {
+    return this.layered.fits.length;
   }
 
   /**
@@ -703,7 +700,7 @@ class LayerPlan {
       layered: { regions, fits },
       maps,
       nodes: { rows, columns, a0, b0, step },
-      scale,
+      places: { scale },
     } = this;
     const enough = 6 * step + this.softness;
     const fill = (
@@ -738,11 +735,11 @@ class LayerPlan {
   }
 
   #a(p: number) {
-    return (p - this.shift) / this.scale[0] + this.origin[0];
+    return (p - this.places.shift) / this.places.scale[0] + this.places.origin[0];
   }
 
   #b(q: number) {
-    return (q - this.shift) / this.scale[1] + this.origin[1];
+    return (q - this.places.shift) / this.places.scale[1] + this.places.origin[1];
   }
 
   /** The content of all of a cell: the number of a map, nothing, or not the same everywhere. */
@@ -790,7 +787,7 @@ class LayerPlan {
   #coverage(k: number, p: number, q: number, r: number, s: number, half: number) {
     const map = this.maps[k]!,
       d = this.depths[k]!,
-      { scale } = this;
+      { scale } = this.places;
     const least = Math.min(d[p]!, d[q]!, d[r]!, d[s]!),
       most = Math.max(d[p]!, d[q]!, d[r]!, d[s]!);
     if (least < half && most > -half) return 0;
@@ -907,8 +904,8 @@ class LayerPlan {
     ];
     out[2] = opacity;
     if (k < 0) {
-      out[0] = (a - this.origin[0]) * this.scale[0] + this.shift;
-      out[1] = (b - this.origin[1]) * this.scale[1] + this.shift;
+      out[0] = (a - this.places.origin[0]) * this.places.scale[0] + this.places.shift;
+      out[1] = (b - this.places.origin[1]) * this.places.scale[1] + this.places.shift;
     } else {
       out[0] = work.pixels[2 * k]!;
       out[1] = work.pixels[2 * k + 1]!;

@@ -450,14 +450,19 @@ export class PointTools {
       settings = editor.map.settings;
     if (editor.points.isLocked) return null;
     const isNear = (at: Vector2) => mirror.on && mirrorSide(mirror, at, BRUSH_SETTLES * radius) === 0;
-    const stroke = new Stroke(editor.points.list, place, radius, {
-      tool,
-      box: editor.picture.box,
-      id: nextId(editor.points.list, editor.sender.nextId),
-      reach: typeof settings.support === "number" ? settings.support : 0,
-      sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
-      settle: (at) => (isNear(at as Vector2) ? onAxis(mirror, at) : at),
-    });
+    const id = nextId(editor.points.list, editor.sender.nextId);
+    const stroke = new Stroke(
+      editor.points.list,
+      place,
+      radius,
+      { tool, id },
+      {
+        box: editor.picture.box,
+        reach: typeof settings.support === "number" ? settings.support : 0,
+        sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
+        settle: (at) => (isNear(at as Vector2) ? onAxis(mirror, at) : at),
+      },
+    );
     if (stroke.lockedBy) {
       this.hintLocked([stroke.lockedBy.id]);
       return null;

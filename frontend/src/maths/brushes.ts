@@ -41,14 +41,22 @@ function gapTo(points: Point[], place: Vector) {
   return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
+/** What a stroke knows of its picture. */
+export interface StrokeSurroundings {
+  /** A function of places that returns the source of what is seen there, null for nothing. */
+  sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
+  /** Of the picture. */
+  box: Vector4;
+  /** Of points, 0 for everywhere. */
+  reach: number;
+  /** Moves a new place, such as to the axis of a mirror. */
+  settle: (place: Vector) => Vector;
+}
+
 export class Stroke {
   middle: Vector2;
   tool: string;
   id: number;
-  sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
-  box: Vector4;
-  reach: number;
-  settle: (place: Vector) => Vector;
   way = 0;
   done = 0;
   swell = 0;
@@ -60,39 +68,16 @@ export class Stroke {
   lockedBy: Point | null;
   source: (place: Vector) => Vector | null;
 
-  /**
-   * Begin a stroke.
-   *
-   * sourceAt(points): a function of places that returns the source of what is seen there, null for nothing; box: of the
-   * picture; reach: of points, 0 for everywhere; settle(place): moves a new place, such as to the axis of a mirror.
-   */
   constructor(
     public points: Point[],
     middle: Vector2,
     readonly radius: number,
-    {
-      tool,
-      id,
-      sourceAt,
-      box,
-      reach = 0,
-      settle = (place) => place,
-    }: {
-      tool: string;
-      id: number;
-      sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
-      box: Vector4;
-      reach?: number;
-      settle?: (place: Vector) => Vector;
-    },
+    { tool, id }: { tool: string; id: number },
+    private readonly around: StrokeSurroundings,
   ) {
     this.middle = [...middle];
     this.tool = tool;
     this.id = id;
-    this.sourceAt = sourceAt;
-    this.box = box;
-    this.reach = reach;
-    this.settle = settle;
     this.number = nextStroke(points);
     const taken = points
       .filter((p) => p.active && distanceTo(p, middle) < BRUSH_TAKES * radius)
@@ -101,7 +86,7 @@ export class Stroke {
     this.lockedBy = taken?.locked ? taken : null;
     this.source = () => null;
     if (this.lockedBy) return;
-    this.source = sourceAt(points);
+    this.source = around.sourceAt(points);
     this.held = taken ? taken.id : this.#add(middle, 0);
     this.isBegun = this.held !== null;
     if (tool === "grow") this.#ring(BRUSH_INNER, BRUSH_TAKES);
@@ -118,8 +103,8 @@ export class Stroke {
 
   /** Add a point that holds what is seen at a place; its id, or null where it is not needed. */
   #add(there: Vector, room: number) {
-    const place = this.settle(there),
-      [a0, a1, b0, b1] = this.box;
+    const place = this.around.settle(there),
+      [a0, a1, b0, b1] = this.around.box;
     const isInside = place[0] >= a0 && place[0] <= a1 && place[1] >= b0 && place[1] <= b1;
     if (!isInside || gapTo(this.points, place) < room * this.radius) return null;
     const source = this.source(place);
@@ -140,11 +125,11 @@ export class Stroke {
   /** Add still points around the brush, and once for a stroke at the rim of the picture. */
   #surround(isFirst: boolean) {
     BRUSH_RINGS.forEach((share, k) => {
-      if (this.reach > 0 && share >= 2 && this.reach <= share * this.radius) return;
+      if (this.around.reach > 0 && share >= 2 && this.around.reach <= share * this.radius) return;
       this.#ring(share, Math.max(BRUSH_ROOM, 0.4 * share), (k * Math.PI) / BRUSH_RING);
     });
-    if (!isFirst || (this.reach > 0 && this.reach < 4 * this.radius)) return;
-    const [a0, a1, b0, b1] = this.box,
+    if (!isFirst || (this.around.reach > 0 && this.around.reach < 4 * this.radius)) return;
+    const [a0, a1, b0, b1] = this.around.box,
       room = Math.hypot(a1 - a0, b1 - b0) / 6 / this.radius;
     for (const u of [0, 0.5, 1])
       for (const v of [0, 0.5, 1]) {
@@ -183,7 +168,7 @@ export class Stroke {
       this.done += length / count;
       if (this.way < BRUSH_LEG * this.radius) continue;
       this.way = 0;
-      this.source = this.sourceAt(this.points);
+      this.source = this.around.sourceAt(this.points);
       this.#surround(false);
     }
   }
