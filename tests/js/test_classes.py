@@ -36,11 +36,10 @@ FORWARDS: set[str] = set()
 
 # What parts use of the editor, where it is more than a dozen names: these figures only fall.
 LARGE_INTERFACES = {
-    "CommandEditor": 13,
     "KeysEditor": 16,
     "NodesEditor": 14,
     "PointEditor": 15,
-    "PointerEditor": 17,
+    "PointerEditor": 16,
     "ShapeEditor": 13,
     "StatusEditor": 14,
 }

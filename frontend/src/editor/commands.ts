@@ -6,7 +6,7 @@ import type { EditorParts } from "./parts.ts";
 
 /** What the commands use of the editor. */
 export type CommandEditor = EditorParts<
-  "model" | "frames" | "picture" | "points" | "stage" | "viewport",
+  "model" | "frames" | "picture" | "points" | "viewport",
   "modes" | "points" | "shapes" | "wand" | "window",
   "overlay",
   "toolbar"

@@ -19,7 +19,7 @@ import type { EditorParts } from "./parts.ts";
 /** What the pointers use of the editor. */
 export type PointerEditor = EditorParts<
   "frames" | "messages" | "stage" | "viewport" | "points",
-  "hits" | "brush" | "pen" | "wand" | "window" | "modes" | "points" | "shapes" | "parts",
+  "hits" | "brush" | "pen" | "window" | "modes" | "points" | "shapes" | "parts",
   "handles" | "marks",
   "status"
 >;
@@ -273,8 +273,8 @@ export class Gestures {
       event.preventDefault();
       return;
     }
-    if (editor.points.isWaiting || editor.tools.brush.isOn || editor.tools.wand.isOn || editor.tools.modes.isSelecting)
-      return;
+    const { held, isSelecting } = editor.tools.modes;
+    if (editor.points.isWaiting || (held && held !== pen) || isSelecting) return;
     const grabbed = this.editor.tools.hits.pointAt(event),
       shape = this.editor.tools.hits.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");
