@@ -6,6 +6,7 @@ Panels and controls are those of the studio, whose own tests look at them; here 
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -463,6 +464,29 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     eventually(lambda: tabs.selected == 1 and sections["Points"].is_open)
     assert sections["Steps"].is_open
     assert splitter.get_attribute("aria-valuenow") == "320"
+
+
+def test_tabs_and_sections_are_used_by_keys_and_say_that_python_is_busy(browser: Any, tmp_path: Path) -> None:
+    with RunningApp(app_of_a_cube(tmp_path)) as app:
+        page = Tab(browser, app).page
+        page.get_by_role("tab", name="Shape").focus()
+        page.keyboard.press("ArrowLeft")  # from the first to the last
+        page.get_by_role("tab", name="Check", selected=True).wait_for()
+        assert page.evaluate("document.activeElement.textContent") == "Check"
+        page.get_by_role("tabpanel", name="Check").get_by_text("Round trip").first.wait_for(timeout=PATIENCE)
+        page.keyboard.press("Home")
+        goes_on = threading.Event()
+        busy = app.application.thread.call(lambda: goes_on.wait(60))
+        section = page.get_by_role("button", name="Points", exact=True)
+        section.press("Enter")
+        assert section.get_attribute("aria-expanded") == "true"  # at once
+        page.get_by_role("status").get_by_text("Waiting for Python").filter(visible=True).wait_for(timeout=PATIENCE)
+        goes_on.set()
+        assert busy.result(60)
+        page.locator(".dnb-pt-scroller").wait_for(timeout=PATIENCE)
+        assert page.get_by_text("Waiting for Python").filter(visible=True).count() == 0
+        section.press(" ")
+        page.locator(".dnb-pt-scroller").wait_for(state="hidden")
 
 
 @pytest.mark.nightly
