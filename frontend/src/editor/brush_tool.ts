@@ -14,7 +14,7 @@ const BRUSH_HINTS: Record<string, string> = {
   move: "Drag to move what lies in the circle. [ and ] or the wheel change its size, Esc ends",
   grow: "Press and drag right to grow what lies in the circle, left to shrink it. [ and ] change its size, Esc ends",
 };
-const BRUSH_PIXELS = [8, 400]; // CSS pixels of the radius, least and most
+const BRUSH_PIXELS: Vector2 = [8, 400]; // CSS pixels of the radius, least and most
 const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
@@ -40,7 +40,7 @@ export class Brush {
     this.bar = new OptionBar(editor, "", "Brush");
     this.title = this.bar.text();
     this.slider = this.bar.slider("radius of the brush", (value) => {
-      const [least, most] = this.#limits as Vector2;
+      const [least, most] = this.#limits;
       this.setRadius(least * (most / least) ** (value / 100));
     });
     this.slider.addEventListener("change", () => editor.frames.guard(() => editor.stage.focus()));
@@ -60,8 +60,9 @@ export class Brush {
     return Math.hypot(a1 - a0, b1 - b0);
   }
 
-  get #limits() {
-    return BRUSH_PIXELS.map((pixels) => pixels / this.editor.viewport.view.k);
+  get #limits(): Vector2 {
+    const { k } = this.editor.viewport.view;
+    return [BRUSH_PIXELS[0] / k, BRUSH_PIXELS[1] / k];
   }
 
   /** In units of the picture. */
@@ -70,7 +71,7 @@ export class Brush {
   }
 
   setRadius(radius: number) {
-    const [least, most] = this.#limits as Vector2;
+    const [least, most] = this.#limits;
     this.editor.model.set("brush_radius", Math.max(least, Math.min(most, radius)));
     clearTimeout(this.timer); // a slider moves pixel by pixel
     this.timer = setTimeout(() => this.editor.model.save_changes(), 200);
@@ -106,7 +107,7 @@ export class Brush {
   show() {
     this.bar.element.hidden = !this.isOn;
     if (!this.tool) return;
-    const [least, most] = this.#limits as Vector2;
+    const [least, most] = this.#limits;
     setText(this.title, BRUSH_WORDS[this.tool]!);
     setText(this.value, shownLength(this.radius));
     this.slider.value = String((100 * Math.log(this.radius / least)) / Math.log(most / least));
@@ -163,7 +164,7 @@ export class Brush {
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
     const { editor } = this,
-      middle = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
+      middle: Vector2 = [editor.viewport.view.width / 2, editor.viewport.view.height / 2];
     const size = keyPlace(EDITOR_KEYS, "brush-radius", key);
     if (size >= 0) {
       this.grow(size ? 1 : -1);
@@ -176,24 +177,19 @@ export class Brush {
     }
     if (arrow) {
       const step = BRUSH_KEYS[event.shiftKey ? 0 : 1]!;
-      const [x, y] = (this.at ?? middle) as Vector2,
+      const [x, y] = this.at ?? middle,
         next: Vector2 = [x + step * arrow[0], y + step * arrow[1]];
       if (this.stroke) this.drag(next);
-      else this.at = next as Vector2;
+      else this.at = next;
       this.isByKeys = true;
-      editor.messages.announce(
-        `brush at ${editor.viewport
-          .placeAt(next as Vector2)
-          .map(shownLength)
-          .join(", ")}`,
-      );
+      editor.messages.announce(`brush at ${editor.viewport.placeAt(next).map(shownLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }
     if (key !== "Enter") return false;
     if (this.stroke) this.lift();
     else {
-      this.press((this.at ?? middle) as Vector2);
+      this.press(this.at ?? middle);
       editor.messages.announce(this.stroke ? "brush pressed" : "no stroke here");
     }
     return true;

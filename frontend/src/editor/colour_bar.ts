@@ -23,7 +23,7 @@ export class ColourBar {
   handles: HTMLDivElement[];
 
   /** The values at the lower and the upper end of the bar. */
-  ends = [0, 1];
+  ends: Vector2 = [0, 1];
 
   /** The handle that is dragged: 0 black, 1 white. */
   held: number | null = null;
@@ -78,10 +78,10 @@ export class ColourBar {
     );
     this.root.hidden = !isShown || height < LEAST_HEIGHT;
     if (this.root.hidden || !grey || !window) return;
-    if (held === null) this.ends = this.#endsFor(window as Vector2, grey.window);
-    const [first, last] = this.ends as Vector2,
+    if (held === null) this.ends = this.#endsFor(window, grey.window);
+    const [first, last] = this.ends,
       key = JSON.stringify([window, this.ends, [...painter.colours.slice(100, 102)]]);
-    if (key !== this.drawn) this.#draw(window as Vector2);
+    if (key !== this.drawn) this.#draw(window);
     this.drawn = key;
     this.root.style.height = `${Math.min(240, height)}px`;
     setText(this.unit, grey.unit);
@@ -99,7 +99,7 @@ export class ColourBar {
   }
 
   /** The automatic window with some air, and the window itself. */
-  #endsFor([low, high]: Vector2, [first, last]: Vector2) {
+  #endsFor([low, high]: Vector2, [first, last]: Vector2): Vector2 {
     const air = AIR * (last - first);
     return [Math.min(low, first - air), Math.max(high, last + air)];
   }
@@ -134,7 +134,7 @@ export class ColourBar {
   #drag(event: PointerEvent) {
     if (this.held === null) return;
     const { top, height } = this.canvas.getBoundingClientRect(),
-      [first, last] = this.ends as Vector2;
+      [first, last] = this.ends;
     const share = Math.max(0, Math.min(1, (event.clientY - top) / height));
     this.editor.tools.window.put(this.#moved(this.held, last + (first - last) * share));
   }

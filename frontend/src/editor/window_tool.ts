@@ -90,20 +90,20 @@ export class WindowTool {
   }
 
   /** The values shown as black and white. */
-  get window(): number[] | null {
-    const own = this.editor.model.get("window") ?? [];
-    return own.length === 2 ? own : (this.#grey?.window ?? null);
+  get window(): Vector2 | null {
+    const own: number[] = this.editor.model.get("window") ?? [];
+    return own.length === 2 ? (own as Vector2) : (this.#grey?.window ?? null);
   }
 
   get words() {
     const { window } = this,
       grey = this.#grey;
-    return grey && window ? windowWords(window as Vector2, grey.range, grey.unit) : "";
+    return grey && window ? windowWords(window, grey.range, grey.unit) : "";
   }
 
   /** Show the picture in the window, as the trait has it. */
   apply() {
-    if (this.window) this.editor.picture.painter.source?.setWindow(this.window as Vector2);
+    if (this.window) this.editor.picture.painter.source?.setWindow(this.window);
     this.editor.frames.moving();
   }
 
@@ -161,7 +161,7 @@ export class WindowTool {
     }
     this.trait.close(); // what a key has set goes with the drag
     this.from = editor.model.get("window") ?? [];
-    this.start = window as Vector2;
+    this.start = window;
   }
 
   /** @param by CSS pixels since the drag began */
@@ -224,7 +224,7 @@ export class WindowTool {
     }
     if (!arrow || !grey || !window) return false;
     const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1]!;
-    const next = draggedWindow(window as Vector2, [pixels * arrow[0], pixels * arrow[1]], grey.range) as Vector2;
+    const next = draggedWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);
     this.#set(next);
     this.trait.sendSoon(next);
     this.editor.messages.announce(this.words);
