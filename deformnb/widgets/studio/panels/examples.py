@@ -28,8 +28,8 @@ class ExamplesPanel(Panel):
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 24)))
     >>> panel = ExamplesPanel(session, lambda action: action() or True, is_start=True)
     >>> panel.buttons["bend"].click()
-    >>> len(session.editing.points), panel.box.layout.display
-    (15, 'none')
+    >>> len(session.editing.points), panel.box.is_shown
+    (15, False)
     """
 
     def __init__(self, session: Session, guard: Guard, *, is_start: bool = False) -> None:
