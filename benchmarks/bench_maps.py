@@ -135,7 +135,7 @@ def _itk(values: NDArray[np.float64], lattice: Grid | Raster, threads: int, erro
 
 
 def _extruded(field: AbstractField, grid: Grid) -> Group:
-    plane, x = Plane.along(grid, "+z"), _nodes(grid)
+    plane, x = Plane.from_view(grid, "+z"), _nodes(grid)
     same, pages = (extrude(plane, grid, [field], rule) for rule in (replicate(), modulate("sin(pi*z)")))
     truth = warp_points(x, same, tolerance=1e-10)[0] - x
 

@@ -31,7 +31,7 @@ def groups(options: Namespace) -> Iterator[Group]:
     flat = fit_rbf(problem.control_points(options.points, 2, options.size), support=support)
     stored = DisplacementField.sample(flat, Raster((options.size, options.size), (1.0, 1.0), (0.0, 0.0)))
     for view, axis in (("+y", 1), ("+x", 2), ("+z", 0)):
-        plane = Plane.along(volume.grid, view)
+        plane = Plane.from_view(volume.grid, view)
         yield _replicated(volume, extrude(plane, volume.grid, [stored], replicate()), view, axis, options)
     plane = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
     yield _modulated(volume, extrude(plane, volume.grid, [stored], modulate("sin(pi*z)")), options)

@@ -223,11 +223,11 @@ def _field(name: str, grid: Any) -> Any:
     fixed = rng.uniform(0, n, (16, dim))
     points = ControlPoints.from_arrays(fixed, fixed + rng.normal(0, n / 40, fixed.shape))
     if name == "replicated":
-        plane = Plane.along(grid, "+z")
-        document = Deformation.on_picture(grid, plane, points)
+        plane = Plane.from_view(grid, "+z")
+        document = Deformation.from_picture_points(grid, plane, points)
         samples = DisplacementField.sample(document.field(grid).maps[0], Raster((n, n), (1.0, 1.0), (0.0, 0.0)))
         return extrude(plane, grid, [samples], replicate())
-    return DisplacementField.sample(Deformation.in_space(points), grid.resampled(shape=(65, 65, 65)))
+    return DisplacementField.sample(Deformation.from_space_points(points), grid.resampled(shape=(65, 65, 65)))
 
 
 def _with_scipy(

@@ -27,7 +27,7 @@ _PART = "parts=[dn.RigidPart(dn.Polygon(corner + size * np.array([[.61, .61], [.
 
 # Points of the unit square with drags so small that nothing folds at first, none of them where the part lies.
 _EDITOR = """
-picture = dn.project(volume, dn.Plane.along(volume.grid, "+z"), "mip")
+picture = dn.project(volume, dn.Plane.from_view(volume.grid, "+z"), "mip")
 corner = np.array(picture.raster.origin)
 size = np.array(picture.raster.spacing) * (np.array(picture.raster.shape[::-1]) - 1)
 unit = problem.control_points({count}, 2, 2)

@@ -80,14 +80,14 @@ def _timed(run: Run, rounds: int) -> tuple[float, float]:
 
 def _bandwidth(rounds: int) -> float:
     """Bytes a second that are read and written by a kernel that does nothing else."""
-    with devices.computing():
+    with devices.device_context():
         values, add = jnp.zeros(_COPIED, jnp.float32), jax.jit(lambda x: x + 1)
         return 2 * values.nbytes / _timed(lambda: add(values), rounds)[1]
 
 
 def _kernels(volume: Volume, field: RBFInterpolant) -> Iterator[tuple[str, Run, int]]:
     """Names, calls, and the bytes that must be moved at least where that is what takes the time."""
-    with devices.computing():
+    with devices.device_context():
         voxels, (d, _) = sampling.to_device(volume.values), field.on_device(volume.grid)
         at, fill = planning.places(volume.grid, volume.grid, "float32"), np.uint8(0)
         yield f"{int(field.count)} points to displacements", lambda: field.on_device(volume.grid)[0], 0

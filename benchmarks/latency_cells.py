@@ -17,7 +17,7 @@ points = problem.control_points({POINTS}, 2, {{size}})
 _EDITOR = """
 from deformnb import Deformation, Plane, project
 from deformnb.widgets import Editor, {view}
-plane = Plane.along(volume.grid, "+y")
+plane = Plane.from_view(volume.grid, "+y")
 editor = Editor(project(volume, plane, "mip"), points, height=450)
 view = {view}(volume, width={width}, height={height})
 view.follow(editor, Deformation((editor.step(),)).field(volume.grid))

@@ -19,7 +19,7 @@ from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-__all__ = ["Deferred", "after_jax", "jax", "ndimage", "scipy"]
+__all__ = ["Deferred", "call_after_jax", "jax", "ndimage", "scipy"]
 
 
 class Deferred:
@@ -96,7 +96,7 @@ else:
     sys.meta_path.insert(0, _JAX)
 
 
-def after_jax(function: Callable[[], object]) -> None:
+def call_after_jax(function: Callable[[], object]) -> None:
     """Call a function once JAX has been imported, by anyone: at once if it has."""
     _JAX.add(function)
 

@@ -27,7 +27,7 @@ import platformdirs
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._deferred import Deferred, after_jax, jax
+from deformnb._deferred import Deferred, call_after_jax, jax
 from deformnb.errors import Cancelled, DeformError
 
 if TYPE_CHECKING:
@@ -42,14 +42,14 @@ __all__ = [
     "as_numpy",
     "blockwise",
     "check_process",
-    "compiled",
     "determinant",
+    "double_precision",
     "each",
     "float64",
-    "in_64_bits",
-    "in_full_precision",
+    "full_precision",
     "is_traced",
     "jax",
+    "jit",
     "jnp",
     "lax",
     "one_plus",
@@ -72,7 +72,7 @@ def pytree(data_fields: Sequence[str], meta_fields: Sequence[str] = ()) -> Calla
     """
 
     def register(kind: _Class) -> _Class:
-        after_jax(lambda: jax.tree_util.register_dataclass(kind, data_fields, meta_fields))
+        call_after_jax(lambda: jax.tree_util.register_dataclass(kind, data_fields, meta_fields))
         return kind
 
     return register
@@ -80,7 +80,7 @@ def pytree(data_fields: Sequence[str], meta_fields: Sequence[str] = ()) -> Calla
 
 def pytree_node(kind: _Class) -> _Class:
     """Register a class that has ``tree_flatten`` and ``tree_unflatten`` as a JAX pytree, once JAX is imported."""
-    after_jax(lambda: jax.tree_util.register_pytree_node_class(kind))
+    call_after_jax(lambda: jax.tree_util.register_pytree_node_class(kind))
     return kind
 
 
@@ -105,7 +105,7 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
     return call
 
 
-def in_full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
+def full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that JAX computes with products of matrices as exact as their type.
 
     NVIDIA's GPUs round the factors of float32 products to 11 bits (TF32) unless told otherwise: a displacement of 10 mm
@@ -131,7 +131,7 @@ def is_traced(*trees: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
 
 
-def in_64_bits(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
+def double_precision(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     """A function of one point (dim,) for points (..., dim) of any floating type, computed in 64 bits within.
 
     The result has the type of the points. So it does in a user's own ``jit``, ``grad`` or ``vmap``, where JAX computes
@@ -144,7 +144,7 @@ def in_64_bits(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
     Examples
     --------
-    >>> away = in_64_bits(lambda x: (x + 1e9) - 1e9)
+    >>> away = double_precision(lambda x: (x + 1e9) - 1e9)
     >>> x = np.array([[0.5, 0.25]], np.float32)
     >>> away(x).tolist(), str(away(x).dtype)
     ([[0.5, 0.25]], 'float32')
@@ -158,7 +158,7 @@ def in_64_bits(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
 
     def rule(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
         (x,), (dx,) = primals, tangents
-        slopes = in_64_bits(jax.jacfwd(function))(x)  # (..., components, dim)
+        slopes = double_precision(jax.jacfwd(function))(x)  # (..., components, dim)
         components = (1,) * (slopes.ndim - x.ndim)
         return call(x), (slopes * dx.reshape(*x.shape[:-1], *components, x.shape[-1])).sum(axis=-1)
 
@@ -208,7 +208,7 @@ def _takes_options(platform: str) -> bool:
 _is_forked = False  # from a process that had computed before
 
 
-def _in_child() -> None:
+def _prepare_child() -> None:
     """Prepare a forked child: it has JAX's locks, but none of the threads that would release them."""
     global _is_forked  # noqa: PLW0603
     _is_forked = True
@@ -218,7 +218,7 @@ def _in_child() -> None:
 def _watch_forks() -> None:
     """Mark, from the first use of JAX on, the children that this process makes by fork."""
     if hasattr(os, "register_at_fork"):
-        os.register_at_fork(after_in_child=_in_child)
+        os.register_at_fork(after_in_child=_prepare_child)
 
 
 ENDING = threading.Event()
@@ -247,7 +247,7 @@ def check_process() -> None:
         )
 
 
-def compiled(
+def jit(
     function: Callable[..., Any], *, donated: str | Sequence[str] = (), on_one_thread: bool = False, **options: Any
 ) -> Callable[..., Any]:
     """``jax.jit`` with this package's compiler options and disk cache, set up at the first call and not at import.
@@ -266,7 +266,7 @@ def compiled(
         use_disk_cache()
         chosen = _CPU_OPTIONS | (_ONE_THREAD if on_one_thread else {}) if _takes_options(platform) else None
         return jax.jit(
-            in_full_precision(function),
+            full_precision(function),
             compiler_options=chosen,
             donate_argnames=None if is_host else donated,
             **options,
@@ -278,7 +278,7 @@ def compiled(
     @wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         check_process()
-        with devices.computing():
+        with devices.device_context():
             return executable()(*args, **kwargs)
 
     call.executable = executable  # type: ignore[attr-defined]
@@ -286,7 +286,7 @@ def compiled(
 
 
 def each(function: Callable[[Any], Any], of: Any) -> Any:
-    """The results of a function for each entry of arrays along their first axis, stacked, in a :func:`compiled` one.
+    """The results of a function for each entry of arrays along their first axis, stacked, in a :func:`jit` one.
 
     A processor does one after the other, so that what an entry needs stays in its cache (``lax.map``); a GPU does all
     at once (``jax.vmap``), for its work between two launches must be large.
@@ -317,7 +317,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     Parameters
     ----------
     function : from any pytree and places (dim, m) to a pytree of arrays (..., m).
-    options : of :func:`compiled`.
+    options : of :func:`jit`.
 
     Returns
     -------
@@ -347,14 +347,14 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
             ),
         )
 
-    evaluate = compiled(evaluated, on_one_thread=True, **options)
+    evaluate = jit(evaluated, on_one_thread=True, **options)
 
     def together(fixed: Any, places: NDArray[Any], **chosen: Any) -> Any:
         n = places.shape[1]
         size, most = (_FEW, 1) if n <= _FEW else (_MANY, _BLOCKS)
         count = max(1, -(-n // size))
         with float64():
-            found = evaluate(fixed, _in_blocks(places, size, most), np.int32(count), **chosen)
+            found = evaluate(fixed, _split_in_blocks(places, size, most), np.int32(count), **chosen)
         return jax.tree.map(
             lambda part: np.moveaxis(np.asarray(part)[:count], 0, -2).reshape(*part.shape[1:-1], -1)[..., :n], found
         )
@@ -370,7 +370,7 @@ def blockwise(function: Callable[..., Any], **options: Any) -> Callable[..., Any
     return call
 
 
-def _in_blocks(places: NDArray[Any], size: int, most: int) -> NDArray[Any]:
+def _split_in_blocks(places: NDArray[Any], size: int, most: int) -> NDArray[Any]:
     """Places (dim, n) in blocks (most, dim, size); the last place fills up the last of those that hold any."""
     dim, n = places.shape
     blocks, (whole, rest) = np.zeros((most, dim, size), places.dtype), divmod(n, size)
@@ -385,7 +385,7 @@ def _in_blocks(places: NDArray[Any], size: int, most: int) -> NDArray[Any]:
 def float64() -> Iterator[None]:
     """A context in which JAX computes in 64 bits, on the device in use, for this thread only."""
     check_process()
-    with devices.computing(), jax.enable_x64(True):
+    with devices.device_context(), jax.enable_x64(True):
         yield
 
 

@@ -6,7 +6,7 @@ _SURE = 2.0  # seconds of work, before which its pace is a guess
 _BEGUN = 0.02  # share of the work, likewise
 
 
-def time_left(elapsed: float, share: float) -> str:
+def remaining_time(elapsed: float, share: float) -> str:
     """The time that is left of a piece of work whose rest goes as fast: ``elapsed * (1 - share) / share``.
 
     Empty where that would be a guess, and for work that is done.
@@ -18,9 +18,9 @@ def time_left(elapsed: float, share: float) -> str:
 
     Examples
     --------
-    >>> time_left(10.0, 0.25)
+    >>> remaining_time(10.0, 0.25)
     'about 30 s left'
-    >>> time_left(10.0, 0.03)
+    >>> remaining_time(10.0, 0.03)
     'about 5 min left'
     """
     if elapsed < _SURE or not _BEGUN <= share < 1:

@@ -31,12 +31,12 @@ SMALLEST_LENGTH = 1e-150
 """Below this the square of a length is no number any more."""
 
 
-def shown_value(value: object) -> str:
+def short_value(value: object) -> str:
     """A value for a message, cut to 60 characters; Python writes no whole number of more than 4300 digits.
 
     Examples
     --------
-    >>> shown_value(10**5000)
+    >>> short_value(10**5000)
     'a number of thousands of digits'
     """
     try:
@@ -96,7 +96,7 @@ def finite_array(value: object, shape: tuple[int, ...], requirement: str) -> NDA
     """
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
-        raise DeformError(f"{requirement}, got {shown_value(value)}.")
+        raise DeformError(f"{requirement}, got {short_value(value)}.")
     return array
 
 
@@ -113,11 +113,11 @@ def finite_number(value: object, wanted: str) -> float:
         If it is anything else.
     """
     if not is_finite(value):
-        raise DeformError(f"{wanted}, got {shown_value(value)}.")
+        raise DeformError(f"{wanted}, got {short_value(value)}.")
     return float(np.asarray(value))
 
 
-def one_of(name: object, names: Collection[str], what: str) -> str:
+def check_choice(name: object, names: Collection[str], what: str) -> str:
     """A name that must be one of ``names``.
 
     Raises
@@ -127,15 +127,15 @@ def one_of(name: object, names: Collection[str], what: str) -> str:
 
     Examples
     --------
-    >>> one_of("mip", ("slice", "mip"), "projection")
+    >>> check_choice("mip", ("slice", "mip"), "projection")
     'mip'
     """
     if not isinstance(name, str) or name not in names:
-        raise DeformError(f"unknown {what} {shown_value(name)}; choose one of {', '.join(names)}.")
+        raise DeformError(f"unknown {what} {short_value(name)}; choose one of {', '.join(names)}.")
     return name
 
 
-def checked_window(window: object) -> tuple[float, float]:
+def check_window(window: object) -> tuple[float, float]:
     """A window of values, lowest and highest.
 
     Raises
@@ -145,12 +145,12 @@ def checked_window(window: object) -> tuple[float, float]:
 
     Examples
     --------
-    >>> checked_window([0, 80])
+    >>> check_window([0, 80])
     (0.0, 80.0)
     """
     low, high = finite_array(window, (2,), "a window must be two rising numbers").tolist()
     if not low < high:
-        raise DeformError(f"a window must be two rising numbers, got {shown_value(window)}.")
+        raise DeformError(f"a window must be two rising numbers, got {short_value(window)}.")
     return low, high
 
 
@@ -158,7 +158,7 @@ _IS_REPORTED = ContextVar("is_reported", default=False)
 
 
 @contextmanager
-def notes_reported() -> Iterator[None]:
+def report_notes() -> Iterator[None]:
     """A context that shows the notes of results itself, as commands and widgets do: :func:`warn` does nothing in it."""
     token = _IS_REPORTED.set(True)
     try:
@@ -215,12 +215,13 @@ def check_fields(owner: Any, *names: str) -> None:
         if names and name not in names:
             continue
         given = getattr(owner, name)
-        value = _conformed(given, hint)
+        value = _conform(given, hint)
         if value is _WRONG:
             called = kind.__name__
             article = "an" if called[0] in "AEIOU" else "a"
             raise DeformError(
-                f"{name.replace('_', ' ')} of {article} {called} must be {_in_words(hint)}, got {shown_value(given)}."
+                f"{name.replace('_', ' ')} of {article} {called} must be {_describe_hint(hint)}, "
+                f"got {short_value(given)}."
             )
         if value is not given:
             object.__setattr__(owner, name, value)
@@ -247,21 +248,21 @@ def check_arguments(function: Function) -> Function:
     called = signature(function)
 
     @wraps(function)
-    def checked(*args: Any, **kwargs: Any) -> Any:
+    def call_checked(*args: Any, **kwargs: Any) -> Any:
         bound = called.bind(*args, **kwargs)
         for name, hint in _plain_hints(function):
             if name not in bound.arguments:
                 continue
             given = bound.arguments[name]
-            value = _conformed(given, hint)
+            value = _conform(given, hint)
             if value is _WRONG:
-                value = _conformed(getattr(given, "grid", None), hint)
+                value = _conform(getattr(given, "grid", None), hint)
             if value is _WRONG:
-                raise DeformError(f"{name.replace('_', ' ')} must be {_in_words(hint)}, got {shown_value(given)}.")
+                raise DeformError(f"{name.replace('_', ' ')} must be {_describe_hint(hint)}, got {short_value(given)}.")
             bound.arguments[name] = value
         return function(*bound.args, **bound.kwargs)
 
-    return checked  # type: ignore[return-value]
+    return call_checked  # type: ignore[return-value]
 
 
 @cache
@@ -285,22 +286,22 @@ def _hints(kind: type) -> tuple[tuple[str, Any], ...]:
     return tuple((one.name, hints[one.name]) for one in fields(kind))
 
 
-def _conformed(value: Any, hint: Any) -> Any:
+def _conform(value: Any, hint: Any) -> Any:
     """The value as the annotation wants it, or :data:`_WRONG`; what is no plain kind is taken as it is."""
     origin, among = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
-        return next((found for one in among if (found := _conformed(value, one)) is not _WRONG), _WRONG)
+        return next((found for one in among if (found := _conform(value, one)) is not _WRONG), _WRONG)
     if origin is tuple:
-        return _conformed_tuple(value, among)
+        return _conform_tuple(value, among)
     if hint in _PLAIN:
         return _PLAIN[hint](value)
     if origin is np.ndarray:
-        return _conformed_array(value, get_args(among[1])[0])
+        return _conform_array(value, get_args(among[1])[0])
     kind = origin or hint
     return value if not isinstance(kind, type) or isinstance(value, kind) else _WRONG
 
 
-def _conformed_array(value: Any, kind: Any) -> Any:
+def _conform_array(value: Any, kind: Any) -> Any:
     """The value as an array of an annotated type; one of that type itself is not copied."""
     if isinstance(value, np.ndarray) and (kind is Any or value.dtype == kind):
         return value
@@ -314,14 +315,14 @@ def _conformed_array(value: Any, kind: Any) -> Any:
     return _WRONG if real is None else real.astype(kind, copy=False)
 
 
-def _conformed_tuple(value: Any, among: tuple[Any, ...]) -> Any:
+def _conform_tuple(value: Any, among: tuple[Any, ...]) -> Any:
     if isinstance(value, str | bytes | Mapping) or not isinstance(value, Iterable):
         return _WRONG
     given = tuple(value)
     hints = (among[0],) * len(given) if among[1:] == (...,) else among
     if len(given) != len(hints):
         return _WRONG
-    found = tuple(_conformed(one, hint) for one, hint in zip(given, hints, strict=True))
+    found = tuple(_conform(one, hint) for one, hint in zip(given, hints, strict=True))
     if any(one is _WRONG for one in found):
         return _WRONG
     is_same = isinstance(value, tuple) and all(one is before for one, before in zip(found, given, strict=True))
@@ -360,12 +361,12 @@ _WORDS = {bool: "True or False", int: "a whole number", float: "a finite number"
 _SEVERAL = {bool: "truth values", int: "whole numbers", float: "finite numbers", str: "texts"}
 
 
-def _in_words(hint: Any) -> str:
+def _describe_hint(hint: Any) -> str:
     origin, among = get_origin(hint), get_args(hint)
     if origin is np.ndarray:
         return "an array"
     if origin in (Union, types.UnionType):
-        return " or ".join(_in_words(one) for one in among)
+        return " or ".join(_describe_hint(one) for one in among)
     if origin is tuple:
         count = "" if among[1:] == (...,) else f"{len(among)} "
         one = among[0]

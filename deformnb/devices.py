@@ -48,11 +48,11 @@ def use_device(name: str) -> None:
     >>> use_device("auto")
     """
     global _chosen  # noqa: PLW0603
-    _found(name if isinstance(name, str) else repr(name))  # also where it is no text, which might not be hashable
+    _find_device(name if isinstance(name, str) else repr(name))  # also where it is no text, which might not be hashable
     _chosen = name
 
 
-def chosen_device() -> str:
+def current_device() -> str:
     """The choice in force, a name of :func:`use_device`."""
     return _chosen or os.environ.get(_VARIABLE, "").strip().lower() or "auto"
 
@@ -65,21 +65,21 @@ def device_name() -> str:
 
 def device_in_use() -> Any:
     """The ``jax.Device`` that computes."""
-    name = chosen_device()
+    name = current_device()
     if name == "auto":
         return jax.config.jax_default_device or _first()  # type: ignore[attr-defined]
-    return _found(name)
+    return _find_device(name)
 
 
 def is_host() -> bool:
     """Check whether arrays are computed in the memory of NumPy's own, so that both can share them."""
-    return bool(device_in_use() == _found("cpu"))
+    return bool(device_in_use() == _find_device("cpu"))
 
 
-def computing() -> AbstractContextManager[Any]:
+def device_context() -> AbstractContextManager[Any]:
     """The context in which JAX places what is computed on the device in use; none where that is JAX's own choice."""
-    name = chosen_device()
-    return nullcontext() if name == "auto" else jax.default_device(_found(name))
+    name = current_device()
+    return nullcontext() if name == "auto" else jax.default_device(_find_device(name))
 
 
 @cache
@@ -88,7 +88,7 @@ def _first() -> Any:
 
 
 @cache
-def _found(name: str) -> Any:
+def _find_device(name: str) -> Any:
     kind, _, number = name.partition(":")
     if kind not in DEVICE_KINDS or (number and (kind == "auto" or not number.isdecimal())):
         raise DeformError(

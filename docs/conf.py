@@ -96,7 +96,7 @@ def _make_live_pages() -> None:
         [[0.08 * a, 0.62 * b], [0.5 * a, 0.4 * b], [0.92 * a, 0.62 * b]],
         names=["head", "back", "tail"],
     )
-    bend = dn.Deformation.on_picture(carp, "-x", points, trend="rigid")
+    bend = dn.Deformation.from_picture_points(carp, "-x", points, trend="rigid")
     dn.Studio(carp, bend, side="-x").export_html(
         target, title="A carp", controls=["strength", "shows", "reset"], overwrite=True
     )

@@ -29,7 +29,7 @@ def small_folder(folder: Path) -> Path:
     volume = Volume.from_array(values, spacing=(1, 2, 1.5), name="tiny")
     write_volume(volume, folder / "tiny.nrrd")
     points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6], [2, 3]], [[1, 2], [6, 1], [3, 5], [3, 3]])
-    deformation = Deformation.on_picture(volume.grid, "+y", points)
+    deformation = Deformation.from_picture_points(volume.grid, "+y", points)
     write_deformation(Deformation(deformation.steps, "pull", VolumeReference.of(volume)), folder / "pull.json")
     return folder
 

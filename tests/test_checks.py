@@ -26,7 +26,7 @@ from deformnb import (
     warp,
     write_volume,
 )
-from deformnb.checks import finite_array, is_finite, shown_value
+from deformnb.checks import finite_array, is_finite, short_value
 from deformnb.document import from_json, to_json
 from deformnb.document.deformation import MOST_STEPS
 from deformnb.io import points_from_csv
@@ -277,7 +277,7 @@ def test_checks_say_what_was_passed() -> None:
     with pytest.raises(DeformError, match=r"size must be two numbers, got \(1, 'a'\)\."):
         finite_array((1, "a"), (2,), "size must be two numbers")
     assert finite_array(np.array([1, 2], np.int8), (2,), "").tolist() == [1.0, 2.0]
-    assert shown_value("x" * 100) == "'" + "x" * 59
+    assert short_value("x" * 100) == "'" + "x" * 59
     assert is_finite(np.float32(1))
     assert not is_finite(np.nan)
     assert not is_finite(None)

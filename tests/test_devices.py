@@ -27,16 +27,16 @@ import json, sys
 import jax, numpy as np
 import deformnb as dn
 from deformnb import devices
-from deformnb._jax import compiled, float64, jnp
+from deformnb._jax import jit, float64, jnp
 from deformnb.document.json_format import to_json
 from deformnb.rbf.fitting import fit_rbf
-from deformnb.volume.sampling import on_device
-from deformnb.warping.planning import displacements, extruded
+from deformnb.volume.sampling import to_device
+from deformnb.warping.planning import displacements, plan_extrusion
 from deformnb.warping.warper import Warper
 
 rng = np.random.default_rng(3)
 volume = dn.Volume.from_array(rng.integers(0, 256, (12, 14, 16)).astype(np.uint8))
-plane = dn.Plane.along(volume, "+y")
+plane = dn.Plane.from_view(volume, "+y")
 flat = dn.ControlPoints.from_arrays(rng.uniform(-5, 5, (5, 2)), rng.uniform(-5, 5, (5, 2)))
 space = dn.ControlPoints.from_arrays(rng.uniform(0, 12, (6, 3)), rng.uniform(0, 12, (6, 3)))
 cut = dn.Line([(0, 9), (0, -9)])
@@ -50,7 +50,7 @@ def results():
     made = {name: Warper(volume)(fields[name]).values for name in sys.argv[2:]}
     made["fit"] = np.asarray(in_space.coefficients)
     made["places"] = in_space.displacement([[1.0, 2, 3], [4, 5, 6]])
-    made["document"] = to_json(dn.Deformation.in_space(space))
+    made["document"] = to_json(dn.Deformation.from_space_points(space))
     if "cut" in made:
         made["shaded"] = dn.project(volume, "+y", "shaded").values
     return made
@@ -64,16 +64,16 @@ first = results()
 assert devices.is_host()
 devices.use_device(sys.argv[1])
 second = results()
-add = compiled(lambda x: x + 1)
+add = jit(lambda x: x + 1)
 with float64():
     wide = jnp.asarray(1.0)
 moved = displacements(fit_rbf(space, trend="none"), volume.grid)
-plan = extruded(dn.Step((flat,), plane).field(volume.grid), volume.grid, volume.grid, "float32")
+plan = plan_extrusion(dn.Step((flat,), plane).field(volume.grid), volume.grid, volume.grid, "float32")
 report = {
     "name": devices.device_name(), "is_host": devices.is_host(),
     "apart": {name: apart(first[name], second[name]) for name in first},
     "places": {"compiled": str(add(1.0).device), "float64": str(wide.device),
-               "voxels": str(on_device(volume.values).device), "displacements": [str(d.device) for d in moved],
+               "voxels": str(to_device(volume.values).device), "displacements": [str(d.device) for d in moved],
                "maps": str(plan.maps.device)},
     "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}
 # Where JAX itself prefers another device, as it does a GPU, what is computed on the host touches that one nowhere.
@@ -165,10 +165,10 @@ def test_the_tests_of_warps_and_fields_pass_on_another_device() -> None:
     ],
 )
 def test_a_device_that_is_not_there_is_named(name: str, reason: str) -> None:
-    before = devices.chosen_device()
+    before = devices.current_device()
     with pytest.raises(DeformError, match=reason):
         use_device(name)
-    assert devices.chosen_device() == before
+    assert devices.current_device() == before
 
 
 @pytest.mark.skipif(jax.default_backend() == "gpu", reason="there is one")
@@ -182,7 +182,7 @@ def test_without_a_gpu_the_error_says_so_and_with_an_idle_one_what_to_install(mo
 
 def test_the_environment_chooses_where_nothing_else_does(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DEFORMNB_DEVICE", "cpu")
-    assert devices.chosen_device() == "cpu"
+    assert devices.current_device() == "cpu"
     assert devices.device_name() == "cpu:0"
     monkeypatch.setenv("DEFORMNB_DEVICE", "toaster")
     with pytest.raises(DeformError, match="toaster"):
@@ -215,10 +215,10 @@ def test_options_of_the_cpu_are_given_to_no_other_compiler(monkeypatch: pytest.M
         platform = "gpu"
 
     monkeypatch.setattr(jax, "jit", jit)
-    monkeypatch.setattr(devices, "computing", devices.nullcontext)
+    monkeypatch.setattr(devices, "device_context", devices.nullcontext)
     for device in (devices.device_in_use(), Other()):
         monkeypatch.setattr(devices, "device_in_use", lambda device=device: device)
-        _jax.compiled(lambda x: np.float32(2) * x, donated="x")(np.float32(1))
+        _jax.jit(lambda x: np.float32(2) * x, donated="x")(np.float32(1))
     assert given[-2][0]
     assert given[-2][1] is None
     assert given[-1] == (None, "x")

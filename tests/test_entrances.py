@@ -247,7 +247,7 @@ PLACES = np.array([[3.0, 20.0, 5.0], [1.0, 10.0, 9.0]])
 
 
 def _h(v: Any) -> Any:
-    return dn.Deformation.on_picture(as_grid(v), "+z", POINTS, support=40.0)
+    return dn.Deformation.from_picture_points(as_grid(v), "+z", POINTS, support=40.0)
 
 
 def _closed(made: Any, seen: Callable[[Any], Any]) -> Any:
@@ -379,7 +379,7 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "volume.channels.Channels.with_volumes(volumes)": lambda v, _: dn.volume.Channels((_like(v),)).with_volumes([v]),
     "volume.labelled.to_xarray(volume)": lambda v, _: dn.volume.to_xarray(v),
     "volume.transfer.preset(volume)": lambda v, _: dn.preset("bone", v),
-    "warping.mesh.filled(distance)": lambda v, _: dn.warping.filled(v),
+    "warping.mesh.filled(distance)": lambda v, _: dn.warping.fill_distance(v),
     "warping.mesh.isosurface(volume)": lambda v, _: dn.warping.isosurface(v, 20.5).points,
     "warping.warper.Warper(volume)": lambda v, _: dn.Warper(v)(SHIFT),
     "warping.warper.warp(volume)": lambda v, _: dn.warp(v, SHIFT),
@@ -425,8 +425,8 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     ),
     "document.deformation.Deformation.field(grid)": lambda v, _: _h(v).field(v).displacement(PLACES),
     "document.deformation.Deformation.inverse(grid)": lambda v, _: _h(v).inverse(v).field.values,
-    "document.deformation.Deformation.on_picture(grid)": lambda v, _: (
-        dn.Deformation.on_picture(v, "+z", POINTS).steps[0].plane
+    "document.deformation.Deformation.from_picture_points(grid)": lambda v, _: (
+        dn.Deformation.from_picture_points(v, "+z", POINTS).steps[0].plane
     ),
     "document.deformation.Deformation.warp_points(grid)": lambda v, _: _h(v).warp_points(PLACES, v),
     "imaging.movie_frames.animation_frames(output)": lambda v, _: list(
@@ -451,7 +451,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
         PLACES[0].tolist()
     ),
     "rbf.extrusion.extrude(grid)": lambda v, _: dn.rbf.extrude(
-        dn.Plane.along(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.rbf.replicate()
+        dn.Plane.from_view(TURNED, "+z"), v, [dn.fit_rbf(POINTS)], dn.rbf.replicate()
     ).displacement(PLACES),
     "rbf.fields.AbstractField.on_grid(grid)": lambda v, _: SHIFT.on_grid(v),
     "rbf.fields.DisplacementField.sample(lattice)": lambda v, _: dn.rbf.DisplacementField.sample(_h(v), v).values,
@@ -459,9 +459,9 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
     "rbf.fields.blend(grid)": lambda v, _: dn.rbf.blend(_h(v), SHIFT, grid=v).displacement(PLACES),
     "rbf.fields.compose(grid)": lambda v, _: dn.rbf.compose(_h(v), SHIFT, grid=v).displacement(PLACES),
     "session.session.Session(output)": lambda v, _: dn.Session(_reference(), output=v).editing.output,
-    "volume.plane.Plane.along(grid)": lambda v, _: dn.Plane.along(v, "-x"),
-    "volume.plane.Plane.depth_range(grid)": lambda v, _: dn.Plane.along(TURNED, "-x").depth_range(v),
-    "volume.plane.Plane.slices(grid)": lambda v, _: dn.Plane.along(TURNED, "-x").slices(v),
+    "volume.plane.Plane.from_view(grid)": lambda v, _: dn.Plane.from_view(v, "-x"),
+    "volume.plane.Plane.depth_range(grid)": lambda v, _: dn.Plane.from_view(TURNED, "-x").depth_range(v),
+    "volume.plane.Plane.slices(grid)": lambda v, _: dn.Plane.from_view(TURNED, "-x").slices(v),
     "warping.inverse.invert(grid)": lambda v, _: dn.invert(_h(v), as_grid(v), grid=v).field.values,
     "warping.inverse.invert(lattice)": lambda v, _: dn.invert(_h(v), v).field.values,
     "warping.inverse.round_trip(grid)": lambda v, _: dn.warping.round_trip(_h(v), PLACES, grid=v).worst,

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from deformnb._jax import blockwise, compiled, float64
+from deformnb._jax import blockwise, float64, jit
 from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.warping.planning import processors
@@ -58,9 +58,9 @@ def test_kept_programs_outlive_other_versions_of_the_same_kernel(
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
     kernel = (
-        "import numpy as np\nfrom deformnb._jax import blockwise, compiled, jax, jnp\njax.devices()\n{}\n"
+        "import numpy as np\nfrom deformnb._jax import blockwise, jit, jax, jnp\njax.devices()\n{}\n"
         "def kernel(x):\n    return jnp.sin(x) @ jnp.cos(x).T + {}\n"
-        "compiled(kernel)(np.ones((64, 64), np.float32))\n"
+        "jit(kernel)(np.ones((64, 64), np.float32))\n"
     )
     found = []
     for number, (lines, constant) in enumerate([("", 1), ("# a later version\n" * 30, 1), ("", 2)]):
@@ -100,7 +100,7 @@ def test_float64_is_local() -> None:
 
 
 def test_compiled_takes_the_options_of_jit() -> None:
-    power = compiled(lambda x, n: x**n, static_argnames="n")
+    power = jit(lambda x, n: x**n, static_argnames="n")
     assert float(power(3.0, n=2)) == 9.0
 
 
@@ -129,7 +129,7 @@ def work(pipe=None):
     volume = Volume.from_array(np.arange(512.0).reshape(8, 8, 8))
     points = ControlPoints.from_arrays([[1.0, 1, 1], [6, 2, 3]], [[2.0, 1, 1], [6, 3, 3]])
     try:
-        said = str(Deformation.in_space(points).apply(volume).shape)
+        said = str(Deformation.from_space_points(points).apply(volume).shape)
     except Exception as error:
         said = f"{type(error).__name__}: {error}"
     if pipe is not None:
@@ -170,7 +170,7 @@ def test_a_forked_child_of_a_process_that_has_computed_refuses_instead_of_hangin
 @pytest.mark.skipif(processors() < 2, reason="XLA has one thread only")
 def test_a_part_of_shared_work_stays_on_one_thread() -> None:
     x = np.ones(2**20, np.float32)
-    shared, part = (compiled(lambda x: jnp.sin(x) * 2, on_one_thread=alone) for alone in (False, True))
+    shared, part = (jit(lambda x: jnp.sin(x) * 2, on_one_thread=alone) for alone in (False, True))
     texts = [call.executable().lower(x).compile().as_text() for call in (shared, part)]
     assert ["outer_dimension_partitions" in text for text in texts] == [True, False]
     np.testing.assert_array_equal(shared(x), part(x))

@@ -37,7 +37,7 @@ from deformnb.warping.warper import Warper, warp, warp_picture
 GRID = Grid((5, 8, 9), (1.0, 1.0, 2.0))
 VOLUME = Volume(np.random.default_rng(1).integers(0, 255, GRID.shape).astype(np.uint8), GRID, "a box")
 DRAGS = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1.5], [3.5, 6]])
-DEFORMATION = Deformation.on_picture(VOLUME, "+z", DRAGS)
+DEFORMATION = Deformation.from_picture_points(VOLUME, "+z", DRAGS)
 FIELD = DEFORMATION.field(GRID)
 POINTS = np.array([[2.0, 2.0, 2.0], [4.0, 3.0, 5.0]])
 LANDMARKS = Landmarks(POINTS, ("a", "b"))
@@ -136,8 +136,8 @@ def test_points_go_the_same_way_by_function_and_method() -> None:
 
 
 def test_a_volume_counts_as_its_grid() -> None:
-    assert Plane.along(VOLUME, "+z") == Plane.along(GRID, "+z")
-    assert Plane.along(GRID, "+z").depth_range(VOLUME) == Plane.along(GRID, "+z").depth_range(GRID)
+    assert Plane.from_view(VOLUME, "+z") == Plane.from_view(GRID, "+z")
+    assert Plane.from_view(GRID, "+z").depth_range(VOLUME) == Plane.from_view(GRID, "+z").depth_range(GRID)
     np.testing.assert_array_equal(FIELD.on_grid(VOLUME), FIELD.on_grid(GRID))
 
 
@@ -252,13 +252,13 @@ def test_pictures_refuse_all_else_by_name(
         lambda w: warp(VOLUME, w),
         Warper(VOLUME),
         Warper,
-        lambda w: Plane.along(w, "+z"),
+        lambda w: Plane.from_view(w, "+z"),
         FIELD.on_grid,
         DEFORMATION.field,
         DEFORMATION.inverse,
         lambda w: DEFORMATION.warp_points(POINTS, w),
         DEFORMATION.apply,
-        lambda w: Deformation.on_picture(w, "+z", DRAGS),
+        lambda w: Deformation.from_picture_points(w, "+z", DRAGS),
         DEFORMATION.then,
         lambda w: compose(FIELD, w),
         blend,
@@ -297,8 +297,8 @@ def test_anything_else_is_refused_by_name(call: Callable[[Any], Any], wrong: Any
         fit_rbf,
         fit_points,
         lambda w: fit_rigid(w, ()),
-        Deformation.in_space,
-        lambda w: Deformation.on_picture(GRID, "+z", w),
+        Deformation.from_space_points,
+        lambda w: Deformation.from_picture_points(GRID, "+z", w),
     ],
 )
 def test_no_control_points_are_refused_by_name(call: Callable[[Any], Any], wrong: Any) -> None:
@@ -313,6 +313,6 @@ def test_pairs_of_landmarks_count_as_control_points() -> None:
 
 
 def test_what_can_follow_a_deformation() -> None:
-    assert len(DEFORMATION.then(DEFORMATION).then(Step((DRAGS,), Plane.along(GRID, "+z"))).steps) == 3
+    assert len(DEFORMATION.then(DEFORMATION).then(Step((DRAGS,), Plane.from_view(GRID, "+z"))).steps) == 3
     with pytest.raises(DeformError, match=r"of type Step, got .*compose"):
         DEFORMATION.then(FIELD)  # type: ignore[arg-type]

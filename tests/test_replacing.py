@@ -27,7 +27,7 @@ NOISE = np.random.default_rng(4).integers(0, 255, GRID.shape).astype(np.uint8)  
 VOLUME = dn.Volume(NOISE, GRID)
 POINTS = dn.ControlPoints.from_arrays(*(np.random.default_rng(k).uniform(2, 20, (200, 2)) for k in (1, 2)))
 MARKS = dn.warping.Landmarks(np.random.default_rng(5).uniform(0, 20, (500, 3)))
-DEFORMATION = dn.Deformation.on_picture(VOLUME, "+z", POINTS, trend="none", support=3.0, smoothing=1.0)
+DEFORMATION = dn.Deformation.from_picture_points(VOLUME, "+z", POINTS, trend="none", support=3.0, smoothing=1.0)
 SHIFT = Affine(np.eye(3), np.array([1.0, 0.0, 0.0]))
 WAVE = dn.rbf.DisplacementField(np.random.default_rng(6).normal(size=(*GRID.shape, 3)), GRID)
 FRAMES = [np.random.default_rng(k).integers(0, 255, (32, 32, 3)).astype(np.uint8) for k in range(4)]

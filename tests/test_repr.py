@@ -22,7 +22,7 @@ GRID = Grid((4, 8, 8))
 VOLUME = Volume(np.zeros(GRID.shape, np.uint8), GRID, "a bar")
 MANY = np.random.default_rng(0).random((200, 2))
 POINTS = ControlPoints.from_arrays(MANY, MANY + 0.01, names=[f"point {k}" for k in range(200)])
-ONE = Deformation.on_picture(GRID, "+z", POINTS)
+ONE = Deformation.from_picture_points(GRID, "+z", POINTS)
 FIELD = fit_rbf(POINTS)
 RASTER = Raster((8, 8), (1.0, 1.0), (0.0, 0.0))
 

@@ -43,7 +43,7 @@ def a_document(number: int, count: int = 300) -> Deformation:
     """The same document for the same number, tens of kilobytes long."""
     places = np.random.default_rng(number).uniform(0, 5, (count, 2))
     points = ControlPoints.from_arrays(places, places + 0.001 * number)
-    return replace(Deformation.on_picture(Grid((6, 7, 8)), "+y", points), name=str(number))
+    return replace(Deformation.from_picture_points(Grid((6, 7, 8)), "+y", points), name=str(number))
 
 
 def copied(work: Callable[[], Any]) -> int:

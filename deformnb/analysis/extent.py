@@ -157,22 +157,24 @@ def reached_places(foreground: Foreground, field: AbstractField | None) -> Float
     places = np.concatenate([moved[found], *_far(foreground, field)])
     for _ in range(_ROUNDS):
         before = _box(foreground, places)
-        hits, at_edge = _looked_up(foreground, field, *before, np.maximum(_AROUND * (before[1] - before[0]), 1.0))
+        hits, at_edge = _find_foreground_nodes(
+            foreground, field, *before, np.maximum(_AROUND * (before[1] - before[0]), 1.0)
+        )
         places = np.concatenate([places, hits])
         if not at_edge and bool(np.all(np.abs(np.subtract(_box(foreground, places), before)) < 1.0)):
             break
-    followed = np.concatenate([moved[found], _on_other_sheets(foreground, field, places)])
+    followed = np.concatenate([moved[found], _other_sheets(foreground, field, places)])
     places = np.concatenate([places, followed])
-    return np.concatenate([places, _beside_nodes(foreground, followed, places)])
+    return np.concatenate([places, _node_neighbourhood(foreground, followed, places)])
 
 
-def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Floats) -> Floats:
+def _other_sheets(foreground: Foreground, field: AbstractField, places: Floats) -> Floats:
     """Places (n, 3) of the corners on all sheets of a map that folds, followed from the outermost places on each side.
 
     A corner has a place on every sheet, and following it finds one; between the nodes of a lattice the tip of another
     sheet is not seen.
     """
-    if field.has_cuts or not _is_folded(field, places):  # a map that jumps has no derivative across its cuts
+    if field.has_cuts or not _has_fold(field, places):  # a map that jumps has no derivative across its cuts
         return np.empty((0, 3))
     corners, tolerance, found = foreground.corners, _EXACT * min(foreground.grid.spacing), [np.empty((0, 3))]
     numbers = np.arange(len(corners))
@@ -188,13 +190,13 @@ def _on_other_sheets(foreground: Foreground, field: AbstractField, places: Float
     return np.concatenate(found)
 
 
-def _is_folded(field: AbstractField, places: Floats) -> bool:
+def _has_fold(field: AbstractField, places: Floats) -> bool:
     """Check whether det J of the map has both signs at the places (n, 3)."""
     det = determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1)))
     return bool((det < 0).any() and (det > 0).any())
 
 
-def _beside_nodes(foreground: Foreground, followed: Floats, places: Floats) -> Floats:
+def _node_neighbourhood(foreground: Foreground, followed: Floats, places: Floats) -> Floats:
     """Two corners of the box of places, a cell of the lattice farther where only its nodes have found foreground."""
     (first, last), (low, high) = _box(foreground, followed), _box(foreground, places)
     cell = (high - low) * (1 + 2 * _AROUND) / (_NODES - 1)
@@ -206,7 +208,7 @@ def _far(foreground: Foreground, field: AbstractField) -> Iterator[Floats]:
     """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
     counts = np.array(foreground.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
-        yield _looked_up(foreground, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
+        yield _find_foreground_nodes(foreground, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
 
 
 def _box(foreground: Foreground, places: Floats) -> tuple[Floats, Floats]:
@@ -219,7 +221,7 @@ def _lattice(foreground: Foreground, low: Floats, high: Floats) -> Floats:
     return foreground.grid.index_to_point(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 3))
 
 
-def _looked_up(
+def _find_foreground_nodes(
     foreground: Foreground, field: AbstractField, low: Floats, high: Floats, around: Floats
 ) -> tuple[Floats, bool]:
     """The nodes of a lattice around a box at which foreground is seen, and whether it is seen on the lattice's edge."""
@@ -257,7 +259,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.document.deformation import Deformation
     >>> volume = Volume.from_array(np.full((8, 8, 8), 200, np.uint8))
-    >>> shifted = Deformation.on_picture(volume, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
+    >>> shifted = Deformation.from_picture_points(volume, "+y", ControlPoints.from_arrays([[0, 0]], [[3, 0]]),
     ...                                  trend="translation")
     >>> seen = field_of_view(volume, shifted.field(volume.grid))
     >>> seen.grid.shape, seen.grid.origin, seen.is_limited

@@ -23,7 +23,7 @@ from deformnb.rbf.fields import AbstractField, HasField, as_field, grid_lines, r
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, VolumeLike, as_grid, has_grid
 from deformnb.warping.foreground import IsTissue
-from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points
+from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, check_points
 
 NEARLY_FOLDED = 0.05
 """The smallest determinant that counts as safe: tissue is shown at most twenty times its size."""
@@ -96,7 +96,7 @@ def jacobian_determinant(
         grid = where if grid is None else grid
     field = as_field(field, grid)
     if not isinstance(where, Grid | Raster):
-        x = checked_points(cast("ArrayLike | Landmarks", where), field, grid)
+        x = check_points(cast("ArrayLike | Landmarks", where), field, grid)
         flat, out = x.reshape(-1, field.dim), np.empty(x.shape[:-1])
         for start in range(0, len(flat), POINTS_AT_A_TIME):
             own = slice(start, start + POINTS_AT_A_TIME)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, float64, jnp, lax
+from deformnb._jax import float64, jit, jnp, lax
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
@@ -167,7 +167,7 @@ def _values(x: Any, centers: Any, scales: Any, *, kernel: type[AbstractKernel]) 
     return kernel.profile(s * scales**2)
 
 
-_kernel_values = compiled(_values, static_argnames="kernel")
+_kernel_values = jit(_values, static_argnames="kernel")
 
 
 def _polynomials(x: Any, span: Span, xp: Any) -> Any:
@@ -298,7 +298,7 @@ def _variances_of(
 ) -> Any:
     """The module's formula; padded centres have zeros in all matrices and so no effect."""
 
-    def of_block(x: Any) -> Any:
+    def block_variances(x: Any) -> Any:
         k = _values(x, centers, 1.0, kernel=kernel)
         pull = k @ energy
         p = _polynomials(x, span, jnp)[:, : len(rest)]
@@ -306,10 +306,10 @@ def _variances_of(
         off = x - (pull + p @ weights.T) @ centers
         return jnp.maximum(kernel.profile(0.0 * x[0, 0]) - known + ((off @ missed) * off).sum(axis=1), 0.0)
 
-    return lax.map(of_block, blocks)
+    return lax.map(block_variances, blocks)
 
 
-_variances = compiled(_variances_of, static_argnames="kernel")
+_variances = jit(_variances_of, static_argnames="kernel")
 
 
 def uncertainty(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume, VolumeLike, as_volumes, slabs
 
@@ -85,7 +85,7 @@ def label_volumes(
 def _counts(volume: Volume) -> dict[int, int]:
     values = volume.values
     if values.dtype.kind not in "iub":
-        raise DeformError(f"labels are whole numbers, and the voxels of {shown_value(volume.name)} are {values.dtype}.")
+        raise DeformError(f"labels are whole numbers, and the voxels of {short_value(volume.name)} are {values.dtype}.")
     found: dict[int, int] = {}
     for slab in slabs(values):
         part: NDArray[np.int64]

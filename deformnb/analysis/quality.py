@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, float64, jax
+from deformnb._jax import float64, jax, jit
 from deformnb._typing import Floats
 from deformnb.analysis.gaussian_process import FitSystem, fit_system, process_scale
 from deformnb.rbf.conditioning import SAME_PLACE, diameter_of, same_place
@@ -127,7 +127,7 @@ def fit_quality(
     system = fit_system(points, support=support, **options)
     unit = system.ready.support
     row, alone = _rows_of(system, active), _alone(system)
-    errors = unit * _left_out(system, alone)[row]
+    errors = unit * _leave_one_out(system, alone)[row]
     for k in np.flatnonzero((row < 0) | alone[row]).tolist():
         rest = fit_one_system(active.remove(active.ids[k]), support=unit, **options)
         errors[k] = active.displacement[k] - rest.displacement(active.target[k])
@@ -220,14 +220,14 @@ def _alone(system: FitSystem) -> NDArray[np.bool_]:
         q = np.linalg.qr((on_span - on_span.sum(axis=0) / n) * kept[:, None])[0]
         alone |= (q**2).sum(axis=1) + 1 / n > 1 - _ALONE
     if n > 1 and system.ready.trend == "quadratic":
-        alone |= kept & _open_without(system)
+        alone |= kept & _essential_rows(system)
     if system.has_own_radii:
         different = kept & (np.asarray(system.fit.scales)[: len(kept)] != 1)
         alone |= different if different.sum() == 1 else False
     return np.asarray(alone)
 
 
-def _open_without(system: FitSystem) -> NDArray[np.bool_]:
+def _essential_rows(system: FitSystem) -> NDArray[np.bool_]:
     """The rows without which the others do not determine all of the quadratic trend, whose open part shrinks."""
     if system.has_own_radii:
         return np.ones(system.count, dtype=bool)
@@ -240,17 +240,17 @@ def _open_without(system: FitSystem) -> NDArray[np.bool_]:
     values = np.linalg.eigvalsh(grams)
     is_open = values[:, 0] < (1 + _ALONE) * THIN_BEND**2 * values[:, -1]
     if system.fit.kernel.order < 2:
-        is_open |= ridge_of(*thin_directions(*_moments_left(system))).any(axis=(1, 2))
+        is_open |= ridge_of(*thin_directions(*_leave_one_out_moments(system))).any(axis=(1, 2))
     return np.asarray(is_open)
 
 
-def _left_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
+def _leave_one_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
     """The leave-one-out errors (n, dim) in units of the support, all at once; zero for the points left ``alone``."""
     c = system.energy
     diagonal = np.where(alone, 1.0, c.diagonal())[:, None]
     cd = c @ system.d
     if system.has_own_radii:
-        errors = _of_least_squares(system, alone, cd) / diagonal
+        errors = _least_squares_errors(system, alone, cd) / diagonal
     elif system.has_second_step:
         errors = (cd - np.einsum("imk,ik->im", _linear_parts(system, alone), c @ system.x)) / diagonal
     else:
@@ -258,7 +258,7 @@ def _left_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
     return np.where(alone[:, None], 0.0, errors)
 
 
-def _of_least_squares(system: FitSystem, alone: NDArray[np.bool_], cd: Floats) -> Floats:
+def _least_squares_errors(system: FitSystem, alone: NDArray[np.bool_], cd: Floats) -> Floats:
     """C_ii e_i beside radii of their own: the trend of the others is plain least squares and has no C."""
     if system.ready.trend == "none":
         return cd
@@ -279,7 +279,7 @@ def _linear_parts(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
     h = s + d.T @ gx - gd[:, :, None] * gx[:, None, :] / weight
     ridge = np.zeros((n, dim, dim))
     if system.ready.trend == "affine":  # shrunk across the directions in which the others are thin
-        xx, yy, yx = _moments_left(system)
+        xx, yy, yx = _leave_one_out_moments(system)
         xx, yy, yx = (np.where(alone[:, None, None], np.eye(dim), m) for m in (xx, yy, yx))
         ridge = ridge_of(*thin_directions(xx, yy, yx))
         if not system.has_own_radii:
@@ -293,7 +293,7 @@ def _linear_parts(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
     return np.asarray(found)[:n] - np.eye(dim)
 
 
-def _moments_left(system: FitSystem) -> tuple[Floats, Floats, Floats]:
+def _leave_one_out_moments(system: FitSystem) -> tuple[Floats, Floats, Floats]:
     """Second moments (n, dim, dim) of targets, of sources, and of both, of all points but the i-th."""
     n = int(system.kept.sum())
     x, y = (
@@ -310,7 +310,7 @@ def _all_rules(s: Any, h: Any, ridge: Any, basis: Any, *, trend: str) -> Any:
     return jax.vmap(lambda one, other, held: rule(one, other, Span(basis, held), turn))(s, h, ridge)
 
 
-_rules = compiled(_all_rules, static_argnames="trend")
+_rules = jit(_all_rules, static_argnames="trend")
 
 
 def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
@@ -320,7 +320,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
     found: set[int] = set()
     ids, gaps, holds = np.array(system.ready.ids), _gaps(system.x), _holding_the_rim(system)
     while system.kept.sum() >= system.dim + 4 and len(found) < _MOST_SUSPECTS:
-        lengths = _lengths(_left_out(system, _alone(system)))
+        lengths = _lengths(_leave_one_out(system, _alone(system)))
         eased = np.sqrt(np.abs(system.energy.diagonal())) * lengths  # its square is what the energy falls by without it
         marked = ~holds & (lengths >= STRAIN * gaps) & (eased >= _STANDS_OUT * np.median(eased[system.kept]))
         if not marked.any():

@@ -17,7 +17,7 @@ from deformnb._jax import adjugate, determinant, one_plus
 from deformnb._typing import Floats
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.volume import Grid, VolumeLike
-from deformnb.warping.points import Landmarks, checked_points
+from deformnb.warping.points import Landmarks, check_points
 
 _POINTS_AT_A_TIME = 2**16
 
@@ -77,30 +77,30 @@ def stretches(
     (1.125, [1.5, 0.75], [[1.0, 0.0], [0.0, 1.0]])
     """
     field = as_field(field, grid)
-    x, dim = checked_points(points, field, grid), field.dim
+    x, dim = check_points(points, field, grid), field.dim
     flat = x.reshape(-1, dim)
     area, principal, directions = np.empty(len(flat)), np.empty((len(flat), dim)), np.empty((len(flat), dim, dim))
     for start in range(0, len(flat), _POINTS_AT_A_TIME):
         part = slice(start, start + _POINTS_AT_A_TIME)
-        area[part], principal[part], directions[part] = _of_derivative(field.jacobian(flat[part]))
+        area[part], principal[part], directions[part] = _decompose_derivative(field.jacobian(flat[part]))
     shape = x.shape[:-1]
     return Stretches(area.reshape(shape), principal.reshape(x.shape), directions.reshape(*shape, dim, dim))
 
 
-def _of_derivative(derivative: Floats) -> tuple[Any, Any, Any]:
+def _decompose_derivative(derivative: Floats) -> tuple[Any, Any, Any]:
     """Area (n), stretches (n, dim) and directions (n, dim, dim) from dD/dx (n, dim, dim)."""
     j = one_plus(np.moveaxis(derivative, 0, -1))
     det = determinant(j)
     whole = det > 0
     safe = np.where(whole, det, 1.0)
     forward = np.where(whole, adjugate(j), np.eye(len(j))[:, :, None]) / safe
-    principal, directions = (_in_the_plane if len(j) == 2 else _in_space)(forward)
+    principal, directions = (_planar_singular_values if len(j) == 2 else _spatial_singular_values)(forward)
     lost = ~whole
     principal[lost], directions[lost] = np.nan, np.nan
     return np.where(whole, 1 / safe, np.nan), principal, directions
 
 
-def _in_the_plane(f: Floats) -> tuple[Floats, Floats]:
+def _planar_singular_values(f: Floats) -> tuple[Floats, Floats]:
     """The singular values of matrices (2, 2, n) and their left vectors, in closed form.
 
     F is a turn and growth plus a mirrored one, of sizes q and r: their sum stretches most, their difference least.
@@ -115,6 +115,6 @@ def _in_the_plane(f: Floats) -> tuple[Floats, Floats]:
     return np.stack([largest, least], axis=-1), np.stack([along, across], axis=1)
 
 
-def _in_space(f: Floats) -> tuple[Floats, Floats]:
+def _spatial_singular_values(f: Floats) -> tuple[Floats, Floats]:
     u, principal, _ = np.linalg.svd(np.moveaxis(f, -1, 0))
     return principal, np.swapaxes(u, 1, 2)

@@ -143,7 +143,7 @@ def _title(app: Application) -> str:
     return f"{app.session.volume.name or 'volume'} - deformnb"
 
 
-def made_up_carp(progress: Callable[[float], None] | None = None) -> Volume:
+def synthetic_carp(progress: Callable[[float], None] | None = None) -> Volume:
     """The volume where none is given."""
     return PHANTOMS["fish"].make(progress=progress)
 

@@ -113,10 +113,10 @@ class Bridge:
                 opened |= self._reach(_widget_of(reference))
             if opened:
                 message["opened"] = opened
-                self._forget_closed()
+                self._drop_closed()
             self._server.in_loop(self._server.publish, TOPIC, message)
 
-    def _forget_closed(self) -> None:
+    def _drop_closed(self) -> None:
         self._closed.update(name for name, widget in self._widgets.items() if widget.comm is None)
         self._widgets = {name: widget for name, widget in self._widgets.items() if widget.comm is not None}
 
@@ -125,12 +125,12 @@ class Bridge:
     async def _open(self) -> dict[str, Any]:
         """The model id of the studio, and the states of all widgets."""
 
-        def look() -> dict[str, Any]:
+        def find_widget() -> dict[str, Any]:
             with self._lock:
-                self._forget_closed()
+                self._drop_closed()
                 return {name: widget.get_state() for name, widget in self._widgets.items()}
 
-        states = await asyncio.wrap_future(self._thread.call(look))
+        states = await asyncio.wrap_future(self._thread.call(find_widget))
         return {"studio": self._studio.model_id, "widgets": states}
 
     async def _message(self, name: str, data: dict[str, Any], number: str, buffers: list[bytes]) -> None:
@@ -149,7 +149,10 @@ class Bridge:
             raise DeformError("a message has a number.")
         if not isinstance(buffers, list) or not all(isinstance(buffer, bytes) for buffer in buffers):
             raise DeformError("buffers are bytes.")
-        taken = {"content": {"data": checked(widget, data)}, "buffers": [memoryview(buffer) for buffer in buffers]}
+        taken = {
+            "content": {"data": check_message(widget, data)},
+            "buffers": [memoryview(buffer) for buffer in buffers],
+        }
         await asyncio.wrap_future(self._thread.call(partial(self._take, widget, taken, number)))
 
     def _take(self, widget: ipw.Widget, message: dict[str, Any], number: str) -> None:
@@ -164,7 +167,7 @@ class Bridge:
             self._answered = ""
 
 
-def checked(widget: ipw.Widget, data: Any) -> dict[str, Any]:
+def check_message(widget: ipw.Widget, data: Any) -> dict[str, Any]:
     """A page's message to a widget, with nothing in it that the widget's front end would not send.
 
     Raises

@@ -70,7 +70,7 @@ def shape_of(part: VoxelSlices) -> Shape:
 
 @dataclass(frozen=True, eq=False)
 class BlockWarp:
-    """The warp of a large volume, block by block; :func:`planned` makes it. It can be sent to other processes.
+    """The warp of a large volume, block by block; :func:`plan_blocks` makes it. It can be sent to other processes.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def _bytes(source: LargeVolume, method: str, block: Shape, window: Shape) -> int
     return math.prod(window) * (3 * item + spline) + math.prod(block) * (2 * item + _WORKING_BYTES)
 
 
-def planned(
+def plan_blocks(
     source: LargeVolume,
     field: AbstractField,
     output: Grid,

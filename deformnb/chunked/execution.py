@@ -16,7 +16,7 @@ _LARGE = 2**20
 _RETRIES = 3
 
 
-def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
+def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
     """Do all numbers, and yield each when it is done. Ending the loop early leaves out what has not begun."""
     with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-block") as pool:
         waiting: set[Any] = set()
@@ -38,7 +38,7 @@ def on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int)
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def on_cluster(
+def run_on_cluster(
     client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int, carried: int
 ) -> Iterator[int]:
     """The same on the workers of a ``dask.distributed.Client``; a block whose worker dies is done by another one.
@@ -65,7 +65,7 @@ def on_cluster(
         (number, [slots[k * len(slots) // len(numbers)]] if are_all else None) for k, number in enumerate(numbers)
     )
 
-    def submitted(count: int | None) -> dict[Any, int]:
+    def submit(count: int | None) -> dict[Any, int]:
         return {
             client.submit(
                 _call,
@@ -79,7 +79,7 @@ def on_cluster(
             for number, workers in islice(following, count)
         }
 
-    futures = submitted(None if are_all else at_once)
+    futures = submit(None if are_all else at_once)
     finished = as_completed(list(futures))
     try:
         for future in finished:
@@ -92,7 +92,7 @@ def on_cluster(
                     "want of memory; give memory=... a smaller value."
                 ) from error
             yield futures.pop(future)
-            more = submitted(1)
+            more = submit(1)
             finished.update(more)
             futures |= more
     finally:

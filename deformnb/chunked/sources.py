@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing, VoxelSlices
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
-from deformnb.io.files.errors import Damage, fail, shown, unpacking
+from deformnb.io.files.errors import Damage, fail, printable, unpacking
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.volumes import ome_zarr, tiff, tiff_pages
@@ -453,7 +453,7 @@ def open_volume(
     >>> open_volume(np.zeros((4, 5, 6), np.uint8), spacing=(1, 1, 2)).grid.spacing
     (1.0, 1.0, 2.0)
     """
-    found = _opened(source, level)
+    found = _open(source, level)
     if grid is not None or spacing is not None:
         found = replace(found, notes=tuple(note for note in found.notes if note != NO_PLACE))
     if grid is not None:
@@ -469,26 +469,26 @@ def open_volume(
     return found if name is None else replace(found, name=name)
 
 
-def _opened(source: Any, level: int) -> LargeVolume:
+def _open(source: Any, level: int) -> LargeVolume:
     if isinstance(source, LargeVolume):
         return source
     if isinstance(source, str | os.PathLike):
-        return _of_path(str(source), level)
+        return _from_path(str(source), level)
     if level != 0:
-        raise DeformError(f"an object in memory is no pyramid, so it has no level {shown_value(level)}.")
+        raise DeformError(f"an object in memory is no pyramid, so it has no level {short_value(level)}.")
     if is_labelled(source):
-        return _of_labelled(source)
+        return _from_labelled(source)
     if isinstance(source, Volume) or states_place(source):
         volume = as_volume(source)
         return LargeVolume(_reader_of(volume.values), volume.grid, volume.name, volume.is_labels, notes=volume.notes)
     shape, dtype = getattr(source, "shape", None), getattr(source, "dtype", None)
     if shape is None or dtype is None or len(shape) != 3:
-        raise DeformError(f"a source is a volume, an array [z, y, x] or a path, got {shown_value(source)}.")
+        raise DeformError(f"a source is a volume, an array [z, y, x] or a path, got {short_value(source)}.")
     grid = Grid((int(shape[0]), int(shape[1]), int(shape[2])))
     return LargeVolume(_reader_of(source), grid, is_labels=np.dtype(dtype) == np.bool_, notes=(NO_PLACE,))
 
 
-def _of_labelled(given: Any) -> LargeVolume:
+def _from_labelled(given: Any) -> LargeVolume:
     """The volume of an array of xarray, which may lie in chunks."""
     array = one_array(given)
     axes = LabelledAxes.of(array)
@@ -533,36 +533,36 @@ def _is_whole_map(array: np.memmap[Any, Any]) -> bool:
     return isinstance(array.base, mmap.mmap)
 
 
-def is_read_in_parts(path: Path) -> bool:
+def is_partly_readable(path: Path) -> bool:
     """Check whether a file or folder is of a kind of which parts can be read; any other is loaded as a whole."""
     return ome_zarr.is_zarr(path) or path.name.lower().endswith((*HDF5, *_TIFF, ".npy"))
 
 
-def _of_path(text: str, level: int) -> LargeVolume:
+def _from_path(text: str, level: int) -> LargeVolume:
     file, _, dataset = text.partition("::")
     path = as_path(file)
     lower = path.name.lower()
     if ome_zarr.is_zarr(path):
-        return _of_zarr(path, level)
+        return _from_zarr(path, level)
     if level != 0:
         raise fail(path, f"it is no pyramid, so it has no level {level}.")
     with unpacking(path), Damage(path, "name a smaller file"):
         if lower.endswith(HDF5):
-            return _of_hdf5(regular_file(path), dataset)
+            return _from_hdf5(regular_file(path), dataset)
         if lower.endswith(_TIFF):
-            return _of_tiff(regular_file(path))
+            return _from_tiff(regular_file(path))
         if lower.endswith(".npy"):
-            return _of_npy(regular_file(path))
+            return _from_npy(regular_file(path))
     from deformnb.io.volumes.formats import read_volume
 
     volume = read_volume(path)
-    return replace(_opened(volume, 0), path=path)
+    return replace(_open(volume, 0), path=path)
 
 
-def _of_zarr(path: Path, level: int) -> LargeVolume:
+def _from_zarr(path: Path, level: int) -> LargeVolume:
     pyramid = ome_zarr.open_pyramid(path)
     if not 0 <= level < len(pyramid.levels):
-        raise fail(path, f"it has the levels 0 to {len(pyramid.levels) - 1}, got {shown_value(level)}.")
+        raise fail(path, f"it has the levels 0 to {len(pyramid.levels) - 1}, got {short_value(level)}.")
     if not pyramid.layout.is_single:
         raise fail(
             path,
@@ -583,7 +583,7 @@ def _check_chunk(path: Path, size: int) -> None:
         raise fail(path, f"one of its chunks takes {size} bytes when it is unpacked, more than there is memory for.")
 
 
-def _of_hdf5(path: Path, name: str) -> LargeVolume:
+def _from_hdf5(path: Path, name: str) -> LargeVolume:
     h5py = optional_package("h5py")
     with h5py.File(path, "r") as file:
         found: list[str] = []
@@ -595,15 +595,15 @@ def _of_hdf5(path: Path, name: str) -> LargeVolume:
         if not name and len(found) != 1:
             raise fail(
                 path,
-                f"it has {len(found)} arrays of three axes ({shown(', '.join(found[:8]))}); name one: "
-                f'"{shown(path.name)}::name".',
+                f"it has {len(found)} arrays of three axes ({printable(', '.join(found[:8]))}); name one: "
+                f'"{printable(path.name)}::name".',
             )
         item = file.get(name or found[0], getlink=True)
         if not isinstance(item, h5py.HardLink):
-            raise fail(path, f"{shown(name)} is a link to elsewhere or is not there.")
+            raise fail(path, f"{printable(name)} is a link to elsewhere or is not there.")
         item = file[name or found[0]]
         if not isinstance(item, h5py.Dataset) or len(item.shape or ()) != 3 or item.external or item.is_virtual:
-            raise fail(path, f"{shown(name or found[0])} is no array of three axes in this file.")
+            raise fail(path, f"{printable(name or found[0])} is no array of three axes in this file.")
         if item.dtype.kind not in "biuf":
             raise fail(path, f"voxels of type {item.dtype} are no numbers that can be deformed.")
         shape, _ = volume_shape(path, [int(n) for n in item.shape[::-1]], item.dtype.itemsize)
@@ -620,11 +620,11 @@ def _hdf5_grid(path: Path, item: Any, shape: tuple[int, int, int]) -> tuple[Grid
         return Grid(shape), ("the file states no element_size_um: spacing 1 was taken along each axis",)
     sizes = np.asarray(item.attrs["element_size_um"])
     if sizes.shape != (3,) or sizes.dtype.kind not in "iuf":
-        raise fail(path, f"its element_size_um should be three numbers along z, y and x but is {shown(sizes, 60)}.")
+        raise fail(path, f"its element_size_um should be three numbers along z, y and x but is {printable(sizes, 60)}.")
     return Grid(shape, (float(sizes[2]), float(sizes[1]), float(sizes[0])), unit="\u00b5m"), ()
 
 
-def _of_tiff(path: Path) -> LargeVolume:
+def _from_tiff(path: Path) -> LargeVolume:
     about = describe_file(path)
     header = tiff.read_header(path)
     if not header.layout.is_single:
@@ -646,7 +646,7 @@ def _of_tiff(path: Path) -> LargeVolume:
     )
 
 
-def _of_npy(path: Path) -> LargeVolume:
+def _from_npy(path: Path) -> LargeVolume:
     about = describe_file(path)
     array: Any = np.load(path, mmap_mode="r", allow_pickle=False)
     if array.shape != about.grid.shape:

@@ -27,8 +27,8 @@ import numpy as np
 from deformnb._jax import jax
 from deformnb.chunked.blocks import BlockWarp
 from deformnb.errors import DeformError
-from deformnb.io.files.atomic import atomic_write, check_target, flush_folder, not_written, publish_folder, try_lock
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.atomic import atomic_write, check_target, flush_folder, publish_folder, try_lock, write_error
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes import ome_zarr
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.volume import Grid
@@ -39,7 +39,7 @@ _FORM = 2  # of the lines and of the source's identity
 def fingerprint(job: BlockWarp, about: dict[str, Any]) -> str:
     """A checksum of all that decides on the voxels of a result and on how they are stored."""
     digest = hashlib.sha256(job.source.fingerprint.encode())
-    digest.update(_of_field(job.field, job.output))
+    digest.update(_field_digest(job.field, job.output))
     text = [job.output, job.method, job.fill, job.background, job.blocks.block, sorted(about.items()), _FORM]
     digest.update(repr(text).encode())
     return digest.hexdigest()
@@ -49,7 +49,7 @@ def fingerprint(job: BlockWarp, about: dict[str, Any]) -> str:
 _NODES = 12
 
 
-def _of_field(field: AbstractField, output: Grid) -> bytes:
+def _field_digest(field: AbstractField, output: Grid) -> bytes:
     leaves, structure = jax.tree_util.tree_flatten(field)
     digest = hashlib.sha256()
     if all(isinstance(leaf, np.ndarray | jax.Array | int | float) for leaf in leaves):
@@ -84,16 +84,16 @@ class UnfinishedStore:
         self._log = (folder / _DONE).open("a", encoding="ascii")
         self._known = {folder.parent}  # folders whose own names are on the disk
 
-    def finished(self, level: int, block: int) -> None:
+    def mark_finished(self, level: int, block: int) -> None:
         """Note that a block is written, once it is on the disk."""
         file = self._pyramid / _chunk_file(self.arrays[level], level, block)
-        text = f"{level} {block} {self._kept(file)}"
+        text = f"{level} {block} {self._persist(file)}"
         self._log.write(f"{text} {_checksum(self._mark, text)}\n")
         self._log.flush()
         os.fsync(self._log.fileno())
         self.done.add((level, block))
 
-    def _kept(self, file: Path) -> str:
+    def _persist(self, file: Path) -> str:
         """Have a file on the disk, and its name; returns the checksum of its bytes."""
         try:
             with file.open("rb") as stored:
@@ -142,8 +142,8 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     target = check_target(target, overwrite=overwrite, folder_marks=ome_zarr.MARKS)
     folder = _unfinished(target)
     try:
-        with _locked(folder, target):
-            store = _begun(folder, target, mark, overwrite, pyramid)
+        with _lock(folder, target):
+            store = _begin(folder, target, mark, overwrite, pyramid)
             try:
                 yield store
             finally:
@@ -153,20 +153,20 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like
             raise
-        raise not_written(
-            target, error, f"what is done stays in {shown(folder.name)}, and the same call goes on from there"
+        raise write_error(
+            target, error, f"what is done stays in {printable(folder.name)}, and the same call goes on from there"
         ) from error
 
 
 @contextmanager
-def _locked(folder: Path, target: Path) -> Iterator[None]:
+def _lock(folder: Path, target: Path) -> Iterator[None]:
     """The folder of a job, made if it is missing, while no other process may write into it."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise _damaged(folder, "it is no folder of its own")
+        raise _damage_error(folder, "it is no folder of its own")
     folder.mkdir(exist_ok=True)
-    lock = _opened_lock(folder)
+    lock = _open_lock(folder)
     if lock is None:
-        raise _damaged(folder, f"its {_LOCK} is no file")
+        raise _damage_error(folder, f"its {_LOCK} is no file")
     try:
         if try_lock(lock) is False:
             raise fail(target, "another process is writing it at this moment; wait for that to end.")
@@ -175,7 +175,7 @@ def _locked(folder: Path, target: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _opened_lock(folder: Path) -> int | None:
+def _open_lock(folder: Path) -> int | None:
     """The lock of a folder as a descriptor; None if something else has its name, such as a pipe."""
     place = folder / _LOCK
     if os.path.lexists(place) and not _is_plain(place):
@@ -189,7 +189,7 @@ def discard_unfinished(target: Path) -> None:
     with suppress(OSError):
         if folder.is_symlink() or not folder.is_dir():
             return
-        lock = _opened_lock(folder)
+        lock = _open_lock(folder)
         try:
             if lock is None or try_lock(lock) is not False:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -202,9 +202,9 @@ def _unfinished(target: Path) -> Path:
     return target.with_name(f".{target.name}.unfinished")
 
 
-def _damaged(folder: Path, why: str) -> DeformError:
+def _damage_error(folder: Path, why: str) -> DeformError:
     return DeformError(
-        f"{shown(folder.name)}, the unfinished result of an earlier call, is damaged: {why}. Remove "
+        f"{printable(folder.name)}, the unfinished result of an earlier call, is damaged: {why}. Remove "
         "that folder and call again, which computes all anew."
     )
 
@@ -214,19 +214,21 @@ def _is_plain(place: Path) -> bool:
     return stat.S_ISREG(place.lstat().st_mode)
 
 
-def _begun(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict[str, Any]) -> UnfinishedStore:
+def _begin(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict[str, Any]) -> UnfinishedStore:
     """The store of the job in a folder, if it is this job, or a new one."""
     try:
         known = _job_of(folder)
     except (OSError, ValueError) as error:
         if not overwrite:
-            raise _damaged(folder, f"its {_JOB} says no more of which job it is ({shown(error, 100)})") from error
+            raise _damage_error(
+                folder, f"its {_JOB} says no more of which job it is ({printable(error, 100)})"
+            ) from error
         known = None
     if known == mark:
-        return _resumed(folder, mark, pyramid)
+        return _resume(folder, mark, pyramid)
     if known is not None and not overwrite:
         raise DeformError(
-            f"{shown(folder.name)} holds the unfinished result of another source, deformation or grid, "
+            f"{printable(folder.name)} holds the unfinished result of another source, deformation or grid, "
             "or the source was changed since; remove that folder, choose another target, or allow "
             "overwriting (overwrite=True, --force)."
         )
@@ -234,7 +236,7 @@ def _begun(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict
         _remove(folder / entry)
     arrays = ome_zarr.create_pyramid(folder / _PYRAMID, **pyramid)
     for place in (*sorted((folder / _PYRAMID).rglob("*")), folder / _PYRAMID):
-        _flushed(place)
+        _flush(place)
     (folder / _DONE).touch()
     with atomic_write(folder / _JOB) as file:  # last: all else is there then
         file.write(json.dumps({"fingerprint": mark, "target": target.name}).encode())
@@ -266,17 +268,17 @@ def _job_of(folder: Path) -> str | None:
     return mark
 
 
-def _resumed(folder: Path, mark: str, pyramid: dict[str, Any]) -> UnfinishedStore:
+def _resume(folder: Path, mark: str, pyramid: dict[str, Any]) -> UnfinishedStore:
     """The store of an earlier run of the same job, with those of its blocks that are as they were written."""
     if os.path.lexists(folder / _DONE) and not _is_plain(folder / _DONE):
-        raise _damaged(folder, f"its {_DONE} is no file")
+        raise _damage_error(folder, f"its {_DONE} is no file")
     root, fresh = folder / _PYRAMID, folder / _FRESH
     if root.is_symlink() or not root.is_dir():
         _remove(root)
         root.mkdir()
     _remove(fresh)
     arrays = ome_zarr.create_pyramid(fresh, **pyramid)
-    noted = _read_done(folder, mark)
+    noted = _read_finished_blocks(folder, mark)
     files = {
         _chunk_file(arrays[level], level, block): (level, block)
         for level, block in noted
@@ -284,18 +286,18 @@ def _resumed(folder: Path, mark: str, pyramid: dict[str, Any]) -> UnfinishedStor
     }
     wanted = {place.relative_to(fresh).as_posix(): place for place in fresh.rglob("*") if place.is_file()}
     kept = {files[name] for name in files if noted[files[name]] == _EMPTY and not os.path.lexists(root / name)}
-    kept |= {files[name] for name in _swept(root, wanted, {name: noted[files[name]] for name in files})}
+    kept |= {files[name] for name in _sweep(root, wanted, {name: noted[files[name]] for name in files})}
     for name, place in wanted.items():
         if not (root / name).exists():
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             place.replace(root / name)
-            _flushed(root / name)
+            _flush(root / name)
     _remove(fresh)
     group = ome_zarr.zarr_package().open_group(store=str(root), mode="r+")
     return UnfinishedStore(folder, mark, [group[str(k)] for k in range(len(arrays))], kept, len(noted) - len(kept))
 
 
-def _swept(root: Path, metadata: dict[str, Path], checksums: dict[str, str]) -> set[str]:
+def _sweep(root: Path, metadata: dict[str, Path], checksums: dict[str, str]) -> set[str]:
     """Remove all from a pyramid but metadata as given and blocks of their checksums; returns the names of those."""
     found = set[str]()
     waiting = [root]
@@ -328,7 +330,7 @@ def _digest(file: Path) -> str:
         return hashlib.file_digest(stored, "sha256").hexdigest()
 
 
-def _flushed(place: Path) -> None:
+def _flush(place: Path) -> None:
     """Have a file or a folder on the disk, and its name."""
     if place.is_dir():
         flush_folder(place)
@@ -357,7 +359,7 @@ def _checksum(mark: str, text: str) -> str:
     return hashlib.sha256(f"{mark} {text}".encode()).hexdigest()[:16]
 
 
-def _read_done(folder: Path, mark: str) -> dict[tuple[int, int], str]:
+def _read_finished_blocks(folder: Path, mark: str) -> dict[tuple[int, int], str]:
     """The checksums of finished blocks by level and number; lines that are damaged count as not there."""
     done = dict[tuple[int, int], str]()
     try:

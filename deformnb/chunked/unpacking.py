@@ -11,22 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing
-from deformnb.chunked.sources import is_read_in_parts
+from deformnb.chunked.sources import is_partly_readable
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import Damage, fail
 from deformnb.io.files.memory import default_limit
 from deformnb.io.volumes import ome_zarr
-from deformnb.io.volumes.formats import located, plain_name, read_any_header
+from deformnb.io.volumes.formats import existing_path, plain_name, read_any_header
 from deformnb.io.volumes.headers import Header
 from deformnb.volume.volume import as_spacing
 
 _SLABS = 2**27  # bytes of the slices that are held at once
 
 
-def must_be_unpacked(path: str | os.PathLike[str]) -> bool:
+def needs_unpacking(path: str | os.PathLike[str]) -> bool:
     """Check whether a volume file takes more memory than there is, and cannot be read in parts."""
     place = Path(str(path).partition("::")[0])
-    if is_read_in_parts(place) or not place.exists():
+    if is_partly_readable(place) or not place.exists():
         return False
     header = read_any_header(place)[1]
     return header.layout.is_single and _bytes(header) > default_limit()
@@ -67,7 +67,7 @@ def unpack(
     >>> dn.chunked.open_volume(folder / "a.zarr").shape
     (1, 4, 4)
     """
-    place = located(path)
+    place = existing_path(path)
     with Damage(place, "name a smaller file"):
         kind, header = read_any_header(place)
         if not header.layout.is_single or header.transposed:

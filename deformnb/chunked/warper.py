@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.checks import is_finite, shown_value, warn
+from deformnb.checks import is_finite, short_value, warn
 from deformnb.chunked import execution
-from deformnb.chunked.blocks import Blocks, BlockWarp, planned, shape_of
+from deformnb.chunked.blocks import Blocks, BlockWarp, plan_blocks, shape_of
 from deformnb.chunked.sources import ChunkCache, LargeVolume, open_volume
 from deformnb.chunked.store import UnfinishedStore, fingerprint, unfinished_store
 from deformnb.errors import DeformError, MissingPackageError
@@ -23,7 +23,7 @@ from deformnb.io.volumes import ome_zarr
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
 from deformnb.warping.map_checks import fold_note
-from deformnb.warping.planning import as_voxel, checked_method, processors
+from deformnb.warping.planning import as_voxel, check_method, processors
 
 # What all blocks in work take together by default: enough for two dozen of them, and little on any machine.
 _MEMORY = 2**30
@@ -113,14 +113,14 @@ def warp(
         raise DeformError("a volume needs a field in space; extrude the field of a plane first.")
     own = getattr(deformation, "output", None)
     grid = as_output(output if output is not None else own if isinstance(own, Grid) else volume.grid, volume.grid)
-    method = checked_method(method, discrete=volume.discrete)
+    method = check_method(method, discrete=volume.discrete)
     allowed = execution.threads_of(client) if client is not None else processors()
     if workers is not None:
         if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 1:
-            raise DeformError(f"workers must be a whole number from 1 on, got {shown_value(workers)}.")
+            raise DeformError(f"workers must be a whole number from 1 on, got {short_value(workers)}.")
         allowed = min(allowed, int(workers)) if client is not None else int(workers)
     limit = bytes_of(memory)
-    block = _checked_chunks(chunks)
+    block = _check_chunk_shape(chunks)
     if target is Volume:
         _check_result(volume, grid)
     elif target is not None:
@@ -129,7 +129,7 @@ def warp(
     background = volume.smallest(checked) if fill is None else float(fill)
     voxel = as_voxel(background if fill is None else fill, volume.dtype)
     processes = len(client.nthreads()) if client is not None else 1
-    job, at_once = planned(
+    job, at_once = plan_blocks(
         volume,
         field,
         grid,
@@ -147,7 +147,7 @@ def warp(
     if target is None:
         return _lazy(job)
     if target is Volume:
-        made = _in_memory(job, at_once, client, progress)
+        made = _warp_in_memory(job, at_once, client, progress)
         return replace(made, notes=(*made.notes, *cautions))
     notes = _write(job, at_once, target, client, progress, overwrite=overwrite, levels=levels, version=version)
     result = open_volume(target)
@@ -182,16 +182,16 @@ def bytes_of(memory: float | str | None) -> int:
             return int(float(found[1]) * _UNITS[found[2]])
     elif not isinstance(memory, bool) and is_finite(memory) and memory > 0:
         return int(memory)
-    raise DeformError(f'memory is a number of bytes or a text such as "2 GB", got {shown_value(memory)}.')
+    raise DeformError(f'memory is a number of bytes or a text such as "2 GB", got {short_value(memory)}.')
 
 
-def _checked_chunks(chunks: Sequence[int]) -> tuple[int, int, int]:
+def _check_chunk_shape(chunks: Sequence[int]) -> tuple[int, int, int]:
     if not (
         isinstance(chunks, Sequence)
         and len(chunks) == 3
         and all(isinstance(n, int | np.integer) and not isinstance(n, bool) and n >= 1 for n in chunks)
     ):
-        raise DeformError(f"chunks are three whole numbers (z, y, x) from 1 on, got {shown_value(chunks)}.")
+        raise DeformError(f"chunks are three whole numbers (z, y, x) from 1 on, got {short_value(chunks)}.")
     return int(chunks[0]), int(chunks[1]), int(chunks[2])
 
 
@@ -225,7 +225,7 @@ def _block(job: BlockWarp, number: int) -> Any:
     return job(number)
 
 
-def _in_memory(job: BlockWarp, at_once: int, client: Any, progress: Progress | None) -> Volume:
+def _warp_in_memory(job: BlockWarp, at_once: int, client: Any, progress: Progress | None) -> Volume:
     if client is not None:
         raise DeformError("a result in memory is computed by this process; name a target for the cluster to write.")
     out = np.empty(job.output.shape, job.source.dtype)
@@ -233,7 +233,7 @@ def _in_memory(job: BlockWarp, at_once: int, client: Any, progress: Progress | N
     def work(number: int) -> None:
         out[job.blocks.part(number)] = job(number)
 
-    for done, _ in enumerate(execution.on_threads(work, range(len(job.blocks)), at_once)):
+    for done, _ in enumerate(execution.run_on_threads(work, range(len(job.blocks)), at_once)):
         if progress is not None:
             progress((done + 1) / len(job.blocks))
     return Volume(out, job.output, job.source.name, job.source.is_labels, job.source.notes)
@@ -267,7 +267,7 @@ class _HalvedBlock:
                 for s, n in zip(part, self.finer.shape, strict=True)
             )
         ]
-        self.array[part] = ome_zarr.halved(np.asarray(values), discrete=self.discrete)
+        self.array[part] = ome_zarr.halve(np.asarray(values), discrete=self.discrete)
 
 
 def _write(
@@ -302,16 +302,16 @@ def _write(
         for level, (work, blocks) in enumerate(steps):
             missing = [k for k in range(len(blocks)) if (level, k) not in store.done]
             for number in (
-                execution.on_threads(work, missing, at_once)
+                execution.run_on_threads(work, missing, at_once)
                 if client is None
-                else execution.on_cluster(client, work, missing, at_once, 0 if level else job.carried)
+                else execution.run_on_cluster(client, work, missing, at_once, 0 if level else job.carried)
             ):
-                store.finished(level, number)
+                store.mark_finished(level, number)
                 if progress is not None:
                     progress(len(store.done) / total)
         if source.current_fingerprint() != source.fingerprint:
             raise DeformError(
-                f"the source of {shown_value(target.name)} was changed while it was read, so that the "
+                f"the source of {short_value(target.name)} was changed while it was read, so that the "
                 "result is a mixture and was not taken; call again, with overwrite=True."
             )
         if not store.damaged:

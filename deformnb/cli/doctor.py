@@ -68,10 +68,10 @@ def doctor() -> list[Check]:
     ]
     checks += [check_package(name) for name in REQUIRED]
     checks += [
-        _guarded("computing (JAX)", check_jax),
-        _guarded("devices", _devices),
-        _guarded("kept compilations", check_cache),
-        _guarded("OpenGL (VTK)", check_gl),
+        _safe_check("computing (JAX)", check_jax),
+        _safe_check("devices", _devices),
+        _safe_check("kept compilations", check_cache),
+        _safe_check("OpenGL (VTK)", check_gl),
     ]
     checks += [check_optional(name) for name in OPTIONAL]
     return checks
@@ -109,7 +109,7 @@ def check_optional(name: str) -> Check:
     return Check(name, version is not None, found, f"pip install 'deformnb[{extra}]'")
 
 
-def _guarded(part: str, check: Callable[[], Check]) -> Check:
+def _safe_check(part: str, check: Callable[[], Check]) -> Check:
     """A broken installation can raise anything; the report must still come out."""
     try:
         return check()

@@ -21,10 +21,10 @@ def add_lesson(commands: Any) -> None:
         "lesson", help="open a lesson for pupils (needs deformnb-lessons)", add_help=False, prefix_chars="\0"
     )
     p.add_argument("arguments", nargs="*")
-    p.set_defaults(run=_missing)
+    p.set_defaults(run=_report_missing)
 
 
-def _missing(_options: argparse.Namespace) -> None:
+def _report_missing(_options: argparse.Namespace) -> None:
     raise MissingPackageError(
         "the lessons are the separate distribution deformnb-lessons, which is not installed; in a clone of deformnb: "
         "pip install ./lessons"

@@ -40,9 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             from deformnb.devices import use_device
 
             use_device(options.device)
-        from deformnb.checks import notes_reported
+        from deformnb.checks import report_notes
 
-        with notes_reported():
+        with report_notes():
             options.run(options)
         if sys.stdout is not None:
             sys.stdout.flush()  # here, where a reader that has gone is caught
@@ -244,7 +244,7 @@ def _demo(options: argparse.Namespace) -> None:
 
 
 def _app(options: argparse.Namespace) -> None:
-    from deformnb.app.application import check_app, made_up_carp, open_app
+    from deformnb.app.application import check_app, open_app, synthetic_carp
     from deformnb.session.inputs import as_deformation, subject_from
     from deformnb.volume.channels import Channels
 
@@ -260,7 +260,7 @@ def _app(options: argparse.Namespace) -> None:
                 progress=stage(f"read {Path(options.file).name}"),
             )
             if options.file
-            else made_up_carp(stage("make the carp"))
+            else synthetic_carp(stage("make the carp"))
         )
     note(*(() if isinstance(volume, Channels) else volume.notes))
     open_app(
@@ -337,9 +337,9 @@ def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
     from deformnb.io.documents import describe_document
     from deformnb.io.landmarks.formats import describe_landmarks, is_landmarks, landmark_suffixes
     from deformnb.io.meshes.formats import describe_mesh, is_mesh, mesh_suffixes
-    from deformnb.io.transforms.formats import holds_transform, transform_suffixes
+    from deformnb.io.transforms.formats import is_transform_file, transform_suffixes
 
-    if holds_transform(path):
+    if is_transform_file(path):
         return _describe_transform(path)
     if is_landmarks(path):
         return describe_landmarks(path)

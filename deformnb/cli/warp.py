@@ -19,7 +19,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deformnb._progress import time_left
+from deformnb._progress import remaining_time
 from deformnb.devices import add_device
 from deformnb.errors import DeformError
 
@@ -80,7 +80,7 @@ class StageBar:
         )
 
     def move(self, share: float) -> None:
-        self._bar.set_postfix_str(time_left(time.monotonic() - self._start, share), refresh=False)
+        self._bar.set_postfix_str(remaining_time(time.monotonic() - self._start, share), refresh=False)
         self._bar.update(max(0.0, 100 * min(share, 1.0) - self._bar.n))
 
     def finish(self) -> None:
@@ -264,7 +264,7 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
                 progress=stage("deform"),
             )
         elif _is_in_parts(options):
-            source = _opened_in_parts(options, stage)
+            source = _open_partly(options, stage)
             _write_parts(source, read_transform(options.session, source.grid), options, stage)
         else:
             volume = read_input(options.input, options.spacing, stage, is_labels=options.labels or None)
@@ -402,7 +402,7 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
     from deformnb.document.output_grid import output_grid
     from deformnb.volume.volume import Volume
 
-    source = _opened_in_parts(options, stage)
+    source = _open_partly(options, stage)
     grid = source.grid
     if not any(
         document.own_grid(level) == level and not document.difference(level) for level in (grid, *source.levels)
@@ -425,13 +425,13 @@ def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: St
     note(*(text for text in notes if text not in known))
 
 
-def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
+def _open_partly(options: argparse.Namespace, stage: Stage) -> LargeVolume:
     from deformnb.chunked import open_volume, unpack
-    from deformnb.chunked.unpacking import must_be_unpacked
+    from deformnb.chunked.unpacking import needs_unpacking
 
     given, name = options.input, Path(options.input).name
-    if must_be_unpacked(given):
-        given = _unpacked_beside(options)
+    if needs_unpacking(given):
+        given = _unpacked_path(options)
         if not given.exists():
             note(f"{name} takes more memory than there is and cannot be read in parts: it is written as Zarr first")
             unpack(options.input, given, progress=stage(f"unpack {name}"))
@@ -446,7 +446,7 @@ def _opened_in_parts(options: argparse.Namespace, stage: Stage) -> LargeVolume:
     return source
 
 
-def _unpacked_beside(options: argparse.Namespace) -> Path:
+def _unpacked_path(options: argparse.Namespace) -> Path:
     """Path to unpack the input to, next to the output, until that is complete; another input has another name."""
     about, target = Path(options.input.partition("::")[0]).stat(), Path(options.output)
     return target.with_name(f".{target.name}.{about.st_size}-{about.st_mtime_ns}.source.zarr")
@@ -472,7 +472,7 @@ def _write_parts(
         overwrite=options.force,
         progress=stage("deform"),
     )
-    shutil.rmtree(_unpacked_beside(options), ignore_errors=True)
+    shutil.rmtree(_unpacked_path(options), ignore_errors=True)
     notes: tuple[str, ...] = made.notes
     return notes
 
@@ -635,7 +635,7 @@ def _replay(options: argparse.Namespace) -> None:
             options.inputs,
             options.out,
             work=_Work(options, stage),
-            options=_made_with(options, document),
+            options=_provenance(options, document),
             suffix=options.suffix,
             overwrite=options.force,
         )
@@ -660,7 +660,7 @@ def _is_summary(path: Path) -> bool:
         return False
 
 
-def _made_with(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:
+def _provenance(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:
     """All that results depend on besides the document's steps and their inputs."""
     from deformnb.session.batch import stamp
 
@@ -696,19 +696,19 @@ class _Work:
     def __call__(
         self, document: Deformation, path: Path, target: Path, progress: Callable[[float], None]
     ) -> Mapping[str, Any]:
-        from deformnb.document.transplant import transplanted
+        from deformnb.document.transplant import transplant
         from deformnb.io.landmarks.formats import is_landmarks
         from deformnb.io.meshes.formats import is_mesh
 
         if is_mesh(path) or is_landmarks(path):
             grid = self._space(path)
-            document = transplanted(document, grid, self._options.align)
+            document = transplant(document, grid, self._options.align)
             grid = document.own_grid(grid)
             facts = _facts(document, grid)
             (self._mesh if is_mesh(path) else self._landmarks)(document, grid, path, target)
             return facts
         volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
-        document = transplanted(document, volume.grid, self._options.align)
+        document = transplant(document, volume.grid, self._options.align)
         # First: what is written must be remembered at once, or counts as foreign.
         facts = _facts(document, document.own_grid(volume.grid))
         self._write(document, volume, target)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Floats, PictureBox
-from deformnb.checks import real_array, shown_value
+from deformnb.checks import real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 
@@ -150,12 +150,12 @@ def thompson_pairs() -> list[tuple[str, str]]:
     return [(grids[a].species, grids[b].species) for a, b in _file()["pairs"]]
 
 
-def _by_area(source: Floats, target: Floats, room: Floats) -> float:
+def _scale_by_area(source: Floats, target: Floats, room: Floats) -> float:
     """Both grids cover the same area: a body inscribed in them neither grows nor shrinks as a whole."""
     return float(np.sqrt(_area(source) / _area(target)))
 
 
-def _by_length(source: Floats, target: Floats, room: Floats) -> float:
+def _scale_by_length(source: Floats, target: Floats, room: Floats) -> float:
     """Both fishes are equally long: equal mean distance from the head column to the tail column."""
     return _length(source) / _length(target)
 
@@ -163,13 +163,13 @@ def _by_length(source: Floats, target: Floats, room: Floats) -> float:
 def _inside(source: Floats, target: Floats, room: Floats) -> float:
     """As large as equal area, but no larger than what lets every node of the target stay in the frame."""
     ratio = room / np.ptp(target.reshape(-1, 2), axis=0)
-    return min(_by_area(source, target, room), float(ratio.min()))
+    return min(_scale_by_area(source, target, room), float(ratio.min()))
 
 
 SCALES: dict[str, Callable[[Floats, Floats, Floats], float]] = {
     "inside": _inside,
-    "area": _by_area,
-    "length": _by_length,
+    "area": _scale_by_area,
+    "length": _scale_by_length,
 }
 """Scales of the target grid beside the source grid: a factor on Thompson's own drawing, from both grids and the width
 and height of the frame, in pixels of the source's drawing."""
@@ -181,7 +181,7 @@ HEADS = ("left", "right")
 """Directions in which the head of the fish on the picture points."""
 
 
-def own_grid(
+def custom_grid(
     nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = "own grid", rows: int | None = None
 ) -> ThompsonGrid:
     """A grid of your own, as those of the book.
@@ -201,11 +201,11 @@ def own_grid(
 
     Examples
     --------
-    >>> own_grid([[[0, 0], [50, 5]], [[0, 30], [50, 25]]], "leaf").nodes.shape
+    >>> custom_grid([[[0, 0], [50, 5]], [[0, 30], [50, 25]]], "leaf").nodes.shape
     (2, 2, 2)
     >>> from deformnb.warping import Landmarks
     >>> marks = Landmarks([[50, 25], [0, 0], [50, 5], [0, 30]], ("r1 c1", "r0 c0", "r0 c1", "r1 c0"))
-    >>> own_grid(marks, "leaf").nodes[1].tolist()
+    >>> custom_grid(marks, "leaf").nodes[1].tolist()
     [[0.0, 30.0], [50.0, 25.0]]
     """
     if isinstance(nodes, str | os.PathLike):
@@ -217,7 +217,7 @@ def own_grid(
     given = real_array(nodes)
     form = f"the grid {name!r} must be an array of shape (rows, columns, 2): the places (x, y) of its nodes, row by row"
     if given is None:
-        raise DeformError(f"{form}; got {shown_value(nodes)}.")
+        raise DeformError(f"{form}; got {short_value(nodes)}.")
     if given.ndim != 3 or given.shape[2] != 2 or min(given.shape[:2]) < 2:
         raise DeformError(f"{form}, with at least 2 rows and 2 columns; got the shape {given.shape}.")
     if not np.isfinite(given).all():
@@ -262,7 +262,7 @@ def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     if not isinstance(rows, int) or rows < 2 or count % rows:
         raise DeformError(
             f'the {count} landmarks of the grid {name!r} are not named by row and column ("r0 c3"); '
-            f"say how many rows they fill: own_grid(..., rows=4). Got rows={shown_value(rows)}."
+            f"say how many rows they fill: own_grid(..., rows=4). Got rows={short_value(rows)}."
         )
     return places[:, :2].reshape(rows, -1, 2)
 
@@ -288,8 +288,8 @@ def _grid_of(given: GridLike, name: str) -> ThompsonGrid:
     if isinstance(given, int | np.integer):
         return thompson_grid(int(given))
     if isinstance(given, str):
-        return own_grid(given, Path(given).stem) if Path(given).suffix else thompson_grid(given)
-    return own_grid(given, Path(given).stem if isinstance(given, os.PathLike) else name)
+        return custom_grid(given, Path(given).stem) if Path(given).suffix else thompson_grid(given)
+    return custom_grid(given, Path(given).stem if isinstance(given, os.PathLike) else name)
 
 
 def thompson_map(
@@ -308,7 +308,7 @@ def thompson_map(
     ----------
     source, target : species (or the beginning of the name, or the figure number); nodes of your own as
         (rows, columns, 2) places (x, y) on a drawing, x right and y down; landmarks that are named by row and column,
-        or a file of them (:func:`own_grid` has the rules, and gives them a name). Both grids have equally many lines.
+        or a file of them (:func:`custom_grid` has the rules, and names them). Both grids have equally many lines.
     box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid is laid
         over it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture
@@ -372,7 +372,7 @@ def thompson_map(
     goal = b.nodes * SCALES[scale](a.nodes, b.nodes, frame_size / factor)
     goal = (goal + (_mean(a.nodes) - _mean(goal))) * factor + shift
     if scale == "inside":
-        goal = goal + _way_back(goal, frame_corner, frame_size)
+        goal = goal + _translation_into_box(goal, frame_corner, frame_size)
     nodes = [a.nodes * factor + shift, goal]
     if head == "right":
         mirror, offset = np.array([-1.0, 1.0]), np.array([2 * corner[0] + size[0], 0.0])
@@ -408,7 +408,7 @@ def _mean(nodes: Floats) -> Floats:
     return np.asarray(nodes.reshape(-1, 2).mean(axis=0))
 
 
-def _way_back(nodes: Floats, corner: Floats, size: Floats) -> Floats:
+def _translation_into_box(nodes: Floats, corner: Floats, size: Floats) -> Floats:
     """The smallest translation that brings all nodes into a box they fit in."""
     flat = nodes.reshape(-1, 2)
     below, above = corner - flat.min(axis=0), corner + size - flat.max(axis=0)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Floats
-from deformnb.checks import finite_array, shown_value
+from deformnb.checks import finite_array, short_value
 from deformnb.datasets.darcy import ThompsonMap
 from deformnb.errors import DeformError
 
@@ -104,7 +104,7 @@ def thompson_score(
     from deformnb.warping.points import warp_points
 
     if not hasattr(grids, "source_nodes"):
-        raise DeformError(f"a pair of Thompson's grids is needed, got {shown_value(grids)}; thompson_map makes one.")
+        raise DeformError(f"a pair of Thompson's grids is needed, got {short_value(grids)}; thompson_map makes one.")
     source, target = grids.source_nodes, grids.target_nodes
     pixel = np.ptp(source.reshape(-1, 2), axis=0) / np.ptp(grids.source.nodes.reshape(-1, 2), axis=0)
     before = np.linalg.norm((target - source) / pixel, axis=-1)
@@ -141,7 +141,7 @@ def _field(what: object, grids: ThompsonMap, grid: Grid | VolumeLike | None) -> 
         return what
     if not isinstance(what, Step | Deformation):
         raise DeformError(
-            f"a Deformation, a Step, a field or an array of nodes can be scored, got {shown_value(what)}."
+            f"a Deformation, a Step, a field or an array of nodes can be scored, got {short_value(what)}."
         )
     steps = (what,) if isinstance(what, Step) else tuple(step for step in what.steps if step.enabled)
     if any(step.plane is None or step.plane != steps[0].plane for step in steps):

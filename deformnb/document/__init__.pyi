@@ -13,10 +13,10 @@ from .json_regions import REGIONS as REGIONS
 from .json_regions import region_from_data as region_from_data
 from .script import as_python as as_python
 from .step_checks import best_prediction as best_prediction
+from .step_checks import required_stages as required_stages
 from .step_checks import safe_points as safe_points
 from .step_checks import safe_strength as safe_strength
-from .step_checks import stages_needed as stages_needed
 from .step_checks import step_quality as step_quality
 from .step_checks import step_uncertainty as step_uncertainty
 from .transplant import ALIGNMENTS as ALIGNMENTS
-from .transplant import transplanted as transplanted
+from .transplant import transplant as transplant

@@ -18,7 +18,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import check_arguments, check_fields, is_finite, shown_value
+from deformnb.checks import check_arguments, check_fields, is_finite, short_value
 from deformnb.document.space_maps import Scale, rescaled_step
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import CUT_RULES, MOST_CUTS, Cut, Decoupled, Sides, cuts_outside
@@ -128,7 +128,7 @@ class Step(AbstractFitSettings):
         check_fields(self, "extrusion", "curve", "knots", "enabled", "name", "extra", "cut_rule")
         if not isinstance(self.extrusion, str) or self.extrusion not in EXTRUSIONS:
             known = ", ".join(EXTRUSIONS)
-            raise DeformError(f"unknown extrusion {shown_value(self.extrusion)}; choose one of {known}.")
+            raise DeformError(f"unknown extrusion {short_value(self.extrusion)}; choose one of {known}.")
         super().__post_init__()
         dim = 3 if self.plane is None else 2
         needed = len(self.knots) if self.extrusion == "interpolate" else 1
@@ -157,7 +157,8 @@ class Step(AbstractFitSettings):
                 )
         if not isinstance(self.plane, Plane | None):
             raise DeformError(
-                f'the plane of a step is a Plane or None, got {_kind(self.plane)}; Plane.along(volume, "+y") makes one.'
+                f"the plane of a step is a Plane or None, got {_kind(self.plane)}; "
+                'Plane.from_view(volume, "+y") makes one.'
             )
 
     def _check_shapes(self, dim: int) -> None:
@@ -301,10 +302,10 @@ def _pixel(grid: Grid, plane: Plane | None) -> float:
 def _kind(given: Any) -> str:
     """The kind of an object, for messages."""
     kind = type(given).__name__
-    return f"{kind} {shown_value(given)}" if isinstance(given, str | int | float) else kind
+    return f"{kind} {short_value(given)}" if isinstance(given, str | int | float) else kind
 
 
-def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
+def _check_steps(given: Any, whose: str) -> tuple[Step, ...]:
     """Steps as a tuple, or what to give instead."""
     if isinstance(given, Step):
         raise DeformError(f"the steps of {whose} are a list; write [step], or (step,) with its comma.")
@@ -315,7 +316,7 @@ def _checked_steps(given: Any, whose: str) -> tuple[Step, ...]:
     if all(isinstance(step, Step) for step in steps):
         return steps
     wrong = next(step for step in steps if not isinstance(step, Step))
-    way = "Deformation.on_picture and Deformation.in_space make one of points"
+    way = "Deformation.from_picture_points and Deformation.from_space_points make one of points"
     if isinstance(wrong, Deformation):
         way = "first.then(second) joins two deformations"
     elif isinstance(wrong, AbstractField):
@@ -336,7 +337,7 @@ def _as_tuple(value: Any, name: str) -> tuple[Any, ...]:
         return tuple(value) if name in _LISTS else tuple(float(v) for v in value)
     except (TypeError, ValueError, OverflowError):
         what = _LISTS.get(name, "numbers" if name == "knots" else "numbers or a formula")
-        raise DeformError(f"the {name} of a step must be {what}, got {shown_value(value)}.") from None
+        raise DeformError(f"the {name} of a step must be {what}, got {short_value(value)}.") from None
 
 
 @dataclass(frozen=True)
@@ -447,9 +448,9 @@ class Keyframe:
     steps: tuple[Step, ...]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", _checked_steps(self.steps, "a key frame"))
+        object.__setattr__(self, "steps", _check_steps(self.steps, "a key frame"))
         if not (is_finite(self.time) and self.time >= 0):
-            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {shown_value(self.time)}.")
+            raise DeformError(f"the time of a key frame must be seconds from 0 on, got {short_value(self.time)}.")
         check_fields(self)
 
 
@@ -479,7 +480,7 @@ class Deformation:
     >>> from deformnb.volume.volume import Grid, Matrix3, Volume
     >>> volume = Volume(np.zeros((4, 8, 8), np.uint8), Grid((4, 8, 8)))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 7]])
-    >>> deformation = Deformation.on_picture(volume, "+z", points)
+    >>> deformation = Deformation.from_picture_points(volume, "+z", points)
     >>> deformation.apply(volume).shape
     (4, 8, 8)
     """
@@ -496,7 +497,7 @@ class Deformation:
     unit: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "steps", _checked_steps(self.steps, "a deformation"))
+        object.__setattr__(self, "steps", _check_steps(self.steps, "a deformation"))
         keys = tuple(self.keyframes) if isinstance(self.keyframes, Iterable) else (self.keyframes,)
         for key in keys:
             if not isinstance(key, Keyframe):
@@ -514,7 +515,7 @@ class Deformation:
                 f"a deformation of {longest} steps cannot be computed; at most {MOST_STEPS} are. Apply it in parts."
             )
         if not isinstance(self.output, Grid | None):
-            raise DeformError(f"the output of a deformation is a Grid or None, got {shown_value(self.output)}.")
+            raise DeformError(f"the output of a deformation is a Grid or None, got {short_value(self.output)}.")
         for what, value, known in (
             ("mode", self.mode, MODES),
             ("easing", self.easing, EASINGS),
@@ -522,7 +523,7 @@ class Deformation:
         ):
             if not isinstance(value, str) or value not in known:
                 raise DeformError(
-                    f"unknown {what} {shown_value(value)} of a deformation; choose one of {', '.join(known)}."
+                    f"unknown {what} {short_value(value)} of a deformation; choose one of {', '.join(known)}."
                 )
         self._bring_to_one_unit()
         times = [key.time for key in self.keyframes]
@@ -556,7 +557,7 @@ class Deformation:
         Examples
         --------
         >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]], unit="mm")
-        >>> Deformation.in_space(points).in_unit("um").steps[0].points.target.tolist()
+        >>> Deformation.from_space_points(points).in_unit("um").steps[0].points.target.tolist()
         [[2000.0, 1000.0, 1000.0]]
         """
         to = check_unit(unit)
@@ -593,7 +594,7 @@ class Deformation:
         return f"<Deformation{name}: {count} {'step' if count == 1 else 'steps'} ({self.mode}){keys}{made}>"
 
     @classmethod
-    def on_picture(
+    def from_picture_points(
         cls, grid: Grid | VolumeLike, view: str | Plane, points: ControlPoints, **options: Any
     ) -> Deformation:
         """One step on a picture of a volume.
@@ -606,12 +607,12 @@ class Deformation:
         options : further fields of :class:`Step`, lengths in the unit of the volume.
         """
         unit = as_finest_grid(grid).unit
-        plane = view if isinstance(view, Plane) else Plane.along(grid, view)
+        plane = view if isinstance(view, Plane) else Plane.from_view(grid, view)
         step = Step((as_control_points(points).in_unit(unit),), plane, **options)
         return cls((step,), unit=unit or step.points.unit)
 
     @classmethod
-    def in_space(cls, points: ControlPoints, **options: Any) -> Deformation:
+    def from_space_points(cls, points: ControlPoints, **options: Any) -> Deformation:
         """One step with control points (x, y, z) in space; lengths among the options are in the unit of the points."""
         return cls((Step((as_control_points(points),), None, **options),))
 
@@ -632,7 +633,7 @@ class Deformation:
         Examples
         --------
         >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
-        >>> first = second = Deformation.in_space(points)
+        >>> first = second = Deformation.from_space_points(points)
         >>> len(first.then(second).steps)
         2
         """
@@ -669,7 +670,7 @@ class Deformation:
         return replace(self, steps=(*self.steps[:index], *self.steps[index + 1 :]))
 
     @check_arguments
-    def moved_step(self, index: int, to: int) -> Deformation:
+    def move_step(self, index: int, to: int) -> Deformation:
         """The same steps with one of them at another place in the order."""
         self._check(index)
         self._check(to)
@@ -700,7 +701,7 @@ class Deformation:
         Examples
         --------
         >>> points = ControlPoints.from_arrays([[1, 1, 1]], [[2, 1, 1]])
-        >>> moved = Deformation.in_space(points, trend="translation")
+        >>> moved = Deformation.from_space_points(points, trend="translation")
         >>> moved.inverse(Grid((3, 4, 5)))
         <Inverse: <DisplacementField: 5 x 4 x 3 samples in space>, 100 % of the nodes reached within 0.001>
         """
@@ -787,7 +788,7 @@ class Deformation:
             or made.sha256 == (VolumeReference.of(volume) if reference is None else reference()).sha256
         )
         if not is_same:
-            name = shown_value(made.name) if made.name else "without a name"
+            name = short_value(made.name) if made.name else "without a name"
             return (
                 f"This document was made on another volume ({name}, {' x '.join(map(str, made.shape[::-1]))} "
                 "voxels); its points may lie elsewhere."
@@ -844,7 +845,7 @@ class Deformation:
         asked = as_output(options.get("output") or output, own)
         cautions = [*here.cautions(own), *map_notes(subject, field, asked, options.get("fill"))]
         if known is None:
-            box = None if here.output is None else volumes[0].at_own_resolution(here.output)
+            box = None if here.output is None else volumes[0].to_own_resolution(here.output)
             warped = warp_all(volumes, field, **{"output": box, **options})
         else:
             then = [replace(volume, grid=grid) for volume in volumes]

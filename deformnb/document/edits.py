@@ -4,7 +4,7 @@ A new kernel brings its trend, an extrusion rule its points, a turned picture a 
 returns the next document, or refuses with the reason.
 
 A key frame keeps the steps of the document as they were when it was made. The document itself goes on: a key frame is
-changed by going to it (:func:`at_key`), editing, and storing the result in it (:func:`update_key`).
+changed by going to it (:func:`document_at_key`), editing, and storing the result in it (:func:`update_key`).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from deformnb.volume.volume import Grid
 _FIRST_KNOTS = (0.0, 0.5, 1.0)
 
 
-def untouched_step(plane: Plane | None, grid: Grid) -> Step:
+def initial_step(plane: Plane | None, grid: Grid) -> Step:
     """Initial step of a picture, or of a box (plane None): a point in each corner, so that no drag moves the border."""
     corners = grid.corners(centres=True)
     if plane is None:
@@ -86,7 +86,7 @@ def points_between(maps: list[ControlPoints], knots: list[float], index: int) ->
     )
 
 
-def turned(
+def turn_picture(
     deformation: Deformation, index: int, new: Step, untouched: Step, side_of: Callable[[Plane | None], str]
 ) -> tuple[Deformation, int, str]:
     """The document and the step to edit once the picture is turned, and a notice.
@@ -159,19 +159,19 @@ def add_key(deformation: Deformation, time: float | None = None) -> Deformation:
 
 def update_key(deformation: Deformation, index: int) -> Deformation:
     """The document's steps of now in the place of those of a key frame."""
-    keys = _checked(deformation, index)
+    keys = _check_key(deformation, index)
     return _with_keys(deformation, (*keys[:index], replace(keys[index], steps=deformation.steps), *keys[index + 1 :]))
 
 
 def remove_key(deformation: Deformation, index: int) -> Deformation:
     """Without a key frame."""
-    keys = _checked(deformation, index)
+    keys = _check_key(deformation, index)
     return _with_keys(deformation, (*keys[:index], *keys[index + 1 :]))
 
 
 def move_key(deformation: Deformation, index: int, time: float) -> Deformation:
     """A key frame at another moment; it may pass others."""
-    keys = _checked(deformation, index)
+    keys = _check_key(deformation, index)
     moved = replace(keys[index], time=float(time))
     there = key_at(deformation, moved.time)
     if there not in (None, index):
@@ -183,13 +183,13 @@ def move_key(deformation: Deformation, index: int, time: float) -> Deformation:
 
 def repeat_key(deformation: Deformation, index: int) -> Deformation:
     """The same steps once more, one second after the last key frame: so a loop is closed."""
-    steps = _checked(deformation, index)[index].steps
+    steps = _check_key(deformation, index)[index].steps
     return _with_keys(deformation, (*deformation.keyframes, Keyframe(free_time(deformation), steps)))
 
 
-def at_key(deformation: Deformation, index: int) -> Deformation:
+def document_at_key(deformation: Deformation, index: int) -> Deformation:
     """The document as it was at a key frame, to be edited."""
-    return with_steps(deformation, _checked(deformation, index)[index].steps)
+    return with_steps(deformation, _check_key(deformation, index)[index].steps)
 
 
 def with_steps(deformation: Deformation, steps: tuple[Step, ...]) -> Deformation:
@@ -219,11 +219,11 @@ def _with_fresh_ids(points: ControlPoints, others: list[ControlPoints]) -> Contr
 
 def is_now(deformation: Deformation, index: int) -> bool:
     """Check whether a key frame equals the current document."""
-    steps = _checked(deformation, index)[index].steps
+    steps = _check_key(deformation, index)[index].steps
     return with_steps(deformation, steps).steps == with_steps(deformation, deformation.steps).steps
 
 
-def _checked(deformation: Deformation, index: int) -> tuple[Keyframe, ...]:
+def _check_key(deformation: Deformation, index: int) -> tuple[Keyframe, ...]:
     keys = deformation.keyframes
     if not 0 <= index < len(keys):
         raise DeformError(f"there is no key frame {index + 1}; there are {len(keys)}.")

@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from deformnb.checks import LARGEST_COORDINATE, check_arguments, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_arguments, short_value
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document.json_reader import JsonReader, without_surrogates
 from deformnb.document.json_regions import cut_to_data, part_to_data, read_cut, read_part
@@ -49,7 +49,7 @@ LONGEST_DOCUMENT = 32 * 2**20
 _USUAL = {"mode": "compose", "easing": "linear", "loop": "once", "unit": ""}
 
 
-def _from_1(data: dict[str, Any]) -> dict[str, Any]:
+def _migrate_1(data: dict[str, Any]) -> dict[str, Any]:
     """Migrate from 1.x, which had other defaults: an automatic support was the box's diagonal, "affine" was exact."""
 
     def steps(given: Any) -> Any:
@@ -76,7 +76,7 @@ def _from_1(data: dict[str, Any]) -> dict[str, Any]:
     return data
 
 
-MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _from_1}
+MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _migrate_1}
 """From major version n to n + 1; a fixture of every released version is kept in the tests."""
 
 
@@ -104,7 +104,7 @@ def to_json(deformation: Deformation) -> str:
     if deformation.output is not None:
         data["output"] = _grid_data(deformation.output)
     text = json.dumps({**deformation.extra, **data}, indent=1, allow_nan=False, ensure_ascii=False, default=_plain)
-    return _tidied(without_surrogates(text)) + "\n"
+    return _tidy(without_surrogates(text)) + "\n"
 
 
 def _plain(value: Any) -> Any:
@@ -114,7 +114,7 @@ def _plain(value: Any) -> Any:
     raise TypeError(f"a document holds no {type(value).__name__}.")
 
 
-def _tidied(text: str) -> str:
+def _tidy(text: str) -> str:
     """Vectors and control points on one line each, where json.dumps gives every number its own.
 
     Both patterns begin with a line break, which inside a JSON string is always escaped: no name is ever touched.
@@ -163,7 +163,7 @@ def from_json(text: str | bytes) -> Deformation:
 
 def _parse(text: str | bytes) -> dict[str, Any]:
     if not isinstance(text, (str, bytes)):
-        raise DeformError(f"a document is read from text, got {shown_value(text)}.")
+        raise DeformError(f"a document is read from text, got {short_value(text)}.")
     if len(text) > LONGEST_DOCUMENT:
         raise DeformError(f"the document is {len(text)} characters long; at most {LONGEST_DOCUMENT} are read.")
     try:
@@ -264,10 +264,10 @@ def _step_data(step: Step) -> dict[str, Any]:
         value = getattr(step, name)
         if name in _ALWAYS or value != _STEP_DEFAULTS[name]:
             data[name] = value if value is None or name not in _FORMS else _FORMS[name].write(value)
-    return data | _own_of_points(step)
+    return data | _point_attributes(step)
 
 
-def _own_of_points(step: Step) -> dict[str, Any]:
+def _point_attributes(step: Step) -> dict[str, Any]:
     """Locks and radii, set by set: beside the points, for a minor version may add fields to a step only."""
     data: dict[str, Any] = {}
     if any(m.locked.any() for m in step.maps):
@@ -305,7 +305,7 @@ def _volume(r: JsonReader) -> VolumeReference:
     reference = VolumeReference(r.text("name", ""), shape, spacing, digest)
     if r.data.get("origin") is None or r.data.get("direction") is None:
         return reference
-    grid = _placed(shape, spacing, r)
+    grid = _read_grid(shape, spacing, r)
     return replace(reference, origin=grid.origin, direction=grid.direction)
 
 
@@ -313,10 +313,10 @@ def _output(r: JsonReader) -> Grid:
     shape, spacing = _size(r)
     if shape[0] * shape[1] * shape[2] > LARGEST_OUTPUT:
         raise DeformError(f"{r.where} has {shape[2]} x {shape[1]} x {shape[0]} voxels, more than can be made.")
-    return _placed(shape, spacing, r)
+    return _read_grid(shape, spacing, r)
 
 
-def _placed(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: JsonReader) -> Grid:
+def _read_grid(shape: tuple[int, int, int], spacing: tuple[float, float, float], r: JsonReader) -> Grid:
     rows = r.value("direction", (list,), ...)
     if len(rows) != 3:
         raise DeformError(f"{r.where}.direction must be three rows of three numbers.")
@@ -334,7 +334,7 @@ def _step(r: JsonReader) -> Step:
     try:
         given = {name: _field(r, name) for name in _STEP_KEYS if name in r.data or name == "maps"}
         _check_kernel(given.get("kernel"))
-        given["maps"] = _with_own(given["maps"], r)
+        given["maps"] = _with_point_attributes(given["maps"], r)
         return Step(**given, extra=r.rest({*_STEP_KEYS, "locked", "radii"}))
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
@@ -372,17 +372,17 @@ def _text_or(read: Callable[[JsonReader, str], Any]) -> Callable[[JsonReader, st
     return lambda r, key: r.text(key) if isinstance(r.data[key], str) else read(r, key)
 
 
-def _chosen(r: JsonReader, key: str) -> ChosenSupport:
+def _read_chosen_support(r: JsonReader, key: str) -> ChosenSupport:
     chosen = r.part(key)
     return ChosenSupport(chosen.number("radius"), chosen.text("kernel"))
 
 
-def _listed(read: Callable[[JsonReader], Any], write: Callable[[Any], Any]) -> _Form:
+def _list_form(read: Callable[[JsonReader], Any], write: Callable[[Any], Any]) -> _Form:
     """The form of a list of objects."""
     return _Form(lambda r, key: tuple(read(item) for item in r.items(key)), lambda given: [write(v) for v in given])
 
 
-def _with_own(maps: tuple[ControlPoints, ...], r: JsonReader) -> tuple[ControlPoints, ...]:
+def _with_point_attributes(maps: tuple[ControlPoints, ...], r: JsonReader) -> tuple[ControlPoints, ...]:
     """The sets of points with their locks and radii."""
     for key, field, is_right in (("locked", "locked", _is_id), ("radii", "radius", _is_radius)):
         rows = r.data.get(key)
@@ -457,11 +457,11 @@ _STEP_KEYS = (*_ALWAYS, *(name for name in _STEP_DEFAULTS if name not in _ALWAYS
 _FORMS: dict[str, _Form] = {
     "plane": _Form(_plane, lambda plane: {key: list(getattr(plane, key)) for key in ("origin", "u", "v")}),
     "support": _Form(_text_or(JsonReader.number)),
-    "chosen_support": _Form(_chosen, ChosenSupport._asdict),
+    "chosen_support": _Form(_read_chosen_support, ChosenSupport._asdict),
     "curve": _Form(_text_or(JsonReader.numbers), lambda curve: curve if isinstance(curve, str) else list(curve)),
     "knots": _Form(JsonReader.numbers, list),
-    "maps": _listed(_points, _points_data),
-    "parts": _listed(read_part, part_to_data),
-    "cuts": _listed(read_cut, cut_to_data),
+    "maps": _list_form(_points, _points_data),
+    "parts": _list_form(read_part, part_to_data),
+    "cuts": _list_form(read_cut, cut_to_data),
 }
 """Fields of a step that are more than a text, a number or a switch."""

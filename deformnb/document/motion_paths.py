@@ -129,10 +129,10 @@ class HandlePath:
         """The path without regard to neighbours: straight if some points are held, else with the whole motion."""
         if self._held.any():
             return np.asarray(self.start + t * (self.end - self.start))
-        a, b, dim = _in_space(self.start), _in_space(self.end), self.start.shape[1]
+        a, b, dim = _to_space(self.start), _to_space(self.end), self.start.shape[1]
         # The end, seen by someone who takes part in the motion of all, differs from the start only by what bends.
-        seen = _advanced(b, -1.0, *self._whole)
-        return np.asarray(_advanced((1 - t) * a + t * seen, t, *self._whole)[:, :dim])
+        seen = _advance(b, -1.0, *self._whole)
+        return np.asarray(_advance((1 - t) * a + t * seen, t, *self._whole)[:, :dim])
 
     @property
     def largest_turn(self) -> float:
@@ -152,10 +152,10 @@ class _Edges:
 
     def __init__(self, pairs: NDArray[np.int_], start: Points, end: Points, size: float, turn: Points) -> None:
         self._ends, self._dim = pairs.T, start.shape[1]
-        a, b = (_in_space(points[pairs[:, 1]] - points[pairs[:, 0]]) for points in (start, end))
+        a, b = (_to_space(points[pairs[:, 1]] - points[pairs[:, 0]]) for points in (start, end))
         lengths = np.linalg.norm([a, b], axis=2)
         weight = 1 / ((lengths**2).mean(axis=0) + (1e-4 * size) ** 2)
-        self.turns = _unwrapped(_turns(pairs, weight, a, b, len(start), turn, self._dim), pairs)
+        self.turns = _unwrap(_turns(pairs, weight, a, b, len(start), turn, self._dim), pairs)
         self._lengths, self._base = lengths, self.turns[pairs].mean(axis=1)
         back = scipy.spatial.transform.Rotation.from_rotvec(self._base).inv().apply(b)
         self._direction = _directions(a, back)
@@ -210,7 +210,7 @@ def neighbours(points: Points) -> NDArray[np.int_]:
         edges = np.concatenate([edges, [[inside[nearest[k]], outside[k]]]])
 
 
-def _in_space(vectors: Points) -> Points:
+def _to_space(vectors: Points) -> Points:
     return vectors if vectors.shape[1] == 3 else np.pad(vectors, ((0, 0), (0, 1)))
 
 
@@ -218,7 +218,7 @@ def _whole_motion(a: Points, b: Points) -> tuple[Points, Points, Points]:
     """The rigid motion that brings a nearest to b: a fixed place (or the middle), axis times angle, shift along it."""
     if not len(a):
         return np.zeros(3), np.zeros(3), np.zeros(3)
-    before, after = _in_space(a), _in_space(b)
+    before, after = _to_space(a), _to_space(b)
     p, q = before.mean(axis=0), after.mean(axis=0)
     turn = _kabsch(((after - q).T @ (before - p))[None], np.zeros((1, 3, 3)), a.shape[1])[0]
     angle = float(np.linalg.norm(turn))
@@ -231,7 +231,7 @@ def _whole_motion(a: Points, b: Points) -> tuple[Points, Points, Points]:
     return centre, turn, along
 
 
-def _advanced(points: Points, t: float, middle: Points, turn: Points, shift: Points) -> Points:
+def _advance(points: Points, t: float, middle: Points, turn: Points, shift: Points) -> Points:
     turned = scipy.spatial.transform.Rotation.from_rotvec(t * turn).apply(points - middle)
     return np.asarray(turned + middle + t * shift)
 
@@ -258,7 +258,7 @@ def _kabsch(sums: Points, prior: Points, dim: int) -> Points:
     return np.asarray(scipy.spatial.transform.Rotation.from_matrix(u @ vt).as_rotvec())
 
 
-def _unwrapped(turns: Points, edges: NDArray[np.int_]) -> Points:
+def _unwrap(turns: Points, edges: NDArray[np.int_]) -> Points:
     """The same rotations, each with the whole turns that bring it nearest to its neighbour's; the least one begins."""
     around: list[list[int]] = [[] for _ in turns]
     for i, j in edges.tolist():
@@ -325,7 +325,7 @@ class StepPath:
         words = [STEP_LABELS[name] for name in _SWITCHED if getattr(before, name) != getattr(after, name)]
         notes = [f"the {word} of {label} {'change' if word.endswith('s') else 'changes'}" for word in words]
         if before.strength != after.strength:  # a share of a turn is a turn, and no shorter way
-            before, after = _applied(before), _applied(after)
+            before, after = _with_unit_strength(before), _with_unit_strength(after)
         before, after, is_shared = _with_one_rule(before, after)
         if not is_shared:
             notes.append(f"the extrusion of {label} changes")
@@ -364,25 +364,25 @@ def step_paths(before: Sequence[Step], after: Sequence[Step]) -> list[StepPath]:
     for k, (a, b) in enumerate(zip_longest(before, after)):
         label = f"step {k + 1}"
         if a is None or b is None:
-            pairs = [(_untouched(b), b) if a is None else (a, _untouched(a))]
+            pairs = [(_without_drags(b), b) if a is None else (a, _without_drags(a))]
         elif a.plane != b.plane:
-            pairs = [(a, _untouched(a)), (_untouched(b), b)]
+            pairs = [(a, _without_drags(a)), (_without_drags(b), b)]
         elif a.enabled != b.enabled:
-            pairs = [(a, _untouched(a)) if a.enabled else (_untouched(b), b)]
+            pairs = [(a, _without_drags(a)) if a.enabled else (_without_drags(b), b)]
         else:
             pairs = [(a, b)]
         paths += [StepPath(p, q, label) for p, q in pairs]
     return paths
 
 
-def _untouched(step: Step) -> Step:
+def _without_drags(step: Step) -> Step:
     """The same step with nothing dragged."""
     return replace(
         step, maps=tuple(m.reset() for m in step.maps), parts=tuple(replace(part, motion=None) for part in step.parts)
     )
 
 
-def _applied(step: Step) -> Step:
+def _with_unit_strength(step: Step) -> Step:
     """The same deformation with a strength of 1."""
     maps = tuple(scaled_points(m, step.parts, step.strength) for m in step.maps)
     return replace(step, strength=1.0, maps=maps, parts=tuple(part.scaled(step.strength) for part in step.parts))
@@ -434,7 +434,7 @@ class _PointsPath:
         self.first, self.last = first, last
         self._moving = np.flatnonzero(first.active)
         start, end = first.target[self._moving], last.target[self._moving]
-        self._held = parts.held(first.source[self._moving], start, end)
+        self._held = parts.part_numbers(first.source[self._moving], start, end)
         rest = (first.source + last.source)[self._moving] / 2
         self._path = HandlePath(start, end, rest, self._held >= 0)
         self._parts = parts
@@ -447,7 +447,7 @@ class _PointsPath:
         )
         held = None
         if (self._held >= 0).any():
-            held = self._parts.moved(source[self._moving], self._held, t)
+            held = self._parts.move(source[self._moving], self._held, t)
         target[self._moving] = self._path.at(t, held)
         return replace(a, source=source, target=target, weight=weight, next_id=max(a.next_id, b.next_id))
 
@@ -463,7 +463,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     if not missing:
         return points
     some = others.take(missing)
-    carried = _carried(points, some.source, step)
+    carried = _carry_places(points, some.source, step)
     result = points.take([k for k, i in enumerate(points.ids) if i not in some.ids])
     ids = (*result.ids, *some.ids)
     return ControlPoints(
@@ -479,7 +479,7 @@ def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> Contr
     )
 
 
-def _carried(points: ControlPoints, places: Floats, step: Step) -> Floats:
+def _carry_places(points: ControlPoints, places: Floats, step: Step) -> Floats:
     """The places to which a step takes the tissue at these places."""
     chosen = scaled_points(points, step.parts, step.strength)
     regions = [cut.region for cut in step.cuts if cut.enabled]
@@ -556,7 +556,7 @@ class _PartPaths:
         )
         self.before = before
         self.after = before if self.is_switched else after
-        self._ways = [_way(p.motion, q.motion) for p, q in zip(before, self.after, strict=True)]
+        self._ways = [_relative_motion(p.motion, q.motion) for p, q in zip(before, self.after, strict=True)]
         self.turn = max((_angle(way) for way in self._ways if way is not None), default=0.0)
 
     def at(self, t: float) -> tuple[RigidPart, ...]:
@@ -567,32 +567,32 @@ class _PartPaths:
         reach = p.reach if p.reach is None or q.reach is None else (1 - t) * p.reach + t * q.reach
         return replace(p, motion=p.motion if way is None else _then(p.motion, way.power(t)), reach=reach)
 
-    def held(self, source: Floats, start: Floats, end: Floats) -> NDArray[np.int_]:
+    def part_numbers(self, source: Floats, start: Floats, end: Floats) -> NDArray[np.int_]:
         """The number of the part that each point goes with at both ends; -1 for none."""
         result = np.full(len(source), -1)
         size = float(np.linalg.norm(np.ptp(np.concatenate([source, start, end]), axis=0))) if len(source) else 0.0
         for k, (p, q) in enumerate(zip(self.before, self.after, strict=True)):
             if p.enabled and len(source):
                 goes = [
-                    np.linalg.norm(_moved(part.motion, source) - at, axis=1) <= _SAME * size
+                    np.linalg.norm(_move_places(part.motion, source) - at, axis=1) <= _SAME * size
                     for part, at in ((p, start), (q, end))
                 ]
                 result[(p.region.signed_distance(source) <= 0) & goes[0] & goes[1]] = k
         return result
 
-    def moved(self, source: Floats, held: NDArray[np.int_], t: float) -> Floats:
+    def move(self, source: Floats, held: NDArray[np.int_], t: float) -> Floats:
         """The places to which the parts take their points."""
         places = source.copy()
         for k in np.unique(held[held >= 0]).tolist():
-            places[held == k] = _moved(self._part(k, t).motion, source[held == k])
+            places[held == k] = _move_places(self._part(k, t).motion, source[held == k])
         return places
 
 
-def _moved(motion: RigidMotion | None, places: Floats) -> Floats:
+def _move_places(motion: RigidMotion | None, places: Floats) -> Floats:
     return places if motion is None else motion(places)
 
 
-def _way(p: RigidMotion | None, q: RigidMotion | None) -> RigidMotion | None:
+def _relative_motion(p: RigidMotion | None, q: RigidMotion | None) -> RigidMotion | None:
     """The motion that is done after p to make it q; None if there is nothing to do."""
     if p == q:
         return None

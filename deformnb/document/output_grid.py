@@ -41,7 +41,7 @@ def output_grid(
             raise DeformError(f'a margin is "fit" or lengths, got {margin!r:.60}.')
         found = field_of_view(volume, document.field(volume))
         return found if spacing is None else FieldOfView(found.grid.resampled(spacing=spacing), found.is_limited)
-    own = None if document.output is None else volume.at_own_resolution(document.output)
+    own = None if document.output is None else volume.to_own_resolution(document.output)
     box = (own or volume.grid) if margin is None else volume.grid
     if spacing is not None:
         return FieldOfView(box.resampled(spacing=spacing, margin=0.0 if margin is None else margin))

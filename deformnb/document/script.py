@@ -44,7 +44,7 @@ VOLUME_LINE = 3
 """The line of a script that gives the volume."""
 
 
-def own_grid_text(volume: Volume) -> str:
+def grid_expression(volume: Volume) -> str:
     """The expression of the grid on which deformations of a variable ``volume`` are stated."""
     return "volume.grid" if volume.level is None else "volume.finest_grid"
 
@@ -58,14 +58,14 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     deformation : the document; fields of a newer version (``extra``) and the volume's checksum are left out.
     grid : of the volume it was made on; its own axes are written by name ("+y").
     volume : expression that gives the volume.
-    own : expression of ``grid``; see :func:`own_grid_text`.
+    own : expression of ``grid``; see :func:`grid_expression`.
 
     Examples
     --------
     >>> points = ControlPoints.from_arrays([[0, 0], [9, 0]], [[0, 0], [9, 2.5]], names=["tail", "nose"])
     >>> grid = Grid((10, 10, 10))
-    >>> print(as_python(Deformation.on_picture(grid, "+y", points), grid, volume='dn.read_volume("ct.nii.gz")'))
-    import deformnb as dn
+    >>> print(as_python(Deformation.from_picture_points(grid, "+y", points), grid,
+    volume='dn.read_volume("ct.nii.gz")')) import deformnb as dn
     <BLANKLINE>
     volume = dn.read_volume("ct.nii.gz")
     <BLANKLINE>
@@ -75,7 +75,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
         names=["tail", "nose"],
     )
     <BLANKLINE>
-    deformation = dn.Deformation.on_picture(volume, "+y", points)
+    deformation = dn.Deformation.from_picture_points(volume, "+y", points)
     deformed = deformation.apply(volume)
     <BLANKLINE>
     """
@@ -87,7 +87,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
         blocks += [f"{name} = {_points(points)}" for name, points in zip(names, step.maps, strict=True)]
         steps.append((step, names))
     shared = _Shared()
-    made = _made(deformation, steps, grid, shared, own)
+    made = _construction(deformation, steps, grid, shared, own)
     blocks += [f"{name} = {value}" for value, name in shared.names.items()]
     blocks.append(f"deformation = {made}\ndeformed = deformation.apply(volume)")
     return "\n\n".join(blocks) + "\n"
@@ -118,7 +118,9 @@ def _names(count: int) -> list[str]:
     return ["points"] if count == 1 else [f"points_{k + 1}" for k in range(count)]
 
 
-def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared, own: str) -> str:
+def _construction(
+    deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: Grid, shared: _Shared, own: str
+) -> str:
     step, names = steps[0] if len(steps) == 1 else (None, [])
     looks = "".join(
         f", {key}={_text(getattr(deformation, key))}"
@@ -131,7 +133,7 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     if step is not None and step.plane is not None and len(names) == 1 and plain:
         view = _view(step.plane, grid)
         where = f'"{view}"' if view else _plane(step.plane, grid)
-        return f"dn.Deformation.on_picture(volume, {where}, {names[0]}{_options(step, shared)})"
+        return f"dn.Deformation.from_picture_points(volume, {where}, {names[0]}{_options(step, shared)})"
     lines = [
         f"dn.Step(({', '.join(names)},), {_plane(step.plane, grid)}{_options(step, shared)})" for step, names in steps
     ]
@@ -140,7 +142,7 @@ def _made(deformation: Deformation, steps: list[tuple[Step, list[str]]], grid: G
     options = f", name={_text(deformation.name)}" if deformation.name else ""
     if deformation.keyframes:
         options += f", keyframes={_keyframes(deformation, lines[count:])}"
-    return f"dn.Deformation({_listed(lines[:count])}{options}{looks})"
+    return f"dn.Deformation({_list_text(lines[:count])}{options}{looks})"
 
 
 def _keyframes(deformation: Deformation, lines: list[str]) -> str:
@@ -148,10 +150,10 @@ def _keyframes(deformation: Deformation, lines: list[str]) -> str:
     for key in deformation.keyframes:
         steps, lines = lines[: len(key.steps)], lines[len(key.steps) :]
         made.append(f"dn.Keyframe({_value(key.time)}, ({''.join(f'{line}, ' for line in steps).rstrip()}))")
-    return _listed(made)
+    return _list_text(made)
 
 
-def _listed(lines: list[str]) -> str:
+def _list_text(lines: list[str]) -> str:
     return "(\n" + "".join(f"    {line},\n" for line in lines) + ")" if lines else "()"
 
 
@@ -189,7 +191,7 @@ def _rows(array: NDArray[np.float64]) -> str:
 
 
 def _view(plane: Plane, grid: Grid) -> str | None:
-    return next((view for view in VIEWS if Plane.along(grid, view) == plane), None)
+    return next((view for view in VIEWS if Plane.from_view(grid, view) == plane), None)
 
 
 def _plane(plane: Plane | None, grid: Grid) -> str:
@@ -197,7 +199,7 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
         return "None"
     view = _view(plane, grid)
     if view:
-        return f'dn.Plane.along(volume, "{view}")'
+        return f'dn.Plane.from_view(volume, "{view}")'
     return f"dn.Plane({plane.origin!r}, {plane.u!r}, {plane.v!r})"
 
 
@@ -216,10 +218,10 @@ def _options(step: Step, shared: _Shared) -> str:
     changed = [(name, getattr(step, name)) for name in _PLAIN if getattr(step, name) != _DEFAULTS[name]]
     if step.chosen_support != dataclasses.replace(step, chosen_support=None).chosen_support:
         changed.append(("chosen_support", step.chosen_support))
-    return "".join(f", {name}={shared.name(name, _written(value))}" for name, value in changed)
+    return "".join(f", {name}={shared.name(name, _literal(value))}" for name, value in changed)
 
 
-def _written(value: Any) -> str:
+def _literal(value: Any) -> str:
     """A value as Python; a long table in rows."""
     if isinstance(value, tuple) and len(value) > _IN_A_ROW and isinstance(value[0], float):
         rows = [", ".join(map(repr, value[k : k + _IN_A_ROW])) for k in range(0, len(value), _IN_A_ROW)]

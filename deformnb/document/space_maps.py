@@ -61,7 +61,7 @@ AnyStep = TypeVar("AnyStep", bound=HasLengths)
 _Shape = TypeVar("_Shape", RigidPart, Cut)
 
 
-def _in_unit(shape: _Shape, unit: str) -> _Shape:
+def _to_unit(shape: _Shape, unit: str) -> _Shape:
     """A part or a cut whose mask, made of labels in a unit of their own, lies in numbers of another one."""
     lattice = getattr(shape.region, "lattice", None)
     if not isinstance(lattice, Grid) or not lattice.unit:
@@ -72,8 +72,8 @@ def _in_unit(shape: _Shape, unit: str) -> _Shape:
 
 def rescaled_step(step: AnyStep, unit: str) -> AnyStep:
     """A step in numbers of a unit of length, which its points and masks do not state any more."""
-    parts = tuple(_in_unit(part, unit) for part in step.parts)
-    cuts = tuple(_in_unit(cut, unit) for cut in step.cuts)
+    parts = tuple(_to_unit(part, unit) for part in step.parts)
+    cuts = tuple(_to_unit(cut, unit) for cut in step.cuts)
     if any(new is not old for new, old in zip((*parts, *cuts), (*step.parts, *step.cuts), strict=True)):
         step = replace(step, parts=parts, cuts=cuts)  # type: ignore[type-var]
     if not step.points.unit:

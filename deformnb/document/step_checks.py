@@ -50,7 +50,7 @@ _AROUND, _FINER = 7, 4
 def fold_lattice(step: Step, grid: Grid) -> Grid:
     """The nodes at which a step's folds are looked for; see the top of this module."""
     if step.plane is None:
-        return _covering(grid, _IN_SPACE)
+        return _coarse_grid(grid, _IN_SPACE)
     raster = picture_raster(step.plane, grid)
     weights = step.weights()[1]
     is_alike = bool((weights == weights[:, :1]).all()) and len(step.maps) == 1
@@ -79,7 +79,7 @@ def picture_raster(plane: Plane, grid: Grid, most: int = _ON_PLANE) -> Raster:
     return Raster((nv, nu), (du, dv), (a, b))
 
 
-def _covering(grid: Grid, most: int) -> Grid:
+def _coarse_grid(grid: Grid, most: int) -> Grid:
     length = np.asarray(grid.spacing) * (np.asarray(grid.shape[::-1]) - 1)
     step = max(float(length.max()) / (most - 1), 1e-9)
     count = np.maximum(np.ceil(length / step - 1e-9).astype(int) + 1, 1)
@@ -98,7 +98,7 @@ def step_folds(step: Step, grid: Grid, field: AbstractField | None = None, is_ti
     """
     lattice = fold_lattice(step, grid)
     found = step.field(grid) if field is None else field
-    return _followed(found, lattice, folds_of(found, lattice, is_tissue=is_tissue), is_tissue)
+    return _refine_worst(found, lattice, folds_of(found, lattice, is_tissue=is_tissue), is_tissue)
 
 
 def document_folds(deformation: Deformation, grid: Grid) -> Folds:
@@ -107,11 +107,11 @@ def document_folds(deformation: Deformation, grid: Grid) -> Folds:
     steps = [step for step in deformation.steps if step.enabled]
     if len(steps) == 1:
         return step_folds(steps[0], grid)
-    field, lattice = deformation.field(grid), _covering(grid, _IN_SPACE)
-    return _followed(field, lattice, folds_of(field, lattice))
+    field, lattice = deformation.field(grid), _coarse_grid(grid, _IN_SPACE)
+    return _refine_worst(field, lattice, folds_of(field, lattice))
 
 
-def _followed(field: AbstractField, lattice: Grid, folds: Folds, is_tissue: IsTissue | None = None) -> Folds:
+def _refine_worst(field: AbstractField, lattice: Grid, folds: Folds, is_tissue: IsTissue | None = None) -> Folds:
     """The smallest determinant near the worst node, on ever finer lattices around it that stay within the first one."""
     axes = lattice.matrix.T
     last = np.array(lattice.shape[::-1]) - 1
@@ -176,7 +176,7 @@ def _least(stage: AbstractField, sides: Sides, step: Step, lattice: Grid) -> flo
 
 
 @check_arguments
-def stages_needed(
+def required_stages(
     step: Step, grid: Grid, least: float = LEAST, most: int = MOST_STAGES, *, is_tissue: IsTissue | None = None
 ) -> int:
     """The smallest of 1, 2, 4, ... stages in which a step does not fold.
@@ -197,7 +197,7 @@ def stages_needed(
     >>> grid = Grid((8, 64, 64))
     >>> points = ControlPoints.from_arrays([[5, 5], [58, 5], [5, 58], [58, 58], [20, 32]],
     ...                                    [[5, 5], [58, 5], [5, 58], [58, 58], [50, 32]])
-    >>> stages_needed(Step((points,), Plane.along(grid, "+z"), support=30.0, trend="none"), grid)
+    >>> required_stages(Step((points,), Plane.from_view(grid, "+z"), support=30.0, trend="none"), grid)
     4
     """
     replace(step, stages=1).field(grid)  # no fold but an error of its own, which is raised here
@@ -312,7 +312,7 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     >>> step_quality(Step((points,), plane), Grid((1, 10, 10), (1.0, 1.0, 1.0))).root_mean_square > 0
     True
     """
-    points = _dragged(step, key)
+    points = _dragged_points(step, key)
     found = [_quality_of(some, step, grid) for _, some in _groups(step, points)]
     found = [q for q in found if q.ids]
     if not found:
@@ -340,7 +340,7 @@ def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     )
 
 
-def _dragged(step: Step, key: int) -> ControlPoints:
+def _dragged_points(step: Step, key: int) -> ControlPoints:
     if not 0 <= key < len(step.maps):
         raise DeformError(f"there is no set of control points {key}; there are {len(step.maps)}.")
     points = step.maps[key]
@@ -356,7 +356,7 @@ def _groups(step: Step, points: ControlPoints) -> list[tuple[Sides, ControlPoint
     return [(sides, points.take([k for k, s in enumerate(own) if s == sides])) for sides in sorted(set(own))]
 
 
-def _beside_parts(
+def _plain_fit_problem(
     step: Step, points: ControlPoints, settings: dict[str, object]
 ) -> tuple[ControlPoints, dict[str, object], Floats, RigidInterpolant | None]:
     """The problem left to the plain fit: its points, its settings, the parts' weight at them, and the whole fit."""
@@ -374,7 +374,7 @@ def _beside_parts(
 
 def _quality_of(points: ControlPoints, step: Step, grid: Grid) -> FitQuality:
     """Of the points of one region."""
-    plain, settings, weight, fit = _beside_parts(step, points, step.settings.arguments(points, lone_support(grid)))
+    plain, settings, weight, fit = _plain_fit_problem(step, points, step.settings.arguments(points, lone_support(grid)))
     if not len(plain):
         nothing = np.zeros((0, points.dim))
         return FitQuality((), nothing, nothing, nothing[:, 0], (), 0.0, float("nan"), 1.0, nothing)
@@ -513,10 +513,10 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     >>> type(spread).__name__
     'StepUncertainty'
     """
-    points = _dragged(step, key)
+    points = _dragged_points(step, key)
     kept, scales = [], []
     for sides, some in _groups(step, points):
-        plain, settings, _, fit = _beside_parts(step, some, step.settings.arguments(some, lone_support(grid)))
+        plain, settings, _, fit = _plain_fit_problem(step, some, step.settings.arguments(some, lone_support(grid)))
         if len(plain):
             clear = orient_points(replace(plain, radius=np.full(len(plain), np.nan)), step.direction)
             kept.append((sides, clear, settings, fit))
@@ -526,7 +526,9 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
     mean = _mean_scale(scales)
     known = [None if np.isnan(mean) else mean if np.isnan(s) else s for s in scales]  # None: raises below
 
-    def of_group(plain: ControlPoints, settings: dict[str, Any], sigma: float | None) -> Uncertainty | _InResult:
+    def group_uncertainty(
+        plain: ControlPoints, settings: dict[str, Any], sigma: float | None
+    ) -> Uncertainty | _InResult:
         found = uncertainty(plain, sigma=sigma, **settings)
         if step.direction == "backward":
             return found
@@ -536,7 +538,7 @@ def step_uncertainty(step: Step, grid: Grid, key: int = 0) -> StepUncertainty:
         points.dim,
         step.cut_regions,
         tuple(
-            (sides, of_group(plain, settings, s), fit)
+            (sides, group_uncertainty(plain, settings, s), fit)
             for (sides, plain, settings, fit), s in zip(kept, known, strict=True)
         ),
     )

@@ -19,11 +19,11 @@ from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.volume.volume import Grid
 
 
-def _unaligned(deformation: Deformation, _grid: Grid) -> Deformation:
+def _align_nothing(deformation: Deformation, _grid: Grid) -> Deformation:
     return deformation
 
 
-def _box_aligned(deformation: Deformation, grid: Grid) -> Deformation:
+def _align_box(deformation: Deformation, grid: Grid) -> Deformation:
     made = deformation.volume
     if made is None or made.grid is None:
         raise DeformError(
@@ -41,12 +41,12 @@ def _box_aligned(deformation: Deformation, grid: Grid) -> Deformation:
     )
 
 
-ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _unaligned, "box": _box_aligned}
+ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _align_nothing, "box": _align_box}
 """Alignments of a document with another volume by name; the first is the default."""
 
 
 @check_arguments
-def transplanted(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
+def transplant(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
     """The document for a volume of another grid; after the alignment "box" it has no volume of its own any more.
 
     Parameters
@@ -68,8 +68,8 @@ def transplanted(deformation: Deformation, grid: Grid, alignment: str = "none") 
     >>> points = ControlPoints.from_arrays([[2, 4]], [[3, 4]])
     >>> small, large = Grid((8, 8, 8)), Grid((8, 8, 16), (2.0, 1.0, 1.0))
     >>> made = VolumeReference("small", small.shape, small.spacing, "0" * 64, small.origin, small.direction)
-    >>> document = replace(Deformation.on_picture(small, "+z", points), volume=made)
-    >>> transplanted(document, large, "box").steps[0].points.source.tolist()
+    >>> document = replace(Deformation.from_picture_points(small, "+z", points), volume=made)
+    >>> transplant(document, large, "box").steps[0].points.source.tolist()
     [[8.0, 4.0]]
     """
     if alignment not in ALIGNMENTS:
@@ -99,7 +99,7 @@ def with_true_spacing(deformation: Deformation, grid: Grid) -> tuple[Deformation
     there = made.grid or known.as_in_file(grid)
     was = replace(made, origin=there.origin, direction=there.direction)
     try:
-        moved = transplanted(replace(deformation, volume=was), grid, "box")
+        moved = transplant(replace(deformation, volume=was), grid, "box")
     except DeformError as error:
         raise OtherVolumeError(
             f"{known.older_note}, and cannot be moved to the true one: {error} To go on, read "

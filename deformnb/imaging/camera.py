@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deformnb.checks import check_fields, finite_array, shown_value
+from deformnb.checks import check_fields, finite_array, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
@@ -53,13 +53,13 @@ def fitting_height(grid: Grid, plane: Plane, size: tuple[int, int]) -> float:
     return float(max(b, a * size[1] / size[0]) * 1.02)
 
 
-def checked_color(color: ArrayLike) -> tuple[float, float, float]:
+def check_color(color: ArrayLike) -> tuple[float, float, float]:
     """Red, green and blue as three finite numbers; DeformError for anything else."""
     red, green, blue = finite_array(color, (3,), "a colour is red, green and blue, three numbers from 0 to 1").tolist()
     return red, green, blue
 
 
-def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+def check_size(size: tuple[int, int]) -> tuple[int, int]:
     """The (width, height) of a picture in pixels; DeformError for anything else."""
     try:
         width, height = (int(n) for n in size)
@@ -67,5 +67,5 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
     except (TypeError, ValueError, OverflowError):
         is_right = False
     if not is_right:
-        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {shown_value(size)}.")
+        raise DeformError(f"the size of a picture is two whole numbers from 1 on, got {short_value(size)}.")
     return width, height

@@ -166,21 +166,21 @@ def transform(
     The grid keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
-    plane = Plane.along(volume.grid, view)
+    plane = Plane.from_view(volume.grid, view)
     before = project(volume, plane, "mip", progress=stage("look at it from the side"))
     source = source or source_of(species)
     grids = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
-    deformation = Deformation.on_picture(volume.grid, plane, grids.points, name=f"{source} -> {species}")
+    deformation = Deformation.from_picture_points(volume.grid, plane, grids.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
     output = field_of_view(volume.grid, plane, grids)
     warped = deformation.apply(volume, output=output, progress=stage("deform it"))
     after = project(warped, plane, "mip", progress=stage("look at the result"))
-    lines = [refined(line) for line in grids.polylines()[0]]
+    lines = [subdivide(line) for line in grids.polylines()[0]]
     bent = deformed_grid(lines, deformation, volume)
     return Transformation(volume, warped, deformation, before, after, grids, lines, bent)
 
 
-def refined(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
+def subdivide(line: NDArray[np.float64], parts: int = 12) -> NDArray[np.float64]:
     """A polyline with each piece cut into equal parts, so that it can bend."""
     at = np.linspace(0, len(line) - 1, (len(line) - 1) * parts + 1)
     return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(2)], axis=-1)
@@ -220,11 +220,11 @@ def write_pictures(result: Transformation, folder: Path) -> list[Path]:
 
 def check_demo(species: str, view: str, renderer: str) -> None:
     """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
-    from deformnb.imaging.render import renderer_named
+    from deformnb.imaging.render import find_renderer
 
     thompson_map(source_of(species), species)
-    Plane.along(Grid((1, 1, 1)), view)
-    renderer_named(renderer)
+    Plane.from_view(Grid((1, 1, 1)), view)
+    find_renderer(renderer)
 
 
 def run_demo(

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import PictureBox
-from deformnb.checks import one_of, shown_value
+from deformnb.checks import check_choice, short_value
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import shown
+from deformnb.io.files.errors import printable
 from deformnb.io.files.paths import as_path
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
@@ -93,12 +93,15 @@ def draw_pictures(
     """
     from matplotlib.figure import Figure
 
-    one_of(style, STYLES, "style")
-    pictures = [pictures] if isinstance(pictures, Picture) else _listed(pictures, "pictures", Picture)
+    check_choice(style, STYLES, "style")
+    pictures = [pictures] if isinstance(pictures, Picture) else _check_list(pictures, "pictures", Picture)
     if not pictures:
         raise DeformError("there is no picture to draw.")
-    grids, points = _listed(grids, "grids", Sequence | np.ndarray), _listed(points, "points", ControlPoints | None)
-    titles = _listed(titles, "titles", str)
+    grids, points = (
+        _check_list(grids, "grids", Sequence | np.ndarray),
+        _check_list(points, "points", ControlPoints | None),
+    )
+    titles = _check_list(titles, "titles", str)
     for what, given in (("grids", grids), ("sets of points", points), ("titles", titles)):
         if given and len(given) != len(pictures):
             raise DeformError(f"there are {len(pictures)} pictures but {len(given)} {what}; give one for each.")
@@ -117,13 +120,13 @@ def draw_pictures(
     return figure
 
 
-def _listed(given: Any, what: str, kind: Any) -> list[Any]:
+def _check_list(given: Any, what: str, kind: Any) -> list[Any]:
     """The items of a list, each of a kind; none for None."""
     if given is None:
         return []
     if not isinstance(given, Sequence) or isinstance(given, str) or not all(isinstance(one, kind) for one in given):
         name = f"{kind.__name__} objects" if kind is Picture else "one for each picture"
-        raise DeformError(f"{what} are a list ({name}), got {shown_value(given)}.")
+        raise DeformError(f"{what} are a list ({name}), got {short_value(given)}.")
     return list(given)
 
 
@@ -150,7 +153,7 @@ def _title(axes: Axes, title: str, colours: Style) -> None:
     """A title as it is: names of files may hold dollars, line breaks, or be long."""
     inches = axes.get_figure(root=True).get_figwidth() * axes.get_position().width  # type: ignore[union-attr]
     room = 72 * max(inches, _NARROWEST)
-    text = shown(title, int(room / 3.5))
+    text = printable(title, int(room / 3.5))
     size = min(_TITLE, max(5.0, room / (0.66 * max(1, len(text)))))  # most letters are narrower than 0.66 of it
     axes.set_title(text, color=colours.ink, fontsize=size, family="serif", pad=5, parse_math=False)
 
@@ -168,7 +171,7 @@ def _format(path: str | PathLike[str]) -> str:
     name = as_path(path)
     suffix = name.suffix.lower().removeprefix(".")
     if suffix not in ("png", "pdf", "svg"):
-        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {shown(name.name)}.")
+        raise DeformError(f"a figure is written as .png, .pdf or .svg, not as {printable(name.name)}.")
     return suffix
 
 

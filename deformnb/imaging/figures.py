@@ -88,7 +88,7 @@ class Panel:
             raise DeformError("a panel without a picture needs a box or a grid, else it has no size.")
 
     @property
-    def shown(self) -> PictureBox:
+    def limits(self) -> PictureBox:
         """Limits of the panel, in picture coordinates; in pixels for an image."""
         if isinstance(self.picture, np.ndarray):
             return -0.5, self.picture.shape[1] - 0.5, -0.5, self.picture.shape[0] - 0.5
@@ -141,7 +141,7 @@ def draw_figure(
     if not rows or not all(rows):
         raise DeformError("a figure needs at least one row, and each row at least one panel.")
     colours = STYLES[style]
-    sizes = [_row_sizes([panel.shown for panel in row], width, tallest) for row in rows]
+    sizes = [_row_sizes([panel.limits for panel in row], width, tallest) for row in rows]
     feet = [_CAPTION if lettered or any(panel.caption for panel in row) else 0.0 for row in rows]
     height = _GAP + sum(row[0][1] + foot + _GAP for row, foot in zip(sizes, feet, strict=True))
     figure = Figure(figsize=(width, height), facecolor=colours.paper)
@@ -168,7 +168,7 @@ def _row_sizes(boxes: Sequence[PictureBox], width: float, tallest: float) -> lis
 
 
 def _fill(axes: Axes, panel: Panel, colours: Style) -> None:
-    box = panel.shown
+    box = panel.limits
     if isinstance(panel.picture, np.ndarray):
         axes.imshow(panel.picture, interpolation="antialiased")
     elif panel.picture is not None:
@@ -272,7 +272,7 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
     )
 
 
-def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
+def deform_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
     """Lines drawn on the tissue, after the deformation; a line that crosses a cut or a fold comes back in pieces.
 
     Parameters
@@ -284,20 +284,22 @@ def moved_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 1
     Examples
     --------
     >>> from deformnb.rbf.fields import Identity
-    >>> moved_lines([[[0, 0], [4, 0]]], Identity(2), parts=2)[0].tolist()
+    >>> deform_lines([[[0, 0], [4, 0]]], Identity(2), parts=2)[0].tolist()
     [[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]]
     """
-    fine = [_refined(np.asarray(line, dtype=np.float64), parts) for line in lines]
+    fine = [_subdivide(np.asarray(line, dtype=np.float64), parts) for line in lines]
     if isinstance(field, Decoupled):
-        return [moved for line in fine for piece in _split(line, field) for moved in _moved_piece(piece, field)]
+        return [
+            moved for line in fine for piece in _split_at_cuts(line, field) for moved in _deform_piece(piece, field)
+        ]
     places = np.concatenate(fine)
-    moved, joined = _followed(places, field)
+    moved, joined = _follow_line(places, field)
     ends = np.cumsum([len(line) for line in fine])[:-1]
     joined[ends - 1] = False
     return _runs(moved, joined)
 
 
-def _split(line: NDArray[np.float64], field: Decoupled) -> Lines:
+def _split_at_cuts(line: NDArray[np.float64], field: Decoupled) -> Lines:
     """The pieces of a line between the cuts; each ends on the cut itself."""
     start, end = line[:-1, None], line[1:, None]
     distances = np.stack([region.signed_distance(line) for region in field.regions], axis=-1)
@@ -316,18 +318,18 @@ def _split(line: NDArray[np.float64], field: Decoupled) -> Lines:
     return [piece for piece in pieces if len(piece) > 1]
 
 
-def _moved_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
+def _deform_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
     """A piece of a line moved with the field of its region, and the parts of it that the rule of the cuts shows."""
     middle = piece[[len(piece) // 2]] if len(piece) > 2 else piece.mean(axis=0, keepdims=True)
     fit = next(f for mask, f in field.of_source(middle) if mask[0])
-    moved, joined = (piece, np.ones(len(piece) - 1, dtype=bool)) if fit is None else _followed(piece, fit)
+    moved, joined = (piece, np.ones(len(piece) - 1, dtype=bool)) if fit is None else _follow_line(piece, fit)
     if field.rule == "paper":
         seen = (_sides(field, moved) == _sides(field, middle)).all(axis=-1)
         joined &= seen[1:] & seen[:-1]
     return _runs(moved, joined)
 
 
-def _followed(line: NDArray[np.float64], field: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _follow_line(line: NDArray[np.float64], field: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Moved places of a line, and its segments that keep both ends: none that leaps over a fold."""
     moved, found = warp_points(line, field)
     middle, expected = (moved[1:] + moved[:-1]) / 2, (line[1:] + line[:-1]) / 2
@@ -345,12 +347,12 @@ def _sides(field: Decoupled, points: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.stack([region.signed_distance(points) < 0 for region in field.regions], axis=-1)
 
 
-def _refined(line: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
+def _subdivide(line: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
     at = np.linspace(0, len(line) - 1, (len(line) - 1) * parts + 1)
     return np.stack([np.interp(at, np.arange(len(line)), line[:, k]) for k in range(line.shape[1])], axis=-1)
 
 
-def trimmed(images: Sequence[NDArray[np.uint8]], margin: float = 0.03) -> list[NDArray[np.uint8]]:
+def trim(images: Sequence[NDArray[np.uint8]], margin: float = 0.03) -> list[NDArray[np.uint8]]:
     """Images of one height without their empty sides: the same rows of all, so that they stay to one scale.
 
     Parameters

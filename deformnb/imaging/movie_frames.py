@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from deformnb._deferred import scipy
 from deformnb._typing import Image
-from deformnb.checks import real_array, shown_value
+from deformnb.checks import real_array, short_value
 from deformnb.document.animation import Animation
 from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera, fitting_height
-from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, renderer_named
+from deformnb.imaging.render import RENDERERS, CoreRenderer, VtkRenderer, find_renderer
 from deformnb.io.movies import MOVIES, write_movie
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, as_transfer
@@ -77,7 +77,7 @@ def orbit(
     [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)]
     """
     swing(count)  # refuses what is no number of frames
-    _, _, up = Plane.through((0, 0, 0), axis).frame  # refuses what is no direction
+    _, _, up = Plane.from_normal((0, 0, 0), axis).frame  # refuses what is no direction
     turned = scipy.spatial.transform.Rotation.from_rotvec(
         np.radians(degrees * np.arange(count) / count)[:, None] * up
     ).apply(np.asarray(direction, dtype=float))
@@ -153,7 +153,7 @@ def deformation_frames(
     >>> from deformnb.rbf.points import ControlPoints
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> points = ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, 4]])
-    >>> deformation = Deformation.on_picture(volume, "+z", points)
+    >>> deformation = Deformation.from_picture_points(volume, "+z", points)
     >>> frames = deformation_frames(volume, deformation, strengths=4, size=(32, 24), backend="core")
     >>> [frame.shape for frame in frames]
     [(24, 32, 3), (24, 32, 3), (24, 32, 3), (24, 32, 3)]
@@ -162,7 +162,7 @@ def deformation_frames(
     if isinstance(deformation, Step):
         deformation = Deformation((deformation,))
     if not isinstance(deformation, Deformation):
-        raise DeformError(f"a Deformation is needed, got {shown_value(deformation)}.")
+        raise DeformError(f"a Deformation is needed, got {short_value(deformation)}.")
     return _frames(
         volume, deformation.scaled, 0.0, chosen, directions, up, size, transfer, shows, output, background, backend
     )
@@ -198,7 +198,7 @@ def animation_frames(
     >>> from deformnb.document.deformation import Keyframe
     >>> volume = Volume.from_array(np.eye(8, dtype=np.uint8) * np.full((8, 1, 1), 200, np.uint8))
     >>> sets = [ControlPoints.from_arrays([[1, 1], [6, 1], [3, 6]], [[1, 1], [6, 1], [3, b]]) for b in (6, 4)]
-    >>> keys = [Keyframe(t, Deformation.on_picture(volume, "+z", p).steps) for t, p in enumerate(sets)]
+    >>> keys = [Keyframe(t, Deformation.from_picture_points(volume, "+z", p).steps) for t, p in enumerate(sets)]
     >>> animation = Animation(Deformation(keyframes=keys))
     >>> len([*animation_frames(volume, animation, fps=2, size=(32, 24), backend="core")])
     3
@@ -206,7 +206,7 @@ def animation_frames(
     if isinstance(animation, Deformation):
         animation = Animation(animation)
     if not isinstance(animation, Animation):
-        raise DeformError(f"an Animation is needed, or a Deformation with key frames, got {shown_value(animation)}.")
+        raise DeformError(f"an Animation is needed, or a Deformation with key frames, got {short_value(animation)}.")
     moments = animation.times(fps) if times is None else tuple(map(animation.moment, _numbers(times, "times")))
 
     def document(moment: float) -> Deformation:
@@ -233,12 +233,12 @@ def _frames(
 ) -> Frames:
     """Pictures of the documents of some moments; at the moment ``before`` the volume is as it was."""
     if not isinstance(shows, str) or shows not in FRAME_CONTENTS:
-        raise DeformError(f"frames cannot show {shown_value(shows)}; choose {' or '.join(FRAME_CONTENTS)}.")
+        raise DeformError(f"frames cannot show {short_value(shows)}; choose {' or '.join(FRAME_CONTENTS)}.")
     volume = as_volume(volume)
     grid = volume.grid if output is None else as_grid(output)
     planes = _planes(grid, directions, up, len(moments))
     function = as_transfer(transfer, volume)
-    renderer = RENDERERS[renderer_named(backend)](function, size, background)  # refuses a wrong size or renderer
+    renderer = RENDERERS[find_renderer(backend)](function, size, background)  # refuses a wrong size or renderer
     shown = list(zip(moments, planes, strict=True))
     images = _images(volume, document, shown, grid, renderer, size, before, shows == "pair")
     return Frames(images, len(moments))
@@ -258,12 +258,12 @@ def _numbers(given: Sequence[float], what: str = "strengths") -> tuple[float, ..
 def _planes(grid: Grid, directions: ArrayLike, up: ArrayLike | None, count: int) -> list[Plane]:
     looks = real_array(directions)
     if looks is None:
-        raise DeformError(f"directions are numbers, got {shown_value(directions)}.")
+        raise DeformError(f"directions are numbers, got {short_value(directions)}.")
     if looks.shape not in ((3,), (count, 3)):
         raise DeformError(
             f"directions are one direction, or one for each of the {count} frames, got an array of shape {looks.shape}."
         )
-    return [Plane.through(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
+    return [Plane.from_normal(grid.center, look, up) for look in np.broadcast_to(looks, (count, 3))]
 
 
 def _images(
@@ -288,7 +288,7 @@ def _images(
             volumes[moment] = warper(document(moment).field(volume.grid))
         return volumes[moment]
 
-    def drawn(moment: float, plane: Plane) -> Image:
+    def draw(moment: float, plane: Plane) -> Image:
         key = (moment, plane)
         image = kept.pop(key, None)
         if image is None:
@@ -303,8 +303,8 @@ def _images(
     try:
         for moment, plane in views:
             if is_pair:
-                yield np.concatenate([drawn(before, plane), drawn(moment, plane)], axis=1)
+                yield np.concatenate([draw(before, plane), draw(moment, plane)], axis=1)
             else:
-                yield drawn(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
+                yield draw(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
     finally:
         renderer.close()

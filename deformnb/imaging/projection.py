@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.checks import finite_number, one_of, shown_value
+from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.errors import DeformError
 from deformnb.imaging.raycast import Faces, Layers, Look, PerspectiveCamera, light_at
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
@@ -126,10 +126,10 @@ def project(
     >>> project(volume, "+z").values.tolist()
     [[12, 13, 14, 15], [16, 17, 18, 19], [20, 21, 22, 23]]
     """
-    one_of(method, PROJECTIONS, "projection")
+    check_choice(method, PROJECTIONS, "projection")
     volume = as_volume(volume)
     light = None if ambience is None else as_volume(ambience)
-    plane = Plane.along(volume, view) if isinstance(view, str) else view
+    plane = Plane.from_view(volume, view) if isinstance(view, str) else view
     for name, given, kind in (
         ("view", plane, Plane),
         ("part", part, ClipBox),
@@ -137,7 +137,7 @@ def project(
         ("ambience", light, Volume),
     ):
         if not isinstance(given, kind) and (given is not None or kind is Plane):
-            raise DeformError(f"{name} must be a {kind.__name__}, got {shown_value(given)}.")
+            raise DeformError(f"{name} must be a {kind.__name__}, got {short_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
     how = PROJECTIONS[method]
     look = Look.of(volume, as_transfer(transfer, volume), method == "shaded") if how.is_light else None
@@ -183,7 +183,7 @@ def project_channels(
     [0, 255, 0]
     """
     channels = as_channels(channels)
-    one_of(method, OF_CHANNELS, "projection of channels")
+    check_choice(method, OF_CHANNELS, "projection of channels")
     given = channels.displays() if displays is None else displays
     pictures: list[Picture] = []
     for k, volume in enumerate(channels):

@@ -10,26 +10,26 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._typing import Image, Progress
-from deformnb.checks import finite_number, shown_value
+from deformnb.checks import finite_number, short_value
 from deformnb.errors import DeformError
-from deformnb.imaging.camera import Camera, checked_color, checked_size, fitting_height
+from deformnb.imaging.camera import Camera, check_color, check_size, fitting_height
 from deformnb.imaging.core_volume import bytes_of, draw_core
 from deformnb.imaging.vtk_volume import (
     VolumeWindow,
     check_gl,
-    clipped_for,
-    for_vtk,
+    clip_outliers,
     gl_status,
     mark_modified,
+    prepare_for_vtk,
     straight_image,
 )
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import shown
+from deformnb.io.files.errors import printable
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction, as_transfer
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_grid, as_volume
-from deformnb.warping.points import Landmarks, checked_points
+from deformnb.warping.points import Landmarks, check_points
 
 _SMALLEST = 8  # letters that can still be read, in pixels
 
@@ -74,7 +74,7 @@ def render_volume(
     (48, 64, 3)
     """
     volume = as_volume(volume)
-    renderer = RENDERERS[renderer_named(backend)](as_transfer(transfer, volume), size, background)
+    renderer = RENDERERS[find_renderer(backend)](as_transfer(transfer, volume), size, background)
     camera = _camera(volume.grid, direction, up, height, size)
     try:
         return renderer(volume, camera, progress)
@@ -85,9 +85,9 @@ def render_volume(
 def _camera(
     grid: Grid, direction: ArrayLike, up: ArrayLike | None, height: float | None, size: tuple[int, int]
 ) -> Camera:
-    plane = Plane.through(grid.center, direction, up)
+    plane = Plane.from_normal(grid.center, direction, up)
     if height is None:
-        return Camera(plane, fitting_height(grid, plane, checked_size(size)))
+        return Camera(plane, fitting_height(grid, plane, check_size(size)))
     wanted = "the height of what is seen must be a positive length"
     length = finite_number(height, wanted)
     if length <= 0:
@@ -119,7 +119,7 @@ def image_places(
     >>> image_places([4.5, 0, 4.5], Grid((10, 10, 10)), direction=(0, 1, 0), height=10, size=(300, 200)).tolist()
     [149.5, 99.5]
     """
-    places, camera = checked_points(points, Identity(3), grid), _camera(as_grid(grid), direction, up, height, size)
+    places, camera = check_points(points, Identity(3), grid), _camera(as_grid(grid), direction, up, height, size)
     return camera.plane.to_plane(places)[..., :2] * (size[1] / camera.height) + (np.array(size) - 1) / 2
 
 
@@ -137,7 +137,7 @@ class CoreRenderer:
         size: tuple[int, int],
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
+        self._transfer, self._size, self._background = transfer, check_size(size), check_color(background)
 
     def __call__(self, volume: Volume, camera: Camera, progress: Progress | None = None) -> Image:
         """The picture of a volume, (height, width, 3) uint8."""
@@ -164,7 +164,7 @@ class VtkRenderer:
         size: tuple[int, int],
         background: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> None:
-        self._transfer, self._size, self._background = transfer, checked_size(size), checked_color(background)
+        self._transfer, self._size, self._background = transfer, check_size(size), check_color(background)
         self._window: VolumeWindow | None = None
         self._values: NDArray[Any] | None = None  # of the volume that is shown
         self._ready: Volume | None = None
@@ -175,7 +175,7 @@ class VtkRenderer:
         if self._window is None:
             self._window = VolumeWindow(self._background)
         if volume.values is not self._values:
-            self._show(self._window, for_vtk(clipped_for(volume, self._transfer)))
+            self._show(self._window, prepare_for_vtk(clip_outliers(volume, self._transfer)))
             self._values = volume.values
         distance = camera.sample_distance(volume.grid, self._size[1])
         image = self._window.draw(camera, self._size, distance, progress=progress)
@@ -204,12 +204,12 @@ RENDERERS: dict[str, type[CoreRenderer | VtkRenderer]] = {"vtk": VtkRenderer, "c
 """Renderers of many pictures of one size in the same colours, by name: "vtk" needs OpenGL, "core" needs nothing."""
 
 
-def renderer_named(name: str) -> str:
+def find_renderer(name: str) -> str:
     """The name of a renderer that works here, "auto" decided; DeformError if there is none of that name."""
     if isinstance(name, str) and name == "auto":
         return "vtk" if gl_status()[0] else "core"
     if not isinstance(name, str) or name not in RENDERERS:
-        raise DeformError(f"unknown renderer {shown_value(name)}; choose auto, {' or '.join(RENDERERS)}.")
+        raise DeformError(f"unknown renderer {short_value(name)}; choose auto, {' or '.join(RENDERERS)}.")
     if name == "vtk":
         check_gl()
     return name
@@ -243,10 +243,10 @@ def render_pair(
     """
     before, after = as_volume(before), as_volume(after)
     function = as_transfer(transfer, before)
-    size, background = checked_size(size), checked_color(background)
+    size, background = check_size(size), check_color(background)
     if not isinstance(captions, Sequence) or [isinstance(text, str) for text in captions] != [True, True]:
-        raise DeformError(f"captions are two texts, got {shown_value(captions)}.")
-    planes = [Plane.through(v.grid.center, direction, up) for v in (before, after)]
+        raise DeformError(f"captions are two texts, got {short_value(captions)}.")
+    planes = [Plane.from_normal(v.grid.center, direction, up) for v in (before, after)]
     height = max(fitting_height(v.grid, p, size) for v, p in zip((before, after), planes, strict=True))
     halves = []
     for k, volume in enumerate((before, after)):
@@ -264,14 +264,14 @@ def render_pair(
                 progress=part,
             )
         )
-    halves = _trimmed(halves, background)
-    image = np.concatenate([_captioned(h, c, background) for h, c in zip(halves, captions, strict=True)], axis=1)
+    halves = _trim(halves, background)
+    image = np.concatenate([_add_caption(h, c, background) for h, c in zip(halves, captions, strict=True)], axis=1)
     if path is not None:
         save_image(image, path)
     return image
 
 
-def _trimmed(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
+def _trim(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
     """The same part of all images: what is not empty in any of them, with a margin and room for a caption."""
     seen = np.any([(np.abs(i.astype(int) - bytes_of(background)) > 3).any(axis=2) for i in images], axis=0)
     if not seen.any():
@@ -284,13 +284,13 @@ def _trimmed(images: list[Image], background: tuple[float, float, float], margin
     return [i[ranges[0], ranges[1]] for i in images]
 
 
-def _captioned(image: Image, caption: str, background: tuple[float, float, float]) -> Image:
+def _add_caption(image: Image, caption: str, background: tuple[float, float, float]) -> Image:
     from PIL import Image as Pillow
     from PIL import ImageDraw, ImageFont
 
     canvas = Pillow.fromarray(image)
     ink = (235, 232, 226) if sum(background) < 1.5 else (40, 36, 30)
-    draw, place, text = ImageDraw.Draw(canvas), (image.shape[1] / 2, image.shape[0] - 12), shown(caption)
+    draw, place, text = ImageDraw.Draw(canvas), (image.shape[1] / 2, image.shape[0] - 12), printable(caption)
     size = max(_SMALLEST, image.shape[0] // 28, image.shape[1] // 55)
     length = draw.textlength(text, ImageFont.load_default(size))
     if length > 0.96 * image.shape[1]:  # a long name is written smaller, and at last cut off

@@ -23,11 +23,11 @@ from deformnb._jax import pytree
 from deformnb._typing import PictureBox
 from deformnb.analysis.quality import affine_split, bending_energy
 from deformnb.analysis.strain import Stretches, stretches
-from deformnb.checks import finite_number, one_of, shown_value
+from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.document.deformation import MODES, Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, STYLES, TARGET, Style, save_figure
-from deformnb.imaging.figures import Lines, moved_lines, picture_field, rectangular_grid
+from deformnb.imaging.figures import Lines, deform_lines, picture_field, rectangular_grid
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Identity
 from deformnb.rbf.points import ControlPoints
@@ -96,14 +96,14 @@ def field_of(
 ) -> AbstractField:
     """The displacement of the picture by these steps, or by the field that was given instead."""
     if isinstance(what, AbstractField):
-        return magnified(what, magnify)
+        return magnify_field(what, magnify)
     fields = [picture_field(step, grid or _flat_grid(picture), min(key, len(step.maps) - 1)) for step in steps]
     if not fields:
         return Identity(2)
     return MODES[what.mode if isinstance(what, Deformation) else "compose"](*fields)
 
 
-def magnified(field: AbstractField, factor: float) -> AbstractField:
+def magnify_field(field: AbstractField, factor: float) -> AbstractField:
     """A field of the plane with displacements ``factor`` times as long.
 
     Examples
@@ -111,13 +111,13 @@ def magnified(field: AbstractField, factor: float) -> AbstractField:
     >>> from deformnb.rbf.fields import DisplacementField
     >>> raster = Raster((2, 2), (1.0, 1.0), (0.0, 0.0))
     >>> field = DisplacementField(np.ones((2, 2, 2)), raster)
-    >>> magnified(field, -2.0).displacement([0.5, 0.5]).tolist()
+    >>> magnify_field(field, -2.0).displacement([0.5, 0.5]).tolist()
     [-2.0, -2.0]
     """
     if factor == 1:
         return field
     if isinstance(field, Decoupled):
-        return replace(field, fields=tuple(magnified(one, factor) for one in field.fields))
+        return replace(field, fields=tuple(magnify_field(one, factor) for one in field.fields))
     return _Magnified(field, factor)
 
 
@@ -157,7 +157,7 @@ def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids
     before = rectangular_grid(box, across, down)
     nodes = np.stack(np.meshgrid(np.linspace(a0, a1, across + 1), np.linspace(b0, b1, down + 1)), axis=-1)
     moved, found = warp_points(nodes, field)
-    return Grids(field, before, moved_lines(before, field), nodes, moved, found, cell)
+    return Grids(field, before, deform_lines(before, field), nodes, moved, found, cell)
 
 
 def landmarks_of(steps: tuple[Step, ...], key: int) -> ControlPoints | None:
@@ -259,12 +259,12 @@ class Sheet:
     def draw(self, points: ControlPoints | None, unit: str, magnify: float) -> None:
         """Both panels with all that belongs to them."""
         before, after = self._place(points)
-        self._picture(before, self.picture.raster, _inked(self.picture, self.colours))
+        self._picture(before, self.picture.raster, _apply_ink(self.picture, self.colours))
         self._draw_grid(before, self.grids.before)
         raster = self._output(after.box)
-        after_pixels = _inked(_warped(self.picture, self.grids.field, raster), self.colours)
+        after_pixels = _apply_ink(_warp_picture(self.picture, self.grids.field, raster), self.colours)
         if self.overlay == "area":
-            after_pixels = self._tinted(after_pixels, raster)
+            after_pixels = self._tint(after_pixels, raster)
         self._picture(after, raster, after_pixels)
         self._draw_grid(after, self.grids.after)
         if self.overlay == "strain":
@@ -272,7 +272,7 @@ class Sheet:
         if points is not None:
             self._landmarks(before, after, points)
         self._caption(before, "a", "original")
-        self._caption(after, "b", _said(magnify))
+        self._caption(after, "b", _magnification_text(magnify))
         self._scale_bar(before, unit)
 
     def _place(self, points: ControlPoints | None) -> tuple[_Place, _Place]:
@@ -280,7 +280,10 @@ class Sheet:
         a0, a1, b0, b1 = box = self.picture.raster.box
         sources = [] if points is None else [points.source]
         targets = [] if points is None else [points.target]
-        first, second = self._around(box, sources), self._around(box, [*sources, *targets, *self.grids.after])
+        first, second = (
+            self._enclosing_box(box, sources),
+            self._enclosing_box(box, [*sources, *targets, *self.grids.after]),
+        )
         stacked = (a1 - a0) / (b1 - b0) > _WIDE
         lines = (0, 1) if stacked else (2, 3)  # what both share
         shared = (min(first[lines[0]], second[lines[0]]), max(first[lines[1]], second[lines[1]]))
@@ -306,7 +309,7 @@ class Sheet:
         one, two = (self._panel(box, size, start) for box, size, start in zip(boxes, inches, starts, strict=True))
         return one, two
 
-    def _around(self, box: PictureBox, places: list[NDArray[np.float64]]) -> PictureBox:
+    def _enclosing_box(self, box: PictureBox, places: list[NDArray[np.float64]]) -> PictureBox:
         """The box of the picture and of what is drawn on it, which may leave it, but not by far."""
         (a0, b0), (a1, b1) = (
             reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0) for reach in (np.min, np.max)
@@ -357,7 +360,7 @@ class Sheet:
         drawn.set_gid("grid")
         place.axes.add_collection(drawn, autolim=False)
 
-    def _tinted(self, pixels: NDArray[np.float64], raster: Raster) -> NDArray[np.float64]:
+    def _tint(self, pixels: NDArray[np.float64], raster: Raster) -> NDArray[np.float64]:
         """Pixels with the colours of how areas grow, and red where the map folds."""
         area = area_map(self.grids.field, raster)
         inside = np.isfinite(area) & (area > 0)
@@ -524,7 +527,7 @@ class Sheet:
             style = "solid" if grows else (0, (2.0, 1.2))
             self._line((start - arm, start), (y, y), color=self.inks[grows], linewidth=1.6, linestyle=style)
             self._text(start + 0.07, y, f"{words} by {100 * share:.3g} %")
-        size = "in their own size" if self.gain == 1 else f"{_said_of(self.gain)} \u00d7 {self.gain:g}"
+        size = "in their own size" if self.gain == 1 else f"{_gain_text(self.gain)} \u00d7 {self.gain:g}"
         self._text(middle + 0.85, y, f"arms: stretch \u2212 1, {size}", alpha=0.8)
 
 
@@ -539,7 +542,7 @@ class _Place:
 # ---- pixels and numbers ----------------------------------------------------------------------------------------------
 
 
-def _inked(picture: Picture, colours: Style) -> NDArray[np.float64]:
+def _apply_ink(picture: Picture, colours: Style) -> NDArray[np.float64]:
     """(nv, nu, 3) in [0, 1], as the style prints a picture."""
     dark, bright = np.array(_rgb(colours.dark)), np.array(_rgb(colours.bright))
     if picture.values.ndim == 3:
@@ -547,7 +550,7 @@ def _inked(picture: Picture, colours: Style) -> NDArray[np.float64]:
     return np.asarray(dark + (picture.grey()[..., None] ** colours.gamma) * (bright - dark))
 
 
-def _warped(picture: Picture, field: AbstractField, raster: Raster) -> Picture:
+def _warp_picture(picture: Picture, field: AbstractField, raster: Raster) -> Picture:
     values = warp_picture(picture.values, picture.raster, field, output=raster)
     return replace(picture, values=values, raster=raster)
 
@@ -588,7 +591,7 @@ def _factor(power: float) -> str:
     return f"{2**power:.2g}"
 
 
-def _said(magnify: float) -> str:
+def _magnification_text(magnify: float) -> str:
     """Exaggeration of a drawing, in words."""
     if magnify == 1:
         return "deformed"
@@ -599,7 +602,7 @@ def _said(magnify: float) -> str:
     return f"deformed the opposite way (\u00d7 \u2212{-magnify:g})"
 
 
-def _said_of(gain: float) -> str:
+def _gain_text(gain: float) -> str:
     return "exaggerated" if gain > 1 else "drawn"
 
 
@@ -663,16 +666,16 @@ def draw_grids(
     (5, 7, 2)
     """
     for name, value, known in (("overlay", overlay, GRID_OVERLAYS), ("style", style, tuple(STYLES))):
-        one_of(value, known, name)
+        check_choice(value, known, name)
     magnify = finite_number(magnify, "magnify must be a finite number")
     if not isinstance(picture, Picture):
-        raise DeformError(f"a Picture is needed, got {shown_value(picture)}; project(volume, view) makes one.")
+        raise DeformError(f"a Picture is needed, got {short_value(picture)}; project(volume, view) makes one.")
     if finite_number(width, "the width of a figure must be a positive number of inches") <= 0:
         raise DeformError(f"the width of a figure must be a positive number of inches, got {width}.")
     if not isinstance(key, int | np.integer) or key < 0:
-        raise DeformError(f"key is the number of a set of control points from 0 on, got {shown_value(key)}.")
+        raise DeformError(f"key is the number of a set of control points from 0 on, got {short_value(key)}.")
     if not isinstance(unit, str | None) or not isinstance(title, str | None):
-        raise DeformError(f"title and unit are texts, got {shown_value(title)} and {shown_value(unit)}.")
+        raise DeformError(f"title and unit are texts, got {short_value(title)} and {short_value(unit)}.")
     grid = None if grid is None else as_grid(grid)
     if unit is None:
         seen = grid or picture.grid

@@ -52,7 +52,8 @@ def preset_thumbnails(
     }
     seen = np.any([picture.values[..., 3] > _SEEN for picture in pictures.values()], axis=0)
     return {
-        name: _fitted(picture.values, seen, picture.raster.spacing[::-1], size) for name, picture in pictures.items()
+        name: _fit_square(picture.values, seen, picture.raster.spacing[::-1], size)
+        for name, picture in pictures.items()
     }
 
 
@@ -72,7 +73,7 @@ def _coarse(volume: Volume, low: float, high: float) -> Volume:
     return Volume(values, grid)
 
 
-def _fitted(
+def _fit_square(
     picture: NDArray[np.float32], seen: NDArray[np.bool_], steps: tuple[float, ...], size: int
 ) -> NDArray[np.uint8]:
     """The part that is seen, in the middle of a square."""

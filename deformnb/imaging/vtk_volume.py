@@ -255,7 +255,7 @@ def mark_modified(image: Any) -> None:
     image.Modified()
 
 
-def for_vtk(volume: Volume) -> Volume:
+def prepare_for_vtk(volume: Volume) -> Volume:
     """A volume as VTK draws it well: no NaN (it makes holes), no bool (pyvista drops them), background all around.
 
     VTK's body ends at the centres of the outermost voxels: one slice would have no thickness, and the face of a body
@@ -290,7 +290,7 @@ def placement(grid: Grid) -> NDArray[np.float64]:
     return matrix
 
 
-def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
+def clip_outliers(volume: Volume, transfer: TransferFunction) -> Volume:
     """A volume without outliers that a transfer function cannot distinguish from the values beside them.
 
     VTK tabulates colours and opacities over all values that it is given, in 16384 entries at most: one voxel of 1e6 in
@@ -306,7 +306,7 @@ def clipped_for(volume: Volume, transfer: TransferFunction) -> Volume:
     >>> values = np.arange(1000.0).reshape(10, 10, 10)
     >>> values[5, 5, 5] = 1e6
     >>> ramp = TransferFunction(((0, 1, 1, 1),), ((0, 0), (1200, 1)))
-    >>> clipped_for(Volume.from_array(values), ramp).value_range
+    >>> clip_outliers(Volume.from_array(values), ramp).value_range
     (0.0, 1200.0)
     """
     (low, high), (first, last) = typical_range(volume), transfer.window

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.channels import CHANNEL_KINDS, Channels, ChannelsLike
@@ -84,7 +84,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
         ]
     if isinstance(given, list | tuple) and not is_layer(given):
         raise DeformError(
-            f"layers are made of a Volume, Channels, Landmarks or ControlPoints, got {shown_value(given)}."
+            f"layers are made of a Volume, Channels, Landmarks or ControlPoints, got {short_value(given)}."
         )
     return to_napari(convert(given), unit=unit)
 

@@ -11,7 +11,7 @@ from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField
 from deformnb.volume.volume import Grid, Volume, VolumeLike, optional_package
 from deformnb.warping.points import Landmarks, warp_points
-from deformnb.warping.warper import deformed
+from deformnb.warping.warper import deform_volumes
 
 
 def warp_pyvista(
@@ -48,7 +48,7 @@ def warp_pyvista(
     >>> import deformnb as dn
     >>> volume = dn.Volume.from_array(np.broadcast_to(np.arange(20.0), (20, 20, 20)), name="grey")
     >>> points = dn.ControlPoints.from_arrays([[5, 10, 10]], [[8, 10, 10]])
-    >>> bump = dn.Deformation.in_space(points, support=30.0)
+    >>> bump = dn.Deformation.from_space_points(points, support=30.0)
     >>> image = dn.interop.warp_pyvista(volume.to_pyvista(), bump)
     >>> round(float(image["grey"].reshape(20, 20, 20)[10, 10, 8]), 4)
     5.0
@@ -89,7 +89,7 @@ def _image(image: Any, field: AbstractField | HasField, progress: Progress | Non
         for k in range(1 if values.ndim == 1 else values.shape[1]):
             single.point_data["part"] = values if values.ndim == 1 else np.ascontiguousarray(values[:, k])
             parts.append((name, Volume.from_pyvista(single, "part")))
-    results = deformed([volume for _, volume in parts], field, progress=progress)
+    results = deform_volumes([volume for _, volume in parts], field, progress=progress)
     made = results[0].to_pyvista()
     made.clear_data()
     for name in names:

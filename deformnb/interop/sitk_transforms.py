@@ -40,7 +40,7 @@ def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) 
     >>> import deformnb as dn
     >>> volume = dn.Volume.from_array(np.broadcast_to(np.arange(20.0), (20, 20, 20)))
     >>> points = dn.ControlPoints.from_arrays([[5, 10, 10]], [[8, 10, 10]])
-    >>> transform = dn.interop.to_sitk_transform(dn.Deformation.in_space(points, support=30.0), volume)
+    >>> transform = dn.interop.to_sitk_transform(dn.Deformation.from_space_points(points, support=30.0), volume)
     >>> transform.GetName()
     'DisplacementFieldTransform'
     >>> resampled = sitk.Resample(volume.to_sitk(), transform)

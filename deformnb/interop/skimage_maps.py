@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.plane import Raster
@@ -43,14 +43,14 @@ def skimage_map(
     >>> import deformnb as dn
     >>> picture = dn.Volume.from_array(np.tile(np.arange(20.0), (20, 1)))        # grey values rise from left to right
     >>> points = dn.ControlPoints.from_arrays([[5, 10]], [[8, 10]])              # what was at column 5 goes to column 8
-    >>> deformation = dn.Deformation.on_picture(picture, "+z", points, support=30.0)
+    >>> deformation = dn.Deformation.from_picture_points(picture, "+z", points, support=30.0)
     >>> inverse_map = dn.interop.skimage_map(deformation, picture)
     >>> warped = skimage.transform.warp(picture.values[0], inverse_map, preserve_range=True)
     >>> round(float(warped[10, 8]), 6)
     5.0
     """
     if isinstance(lattice, Raster):
-        on_plane = _of_dimension(as_field(field), 2)
+        on_plane = _field_of_dimension(as_field(field), 2)
         spacing, origin = np.asarray(lattice.spacing), np.asarray(lattice.origin)
         return lambda places: _pixels(places) + on_plane.displacement(_pixels(places) * spacing + origin) / spacing
     grid = as_grid(lattice)
@@ -59,7 +59,7 @@ def skimage_map(
             f"a callable map is for pictures, and this volume has {grid.shape[0]} slices; "
             "skimage_coordinates(field, volume) makes an array of coordinates for it."
         )
-    in_space = _of_dimension(as_field(field, grid), 3)
+    in_space = _field_of_dimension(as_field(field, grid), 3)
 
     def look_up(places: ArrayLike) -> NDArray[np.float64]:
         index = np.pad(_pixels(places), ((0, 0), (0, 1)))
@@ -88,7 +88,7 @@ def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster 
     >>> import deformnb as dn
     >>> volume = dn.Volume.from_array(np.broadcast_to(np.arange(20.0), (20, 20, 20)), spacing=(2, 1, 1))
     >>> points = dn.ControlPoints.from_arrays([[10, 10, 10]], [[16, 10, 10]])    # from column 5 to column 8
-    >>> bump = dn.Deformation.in_space(points, support=30.0)
+    >>> bump = dn.Deformation.from_space_points(points, support=30.0)
     >>> coordinates = dn.interop.skimage_coordinates(bump, volume)
     >>> warped = skimage.transform.warp(volume.values, coordinates, preserve_range=True)
     >>> round(float(warped[10, 10, 8]), 4)
@@ -99,13 +99,13 @@ def skimage_coordinates(field: AbstractField | HasField, lattice: Grid | Raster 
         found = skimage_map(field, lattice)(index.reshape(-1, 2)).reshape(index.shape)
         return np.ascontiguousarray(np.moveaxis(found[..., ::-1], -1, 0))
     grid = as_grid(lattice)
-    moves = _of_dimension(as_field(field, grid), 3).on_grid(grid) @ np.linalg.inv(grid.matrix).T
+    moves = _field_of_dimension(as_field(field, grid), 3).on_grid(grid) @ np.linalg.inv(grid.matrix).T
     coordinates = np.indices(grid.shape, dtype=np.float64)
     coordinates += np.moveaxis(moves[..., ::-1], -1, 0)
     return coordinates
 
 
-def _of_dimension(field: AbstractField, dim: int) -> AbstractField:
+def _field_of_dimension(field: AbstractField, dim: int) -> AbstractField:
     if field.dim != dim:
         raise DeformError(
             f"this needs a field {'over a plane' if dim == 2 else 'in space'}, and the one given is "
@@ -123,5 +123,5 @@ def _of_dimension(field: AbstractField, dim: int) -> AbstractField:
 def _pixels(places: ArrayLike) -> NDArray[np.float64]:
     array = np.asarray(places, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
-        raise DeformError(f"pixels are (column, row) pairs of shape (M, 2), got {shown_value(places)}.")
+        raise DeformError(f"pixels are (column, row) pairs of shape (M, 2), got {short_value(places)}.")
     return array

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from os import PathLike
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation, Step
 from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError, VolumeFileError
 from deformnb.io.files.atomic import KnownFiles, atomic_write
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import as_path
 from deformnb.io.volumes.formats import FORMATS
 from deformnb.rbf.cuts import Cut
@@ -47,7 +47,7 @@ def read_deformation(path: str | PathLike[str]) -> Deformation:
 
 def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
     """The deformation in a file, and the file's content; see :func:`read_deformation`."""
-    file, name = as_path(path), shown(path)
+    file, name = as_path(path), printable(path)
     try:
         if not file.is_file():
             what = "is a folder, not a file" if file.is_dir() else "is not an ordinary file"
@@ -57,11 +57,13 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
     except (OSError, ValueError) as error:  # a name with a NUL
         if isinstance(error, VolumeFileError):
             raise
-        raise VolumeFileError(f"{name} cannot be read: {getattr(error, 'strerror', None) or shown(error)}.") from None
+        raise VolumeFileError(
+            f"{name} cannot be read: {getattr(error, 'strerror', None) or printable(error)}."
+        ) from None
     try:
         return from_json(data), data
     except DeformError as error:
-        raise DeformError(f"{shown(file.name)}: {error}") from None
+        raise DeformError(f"{printable(file.name)}: {error}") from None
 
 
 def write_deformation(
@@ -94,7 +96,7 @@ def write_deformation(
     """
     if not isinstance(deformation, Deformation):
         raise DeformError(
-            f"a Deformation is needed to be written, got {shown_value(deformation)}; a field is written "
+            f"a Deformation is needed to be written, got {short_value(deformation)}; a field is written "
             "by write_transform(field, path, grid)."
         )
     check_json_target(path, "a deformation")
@@ -132,20 +134,21 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     if place.suffix.lower() in (".tfm", ".h5", ".zarr"):
         volume = " (write_transform(deformation, path, volume) writes a transform of ITK)"
     raise fail(
-        place, f"{what} is written as JSON, and {ending} is another kind of file; name it {shown(stem)}.json{volume}."
+        place,
+        f"{what} is written as JSON, and {ending} is another kind of file; name it {printable(stem)}.json{volume}.",
     )
 
 
 def describe_document(path: str | PathLike[str]) -> dict[str, str]:
     """Describe a document for people: its edits, and the volume on which they were made."""
     deformation = read_deformation(path)
-    rows = {"file": shown(path), "kind": "deformation", "name": shown(deformation.name) or "(none)"}
+    rows = {"file": printable(path), "kind": "deformation", "name": printable(deformation.name) or "(none)"}
     if deformation.volume is not None:
         v = deformation.volume
         voxels = " x ".join(str(n) for n in v.shape[::-1])
         spacing = " x ".join(f"{s:.6g}" for s in v.spacing)
         rows["made on"] = (
-            f"{shown(v.name) or '(unnamed)'}, {voxels} voxels (x, y, z) of {spacing}, sha256 {v.sha256[:12]}..."
+            f"{printable(v.name) or '(unnamed)'}, {voxels} voxels (x, y, z) of {spacing}, sha256 {v.sha256[:12]}..."
         )
     for k, step in enumerate(deformation.steps):
         rows[f"step {k + 1}"] = _describe_step(step)
@@ -162,7 +165,7 @@ def _describe_step(step: Step) -> str:
     where = "in space" if normal is None else f"on the plane with normal {normal}"
     radius = step.chosen_support.radius if step.chosen_support else step.support
     support = f"{radius:g}" if isinstance(radius, float) else "automatic"
-    curve, knots = shown(step.curve) if isinstance(step.curve, str) else "a table", [f"{k:g}" for k in step.knots]
+    curve, knots = printable(step.curve) if isinstance(step.curve, str) else "a table", [f"{k:g}" for k in step.knots]
     rule = {"modulate": f"modulate by {curve}", "interpolate": f"interpolate at depths {', '.join(knots)}"}.get(
         step.extrusion, step.extrusion
     )
@@ -174,7 +177,7 @@ def _describe_step(step: Step) -> str:
     )
     state = "" if step.enabled else ", switched off"
     stages = "" if step.stages == 1 else f", in {step.stages} stages"
-    name = f"{shown(step.name)}: " if step.name else ""
+    name = f"{printable(step.name)}: " if step.name else ""
     points = "control point" if count == "1" else "control points"
     return (
         f"{name}{count} {points} {where}, {step.kernel} with support {support}, {step.trend} trend, {rule}, "
@@ -188,5 +191,5 @@ def _describe_shapes(what: str, shapes: Sequence[RigidPart] | Sequence[Cut]) -> 
         kind = shape.region.kind.replace("_", " ")
         moved = " that moves" if isinstance(shape, RigidPart) and shape.motion is not None else ""
         off = ", switched off" if not shape.enabled else ""
-        names.append(f"{shown(shape.name) + ', ' if shape.name else ''}a {kind}{moved}{off}")
+        names.append(f"{printable(shape.name) + ', ' if shape.name else ''}a {kind}{moved}{off}")
     return f"{len(shapes)} {what} ({'; '.join(names)})"

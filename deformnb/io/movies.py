@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
 from deformnb._typing import Image
-from deformnb.checks import finite_number, shown_value
+from deformnb.checks import finite_number, short_value
 from deformnb.errors import Cancelled, DeformError, MissingPackageError
-from deformnb.io.files.atomic import atomic_write, check_target, hold_folder, sweep_folder, temporary_name
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.atomic import atomic_write, check_target, lock_folder, sweep_folder, temporary_name
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import as_path
 
 FrameProgress = Callable[[int, int], None]
@@ -82,18 +82,19 @@ def write_movie(
     kind = "" if place.is_dir() or str(path).endswith(("/", os.sep)) else place.suffix.lower()
     if kind not in MOVIES:
         raise DeformError(
-            f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, not as {shown(place.name)!r}."
+            f"a movie is written as {', '.join(k for k in MOVIES if k)} or into a folder, "
+            f"not as {printable(place.name)!r}."
         )
     wanted = "a movie has between 0.01 and 1000 frames a second"
     if not 0.01 <= finite_number(fps, wanted) <= 1000:
         raise DeformError(f"{wanted}, got {fps}.")
     if not isinstance(frames, Iterable):
-        raise DeformError(f"a movie is made of pictures, one after the other, got {shown_value(frames)}.")
+        raise DeformError(f"a movie is made of pictures, one after the other, got {short_value(frames)}.")
     total = length_hint(frames, 0)
     try:
         if kind not in ("", ".png"):
             check_target(place, overwrite=overwrite)
-        MOVIES[kind](place, _watched(frames, total, progress, cancel), float(fps))
+        MOVIES[kind](place, _report_frames(frames, total, progress, cancel), float(fps))
     finally:  # frames that are made one by one hold a renderer, also when the last one was never requested
         close = getattr(frames, "close", None)
         if close is not None:
@@ -101,7 +102,7 @@ def write_movie(
     return place.parent if kind == ".png" else place
 
 
-def _watched(
+def _report_frames(
     frames: Iterable[Image], total: int, progress: FrameProgress | None, cancel: Callable[[], bool] | None
 ) -> Iterator[Image]:
     """The frames, checked one by one; reports after each that it is done."""
@@ -146,7 +147,7 @@ class _Store:
                 self._file.write(packed)
                 self._sizes.append(len(packed))
                 self.shape = image.shape
-                self.histogram += _counted(image)
+                self.histogram += _colour_histogram(image)
         except BaseException:
             self.close()
             raise
@@ -170,7 +171,7 @@ def _cells(image: Image) -> NDArray[np.int32]:
     return (r * _LEVELS + g) * _LEVELS + b
 
 
-def _counted(image: Image) -> NDArray[np.float64]:
+def _colour_histogram(image: Image) -> NDArray[np.float64]:
     """Of each cell of the cube of colours: how many pixels are in it, and the sums of their red, green and blue."""
     cells, channels = _cells(image).ravel(), image.reshape(-1, 3).T
     return np.stack(
@@ -213,7 +214,7 @@ def _write_gif(path: Path, frames: Iterator[Image], fps: float) -> None:
     if fps > _FASTEST_GIF:
         raise DeformError(f"GIF has at most {_FASTEST_GIF:g} frames a second, got {fps:g}; choose fewer, or .mp4.")
 
-    def indexed(image: Image) -> Any:
+    def to_palette(image: Image) -> Any:
         # No dither: its grain would crawl over surfaces that stand still.
         made = Pillow.fromarray(nearest[_cells(image)])
         made.putpalette(palette.tobytes())
@@ -221,7 +222,7 @@ def _write_gif(path: Path, frames: Iterator[Image], fps: float) -> None:
 
     with atomic_write(path) as file, closing(_Store(frames)) as store:
         palette, nearest = _palette(store.histogram)
-        _save(file, map(indexed, store), "GIF", duration=_durations(len(store), fps, 10), optimize=False)
+        _save(file, map(to_palette, store), "GIF", duration=_durations(len(store), fps, 10), optimize=False)
 
 
 def _write_webp(path: Path, frames: Iterator[Image], fps: float) -> None:
@@ -298,7 +299,9 @@ def _encoder_error(path: Path, words: str, code: int) -> Exception:
     if any(full in words for full in DISK_FULL):
         return OSError(errno.ENOSPC, "no space left")  # atomic_write reports it
     lines = words.strip().splitlines()
-    return fail(path, f"was not written, the encoder ended with {code}: {shown(lines[-1] if lines else 'no message')}")
+    return fail(
+        path, f"was not written, the encoder ended with {code}: {printable(lines[-1] if lines else 'no message')}"
+    )
 
 
 def _even(image: Image) -> Image:
@@ -325,7 +328,7 @@ def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
     moved: list[Path] = []
     try:
         work.mkdir()
-        lock = hold_folder(work)
+        lock = lock_folder(work)
         names = _write_pictures(work, frames, lambda k: f"{before}{k:0{digits}d}{after}")
         if is_new:
             work.replace(folder)
@@ -355,7 +358,7 @@ def _numbering(name: str) -> tuple[str, int, str]:
         stem += "_%04d"
     match = re.fullmatch(r"([^%]*)%0?([0-9]?)d([^%]*)", stem)
     if match is None:
-        raise DeformError(f"{shown(name)!r} is no pattern of file names; write the number as in turn_%04d.png.")
+        raise DeformError(f"{printable(name)!r} is no pattern of file names; write the number as in turn_%04d.png.")
     return match[1], int(match[2] or 1), match[3] + suffix
 
 
@@ -366,7 +369,7 @@ def _refuse_mixing(folder: Path, before: str, after: str) -> None:
     if old is not None:
         raise fail(
             folder,
-            f"holds a series already ({shown(old)}), and two would be mixed. Choose another folder or "
+            f"holds a series already ({printable(old)}), and two would be mixed. Choose another folder or "
             "name, or remove it.",
         )
 

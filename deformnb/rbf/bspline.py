@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import in_full_precision, jnp, pytree
+from deformnb._jax import full_precision, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import BLOCK, AbstractField
 from deformnb.volume.volume import Grid
@@ -118,7 +118,7 @@ class BSplineField(AbstractField):
     def _inverse(self) -> NDArray[np.float64]:
         return np.asarray(np.linalg.inv(np.asarray(self.axes, dtype=np.float64)))
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         inverse, origin = jnp.asarray(self._inverse, x.dtype), jnp.asarray(self.origin, x.dtype)

@@ -65,8 +65,8 @@ def leave_block_out(
     >>> from deformnb.rbf.kernels import WendlandC2
     >>> x = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.4]])
     >>> d = np.array([[0.0, 0], [0, 0], [0, 0], [0, 0], [0.1, 0]])
-    >>> single = left_out(x, d, WendlandC2, "affine", np.zeros(5))
-    >>> blocks = left_out_together(x, d, WendlandC2, "affine", np.zeros(5), [np.array([4]), np.array([4, 3])])
+    >>> single = leave_one_out(x, d, WendlandC2, "affine", np.zeros(5))
+    >>> blocks = leave_block_out(x, d, WendlandC2, "affine", np.zeros(5), [np.array([4]), np.array([4, 3])])
     >>> bool(np.allclose(blocks[0], single[4:])), len(blocks[1])
     (True, 2)
     """

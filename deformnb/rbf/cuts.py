@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import in_full_precision, jax, jnp, lax, pytree
+from deformnb._jax import full_precision, jax, jnp, lax, pytree
 from deformnb.checks import check_fields
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
@@ -327,7 +327,7 @@ class Decoupled(AbstractField):
     def has_cuts(self) -> bool:
         return True
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         moves = [f.jax_displacement(x) for f in self.fields]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import as_numpy, blockwise, compiled, each, float64, jax, jnp, lax, pytree
+from deformnb._jax import as_numpy, blockwise, each, float64, jax, jit, jnp, lax, pytree
 from deformnb.rbf.kernels import BUILT_IN, AbstractKernel
 
 CAPACITIES = (8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -94,7 +94,7 @@ def steepest_distance(kernel: type[AbstractKernel]) -> float:
     return float(rho[steepest : steepest + 2].mean())
 
 
-_profile = compiled(lambda s, kernel: kernel.profile(s), static_argnames="kernel")
+_profile = jit(lambda s, kernel: kernel.profile(s), static_argnames="kernel")
 
 
 class Leaves(NamedTuple):
@@ -250,14 +250,14 @@ def _lattice(rows: Any, columns: Any, leaves: Leaves, *, kernel: type[AbstractKe
     return lax.fori_loop(0, rows.shape[1] // _TILE * across, add, out)
 
 
-_compiled_lattice = compiled(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
+_compiled_lattice = jit(_lattice, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def _blocks(p: Any, leaves: Leaves, *, kernel: type[AbstractKernel], what: Sum) -> Any:
     return each(lambda q: jnp.stack(what(tuple(q), leaves, kernel)), p)
 
 
-evaluate_blocks = compiled(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
+evaluate_blocks = jit(_blocks, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def evaluate_lattice(
@@ -304,7 +304,7 @@ def _components(
     return check_parts(one.reshape(shape) for one in _displacement(outer_sum(rows, columns), leaves, kernel))
 
 
-_evaluate_components = compiled(_components, static_argnames=("kernel", "shape"))
+_evaluate_components = jit(_components, static_argnames=("kernel", "shape"))
 
 
 def lattice_on_device(
@@ -480,7 +480,7 @@ def _tiles(rows: Any, columns: Any, reached: Any, leaves: Leaves, *, kernel: typ
     return each(tile, (rows, columns, reached))
 
 
-_compiled_tiles = compiled(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
+_compiled_tiles = jit(_tiles, on_one_thread=True, static_argnames=("kernel", "what"))
 
 
 def local_sums(leaves: Leaves) -> NDArray[np.float64]:

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb._jax import in_full_precision, jnp, pytree
-from deformnb.checks import shown_value
+from deformnb._jax import full_precision, jnp, pytree
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.fields import AbstractField, Blended, Identity
@@ -318,7 +318,7 @@ class Extrusion(AbstractField):
         z = self.zeta(np.asarray(c, dtype=np.float64))
         return np.stack([np.interp(z, self.knots, w) for w in np.asarray(self.weights)])
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         frame = jnp.asarray(self.plane.frame)
         abc = (jnp.asarray(points) - jnp.asarray(self.plane.origin)) @ frame.T
@@ -456,11 +456,11 @@ def extrude(plane: Plane, grid: Grid | VolumeLike, maps: Sequence[AbstractField]
     >>> from deformnb.rbf.fields import Identity
     >>> from deformnb.volume.volume import Grid
     >>> grid = Grid((4, 4, 4), (1.0, 1.0, 1.0))
-    >>> extrude(Plane.along(grid, "+y"), grid, [Identity(2)], modulate("z")).dim
+    >>> extrude(Plane.from_view(grid, "+y"), grid, [Identity(2)], modulate("z")).dim
     3
     """
     if not isinstance(plane, Plane):
         raise DeformError(
-            f"a Plane is needed to extrude from, got {shown_value(plane)}; Plane.along(volume, view) makes one."
+            f"a Plane is needed to extrude from, got {short_value(plane)}; Plane.from_view(volume, view) makes one."
         )
     return Extrusion(plane, plane.depth_range(grid), tuple(maps), *weights)

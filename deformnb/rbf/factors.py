@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, float64
+from deformnb._jax import float64, jit
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints
@@ -420,4 +420,4 @@ def _values_between(x: Any, y: Any, *, kernel: type[AbstractKernel]) -> Any:
     return kernel.profile(sum((x[:, None, k] - y[None, :, k]) ** 2 for k in range(x.shape[1])))
 
 
-_compiled_values = compiled(_values_between, static_argnames="kernel")
+_compiled_values = jit(_values_between, static_argnames="kernel")

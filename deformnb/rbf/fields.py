@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import blockwise, float64, in_64_bits, in_full_precision, is_traced, jax, jnp, pytree
-from deformnb.checks import shown_value
+from deformnb._jax import blockwise, double_precision, float64, full_precision, is_traced, jax, jnp, pytree
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Raster
 from deformnb.volume.sampling import aligned_empty
@@ -71,7 +71,7 @@ class AbstractField(ABC):
             return self.jax_displacement(x)
         # Copies: JAX keeps in 32 bits what a user's own function has taken as a constant in 32 bits.
         own = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, self)
-        return in_64_bits(own.jax_displacement)(x)
+        return double_precision(own.jax_displacement)(x)
 
     @abstractmethod
     def jax_displacement(self, points: Any) -> Any:
@@ -212,8 +212,8 @@ def as_field(given: AbstractField | HasField, grid: Grid | VolumeLike | None = N
         return own if grid is None else in_unit(own, as_grid(grid).unit)
     if isinstance(given, type) or not callable(own) or "grid" not in list(signature(own).parameters)[:1]:
         raise DeformError(
-            f"a field or a Deformation is needed, got {shown_value(given)}; fit_rbf(points) and "
-            "Deformation.on_picture(volume, view, points) make one of control points."
+            f"a field or a Deformation is needed, got {short_value(given)}; fit_rbf(points) and "
+            "Deformation.from_picture_points(volume, view, points) make one of control points."
         )
     if grid is None:
         raise DeformError(f"a {type(given).__name__} has a field for each grid; give one: grid=volume (or its Grid).")
@@ -317,7 +317,7 @@ class DisplacementField(AbstractField):
     def unit(self) -> str:
         return self.lattice.unit if isinstance(self.lattice, Grid) else ""
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         index = _index(self.lattice, jnp.asarray(points))
         at = [index[..., k] for k in reversed(range(self.dim))]
@@ -415,7 +415,7 @@ class Affine(AbstractField):
     def dim(self) -> int:
         return len(self.offset)
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         return x @ jnp.asarray(self.matrix, x.dtype).T + jnp.asarray(self.offset, x.dtype) - x
@@ -592,7 +592,7 @@ def convert_unit(field: AbstractField, own: str, to: str) -> AbstractField:
 
     Examples
     --------
-    >>> converted(Affine(np.eye(3), np.array([0.0, 0.0, 2.0])), "m", "mm").displacement([0.0, 0.0, 0.0]).tolist()
+    >>> convert_unit(Affine(np.eye(3), np.array([0.0, 0.0, 2.0])), "m", "mm").displacement([0.0, 0.0, 0.0]).tolist()
     [0.0, 0.0, 2000.0]
     """
     if own == to or not (own and to):

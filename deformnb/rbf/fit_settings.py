@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from typing import Any
 
-from deformnb.checks import check_fields, is_finite, shown_value
+from deformnb.checks import check_fields, is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, Sides, points_of_regions
 from deformnb.rbf.fields import AbstractField
@@ -71,10 +71,10 @@ class AbstractFitSettings:
                 object.__setattr__(self, "support", given.support)
         find_trend(self.trend)
         if not is_finite(self.strength):
-            raise DeformError(f"strength must be a finite number, got {shown_value(self.strength)}.")
+            raise DeformError(f"strength must be a finite number, got {short_value(self.strength)}.")
         check_support(self.support)
         if not (is_finite(self.smoothing) and self.smoothing >= 0):
-            raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(self.smoothing)}.")
+            raise DeformError(f"smoothing must be 0 or a positive number, got {short_value(self.smoothing)}.")
         check_stages(self.stages, ())
         check_direction(self.direction)
         check_fields(self, "kernel", "support", "trend", "smoothing", "strength", "stages", "direction")

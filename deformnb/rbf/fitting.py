@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import LARGEST_SET, prepare
 from deformnb.rbf.forward import ForwardFit, check_direction, orient_points
@@ -298,7 +298,7 @@ def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
     """Refuse a number of stages that cannot be done, naming the part that stands in the way."""
     if isinstance(stages, bool) or not isinstance(stages, int | np.integer) or not 1 <= stages <= MOST_STAGES:
         raise DeformError(
-            f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {shown_value(stages)}."
+            f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {short_value(stages)}."
         )
     moving = next((p for p in parts if p.enabled and p.motion is not None), None)
     if stages > 1 and moving is not None:
@@ -332,7 +332,7 @@ def _resolve_kernel(
 
 def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float) -> None:
     if not (is_finite(smoothing) and smoothing >= 0):
-        raise DeformError(f"smoothing must be 0 or a positive number, got {shown_value(smoothing)}.")
+        raise DeformError(f"smoothing must be 0 or a positive number, got {short_value(smoothing)}.")
     if trend.order < kernel.order:
         able = ", ".join(t.name for t in TRENDS.values() if t.order >= kernel.order)
         raise DeformError(

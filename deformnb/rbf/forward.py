@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import adjugate, determinant, in_full_precision, jax, jnp, lax, one_plus, pytree
+from deformnb._jax import adjugate, determinant, full_precision, jax, jnp, lax, one_plus, pytree
 from deformnb._typing import Floats
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.exactness import SHARES
 from deformnb.rbf.fields import BLOCK, AbstractField
@@ -57,7 +57,7 @@ def check_direction(direction: Any) -> None:
     """Raise a DeformError unless this is one of :data:`DIRECTIONS`."""
     if not isinstance(direction, str) or direction not in DIRECTIONS:
         known = ", ".join(DIRECTIONS)
-        raise DeformError(f"unknown direction {shown_value(direction)} of a fit; choose one of {known}.")
+        raise DeformError(f"unknown direction {short_value(direction)} of a fit; choose one of {known}.")
 
 
 def orient_points(points: ControlPoints, direction: str) -> ControlPoints:
@@ -144,7 +144,7 @@ class ForwardFit(AbstractField):
         """Check for a fold of the fit at a control point or between them, where the inverse jumps."""
         return bool(self.forward.folds_between_points())
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; the derivative is that of the implicit function."""
         y, forward = jnp.asarray(points), self.forward.jax_displacement

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import compiled, float64, in_full_precision, jnp, pytree
+from deformnb._jax import float64, full_precision, jit, jnp, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, crossing_pairs, torn_pairs
 from deformnb.rbf.cross_validation import MOST_LEFT_OUT, leave_one_out, parameters_of, polynomials_of
@@ -277,7 +277,7 @@ class RBFInterpolant(AbstractField):
     def _largest(self) -> float:
         return np.inf if self.largest is None else float(self.largest)
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         """Displacements at points (..., dim) in pure JAX; gradients are finite everywhere, at the centres too."""
         p = (jnp.asarray(points) - self.origin) / self.support
@@ -329,7 +329,8 @@ class RBFInterpolant(AbstractField):
     def on_device(self, lattice: Grid | Raster) -> tuple[tuple[Any, ...], Any]:
         """Displacements on a grid or a raster in the memory of the device in use, and whether all are finite.
 
-        Three components (nz, ny, nx) or two (nv, nu), float32. To be called within :func:`deformnb.devices.computing`.
+        Three components (nz, ny, nx) or two (nv, nu), float32. To be called within
+        :func:`deformnb.devices.device_context`.
         """
         lines = raster_lines(lattice) if isinstance(lattice, Raster) else grid_lines(lattice)
         rows, columns = self._relative_lines(*lines)
@@ -493,7 +494,7 @@ def probe_places(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.concatenate([x, middles, *(a + share * (b - a) for share in (0.25, 0.5, 0.75))])
 
 
-_solve = compiled(solve, static_argnames=("kernel", "trend"))
+_solve = jit(solve, static_argnames=("kernel", "trend"))
 
 
 def solve_prepared(

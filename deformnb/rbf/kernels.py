@@ -40,7 +40,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._jax import float64, jax, jnp, lax, with_derivative
 from deformnb._typing import Floats
-from deformnb.checks import SMALLEST_LENGTH, is_finite, shown_value
+from deformnb.checks import SMALLEST_LENGTH, is_finite, short_value
 from deformnb.errors import DeformError
 
 # Stands for s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
@@ -81,7 +81,7 @@ class AbstractKernel(ABC):
 
     def __post_init__(self) -> None:
         if not (is_finite(self.support) and self.support >= SMALLEST_LENGTH):
-            raise DeformError(f"the support radius must be a positive length, got {shown_value(self.support)}.")
+            raise DeformError(f"the support radius must be a positive length, got {short_value(self.support)}.")
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -515,7 +515,7 @@ def as_kernel(kernel: str | type[AbstractKernel] | AbstractKernel | Phi) -> type
     try:
         return KERNELS[kernel]
     except (KeyError, TypeError):  # what has no hash is no name either
-        raise DeformError(f"unknown kernel {shown_value(kernel)}; choose one of {', '.join(KERNELS)}.") from None
+        raise DeformError(f"unknown kernel {short_value(kernel)}; choose one of {', '.join(KERNELS)}.") from None
 
 
 # ---- kernels of one's own --------------------------------------------------------------------------------------------
@@ -612,7 +612,7 @@ def _name_of(kernel: Phi) -> str:
 def _kernel_of(phi: Phi, derivative: Phi | None, given: dict[str, Any]) -> type[AbstractKernel]:
     """The kernel class of a function of rho."""
     if not callable(phi):
-        raise DeformError(f"a kernel is a function of the relative distance, got {shown_value(phi)}.")
+        raise DeformError(f"a kernel is a function of the relative distance, got {short_value(phi)}.")
     own_slope = derivative or _derivative(phi, LEAST_DISTANCE)
 
     def ends(s: Any, value: Any) -> Any:
@@ -658,18 +658,18 @@ def _check_names(kind: type[AbstractKernel]) -> None:
     if not (issubclass(kind, AbstractKernel) and isinstance(name, str) and re.fullmatch(r"[a-z][a-z0-9_]{0,39}", name)):
         raise DeformError(
             'the name of a kernel is up to 40 lower-case letters, digits and "_", got '
-            f'{shown_value(name)}; give name="...", or set it in a subclass of AbstractKernel.'
+            f'{short_value(name)}; give name="...", or set it in a subclass of AbstractKernel.'
         )
     if name in BUILT_IN:
         raise DeformError(f"{name!r} is a kernel of deformnb, and its documents mean that one; choose another name.")
     if kind.order not in range(_HIGHEST_ORDER + 1) or isinstance(kind.order, bool):
         raise DeformError(
-            f"the order of the kernel {name!r} is 0, 1, 2 or 3, got {shown_value(kind.order)}: no trend "
+            f"the order of the kernel {name!r} is 0, 1, 2 or 3, got {short_value(kind.order)}: no trend "
             "holds the polynomials of a higher one."
         )
     if not isinstance(kind.title, str) or kind.title in [k.title for k in KERNELS.values() if k.name != name]:
         raise DeformError(
-            f"the title of the kernel {name!r} is a text that no other kernel has, got {shown_value(kind.title)}."
+            f"the title of the kernel {name!r} is a text that no other kernel has, got {short_value(kind.title)}."
         )
     if not (kind.shares and all(is_finite(v) and v > 0 for v in kind.shares) and kind.gaps > 0):
         raise DeformError(

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_fields, is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.units import check_unit, ratio
 
@@ -40,7 +40,7 @@ def _index_by_name(places: HasPlaces, which: str) -> dict[str, int]:
     found = dict[str, int]()
     for k, name in enumerate(places.names):
         if not name or name in found:
-            why = f"{shown_value(name)} comes more than once" if name else f"landmark {k + 1} has no name"
+            why = f"{short_value(name)} comes more than once" if name else f"landmark {k + 1} has no name"
             raise DeformError(
                 f"of the {which} landmarks {why}, so that they cannot be paired by name; correct it, or "
                 'pair them with pair="order".'
@@ -111,7 +111,7 @@ class ControlPoints:
         for array in (self.source, self.target, *self._per_point.values()):
             array.flags.writeable = False
         if self.next_id > 2**53:
-            raise DeformError(f"the id of the next point must be a whole number, got {shown_value(self.next_id)}.")
+            raise DeformError(f"the id of the next point must be a whole number, got {short_value(self.next_id)}.")
         object.__setattr__(self, "next_id", max([self.next_id, *(i + 1 for i in self.ids)]))
 
     def __repr__(self) -> str:
@@ -232,7 +232,7 @@ class ControlPoints:
         for side in (moving, fixed):
             if not all(hasattr(side, name) for name in ("points", "names", "active")):
                 raise DeformError(
-                    f"Landmarks are needed, got {shown_value(side)}; Landmarks(points, names) makes some."
+                    f"Landmarks are needed, got {short_value(side)}; Landmarks(points, names) makes some."
                 )
         if moving.points.shape[1] != fixed.points.shape[1]:
             raise DeformError(
@@ -246,7 +246,7 @@ class ControlPoints:
             places = [_index_by_name(*each) for each in ((moving, "moving"), (fixed, "fixed"))]
             found = [(k, places[1][name]) for name, k in places[0].items() if name in places[1]]
         else:
-            raise DeformError(f'landmarks are paired by "name" or by "order", got {shown_value(pair)}.')
+            raise DeformError(f'landmarks are paired by "name" or by "order", got {short_value(pair)}.')
         a, b = ([each[which] for each in found] for which in (0, 1))
         active = [
             np.ones(n, bool) if side.active is None else side.active
@@ -270,7 +270,7 @@ class ControlPoints:
     def empty(cls, dim: int = 2, next_id: int = 0) -> ControlPoints:
         """No points yet, in the plane (dim 2) or in space (dim 3)."""
         if dim not in (2, 3):
-            raise DeformError(f"control points have 2 or 3 coordinates, got {shown_value(dim)}.")
+            raise DeformError(f"control points have 2 or 3 coordinates, got {short_value(dim)}.")
         return cls.from_arrays(np.zeros((0, dim)), next_id=next_id)
 
     def __len__(self) -> int:
@@ -314,7 +314,7 @@ class ControlPoints:
         try:
             return self.ids.index(point)
         except ValueError:
-            raise DeformError(f"there is no control point {shown_value(point)}; there are {list(self.ids)}.") from None
+            raise DeformError(f"there is no control point {short_value(point)}; there are {list(self.ids)}.") from None
 
     def add(
         self, source: ArrayLike, target: ArrayLike | None = None, *, name: str = "", weight: float = 1.0
@@ -338,7 +338,7 @@ class ControlPoints:
         try:
             place = np.array(value, dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
-            raise DeformError(f"the {what} of a point must be {self.dim} numbers, got {shown_value(value)}.") from None
+            raise DeformError(f"the {what} of a point must be {self.dim} numbers, got {short_value(value)}.") from None
         if place.shape != (self.dim,):  # a single number would be taken for all coordinates
             raise DeformError(f"the {what} of a point of this set has {self.dim} coordinates, got {value!r}.")
         return place
@@ -403,7 +403,7 @@ class ControlPoints:
     def scaled(self, strength: float) -> ControlPoints:
         """The same points dragged ``strength`` times as far: 0 not at all, 1 as now, 2 exaggerated, -1 opposite."""
         if not is_finite(strength):
-            raise DeformError(f"strength must be a finite number, got {shown_value(strength)}.")
+            raise DeformError(f"strength must be a finite number, got {short_value(strength)}.")
         return replace(self, target=self.source + strength * (self.target - self.source))
 
     def has_same_sources(self, other: ControlPoints) -> bool:
@@ -431,14 +431,14 @@ def as_control_points(given: Any) -> ControlPoints:
         given = make()
     if not isinstance(given, ControlPoints):
         raise DeformError(
-            f"ControlPoints are needed, got {shown_value(given)}; ControlPoints.from_arrays(source, target) makes them."
+            f"ControlPoints are needed, got {short_value(given)}; ControlPoints.from_arrays(source, target) makes them."
         )
     return given
 
 
 def _check_list(value: Any, what: str) -> list[Any]:
     if not isinstance(value, Iterable):
-        raise DeformError(f"the {what} of control points are a list, got {shown_value(value)}.")
+        raise DeformError(f"the {what} of control points are a list, got {short_value(value)}.")
     return list(value)
 
 
@@ -448,7 +448,7 @@ def _per_point(value: Any, kind: Any, what: str) -> NDArray[Any]:
         if array.ndim != 1:
             raise ValueError
     except (TypeError, ValueError, OverflowError):
-        raise DeformError(f"the {what} of control points must be one for each, got {shown_value(value)}.") from None
+        raise DeformError(f"the {what} of control points must be one for each, got {short_value(value)}.") from None
     return array
 
 
@@ -456,7 +456,7 @@ def _one(value: Any, kind: Any, what: str) -> Any:
     try:
         return np.array(value, dtype=kind).reshape(())[()]
     except (TypeError, ValueError, OverflowError):
-        raise DeformError(f"the {what} of a control point cannot be {shown_value(value)}.") from None
+        raise DeformError(f"the {what} of a control point cannot be {short_value(value)}.") from None
 
 
 def _as_points(value: ArrayLike, what: str) -> NDArray[np.float64]:

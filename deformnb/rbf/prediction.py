@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Floats, Progress
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import PreparedPoints, prepare
 from deformnb.rbf.cross_validation import parameters_of
@@ -223,7 +223,7 @@ def describe_settings(settings: FitSettings) -> str:
 
     Examples
     --------
-    >>> described(FitSettings(kernel="thin_plate", smoothing=0.001, direction="forward"))
+    >>> describe_settings(FitSettings(kernel="thin_plate", smoothing=0.001, direction="forward"))
     'forward, thin_plate, affine trend, smoothing 0.001'
     """
     kind = as_kernel(settings.kernel)
@@ -285,7 +285,7 @@ def choose_fit(
         notes = (f"the fits are judged by {sum(map(len, judged))} of {sum(map(len, few))} control points",)
     tried, every = [], usual_candidates(sets[0].dim) if candidates is None else tuple(candidates)
     if not every or not all(isinstance(one, Candidate) for one in every):
-        raise DeformError(f"candidates are a list of Candidate(FitSettings(...)), got {shown_value(candidates)}.")
+        raise DeformError(f"candidates are a list of Candidate(FitSettings(...)), got {short_value(candidates)}.")
     for k, candidate in enumerate(every):
         tried.append(_try_candidate(candidate, few, judged))
         if progress is not None:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import ndimage
-from deformnb._jax import blockwise, in_full_precision, jax, jnp, lax, pytree, pytree_node
+from deformnb._jax import blockwise, full_precision, jax, jnp, lax, pytree, pytree_node
 from deformnb.checks import LARGEST_COORDINATE, any_array, check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane, Raster
@@ -139,7 +139,7 @@ class HalfSpace(AbstractRegion):
     def signed_distance(self, points: ArrayLike) -> NDArray[np.float64]:
         return (np.asarray(points, dtype=np.float64) - np.asarray(self.point)) @ np.asarray(self.normal)
 
-    @in_full_precision
+    @full_precision
     def __call__(self, points: Any) -> Any:
         return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
 
@@ -575,7 +575,7 @@ class Mask(AbstractRegion):
         found = ndimage.map_coordinates(distances, index.T[::-1], order=1, mode="nearest", output=np.float64)
         return (found + beyond).reshape(p.shape[:-1])
 
-    @in_full_precision
+    @full_precision
     def __call__(self, points: Any) -> Any:
         distances, lattice = self._distance_samples
         index, beyond = _clamped_index(lattice, jnp.asarray(points), jnp)

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb._deferred import scipy
-from deformnb._jax import blockwise, in_full_precision, jax, jnp, pytree
+from deformnb._jax import blockwise, full_precision, jax, jnp, pytree
 from deformnb.checks import check_fields, real_array
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField
@@ -412,7 +412,7 @@ class RigidInterpolant(AbstractField):
         """The trend of what the parts leave free."""
         return str(self.base.trend)
 
-    @in_full_precision
+    @full_precision
     def jax_displacement(self, points: Any) -> Any:
         x = jnp.asarray(points)
         back = [x @ jnp.asarray(m).T + t for m, t in zip(self.matrices, self.shifts, strict=True)]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.conditioning import (
     LARGEST_SET,
@@ -237,5 +237,5 @@ def check_support(support: Any) -> None:
     if not (is_finite(support) and support > 0):
         raise DeformError(
             "the support radius must be a positive length, None or one of "
-            f"{', '.join(SUPPORT_RULES)}, got {shown_value(support)}."
+            f"{', '.join(SUPPORT_RULES)}, got {short_value(support)}."
         )

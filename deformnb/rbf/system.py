@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deformnb._jax import compiled, jax, jnp
+from deformnb._jax import jax, jit, jnp
 from deformnb._typing import Floats
 from deformnb.rbf.factors import Matrix
 from deformnb.rbf.kernels import AbstractKernel
@@ -263,7 +263,7 @@ def _linear_on_host(
     return np.asarray(_linear_alone(moments or plain, plain, span, turn, trend=trend))
 
 
-_linear_alone = compiled(_linear_part, static_argnames="trend")
+_linear_alone = jit(_linear_part, static_argnames="trend")
 
 
 def _quadratic_of(x: Floats, d: Floats, q: Floats, span: Span, matrix: Matrix | None) -> Floats:

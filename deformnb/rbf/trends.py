@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._jax import jnp, lax, with_derivative
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 
 # Below this share of the data's size a rotation has no angle (all handles share one source): keep the last one.
@@ -153,7 +153,7 @@ def find_trend(name: str) -> Trend:
     try:
         return TRENDS[name]
     except (KeyError, TypeError):  # what has no hash is no name either
-        raise DeformError(f"unknown trend {shown_value(name)}; choose one of {', '.join(TRENDS)}.") from None
+        raise DeformError(f"unknown trend {short_value(name)}; choose one of {', '.join(TRENDS)}.") from None
 
 
 def thin_directions(

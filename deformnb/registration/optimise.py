@@ -33,9 +33,9 @@ from deformnb.registration.similarity import (
     Objective,
     SampledImage,
     Value,
+    find_measure,
     least_det,
-    measure_named,
-    valued,
+    value_and_gradient,
 )
 from deformnb.volume.plane import Picture
 from deformnb.volume.volume import VolumeLike, as_volume
@@ -166,13 +166,15 @@ class MultiscaleFit:
         checked = self._lattice(_CHECKED)
         finest = self.level(levels[-1])
         start = self.first.x
-        before = _valued_at(start, finest)
+        before = _value_at(start, finest)
         floor = min(self.least, least_det(start, self.first.fitting, checked))
         x, found = start, [(before, start)]
         for k, factor in enumerate(levels):
             objective = replace(finest if factor == levels[-1] else self.level(factor), x=x)
-            x = self._unfolded(x, self._maximised(objective, factor, k / len(levels), 1 / len(levels)), checked, floor)
-            found.append((_valued_at(x, finest), x))
+            x = self._limit_folds(
+                x, self._maximise(objective, factor, k / len(levels), 1 / len(levels)), checked, floor
+            )
+            found.append((_value_at(x, finest), x))
         after, x = min((f for f in found if f[0].alike >= before.alike), key=lambda f: f[0].loss)
         least = least_det(x, self.first.fitting, checked)
         self.progress(1.0)
@@ -224,7 +226,7 @@ class MultiscaleFit:
 
     # -- one level -----------------------------------------------------------------------------------------------------
 
-    def _maximised(self, objective: Objective, factor: int, done: float, share: float) -> NDArray[np.float64]:
+    def _maximise(self, objective: Objective, factor: int, done: float, share: float) -> NDArray[np.float64]:
         """The best targets that one level finds."""
         movable = objective.free[:, 0] > 0
         shape, most = objective.x.shape, 2 * self.iterations
@@ -236,7 +238,7 @@ class MultiscaleFit:
             calls += 1
             moves = np.zeros(shape)
             moves[movable] = flat.reshape(-1, shape[1])
-            value = valued(moves, objective)
+            value = value_and_gradient(moves, objective)
             if not (np.isfinite(value.loss) and np.isfinite(value.slope).all()):
                 return _IMPOSSIBLE, np.zeros_like(flat)
             if value.loss < best and value.least > 0:
@@ -257,7 +259,7 @@ class MultiscaleFit:
         )
         return objective.x + at * objective.unit
 
-    def _unfolded(
+    def _limit_folds(
         self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any], floor: float
     ) -> NDArray[np.float64]:
         """As far on the way from one to the other as nothing folds."""
@@ -268,8 +270,8 @@ class MultiscaleFit:
         return before
 
 
-def _valued_at(x: NDArray[np.float64], objective: Objective) -> Value:
-    return valued(np.zeros(x.shape), replace(objective, x=x))
+def _value_at(x: NDArray[np.float64], objective: Objective) -> Value:
+    return value_and_gradient(np.zeros(x.shape), replace(objective, x=x))
 
 
 def _on_device(parts: Any) -> list[Any]:
@@ -366,10 +368,10 @@ def fit_targets(
     >>> fitted.points.target.round(1).tolist(), round(fitted.score_after, 2)
     ([[26.0, 20.0]], 1.0)
     """
-    alike = measure_named(measure)
+    alike = find_measure(measure)
     check_stages(stages, ())
     _check_options(energy, iterations, least)
-    points, fixed = _in_unit_of(moving, points, fixed)
+    points, fixed = _to_unit_of(moving, points, fixed)
     pair = grey_pair(points, moving, fixed)
     start = fit_one_system(points, kernel=kernel, support=support, trend=trend, smoothing=smoothing)
     objective = initial_objective(points, start, smoothing, energy, alike, stages)
@@ -382,7 +384,7 @@ def fit_targets(
         least,
         progress or (lambda share: None),
     )
-    x, before, after, smallest = search.run(_checked_levels(levels, pair[0].values.size, points.dim))
+    x, before, after, smallest = search.run(_check_levels(levels, pair[0].values.size, points.dim))
     if x is not objective.x:
         at = _positions(points, start)
         free = ~points.locked[at]
@@ -392,7 +394,7 @@ def fit_targets(
     return Fitted(points, before, after, tuple(search.history), smallest, float(start.support))
 
 
-def _in_unit_of(moving: Pictured, points: ControlPoints, fixed: Pictured) -> tuple[ControlPoints, Pictured]:
+def _to_unit_of(moving: Pictured, points: ControlPoints, fixed: Pictured) -> tuple[ControlPoints, Pictured]:
     """Points and the fixed image in the unit of the moving one, where both are known."""
     moving, fixed = (image if isinstance(image, Picture) else as_volume(image) for image in (moving, fixed))
     own, other = ("" if image.grid is None else image.grid.unit for image in (moving, fixed))
@@ -415,7 +417,7 @@ def _check_options(energy: float, iterations: int, least: float) -> None:
         raise DeformError(f"the least determinant of a fit must be a finite number, got {least}.")
 
 
-def _checked_levels(levels: Sequence[int], size: int, dim: int) -> list[int]:
+def _check_levels(levels: Sequence[int], size: int, dim: int) -> list[int]:
     """Falling factors, none finer than the pictures can be compared at."""
     if not len(levels) or not all(isinstance(n, int | np.integer) and n >= 1 for n in levels):
         raise DeformError(f"levels must be whole numbers such as (4, 2, 1), got {levels!r:.60}.")

@@ -223,10 +223,10 @@ def fit_outline(
 
 
 OUTLINE_POINT = "outline"
-"""Name of the points that :func:`hold_outline` adds."""
+"""Name of the points that :func:`fix_outline` adds."""
 
 
-def hold_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> ControlPoints:
+def fix_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> ControlPoints:
     """Add points that stay, spread evenly by arc length along an outline: drags bend only what lies around them.
 
     Those of an earlier call that have not been moved make room. None is added within half of the spacing of another
@@ -241,7 +241,7 @@ def hold_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> 
     Examples
     --------
     >>> square = [[0, 0], [40, 0], [40, 40], [0, 40]]
-    >>> held = hold_outline(ControlPoints.from_arrays([[40.0, 20.0]], [[60.0, 20.0]]), square, count=8)
+    >>> held = fix_outline(ControlPoints.from_arrays([[40.0, 20.0]], [[60.0, 20.0]]), square, count=8)
     >>> len(held), held.names.count(OUTLINE_POINT)
     (8, 7)
     """
@@ -262,12 +262,12 @@ def hold_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> 
 def _begins(source: ClosedCurve, target: ClosedCurve) -> float:
     """The share of the target's length at which it lies closest to the source's beginning, over all of both."""
     share = np.arange(_COMPARED) / _COMPARED
-    one, other = (_normed(curve.at(share * curve.length)) for curve in (source, target))
+    one, other = (_normalize(curve.at(share * curve.length)) for curve in (source, target))
     alike = np.fft.ifft(np.conj(np.fft.fft(one)) * np.fft.fft(other)).real
     return float(share[int(alike.argmax())])
 
 
-def _normed(points: Floats) -> NDArray[np.complex128]:
+def _normalize(points: Floats) -> NDArray[np.complex128]:
     z = points[:, 0] + 1j * points[:, 1]
     z = z - z.mean()
     return np.asarray(z / np.sqrt((np.abs(z) ** 2).mean()))
@@ -314,7 +314,7 @@ def slide(
         raise DeformError("points slide along outlines on a picture: give points of a picture and an outline at least.")
     for point in (*fixed_ids, *(ids or ())):
         points.index(point)
-    found = _on_curves(points, lines, set(fixed_ids), ids)
+    found = _curve_positions(points, lines, set(fixed_ids), ids)
     if not found:
         raise DeformError("no point can slide: none that is free lies on the outline.")
     active = np.flatnonzero(points.active)
@@ -338,7 +338,7 @@ def slide(
     return Slid(replace(points, target=target), tuple(points.ids[k] for k, _, _ in found), tuple(energy))
 
 
-def _on_curves(
+def _curve_positions(
     points: ControlPoints, lines: list[ClosedCurve], fixed: set[int], ids: Sequence[int] | None
 ) -> list[tuple[int, ClosedCurve, float]]:
     """Position, outline and arc length of every point that slides."""

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
+from deformnb._jax import float64, jax, jit, jnp, lax, pytree
 from deformnb.errors import DeformError
 from deformnb.rbf.kernels import AbstractKernel
 from deformnb.rbf.system import solve
@@ -66,11 +66,11 @@ def mutual_information(a: Any, b: Any, weights: Any) -> Any:
     (H(a) + H(b)) / H(a, b) - 1 (Studholme et al., Pattern Recognition 32, 1999), of a histogram softened by cubic
     B-splines so that it can be differentiated (Mattes et al., IEEE TMI 22, 2003).
     """
-    joint = (_counted(a).T * (weights / jnp.sum(weights))) @ _counted(b)
+    joint = (_histogram(a).T * (weights / jnp.sum(weights))) @ _histogram(b)
     return (_entropy(joint.sum(axis=0)) + _entropy(joint.sum(axis=1))) / _entropy(joint) - 1
 
 
-def _counted(values: Any) -> Any:
+def _histogram(values: Any) -> Any:
     """(P, bins): what share of each value falls into each bin."""
     distance = jnp.abs(jnp.clip(values, 0, 1)[:, None] * (_BINS - 1) - jnp.arange(_BINS))
     inner, outer = 2 / 3 - distance**2 * (1 - distance / 2), jnp.maximum(2 - distance, 0.0) ** 3 / 6
@@ -87,7 +87,7 @@ MEASURES: dict[str, Measure] = {"ncc": correlation, "ssd": squared_difference, "
 """All measures of similarity by name; the first is the default. One more row is one more measure."""
 
 
-def measure_named(name: str) -> Measure:
+def find_measure(name: str) -> Measure:
     """The measure of a name; DeformError listing the names if there is none."""
     try:
         return MEASURES[name]
@@ -165,7 +165,7 @@ class Value(NamedTuple):
     least: float
 
 
-def valued(moves: Any, objective: Objective) -> Value:
+def value_and_gradient(moves: Any, objective: Objective) -> Value:
     """Value and gradient of the function to minimise, for ``moves`` (C, dim) of the targets in units.
 
     The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
@@ -221,7 +221,7 @@ def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
             kernel=fitting.kernel,
             trend=fitting.trend,
         )
-        left = jnp.where(inner, step - end @ linear.T - constant - _bent(end, bent), 0.0)
+        left = jnp.where(inner, step - end @ linear.T - constant - _quadratic_displacement(end, bent), 0.0)
         # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.
         return (end, alpha, linear, constant, bent), jnp.sum((left if fitting.scales is not None else alpha) * left)
 
@@ -234,20 +234,20 @@ def _squares(p: Any, centers: Any, scales: Any) -> Any:
     return s if scales is None else s * scales**2
 
 
-def _bent(p: Any, quadratic: Any) -> Any:
+def _quadratic_displacement(p: Any, quadratic: Any) -> Any:
     """The quadratic part of a trend at places (n, dim); 0 without one."""
     return 0.0 if quadratic is None else jnp.einsum("nk,mkj,nj->nm", p, quadratic, p)
 
 
-def _displaced(p: Any, fit: Any, fitting: Fitting) -> Any:
+def _displace(p: Any, fit: Any, fitting: Fitting) -> Any:
     centers, alpha, linear, constant, bent = fit
-    trend = p @ linear.T + constant + _bent(p, bent)
+    trend = p @ linear.T + constant + _quadratic_displacement(p, bent)
     return p + trend + fitting.kernel.of_square(_squares(p, centers, fitting.scales)) @ alpha
 
 
-def _seen(p: Any, fits: Any, fitting: Fitting, moving: SampledImage) -> Any:
+def _sample_moving(p: Any, fits: Any, fitting: Fitting, moving: SampledImage) -> Any:
     """The moving picture at the places that the backward map sends p to."""
-    p, _ = lax.scan(lambda q, fit: (_displaced(q, fit, fitting), None), p, fits)
+    p, _ = lax.scan(lambda q, fit: (_displace(q, fit, fitting), None), p, fits)
     return read_linear(moving.values, p @ moving.matrix.T + moving.offset)
 
 
@@ -277,7 +277,7 @@ def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
         j = [[linear[m, k] + (m == k) + across[k][:, m] for k in range(q.shape[1])] for m in range(q.shape[1])]
         if bent is not None:
             j = [[j[m][k] + 2 * q @ bent[m, k] for k in range(q.shape[1])] for m in range(q.shape[1])]
-        return (_displaced(q, fit, fitting), product * _det(j)), None
+        return (_displace(q, fit, fitting), product * _det(j)), None
 
     (_, product), _ = lax.scan(stage, (p, jnp.ones(len(p), p.dtype)), fits)
     return product
@@ -304,20 +304,16 @@ def barrier(det: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
 # ---- compiled pieces -------------------------------------------------------------------------------------------------
 
 
-def _pulled_back(function: Callable[[Any], Any], at: Any, slope: Any) -> Any:
+def _pull_back(function: Callable[[Any], Any], at: Any, slope: Any) -> Any:
     return jax.vjp(function, at)[1](slope)[0]
 
 
-_fit = compiled(_fits)
-_fit_back = compiled(lambda x, fitting, slope, energy: _pulled_back(lambda y: _fits(y, fitting), x, (slope, energy)))
-_see = compiled(_seen)
-_see_back = compiled(
-    lambda p, fits, fitting, moving, slope: _pulled_back(lambda f: _seen(p, f, fitting, moving), fits, slope)
+_fit = jit(_fits)
+_fit_back = jit(lambda x, fitting, slope, energy: _pull_back(lambda y: _fits(y, fitting), x, (slope, energy)))
+_see = jit(_sample_moving)
+_see_back = jit(
+    lambda p, fits, fitting, moving, slope: _pull_back(lambda f: _sample_moving(p, f, fitting, moving), fits, slope)
 )
-_determine = compiled(_determinants)
-_determine_back = compiled(
-    lambda p, fits, fitting, slope: _pulled_back(lambda f: _determinants(p, f, fitting), fits, slope)
-)
-_compare = compiled(
-    lambda a, b, weights, measure: jax.value_and_grad(measure)(a, b, weights), static_argnames="measure"
-)
+_determine = jit(_determinants)
+_determine_back = jit(lambda p, fits, fitting, slope: _pull_back(lambda f: _determinants(p, f, fitting), fits, slope))
+_compare = jit(lambda a, b, weights, measure: jax.value_and_grad(measure)(a, b, weights), static_argnames="measure")

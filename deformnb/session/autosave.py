@@ -28,10 +28,10 @@ from deformnb._typing import RecoveryCommand
 from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.errors import DeformError
-from deformnb.io.files.atomic import hold, sweep
+from deformnb.io.files.atomic import create_locked, sweep
 from deformnb.session.autosave_store import (
     SavedSession,
-    counted,
+    count_text,
     delete,
     file_name,
     mark,
@@ -250,7 +250,7 @@ class _SessionFile:
             path = self.folder / file_name(self.reference, secrets.token_hex(4))
             self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
             try:
-                self.held = hold(self.entry.held)
+                self.held = create_locked(self.entry.held)
             except OSError:
                 self.entry = None
                 raise
@@ -454,7 +454,7 @@ def _end_all() -> None:
         job.left(max(0.0, until - time.monotonic()))
 
 
-def _let_go() -> None:
+def _release_all() -> None:
     """Release all files in a copy of the process: files, threads and their locks belong to the original."""
     for descriptor in _HELD:
         os.close(descriptor)
@@ -466,7 +466,7 @@ def _let_go() -> None:
 
 
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_let_go)
+    os.register_at_fork(after_in_child=_release_all)
 
 
 class Recovery:
@@ -526,8 +526,8 @@ class Recovery:
         if not lost:
             return ""
         older = len(lost) - 1
-        more = f" {counted(older, 'older edit')} follow{'s' if older == 1 else ''}." if older else ""
-        size = f"{counted(lost[0].points, 'point')}, {counted(lost[0].steps, 'step')}"
+        more = f" {count_text(older, 'older edit')} follow{'s' if older == 1 else ''}." if older else ""
+        size = f"{count_text(lost[0].points, 'point')}, {count_text(lost[0].steps, 'step')}"
         return f"An edit of {moment(lost[0].edited)} was not saved ({size}).{more}"
 
     def act(self, command: str) -> None:

@@ -21,7 +21,7 @@ from deformnb.document.deformation import Deformation, VolumeReference
 from deformnb.document.json_format import LONGEST_DOCUMENT, from_json, to_json
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, is_abandoned, sweep
-from deformnb.io.files.errors import shown
+from deformnb.io.files.errors import printable
 from deformnb.volume.volume import Grid, VolumeLike
 
 AUTOSAVE_FORMAT = "deformnb-autosave"
@@ -100,7 +100,7 @@ class SavedSession:
         return self.state == "open" and self.path not in skipped_here and not self.is_live
 
     def __str__(self) -> str:
-        return f"{moment(self.edited)} ({counted(self.points, 'point')}, {counted(self.steps, 'step')})"
+        return f"{moment(self.edited)} ({count_text(self.points, 'point')}, {count_text(self.steps, 'step')})"
 
 
 def moment(when: datetime, now: datetime | None = None) -> str:
@@ -116,12 +116,12 @@ def moment(when: datetime, now: datetime | None = None) -> str:
     return f"{local:%H:%M}" if local.date() == today.date() else f"{local:%Y-%m-%d %H:%M}"
 
 
-def counted(number: int, what: str) -> str:
+def count_text(number: int, what: str) -> str:
     """A number of things in words.
 
     Examples
     --------
-    >>> counted(1, "step"), counted(9, "point")
+    >>> count_text(1, "step"), count_text(9, "point")
     ('1 step', '9 points')
     """
     return f"{number} {what}{'' if number == 1 else 's'}"
@@ -268,7 +268,7 @@ def delete(entry: SavedSession) -> None:
         entry.path.unlink(missing_ok=True)
         sweep(entry.held)
     except OSError as error:
-        raise DeformError(f"{shown(entry.path)} cannot be removed: {error.strerror or error}.") from None
+        raise DeformError(f"{printable(entry.path)} cannot be removed: {error.strerror or error}.") from None
 
 
 def mark(entry: SavedSession, state: str) -> None:
@@ -299,7 +299,7 @@ def prune(folder: Path) -> None:
             if is_abandoned(held):
                 sweep(held)
         there = list(_ours(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
-        kept = {entry.path for entry in _worth_keeping(read_entries(folder))}
+        kept = {entry.path for entry in _select_retained(read_entries(folder))}
         for path in there:
             if path not in kept and not path.with_suffix(_HELD).exists():
                 path.unlink(missing_ok=True)
@@ -309,7 +309,7 @@ def _ours(folder: Path, suffix: str) -> Iterator[Path]:
     return (path for path in folder.glob(f"*{suffix}") if _OURS.fullmatch(path.stem))
 
 
-def _worth_keeping(entries: Iterable[SavedSession]) -> list[SavedSession]:
+def _select_retained(entries: Iterable[SavedSession]) -> list[SavedSession]:
     """Of sessions, the newest first: those that are open, and of the others those within the bounds."""
     kept: list[SavedSession] = []
     counts: dict[str, int] = {}

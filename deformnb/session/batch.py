@@ -16,10 +16,10 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import to_json
-from deformnb.document.transplant import transplanted
+from deformnb.document.transplant import transplant
 from deformnb.errors import Cancelled, DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.landmarks.formats import is_landmarks
@@ -142,9 +142,9 @@ def replay(
     True
     """
     if isinstance(inputs, str | PathLike) or not isinstance(inputs, Iterable):
-        raise DeformError(f"the inputs are a list of paths, got {shown_value(inputs)}.")
+        raise DeformError(f"the inputs are a list of paths, got {short_value(inputs)}.")
     files, target = inputs_of(list(inputs)), Path(folder)
-    outputs = [target / _renamed(path, suffix) for path in files]
+    outputs = [target / _rename(path, suffix) for path in files]
     _check_outputs(files, outputs)
     target.mkdir(parents=True, exist_ok=True)
     what_is_done = replace(without_view_state(deformation), volume=None)
@@ -210,11 +210,11 @@ def _warp_volume(
     deformation: Deformation, path: Path, target: Path, progress: Callable[[float], None]
 ) -> Mapping[str, Any]:
     volume = read_volume(path)
-    write_volume(transplanted(deformation, volume.finest_grid).apply(volume, progress=progress), target)
+    write_volume(transplant(deformation, volume.finest_grid).apply(volume, progress=progress), target)
     return {}
 
 
-def _renamed(path: Path, suffix: str) -> str:
+def _rename(path: Path, suffix: str) -> str:
     if not suffix or is_mesh(path) or is_landmarks(path):
         return path.name
     stem = path.name

@@ -12,7 +12,7 @@ import traitlets
 
 from deformnb.checks import check_arguments
 from deformnb.document.deformation import STEP_LABELS, Deformation, Step
-from deformnb.document.edits import complete_change, points_between, untouched_step
+from deformnb.document.edits import complete_change, initial_step, points_between
 from deformnb.errors import DeformError
 from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.rigid import RigidPart, carry_points, without_conflicts
@@ -83,7 +83,7 @@ class Editing(traitlets.HasTraits):
     Examples
     --------
     >>> grid = Grid((24, 24, 48))
-    >>> editing = Editing(grid, Plane.along(grid, "+y"), Deformation())
+    >>> editing = Editing(grid, Plane.from_view(grid, "+y"), Deformation())
     >>> editing.edit_points(editing.points.add([20.0, 10.0], [20.0, 13.0]))
     >>> editing.change(extrusion="modulate", curve="sin(pi*z)")
     >>> editing.history["undo"]
@@ -106,7 +106,7 @@ class Editing(traitlets.HasTraits):
         self._home = home
         self.past = History()
         self._is_showing = False  # while a document is set that has been checked
-        self.first = self._checked(deformation)
+        self.first = self._check(deformation)
         self._show(Edited(self.first, len(self.first.steps) - 1, 0))
 
     @property
@@ -124,9 +124,9 @@ class Editing(traitlets.HasTraits):
         """Plane of the picture; for points in space, that of the first picture."""
         return self.step.plane or self._home
 
-    def untouched(self, plane: Plane | None) -> Step:
+    def initial_step(self, plane: Plane | None) -> Step:
         """A step as it begins on a plane, or in space."""
-        return untouched_step(plane, self.grid)
+        return initial_step(plane, self.grid)
 
     @check_arguments
     def edit_step(self, index: int, key: int = 0) -> None:
@@ -167,7 +167,7 @@ class Editing(traitlets.HasTraits):
             If it cannot be fitted; everything stays as it was.
         """
         with self.lock:
-            deformation, before = self._checked(deformation), self.state
+            deformation, before = self._check(deformation), self.state
             at = before.index if index is None else index
             if index is None:
                 at = min(at, len(deformation.steps) - 1)
@@ -200,7 +200,7 @@ class Editing(traitlets.HasTraits):
         """
         with self.lock:
             points = replace(points.in_unit(self.grid.unit), unit="")
-            step = _renamed(self.step.with_points(points, self.key), self.key, self.points)
+            step = _rename_points(self.step.with_points(points, self.key), self.key, self.points)
             self.edit_document(self.deformation.with_step(self.index, step), label, kind=kind)
 
     def change(self, label: str = "", kind: str | None = None, *, slides: bool = False, **fields: Any) -> None:
@@ -294,7 +294,7 @@ class Editing(traitlets.HasTraits):
         --------
         >>> from deformnb.rbf.regions import Polygon
         >>> grid = Grid((24, 24, 48))
-        >>> editing = Editing(grid, Plane.along(grid, "+y"), Deformation())
+        >>> editing = Editing(grid, Plane.from_view(grid, "+y"), Deformation())
         >>> editing.edit_points(editing.points.add([20.0, 10.0], [20.0, 13.0]))
         >>> editing.add_part(RigidPart(Polygon([(16, 9), (24, 9), (24, 15), (16, 15)])), held="carry")
         >>> editing.points.target[-1].tolist(), editing.undo(), editing.points.target[-1].tolist()
@@ -320,7 +320,7 @@ class Editing(traitlets.HasTraits):
         with self.lock:
             if self.deformation is not made or self.history.get("redo") or not self.history.get("undo"):
                 return False
-            better = self._checked(better)
+            better = self._check(better)
             self.notice = ""
             index = min(self.index, len(better.steps) - 1)
             self._show(Edited(better, index, min(self.key, len(better.steps[index].maps) - 1)))
@@ -330,7 +330,7 @@ class Editing(traitlets.HasTraits):
     def reset(self) -> None:
         """The volume as it was, seen from the same side; key frames of an animation go too."""
         with self.lock:
-            bare = replace(self.deformation, steps=(self.untouched(self.plane),), keyframes=())
+            bare = replace(self.deformation, steps=(self.initial_step(self.plane),), keyframes=())
             self.edit_document(bare, "reset", 0, key=0)
 
     # -- undo and redo -------------------------------------------------------------------------------------------------
@@ -401,12 +401,12 @@ class Editing(traitlets.HasTraits):
         finally:
             self._is_showing = False
 
-    def _checked(self, deformation: Any) -> Deformation:
+    def _check(self, deformation: Any) -> Deformation:
         if not isinstance(deformation, Deformation):
             raise DeformError(f"a session holds a Deformation, got {type(deformation).__name__}.")
         deformation = deformation.in_unit(self.grid.unit)
         if not deformation.steps:
-            deformation = replace(deformation, steps=(self.untouched(self._home),))
+            deformation = replace(deformation, steps=(self.initial_step(self._home),))
         deformation.field(self.grid)  # refuses what cannot be fitted
         return deformation
 
@@ -422,7 +422,7 @@ class Editing(traitlets.HasTraits):
         return self.state.deformation.output
 
     @traitlets.observe("output")
-    def _output_removed(self, change: Any) -> None:
+    def _on_output_removal(self, change: Any) -> None:
         if change["new"] is None:  # traitlets validates no None
             self._set_output(None)
 
@@ -431,7 +431,7 @@ class Editing(traitlets.HasTraits):
             self.edit_document(replace(self.deformation, output=grid), "change the result box", kind="result box")
 
 
-def _renamed(step: Step, key: int, before: ControlPoints) -> Step:
+def _rename_points(step: Step, key: int, before: ControlPoints) -> Step:
     """The step with names that were changed at one key changed at all keys."""
     if len(step.maps) == 1:
         return step

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deformnb.datasets.darcy import thompson_map
 from deformnb.document.deformation import Step
-from deformnb.document.edits import untouched_step
+from deformnb.document.edits import initial_step
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_axes, subject_box
 from deformnb.rbf.cuts import Cut
@@ -46,7 +46,7 @@ class Example:
     make: Callable[[Step, Picture], Step]
 
 
-def _within(picture: Picture) -> tuple[NDArray[np.float64], ...]:
+def _shorten_axes(picture: Picture) -> tuple[NDArray[np.float64], ...]:
     """The axes of the subject, shortened so that no corner of the box along them lies beyond the picture."""
     middle, long, short = subject_axes(picture)
     a0, a1, b0, b1 = picture.raster.box
@@ -57,7 +57,7 @@ def _within(picture: Picture) -> tuple[NDArray[np.float64], ...]:
 
 def bend(step: Step, picture: Picture) -> Step:
     """The subject is bent to an arc of a circle, its middle line keeping its length: points on three lines."""
-    middle, long, short = _within(picture)
+    middle, long, short = _shorten_axes(picture)
     size = np.linalg.norm(long)
     along, across = long / size, short / np.linalg.norm(short)
     u, v = (grid.ravel()[:, None] for grid in np.meshgrid(size * np.linspace(-1, 1, 5), (-1.0, 0.0, 1.0)))
@@ -74,7 +74,7 @@ def cut_open(step: Step, picture: Picture) -> Step:
 
     A point on either side is moved away from the cut; points around it hold the rest.
     """
-    middle, long, short = _within(picture)
+    middle, long, short = _shorten_axes(picture)
     held = [
         middle + sign * place
         for sign in (-1, 1)
@@ -130,7 +130,7 @@ def apply_example(session: Session, name: str) -> None:
             "the examples are for a picture, and this step has its points in space: choose another step, or add one."
         )
     example = EXAMPLES[name]
-    step = example.make(untouched_step(plane, session.editing.grid), session.pictures.picture())
+    step = example.make(initial_step(plane, session.editing.grid), session.pictures.picture())
     session.editing.edit_document(
         session.editing.deformation.with_step(session.editing.index, step), f"example: {example.title.lower()}"
     )

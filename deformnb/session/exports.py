@@ -107,15 +107,15 @@ class Frozen:
             pictures.transfer_function,
             DisplaySettings.of(seen),
             session.files,
-            _checked_size(size),
-            _checked_rate(fps),
+            _check_size(size),
+            _check_rate(fps),
         )
 
     @property
     def output(self) -> Grid | None:
         """The grid of the result in voxels as large as the volume's; None is the volume's own."""
         box = self.deformation.output
-        return None if box is None else self.volume.at_own_resolution(box)
+        return None if box is None else self.volume.to_own_resolution(box)
 
     @property
     def field(self) -> AbstractField:
@@ -147,7 +147,7 @@ class Frozen:
         return None if make is None else make(self.volume, self.transfer, size, self.seen)
 
 
-def _checked_size(size: Any) -> tuple[int, int] | None:
+def _check_size(size: Any) -> tuple[int, int] | None:
     if size is None:
         return None
     try:
@@ -162,7 +162,7 @@ def _checked_size(size: Any) -> tuple[int, int] | None:
     return width, height
 
 
-def _checked_rate(fps: Any) -> float:
+def _check_rate(fps: Any) -> float:
     if isinstance(fps, bool) or not isinstance(fps, int | float) or not 0 < fps <= _FASTEST:
         raise DeformError(f"a movie has more than 0 and at most {_FASTEST:g} pictures a second, got {fps!r:.60}.")
     return float(fps)
@@ -215,13 +215,13 @@ def _full_resolution(it: Frozen, path: Path, progress: Progress) -> None:
 def _rendering(it: Frozen, path: Path, progress: Progress) -> None:
     from PIL import Image
 
-    image = _as_seen(it, progress) if it.seen.scene is not None else _by_camera(it, progress)
+    image = _draw_view(it, progress) if it.seen.scene is not None else _draw_camera(it, progress)
     progress(0.9)
     with atomic_write(path) as stream:
         Image.fromarray(image).save(stream, format="PNG")
 
 
-def _as_seen(it: Frozen, progress: Progress) -> Image:
+def _draw_view(it: Frozen, progress: Progress) -> Image:
     size = it.size or _RENDERING
     progress(0.0)
     scene = it.scene(size, once=True)
@@ -237,7 +237,7 @@ def _as_seen(it: Frozen, progress: Progress) -> Image:
         scene.close()
 
 
-def _by_camera(it: Frozen, progress: Progress) -> Image:
+def _draw_camera(it: Frozen, progress: Progress) -> Image:
     return render_volume(
         it.deformed(lambda share: progress(0.5 * share)),
         transfer=it.transfer,
@@ -295,10 +295,10 @@ def movie_frames(it: Frozen, fps: float | None = None) -> Frames:
         return deformation_frames(it.volume, it.deformation, strengths=_FRAMES, **looks)
     moments = swing(_FRAMES) if animation is None else animation.times(rate)
     make = it.deformation.scaled if animation is None else animation.at
-    return Frames(_drawn(it, moments, lambda moment: make(moment).field(it.volume), size), len(moments))
+    return Frames(_draw_moments(it, moments, lambda moment: make(moment).field(it.volume), size), len(moments))
 
 
-def _drawn(
+def _draw_moments(
     it: Frozen, moments: Sequence[float], field_at: Callable[[float], AbstractField], size: tuple[int, int]
 ) -> Iterator[Image]:
     """Pictures of one scene; a moment that comes again is not drawn again."""

@@ -9,7 +9,7 @@ from typing import Any
 import traitlets
 
 from deformnb.document.deformation import Deformation, LazyReference
-from deformnb.document.script import UNKNOWN_VOLUME, as_python, own_grid_text
+from deformnb.document.script import UNKNOWN_VOLUME, as_python, grid_expression
 from deformnb.io.documents import write_deformation
 from deformnb.io.files.atomic import KnownFiles
 from deformnb.session.view_state import without_view_state
@@ -76,7 +76,7 @@ class Files(traitlets.HasTraits):
         volume : expression that gives the volume; default reads the file that it came from.
         """
         volume, grid = volume or self.source or UNKNOWN_VOLUME, self._volume.finest_grid
-        return as_python(deformation, grid, volume=volume, own=own_grid_text(self._volume))
+        return as_python(deformation, grid, volume=volume, own=grid_expression(self._volume))
 
     @traitlets.validate("saved")
     def _valid_saved(self, proposal: Any) -> Deformation | None:

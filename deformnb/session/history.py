@@ -182,7 +182,7 @@ class History:
 
     def nodes(self) -> tuple[HistoryNode, ...]:
         """All states from the oldest to the newest."""
-        way = self._way()
+        way = self._visible_path()
         return tuple(
             HistoryNode(n.id, n.parent, n.label, n.time, n.id == self._current, n.id in way)
             for n in self._nodes.values()
@@ -222,7 +222,7 @@ class History:
         self._prune()
         return state
 
-    def _way(self) -> set[int]:
+    def _visible_path(self) -> set[int]:
         """From the oldest state to the one that is shown, and on to where redo ends."""
         way, at = set(), self._root
         while True:
@@ -237,20 +237,20 @@ class History:
             self._drop_one()
 
     def _drop_one(self) -> None:
-        way = self._way()
+        way = self._visible_path()
         gone = next((n for n in self._nodes.values() if not n.children and n.id not in way), None)
         if gone is None and self._root != self._current and self._nodes[self._current].parent != self._root:
             gone = self._nodes[self._root]  # all that is left is the way, so it has one child
             self._root = gone.children[0]
             self._nodes[self._root].parent = None
         elif gone is None:
-            gone = self._end_of_the_way()
+            gone = self._last_redo()
         if gone.parent is not None:
             self._nodes[gone.parent].children.remove(gone.id)
         del self._nodes[gone.id]
         self._ledger.release(gone.state)
 
-    def _end_of_the_way(self) -> _Node:
+    def _last_redo(self) -> _Node:
         node = self._nodes[self._current]
         while node.last is not None:
             node = self._nodes[node.last]

@@ -22,7 +22,7 @@ from deformnb.volume.channels import Channels
 from deformnb.volume.converters import convert
 from deformnb.volume.transfer import levels
 from deformnb.volume.volume import Grid, Volume, as_spacing, as_volume
-from deformnb.warping.mesh import Mesh, as_mesh, filled, grid_around, is_surface, signed_distance
+from deformnb.warping.mesh import Mesh, as_mesh, fill_distance, grid_around, is_surface, signed_distance
 
 
 def volume_from(
@@ -86,7 +86,7 @@ def grid_of_file(path: str | PathLike[str], spacing: Spacing | None = None) -> G
 
 def body_of(mesh: Mesh, progress: Progress | None = None) -> Volume:
     """A closed mesh as a volume of grey values, to be looked at and deformed like a scan."""
-    return filled(signed_distance(mesh, progress=progress))
+    return fill_distance(signed_distance(mesh, progress=progress))
 
 
 def source_of(given: Any) -> str:
@@ -97,7 +97,7 @@ def source_of(given: Any) -> str:
     >>> source_of("scans/carp.nii.gz"), source_of(np.zeros((2, 2, 2)))
     ('dn.read_volume("scans/carp.nii.gz")', '')
     >>> source_of("bone.stl")
-    'dn.warping.filled(dn.warping.signed_distance(dn.read_mesh("bone.stl")))'
+    'dn.warping.fill_distance(dn.warping.signed_distance(dn.read_mesh("bone.stl")))'
     """
     if not isinstance(given, str | PathLike):
         return ""
@@ -105,7 +105,7 @@ def source_of(given: Any) -> str:
     if not is_mesh(given):
         is_of_channels = Path(given).is_file() and is_series(given)
         return f"dn.io.read_channels({path}).brightness()" if is_of_channels else f"dn.read_volume({path})"
-    return f"dn.warping.filled(dn.warping.signed_distance(dn.read_mesh({path})))"
+    return f"dn.warping.fill_distance(dn.warping.signed_distance(dn.read_mesh({path})))"
 
 
 def source_of_labels(source: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import traitlets
 
 from deformnb._typing import Progress
-from deformnb.checks import checked_window, one_of
+from deformnb.checks import check_choice, check_window
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import OF_CHANNELS, PROJECTIONS, project, project_channels
@@ -258,11 +258,11 @@ class Pictures(traitlets.HasTraits):
 
     @traitlets.validate("window")
     def _valid_window(self, proposal: Any) -> tuple[float, float] | None:
-        return None if proposal["value"] is None else checked_window(proposal["value"])
+        return None if proposal["value"] is None else check_window(proposal["value"])
 
     @traitlets.validate("colour_map")
     def _valid_colour_map(self, proposal: Any) -> str:
-        return one_of(proposal["value"], COLOUR_MAPS, "colour map")
+        return check_choice(proposal["value"], COLOUR_MAPS, "colour map")
 
     @traitlets.validate("channel_displays")
     def _valid_displays(self, proposal: Any) -> tuple[ChannelDisplay, ...]:

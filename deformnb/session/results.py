@@ -78,7 +78,7 @@ class Results:
     def _deformed(self, volumes: Sequence[Volume], progress: Progress | None) -> list[Volume]:
         deformation = self._editing.deformation
         box = deformation.output
-        output = None if box is None else self._volume.at_own_resolution(box)
+        output = None if box is None else self._volume.to_own_resolution(box)
         check_room(self._volume, output)
         return deformation.apply_all(volumes, output=output, progress=progress)
 
@@ -88,7 +88,7 @@ class Results:
     def grid(self) -> Grid | None:
         """The box ``output`` of the document in voxels as large as the volume's; None is the volume's own grid."""
         box = self._editing.output
-        return None if box is None else self._volume.at_own_resolution(box)
+        return None if box is None else self._volume.to_own_resolution(box)
 
     @property
     def box(self) -> Grid:
@@ -122,7 +122,7 @@ class Results:
         editing = self._editing
         deformation = editing.deformation
         found = field_of_view(self.foreground(), deformation.field(editing.grid), most=most)
-        box = self._volume.at_finest_resolution(found.grid)
+        box = self._volume.to_finest_resolution(found.grid)
         if not joins:
             editing.output = box
         elif box != deformation.output:

@@ -14,7 +14,7 @@ from deformnb.io.files.memory import check_room
 from deformnb.io.volumes.series import Series, open_series, write_series
 from deformnb.rbf.fields import AbstractField, HasField
 from deformnb.volume.channels import Channels
-from deformnb.warping.warper import deformed
+from deformnb.warping.warper import deform_volumes
 
 # Moments that one evaluation of the map moves together: as many as fit into this, and one at least.
 _TOGETHER_BYTES = 2**27
@@ -65,11 +65,11 @@ def warp_series(
     """
     series = source if isinstance(source, Series) else open_series(source)
     output = options.get("output") or getattr(field, "output", None) or series.grid
-    moved = _moved(series, field, output, options)
+    moved = _warp_moments(series, field, output, options)
     write_series(moved, target, len(series), duration=series.layout.duration, overwrite=overwrite, progress=progress)
 
 
-def _moved(series: Series, field: Any, output: Any, options: dict[str, Any]) -> Iterator[Channels]:
+def _warp_moments(series: Series, field: Any, output: Any, options: dict[str, Any]) -> Iterator[Channels]:
     count, moments = len(series), iter(series)
     together = 1
     if not isinstance(field, Animation):
@@ -80,7 +80,7 @@ def _moved(series: Series, field: Any, output: Any, options: dict[str, Any]) -> 
         check_room(group[0][0], getattr(output, "grid", output))
         of_now = field.at(field.duration * number / max(1, count - 1)) if isinstance(field, Animation) else field
         volumes = [volume for channels in group for volume in channels]
-        done = iter(deformed(volumes, of_now, **options))
+        done = iter(deform_volumes(volumes, of_now, **options))
         for channels in group:
             yield channels.with_volumes(list(islice(done, len(channels))))
         number += len(group)

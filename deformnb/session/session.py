@@ -18,7 +18,7 @@ from deformnb.document.deformation import Deformation
 from deformnb.document.transplant import with_true_spacing
 from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
-from deformnb.registration.outlines import OUTLINE_POINT, hold_outline, outline
+from deformnb.registration.outlines import OUTLINE_POINT, fix_outline, outline
 from deformnb.session.editing import Editing
 from deformnb.session.files import Files
 from deformnb.session.inputs import as_deformation, as_volume_and_channels, source_of, subject_from
@@ -89,7 +89,7 @@ class Session:
         if output is not None:
             deformation = replace(deformation, output=output)
         self.volume, self.channels = volume, channels
-        self.editing = Editing(grid, view if isinstance(view, Plane) else Plane.along(grid, view), deformation)
+        self.editing = Editing(grid, view if isinstance(view, Plane) else Plane.from_view(grid, view), deformation)
         self.steps = Steps(self.editing)
         self.pictures = Pictures(volume, channels, self.editing, **view_state)
         self.results = Results(volume, channels, self.editing)
@@ -141,7 +141,7 @@ class Session:
         source, target = ends if plane is None else [plane.from_plane(end) for end in ends]
         return Landmarks(source, points.names, fixed=target, active=points.active, unit=self.editing.grid.unit)
 
-    def hold_outline(self, count: int = 16) -> None:
+    def fix_outline(self, count: int = 16) -> None:
         """Add points that stay along the outline of what the picture shows: drags bend only what lies around them.
 
         On a slice and a maximum the outline is where the values rise above air, elsewhere where dark and bright part
@@ -167,7 +167,7 @@ class Session:
         lines = outline(picture, level)
         if not lines:
             raise DeformError("there is no outline on the picture: all of it is alike.")
-        points = hold_outline(self.editing.points, lines[0], count=count)
+        points = fix_outline(self.editing.points, lines[0], count=count)
         self.editing.edit_points(points, "hold the outline")
         held = points.names.count(OUTLINE_POINT)
         self.editing.notice = f"{held} points hold the outline: a drag bends only what lies around it."
@@ -178,7 +178,7 @@ class Session:
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
         picture shows what the steps before have made. A step as it began is turned instead of kept.
         """
-        plane = view if isinstance(view, Plane) else Plane.along(self.editing.grid, view)
+        plane = view if isinstance(view, Plane) else Plane.from_view(self.editing.grid, view)
         with self.editing.lock:
             if plane != self.editing.step.plane:
                 self.pictures.depth = 0.0

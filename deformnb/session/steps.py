@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-from deformnb.document.edits import turned
+from deformnb.document.edits import turn_picture
 from deformnb.errors import DeformError
 from deformnb.session.editing import Editing
 from deformnb.volume.plane import SIDES, VIEWS, Plane
@@ -38,7 +38,7 @@ class Steps:
         editing = self._editing
         with editing.lock:
             last = len(editing.deformation.steps)
-            step = editing.untouched(None if in_space else editing.plane)
+            step = editing.initial_step(None if in_space else editing.plane)
             editing.edit_document(editing.deformation.then(step), "add a step", last, key=0)
             editing.notice = (
                 f"Step {last + 1} begins, {self.side_of(step.plane)}: what is dragged now is done after step {last}."
@@ -78,7 +78,7 @@ class Steps:
                 raise DeformError(f"there is no place {to} among {count} steps; the last is {count - 1}.")
             order = list(range(count))
             order.insert(to, order.pop(self._at(index)))
-            moved = editing.deformation.moved_step(index, to)
+            moved = editing.deformation.move_step(index, to)
             label = f"do step {index + 1} {'earlier' if to < index else 'later'}"
             editing.edit_document(moved, label, order.index(editing.index))
 
@@ -105,9 +105,9 @@ class Steps:
         editing = self._editing
         with editing.lock:
             step = editing.step
-            new = replace(editing.untouched(plane), kernel=step.kernel, trend=step.trend)
-            deformation, index, notice = turned(
-                editing.deformation, editing.index, new, editing.untouched(step.plane), self.side_of
+            new = replace(editing.initial_step(plane), kernel=step.kernel, trend=step.trend)
+            deformation, index, notice = turn_picture(
+                editing.deformation, editing.index, new, editing.initial_step(step.plane), self.side_of
             )
             editing.edit_document(deformation, "turn the picture", index, key=0)
             editing.notice = notice
@@ -153,7 +153,7 @@ class Steps:
 @lru_cache(maxsize=8)
 def _sides_of(grid: Grid) -> dict[Plane, str]:
     """The names of the planes along the axes of a grid: looked up several times an edit, while the grid stays."""
-    return {Plane.along(grid, view): view for view in reversed(VIEWS)}  # the first name of a plane counts
+    return {Plane.from_view(grid, view): view for view in reversed(VIEWS)}  # the first name of a plane counts
 
 
 def _ordinal(number: int) -> str:

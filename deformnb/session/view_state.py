@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from deformnb.checks import check_fields, checked_window
+from deformnb.checks import check_fields, check_window
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_reader import JsonReader
 from deformnb.errors import DeformError
@@ -129,7 +129,7 @@ def _window(r: JsonReader) -> tuple[float, float] | None:
     if "window" not in r.data:
         return None
     try:
-        return checked_window(r.numbers("window", 2))
+        return check_window(r.numbers("window", 2))
     except DeformError as error:
         raise DeformError(f"{r.where}: {error}") from None
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3
-from deformnb.checks import check_fields, checked_window, finite_array, shown_value
+from deformnb.checks import check_fields, check_window, finite_array, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume, VolumeLike, as_volumes
 
@@ -79,9 +79,9 @@ class ChannelDisplay:
         what = "a colour is three numbers (red, green, blue) from 0 to 1"
         colour = finite_array(self.colour, (3,), what)
         if not ((colour >= 0) & (colour <= 1)).all():
-            raise DeformError(f"{what}, got {shown_value(self.colour)}.")
+            raise DeformError(f"{what}, got {short_value(self.colour)}.")
         object.__setattr__(self, "colour", tuple(colour.tolist()))
-        object.__setattr__(self, "window", checked_window(self.window))
+        object.__setattr__(self, "window", check_window(self.window))
         check_fields(self)
 
 
@@ -118,7 +118,7 @@ class Channels:
     def __post_init__(self) -> None:
         volumes = tuple(as_volumes(self.volumes))
         if not volumes:
-            raise DeformError(f"channels are one or more volumes, got {shown_value(self.volumes)}.")
+            raise DeformError(f"channels are one or more volumes, got {short_value(self.volumes)}.")
         first = volumes[0]
         for volume in volumes[1:]:
             if volume.grid != first.grid or volume.dtype != first.dtype:
@@ -129,12 +129,12 @@ class Channels:
                 )
         check_fields(self, "kind", "name")
         if self.kind not in CHANNEL_KINDS or CHANNEL_KINDS[self.kind] not in (0, len(volumes)):
-            raise DeformError(f"{len(volumes)} channels cannot be of the kind {shown_value(self.kind)}.")
+            raise DeformError(f"{len(volumes)} channels cannot be of the kind {short_value(self.kind)}.")
         check_fields(self, "colours")
         colours = self.colours or usual_colours(min(3, len(volumes)) if CHANNEL_KINDS[self.kind] else len(volumes))
         colours += ((1.0, 1.0, 1.0),) * (self.kind == "rgba" and len(colours) == 3)
         if len(colours) != len(volumes):
-            raise DeformError(f"{len(volumes)} channels need as many colours, got {shown_value(self.colours)}.")
+            raise DeformError(f"{len(volumes)} channels need as many colours, got {short_value(self.colours)}.")
         object.__setattr__(self, "volumes", volumes)
         object.__setattr__(self, "colours", colours)
 
@@ -192,7 +192,7 @@ class Channels:
                 raise DeformError(f"there is no channel {which!r}; there are {', '.join(map(repr, self.names))}.")
             return self.volumes[self.names.index(which)]
         if not isinstance(which, int) or not -len(self) <= which < len(self):
-            raise DeformError(f"a channel is a number below {len(self)} or a name, got {shown_value(which)}.")
+            raise DeformError(f"a channel is a number below {len(self)} or a name, got {short_value(which)}.")
         return self.volumes[which]
 
     def with_volumes(self, volumes: Sequence[VolumeLike]) -> Channels:

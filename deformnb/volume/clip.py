@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import check_fields, real_array, shown_value
+from deformnb.checks import check_fields, real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Grid, Volume
 
@@ -30,7 +30,7 @@ def check_clip(value: Any) -> Clip:
 
     Examples
     --------
-    >>> checked_clip([(0, 1), (0.25, 1), (0, 0.5)])
+    >>> check_clip([(0, 1), (0.25, 1), (0, 0.5)])
     ((0.0, 1.0), (0.25, 1.0), (0.0, 0.5))
     """
     try:
@@ -68,7 +68,7 @@ class ClipBox:
             if sides is None or sides.shape != (3,) or np.isnan(sides).any():
                 raise DeformError(
                     f"the {name} sides of a part are three indices (i, j, k), -inf or inf, got "
-                    f"{shown_value(getattr(self, name))}."
+                    f"{short_value(getattr(self, name))}."
                 )
             object.__setattr__(self, name, tuple(sides.tolist()))
 

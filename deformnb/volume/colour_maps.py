@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import one_of
+from deformnb.checks import check_choice
 
 _STEP = 5  # of 255
 _KNOTS = {
@@ -63,7 +63,7 @@ def colour_table(name: str) -> NDArray[np.uint8]:
     [[68, 1, 84], [253, 231, 37]]
     """
     values = np.arange(256)
-    if one_of(name, COLOUR_MAPS, "colour map") == "grey":
+    if check_choice(name, COLOUR_MAPS, "colour map") == "grey":
         made = np.repeat(values[:, None], 3, axis=1).astype(np.uint8)
     else:
         knots = np.frombuffer(bytes.fromhex(_KNOTS[name]), np.uint8).reshape(-1, 3)

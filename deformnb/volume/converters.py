@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._entrances import READERS
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume import labelled, layers
 from deformnb.volume.channels import Channels
@@ -60,7 +60,7 @@ def convert(given: Any) -> Volume | Channels:
 
     Examples
     --------
-    >>> converted(np.zeros((2, 3, 4), np.uint8)).grid.spacing
+    >>> convert(np.zeros((2, 3, 4), np.uint8)).grid.spacing
     (1.0, 1.0, 1.0)
     """
     if isinstance(given, Volume | Channels):
@@ -139,7 +139,7 @@ def grid_of(given: Any) -> Grid:
         return own
     if not states_place(given):
         raise DeformError(
-            f"a Grid or a Volume is needed, got {shown_value(given)}; Grid(shape, spacing, origin) makes one."
+            f"a Grid or a Volume is needed, got {short_value(given)}; Grid(shape, spacing, origin) makes one."
         )
     return convert(given).grid
 
@@ -149,11 +149,11 @@ def _from_array(given: Any) -> Volume:
     if not _is_array(given):
         opened = getattr(given, "name", None)
         more = (
-            f"; pass its path: {shown_value(opened)}"
+            f"; pass its path: {short_value(opened)}"
             if hasattr(given, "read") and isinstance(opened, str)
             else ("; Volume.from_array(array, spacing) makes one of an array, read_volume(path) of a file")
         )
-        raise DeformError(f"a Volume is needed, got {shown_value(given)}{more}.")
+        raise DeformError(f"a Volume is needed, got {short_value(given)}{more}.")
     if type(given) not in (np.ndarray, np.memmap, list, tuple):
         place = next(
             (name for name in _PLACES if hasattr(type(given), name) or name in getattr(given, "__dict__", ())), None

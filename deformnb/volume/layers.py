@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.volume.channels import Channels
 from deformnb.volume.units import common_unit, parse_unit
@@ -37,11 +37,11 @@ def layer_data(layer: Any) -> LayerData:
     made = getattr(layer, "as_layer_data_tuple", None)
     whole = made() if callable(made) and not isinstance(layer, type) else layer
     if not isinstance(whole, tuple) or not 1 <= len(whole) <= 3:
-        raise DeformError(f"a layer is one of napari's or a tuple (data, attributes, type), got {shown_value(layer)}.")
+        raise DeformError(f"a layer is one of napari's or a tuple (data, attributes, type), got {short_value(layer)}.")
     defaults: tuple[Any, ...] = (None, {}, "image")
     data, attributes, kind = whole + defaults[len(whole) :]
     if not isinstance(attributes, dict):
-        raise DeformError(f"the attributes of a layer are a dictionary, got {shown_value(attributes)}.")
+        raise DeformError(f"the attributes of a layer are a dictionary, got {short_value(attributes)}.")
     return data, attributes, kind
 
 
@@ -60,7 +60,7 @@ def image_of_layer(layer: Any) -> Volume | Channels:
     """
     data, attributes, kind = layer_data(layer)
     if kind not in ("image", "labels"):
-        raise DeformError(f"a layer of {shown_value(kind)} is neither an image, nor labels, nor points.")
+        raise DeformError(f"a layer of {short_value(kind)} is neither an image, nor labels, nor points.")
     if isinstance(data, list | tuple) or attributes.get("multiscale") is True:
         raise DeformError("this is a layer of a pyramid of resolutions; pass one of its levels: layer.data[0].")
     is_rgb = bool(attributes.get("rgb"))
@@ -97,7 +97,7 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
             linear = matrix @ linear
         elif matrix.any():
             raise DeformError(
-                f"the layer's {key} is {shown_value(value)}; a volume has straight axes, and a rotation "
+                f"the layer's {key} is {short_value(value)}; a volume has straight axes, and a rotation "
                 "here is a matrix: layer.rotate of a layer that napari has made."
             )
     if attributes.get("scale") is not None:
@@ -114,7 +114,7 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
     units = attributes.get("units")
     words = [units] * dims if units is None or isinstance(units, str) else list(units)
     if len(words) != dims:
-        raise DeformError(f"the layer has {dims} dimensions and {len(words)} units, {shown_value(units)}.")
+        raise DeformError(f"the layer has {dims} dimensions and {len(words)} units, {short_value(units)}.")
     stated = [parse_unit("" if word is None else str(word)) for word in reversed(words)]
     unit, factors, notes = common_unit([one for one, _ in stated])
     world[:dims] *= np.asarray(factors)[:, None]
@@ -124,5 +124,5 @@ def world_of_layer(attributes: dict[str, Any], dims: int) -> tuple[NDArray[np.fl
 def _last(value: Any, dims: int, key: str) -> NDArray[np.float64]:
     numbers = np.asarray(value, dtype=np.float64)
     if numbers.shape != (dims,):
-        raise DeformError(f"the layer's {key} should be {dims} numbers, and is {shown_value(value)}.")
+        raise DeformError(f"the layer's {key} should be {dims} numbers, and is {short_value(value)}.")
     return numbers

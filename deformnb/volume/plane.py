@@ -166,7 +166,7 @@ class Plane:
         if not np.allclose(gram, np.eye(2), atol=1e-6):
             raise DeformError(
                 f"plane vectors must be orthogonal and of length 1, got u = {self.u}, v = {self.v}; "
-                "use Plane.through(origin, normal) to have them made."
+                "use Plane.from_normal(origin, normal) to have them made."
             )
 
     @property
@@ -196,7 +196,7 @@ class Plane:
         return Plane(_triple(np.array(self.origin) + depth * np.array(self.normal), "origin"), self.u, self.v)
 
     @classmethod
-    def along(cls, grid: Grid | VolumeLike, view: str = "+y", depth: float | None = None) -> Plane:
+    def from_view(cls, grid: Grid | VolumeLike, view: str = "+y", depth: float | None = None) -> Plane:
         """The plane of a picture of ``grid`` seen along one of its own axes.
 
         Parameters
@@ -230,7 +230,7 @@ class Plane:
         return cls(_triple(origin + 0.0, "origin"), _triple(u + 0.0, "u"), _triple(v + 0.0, "v"))
 
     @classmethod
-    def through(cls, origin: ArrayLike, normal: ArrayLike, up: ArrayLike | None = None) -> Plane:
+    def from_normal(cls, origin: ArrayLike, normal: ArrayLike, up: ArrayLike | None = None) -> Plane:
         """The plane through a point with a given viewing direction.
 
         Parameters
@@ -264,7 +264,7 @@ class Plane:
         Examples
         --------
         >>> grid = Grid((4, 5, 6), (1.0, 1.0, 2.5))
-        >>> Plane.along(grid, "+z").slices(grid)
+        >>> Plane.from_view(grid, "+z").slices(grid)
         Slices(first=-3.75, spacing=2.5, count=4)
         """
         grid = as_grid(grid)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from deformnb import devices
 from deformnb._deferred import ndimage
-from deformnb._jax import check_process, compiled, each, float64, jax, jnp, lax, pytree
+from deformnb._jax import check_process, each, float64, jax, jit, jnp, lax, pytree
 
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
@@ -59,7 +59,7 @@ def compute_type(dtype: np.dtype[Any]) -> str:
 
 def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
     """The context in which to compile and run for a voxel type and a number of voxels (64 bits where needed)."""
-    return float64() if dtype.name in WIDE or size > LARGEST_INT32 else devices.computing()
+    return float64() if dtype.name in WIDE or size > LARGEST_INT32 else devices.device_context()
 
 
 def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
@@ -74,7 +74,7 @@ def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
         copy = aligned_empty(array.shape, array.dtype)
         np.copyto(copy, array)
         array = copy
-    with devices.computing():
+    with devices.device_context():
         return jax.device_put(array if shape is None else array.reshape(shape), may_alias=True)
 
 
@@ -148,7 +148,7 @@ def move_axis(array: NDArray[Any], axis: int, to: int) -> Any:
     their lines of memory drive each other out of the cache.
     """
     check_process()
-    with devices.computing():
+    with devices.device_context():
         return jax.device_put(np.moveaxis(array, axis, to))
 
 
@@ -701,10 +701,10 @@ def _rows(
 
 
 _STATIC = ("shape", "method", "compute", "index", "near")
-general = compiled(_general, on_one_thread=True, static_argnames=(*_STATIC, "step", "straight"))
-listed = compiled(_sample_listed, on_one_thread=True, static_argnames=_STATIC)
-extruded = compiled(_sample_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
-slices_in_words = compiled(_slices_in_words, on_one_thread=True, static_argnames=("shape",))
-rows = compiled(_rows, static_argnames=_STATIC)
-row_taps = compiled(_row_taps, static_argnames=_STATIC)
-rows_by = compiled(_sample_rows, on_one_thread=True, static_argnames=("method", "compute"))
+general = jit(_general, on_one_thread=True, static_argnames=(*_STATIC, "step", "straight"))
+listed = jit(_sample_listed, on_one_thread=True, static_argnames=_STATIC)
+extruded = jit(_sample_extruded, on_one_thread=True, static_argnames=(*_STATIC, "normal"))
+slices_in_words = jit(_slices_in_words, on_one_thread=True, static_argnames=("shape",))
+rows = jit(_rows, static_argnames=_STATIC)
+row_taps = jit(_row_taps, static_argnames=_STATIC)
+rows_by = jit(_sample_rows, on_one_thread=True, static_argnames=("method", "compute"))

@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import check_fields, is_finite, one_of, real_array, shown_value
+from deformnb.checks import check_choice, check_fields, is_finite, real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 
@@ -67,7 +67,7 @@ class TransferFunction:
     def __post_init__(self) -> None:
         if not (is_finite(self.unit) and self.unit > 0):
             raise DeformError(
-                f"the unit thickness of opacities must be a positive length, got {shown_value(self.unit)}."
+                f"the unit thickness of opacities must be a positive length, got {short_value(self.unit)}."
             )
         check_fields(self, "unit", "notes")
         clipped = False
@@ -622,7 +622,7 @@ def as_transfer(given: TransferFunction | str | None, volume: VolumeLike) -> Tra
         return preset("specimen" if given is None else given, volume)
     if not isinstance(given, TransferFunction):
         raise DeformError(
-            f"a TransferFunction is needed, or the name of a preset ({', '.join(PRESETS)}), got {shown_value(given)}."
+            f"a TransferFunction is needed, or the name of a preset ({', '.join(PRESETS)}), got {short_value(given)}."
         )
     return given
 
@@ -636,4 +636,4 @@ def preset(name: str, volume: VolumeLike) -> TransferFunction:
     >>> len(preset("specimen", PHANTOMS["bar"].make((8, 8, 16))).opacities) > 2
     True
     """
-    return PRESETS[one_of(name, PRESETS, "transfer function")](as_volume(volume))
+    return PRESETS[check_choice(name, PRESETS, "transfer function")](as_volume(volume))

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 
 
@@ -150,13 +150,13 @@ def check_unit(text: object) -> str:
 
     Examples
     --------
-    >>> checked_unit("millimeter")
+    >>> check_unit("millimeter")
     'mm'
     """
     found = find_unit(text)
     if found is None:
         raise DeformError(
-            f"{shown_value(text)} is no unit of length; known are {', '.join(UNITS)} and their names, "
+            f"{short_value(text)} is no unit of length; known are {', '.join(UNITS)} and their names, "
             'and "" where it is not known.'
         )
     return found
@@ -167,13 +167,13 @@ def parse_unit(text: object) -> tuple[str, tuple[str, ...]]:
 
     Examples
     --------
-    >>> stated_unit("mm")
+    >>> parse_unit("mm")
     ('mm', ())
     """
     found = find_unit(text)
     if found is not None:
         return found, ()
-    return "", (f"the file gives lengths in {shown_value(text)}, which is no known unit; its numbers stay as they are",)
+    return "", (f"the file gives lengths in {short_value(text)}, which is no known unit; its numbers stay as they are",)
 
 
 def ratio(unit: str, to: str) -> float:

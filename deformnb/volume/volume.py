@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from deformnb._entrances import CONVERSIONS
 from deformnb._typing import Float3, Spacing
-from deformnb.checks import LARGEST_COORDINATE, check_arguments, check_fields, finite_array, real_array, shown_value
+from deformnb.checks import LARGEST_COORDINATE, check_arguments, check_fields, finite_array, real_array, short_value
 from deformnb.errors import DeformError, FileChangedError, MissingPackageError
 from deformnb.volume.units import check_unit, find_unit, ratio
 
@@ -332,7 +332,7 @@ def _scalars_of(image: Any, scalars: str | None) -> tuple[str, bool]:
     if name in points:
         return str(name), False
     raise DeformError(
-        f"the image has no data called {shown_value(name)} (it has {points} at its points and {cells} at its cells)."
+        f"the image has no data called {short_value(name)} (it has {points} at its points and {cells} at its cells)."
     )
 
 
@@ -613,7 +613,7 @@ class Grid:
     def crop(self, start: tuple[int, int, int], shape: tuple[int, int, int]) -> Grid:
         """The grid of ``shape`` (z, y, x) whose first voxel is ``start`` (z, y, x); may reach outside this one."""
         if not isinstance(start, Sequence | np.ndarray):
-            raise DeformError(f"the first voxel is (z, y, x), got {shown_value(start)}.")
+            raise DeformError(f"the first voxel is (z, y, x), got {short_value(start)}.")
         origin = self.index_to_point(start[::-1])
         return replace(self, shape=shape, origin=tuple(origin))
 
@@ -621,7 +621,7 @@ class Grid:
         """The same lattice with as many more voxels on each side as it takes to contain ``points`` (..., 3)."""
         index = self.point_to_index(points).reshape(-1, 3)
         if not (np.abs(index) < _MOST_VOXELS).all():
-            raise DeformError(f"a grid that covers {shown_value(points)} would have more voxels than there can be.")
+            raise DeformError(f"a grid that covers {short_value(points)} would have more voxels than there can be.")
         low = np.floor(np.minimum(index.min(axis=0), 0) + 0.5 - 1e-6).astype(int)
         high = np.ceil(np.maximum(index.max(axis=0), np.array(self.shape[::-1]) - 1) - 0.5 + 1e-6).astype(int)
         count = high - low + 1
@@ -643,17 +643,17 @@ class Grid:
             raise DeformError("give the spacing or the shape of the new grid, not both.")
         lengths = np.asarray(self.lengths) + 2 * _one_or_three(margin, "a margin")
         if not (np.isfinite(lengths).all() and (lengths > 0).all()):
-            raise DeformError(f"a margin of {shown_value(margin)} leaves nothing of a box of {self.lengths}.")
+            raise DeformError(f"a margin of {short_value(margin)} leaves nothing of a box of {self.lengths}.")
         if shape is not None:
             counts = np.asarray(check_shape(shape)[::-1], dtype=np.int64)
             new = lengths / counts
         else:
             new = _one_or_three(self.spacing if spacing is None else spacing, "spacing")
             if not (new > 0).all():
-                raise DeformError(f"spacing must be positive, got {shown_value(spacing)}.")
+                raise DeformError(f"spacing must be positive, got {short_value(spacing)}.")
             if min(new) < SPACING_LIMITS[0] or (lengths / new).prod() >= _MOST_VOXELS:
                 raise DeformError(
-                    f"a spacing of {shown_value(spacing)} makes more voxels of a box of {self.lengths} "
+                    f"a spacing of {short_value(spacing)} makes more voxels of a box of {self.lengths} "
                     "than there can be."
                 )
             counts = np.maximum(1, np.round(lengths / new)).astype(np.int64)
@@ -698,7 +698,7 @@ def check_shape(shape: object) -> tuple[int, int, int]:
     if sizes is None or not whole or not min(sizes) >= 1 or math.prod(sizes.tolist()) >= _MOST_VOXELS:
         raise DeformError(
             "a volume needs at least one voxel along each of z, y, x, and below 2**60 in all; its shape "
-            f"is {shown_value(shape)}."
+            f"is {short_value(shape)}."
         )
     nz, ny, nx = (int(n) for n in sizes)
     return nz, ny, nx
@@ -707,7 +707,7 @@ def check_shape(shape: object) -> tuple[int, int, int]:
 def _places(value: ArrayLike) -> NDArray[np.float64]:
     array = real_array(value)
     if array is None or array.ndim < 1 or array.shape[-1] != 3:
-        raise DeformError(f"places in space are numbers (x, y, z) on the last axis, got {shown_value(value)}.")
+        raise DeformError(f"places in space are numbers (x, y, z) on the last axis, got {short_value(value)}.")
     return array
 
 
@@ -715,7 +715,7 @@ def _one_or_three(value: object, what: str) -> NDArray[np.float64]:
     array = real_array(value)
     if array is None or array.shape not in ((), (1,), (3,)) or not (np.abs(array) <= LARGEST_COORDINATE).all():
         raise DeformError(
-            f"{what} must be one number below {LARGEST_COORDINATE:g} or three (x, y, z), got {shown_value(value)}."
+            f"{what} must be one number below {LARGEST_COORDINATE:g} or three (x, y, z), got {short_value(value)}."
         )
     return np.broadcast_to(array, (3,))
 
@@ -790,7 +790,7 @@ class Volume:
         ):
             object.__setattr__(self, "level", None)
         if not isinstance(self.values, np.ndarray):
-            raise DeformError(f"the voxels of a volume are an array, got {shown_value(self.values)}.")
+            raise DeformError(f"the voxels of a volume are an array, got {short_value(self.values)}.")
         if tuple(self.values.shape) != self.grid.shape:
             raise DeformError(f"the array has shape {self.values.shape} but the grid has {self.grid.shape}.")
         if self.values.dtype.name not in DTYPES or not self.values.dtype.isnative:
@@ -953,11 +953,11 @@ class Volume:
         """The grid on which deformations are stated: of the finest level of a pyramid, or else the volume's own."""
         return self.grid if self.level is None else self.level.grids[0]
 
-    def at_own_resolution(self, box: Grid) -> Grid:
+    def to_own_resolution(self, box: Grid) -> Grid:
         """A box that is stated in voxels of the finest level, in voxels as large as those of this volume."""
         return _resize_box(box, self.finest_grid, self.grid)
 
-    def at_finest_resolution(self, box: Grid) -> Grid:
+    def to_finest_resolution(self, box: Grid) -> Grid:
         """A box that is stated in voxels of this volume, in voxels as large as those of the finest level."""
         return _resize_box(box, self.grid, self.finest_grid)
 
@@ -1139,7 +1139,7 @@ def as_volumes(given: Iterable[VolumeLike]) -> list[Volume]:
         As :func:`as_volume`, and if it is no list of any.
     """
     if isinstance(given, Volume | str | os.PathLike) or not isinstance(given, Iterable):
-        raise DeformError(f"a list of volumes is needed, got {shown_value(given)}.")
+        raise DeformError(f"a list of volumes is needed, got {short_value(given)}.")
     return [as_volume(one) for one in given]
 
 

@@ -3,7 +3,7 @@ from .inverse import RoundTrip as RoundTrip
 from .inverse import invert as invert
 from .inverse import round_trip as round_trip
 from .mesh import Mesh as Mesh
-from .mesh import filled as filled
+from .mesh import fill_distance as fill_distance
 from .mesh import isosurface as isosurface
 from .mesh import signed_distance as signed_distance
 from .mesh import warp_mesh as warp_mesh

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, float64, jax, jnp, lax, pytree
+from deformnb._jax import float64, jax, jit, jnp, lax, pytree
 from deformnb._typing import Floats
 from deformnb.rbf.cuts import Decoupled, SideChoice, is_doubtful
 from deformnb.rbf.fields import AbstractField, links_of
@@ -90,13 +90,13 @@ class Regional:
             at = x if d is None else x + d
             if isinstance(link, Decoupled):
                 if d is not None and known is None:
-                    known = self._kept(d)
+                    known = self._stored_index(d)
                 return self._choice(link, links[k + 1 :], x, d, known)
             if not link.is_identity:
                 d, known = at - x + self.walk.through(link, at), None
-        return _Shown(self._kept(d) if d is not None and known is None else known)
+        return _Shown(self._stored_index(d) if d is not None and known is None else known)
 
-    def _kept(self, d: Floats) -> int:
+    def _stored_index(self, d: Floats) -> int:
         self.tables.append(d)
         return len(self.tables) - 1
 
@@ -119,7 +119,7 @@ class Regional:
             ):
                 continue  # nothing of this region can be seen near these nodes
             sides.append(side)
-            after.append(self._kept(moved - x))
+            after.append(self._stored_index(moved - x))
             then.append(self.way(rest, x, moved - x, after[-1]))
             np.maximum(largest, self.walk.error, out=largest)
         self.walk.error[...] = error
@@ -129,7 +129,7 @@ class Regional:
         return _Branch(cut.choice(sides, np.float32), tuple(then), before, tuple(after))
 
 
-def chosen(
+def choose(
     way: _Shown | _Branch,
     nodes: NDArray[np.float32],
     cells: NDArray[np.intp],
@@ -151,15 +151,15 @@ def chosen(
     Returns
     -------
     displacements along x, y, z, opacity, and whether that may be wrong: each (groups, voxels of a cell, cells of a
-    group), in the order of :func:`in_groups`.
+    group), in the order of :func:`group_cells`.
     """
     count = -(-len(cells) // _GROUP)
-    corners = np.asarray(np.ravel_multi_index(tuple(in_groups(cells.T)), nodes.shape[:3]))  # (groups, cells)
+    corners = np.asarray(np.ravel_multi_index(tuple(group_cells(cells.T)), nodes.shape[:3]))  # (groups, cells)
     stencil = np.asarray(np.ravel_multi_index(tuple(np.indices((4,) * 3).reshape(3, -1)), nodes.shape[:3]))
     values = np.empty((_GROUPS, 64, _GROUP, nodes.shape[3]), np.float32)
     values[:count] = nodes.reshape(-1, nodes.shape[3]).take(corners[:, None] + stencil[:, None], 0, mode="clip")
     starts = np.zeros((_GROUPS, 3, _GROUP))
-    starts[:count] = np.moveaxis(in_groups(first), 0, 1)
+    starts[:count] = np.moveaxis(group_cells(first), 0, 1)
     apart = grid.matrix @ np.indices((spacing,) * 3)[::-1].reshape(3, -1)
     weights = np.stack(lagrange(np.arange(spacing) / spacing)).astype(np.float32)
     error += _ROUNDING * _farthest(way, first)
@@ -177,25 +177,25 @@ def _farthest(way: _Shown | _Branch, places: Floats) -> float:
     return max(own, *map(float, of_regions), *(_farthest(then, places) for then in way.then))
 
 
-def in_groups(values: NDArray[Any]) -> NDArray[Any]:
+def group_cells(values: NDArray[Any]) -> NDArray[Any]:
     """Values (k, n) of cells as (k, groups, cells of a group), the last one repeated."""
     n = values.shape[1]
     count = -(-n // _GROUP) * _GROUP
     return values[:, np.minimum(np.arange(count), n - 1)].reshape(len(values), -1, _GROUP)
 
 
-def _chosen(way: Any, values: Any, starts: Any, apart: Any, weights: Any, error: Any, count: Any) -> tuple[Any, ...]:
+def _choose(way: Any, values: Any, starts: Any, apart: Any, weights: Any, error: Any, count: Any) -> tuple[Any, ...]:
     shape = (weights.shape[1] ** 3, values.shape[2])
 
     def group(k: Any) -> tuple[Any, ...]:
         some = lax.dynamic_index_in_dim(values, k, keepdims=False)
-        between = _interpolated(some.reshape(4, 4, 4, -1), weights).reshape(*shape, -1)
+        between = _interpolate(some.reshape(4, 4, 4, -1), weights).reshape(*shape, -1)
         between = lax.optimization_barrier(jnp.moveaxis(between, -1, 0))
         x = [
             s[None, :] + a[:, None]
             for s, a in zip(lax.dynamic_index_in_dim(starts, k, keepdims=False), apart, strict=True)
         ]
-        d, opacity, doubt = _decided(way, between, x, error)
+        d, opacity, doubt = _decide(way, between, x, error)
         return *(part.astype(jnp.float32) for part in (*d, opacity)), doubt
 
     def add(k: Any, out: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -208,7 +208,7 @@ def _chosen(way: Any, values: Any, starts: Any, apart: Any, weights: Any, error:
     return lax.fori_loop(0, count, add, out)
 
 
-def _interpolated(nodes: Any, weights: Any) -> Any:
+def _interpolate(nodes: Any, weights: Any) -> Any:
     """Values (4, 4, 4, n) of nodes at the voxels (s, s, s, n) of a cell, along one axis after the other."""
     for axis in range(3):
         nodes = lax.optimization_barrier(
@@ -220,10 +220,10 @@ def _interpolated(nodes: Any, weights: Any) -> Any:
     return nodes
 
 
-_evaluate = compiled(_chosen, on_one_thread=True)
+_evaluate = jit(_choose, on_one_thread=True)
 
 
-def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any], Any, Any]:
+def _decide(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any], Any, Any]:
     """Displacements, opacity and doubt at voxels x, from tables (3 tables, ...) there."""
 
     def moved(table: int | None) -> list[Any]:
@@ -238,7 +238,7 @@ def _decided(way: Any, tables: Any, x: list[Any], error: Any) -> tuple[list[Any]
     )
     choice, opacity = cuts.decide(here, there)
     doubt = is_doubtful(here, there, cuts.sides, cuts.softness, error, jnp)
-    *known, (d, seen, unclear) = [_decided(then, tables, x, error) for then in way.then]
+    *known, (d, seen, unclear) = [_decide(then, tables, x, error) for then in way.then]
     for k, (own, share, is_unclear) in enumerate(known):
         d = [jnp.where(choice == k, a, b) for a, b in zip(own, d, strict=True)]
         seen, unclear = jnp.where(choice == k, share, seen), jnp.where(choice == k, is_unclear, unclear)

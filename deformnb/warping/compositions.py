@@ -147,7 +147,9 @@ class NodeTable:
         stop = np.minimum([block[0].stop, block[1].stop, self._grid.shape[2]], self._grid.shape)
         if spacing == self._whole.spacing:
             self._left.append(self._whole.cells.bad(cells))
-            return self._read(self._whole, block, self._beside_cuts(self._whole, cells, np.zeros(3, int), start, stop))
+            return self._read(
+                self._whole, block, self._cut_replacements(self._whole, cells, np.zeros(3, int), start, stop)
+            )
         if spacing > 1:
             grid = planning.lattice(self._grid, block, 1)
             lattice = _Lattice(self._field, grid, spacing)
@@ -156,7 +158,7 @@ class NodeTable:
                 return self._read(
                     lattice,
                     own,
-                    self._beside_cuts(lattice, _EVERY, start, start, stop),
+                    self._cut_replacements(lattice, _EVERY, start, start, stop),
                     self._all(lattice.cells.bad(_EVERY), spacing, start, stop),
                 )
         return None
@@ -176,14 +178,14 @@ class NodeTable:
     def _exactly(self, voxels: Callable[[], Voxels]) -> Replacement:
         """Voxels with the displacements of the field itself."""
         index = voxels()
-        return Replacement(index, *self._evaluated(np.stack(index)))
+        return Replacement(index, *self._evaluate(np.stack(index)))
 
-    def _evaluated(self, index: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+    def _evaluate(self, index: NDArray[np.integer[Any]]) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
         """Displacements (3, n) and opacity (n,) of the field at voxels z, y, x (3, n)."""
         d, opacity = self._at_places(self._grid.matrix @ index[::-1] + np.asarray(self._grid.origin)[:, None])
         return d, opacity if self._field.has_cuts else None
 
-    def _beside_cuts(
+    def _cut_replacements(
         self,
         lattice: _Lattice,
         cells: tuple[slice, slice],
@@ -209,12 +211,12 @@ class NodeTable:
         for k in range(0, len(known), border_cells.MOST_CELLS):
             some = known[k : k + border_cells.MOST_CELLS]
             places = self._grid.index_to_point((spacing * some + corner)[:, ::-1]).T
-            *d, opacity, doubt = border_cells.chosen(
+            *d, opacity, doubt = border_cells.choose(
                 way, nodes, some - first, places, self._grid, spacing, STEEPEST * ERROR * min(self._grid.spacing)
             )
             index = np.empty((3, *doubt.shape), np.int32)
             offsets = np.indices((spacing,) * 3).reshape(3, -1, 1)
-            for axis, at in enumerate(border_cells.in_groups(some.T)):
+            for axis, at in enumerate(border_cells.group_cells(some.T)):
                 np.add((spacing * at + corner[axis])[:, None], offsets[axis], out=index[axis], casting="same_kind")
             index, values, unclear = index.reshape(3, -1), np.stack([*d, opacity]).reshape(4, -1), doubt.ravel()
             low, high = spacing * some.min(axis=0) + corner, spacing * (some.max(axis=0) + 1) + corner
@@ -223,9 +225,9 @@ class NodeTable:
                 index, values, unclear = index[:, within], values[:, within], unclear[within]
             exact = np.flatnonzero(unclear)
             if len(exact):
-                values[:3, exact], values[3, exact] = self._evaluated(index[:, exact])
+                values[:3, exact], values[3, exact] = self._evaluate(index[:, exact])
             for piece in range(0, index.shape[1], _TOGETHER):
-                taken = _filled(index.shape[1], piece)
+                taken = _number_batch(index.shape[1], piece)
                 z, y, x = index.take(taken, 1)
                 found = values.take(taken, 1)
                 yield Replacement((z, y, x), found[:3], found[3])
@@ -240,7 +242,7 @@ class NodeTable:
             tables.append(((n // h - first).astype(np.int32), np.stack(lagrange(n % h / h)).astype(np.float32)))
             some.append(slice(first, first + count))
         nodes = to_device(lattice.nodes[:, *some])
-        d = planning.along_x(nodes, _weights(self._grid.shape[2], h))
+        d = planning.interpolate_x(nodes, _weights(self._grid.shape[2], h))
         return Displacements(d, tuple(tables), exact=chain(*exact))
 
 
@@ -265,7 +267,7 @@ def _voxels(cells: NDArray[np.intp], side: int, start: NDArray[np.intp], stop: N
     return z, y, x
 
 
-def _filled(count: int, start: int) -> NDArray[np.intp]:
+def _number_batch(count: int, start: int) -> NDArray[np.intp]:
     """Numbers from ``start`` below ``count``, as many as are replaced at a time; the last one repeated."""
     return np.minimum(np.arange(start, start + (_FEW if count - start <= _FEW else _TOGETHER)), count - 1)
 
@@ -357,7 +359,7 @@ class _Lattice:
         for plane, (marks, width) in beyond.items():
             walk.marks[plane] |= marks
             walk.widths[plane] = max(walk.widths[plane], width)
-        self.cells.widths = _within_cells(walk.widths[1:-1], 4, np.maximum)
+        self.cells.widths = _reduce_cells(walk.widths[1:-1], 4, np.maximum)
         can_choose = border_cells.can_choose(field)
         slabs = planning.parts(self.cells.widths.size, most)
         planning.run_parts(slabs, partial(self._judge, values, walk, can_choose), None)
@@ -374,9 +376,9 @@ class _Lattice:
             return None
         tables = [np.broadcast_to(d, places.shape).astype(np.float32) for d in regional.tables]
         error = np.max([self._bend(d, walk.error) for d in tables], axis=0)
-        is_bad = ~(_within_cells(error, 2, np.maximum) <= self.cells.allowed)
-        is_bad |= _within_cells(walk.marks[1:-1, 1:-1, 1:-1], 4, np.bitwise_or) & BENT > 0
-        is_bad |= (NARROWEST * _within_cells(walk.widths[1:-1], 4, np.maximum) > 1)[:, None, None]
+        is_bad = ~(_reduce_cells(error, 2, np.maximum) <= self.cells.allowed)
+        is_bad |= _reduce_cells(walk.marks[1:-1, 1:-1, 1:-1], 4, np.bitwise_or) & BENT > 0
+        is_bad |= (NARROWEST * _reduce_cells(walk.widths[1:-1], 4, np.maximum) > 1)[:, None, None]
         nodes = np.moveaxis(np.concatenate(tables)[:, 1:-1, 1:-1, 1:-1], 0, -1)
         return way, np.ascontiguousarray(nodes), first, is_bad
 
@@ -425,13 +427,13 @@ class _Lattice:
         marks, error, cells = walk.marks[own], walk.error[own], self.cells
         # What is not smooth counts at the four nodes that a cell reads along each axis, errors and cuts at its own two.
         # The six from which its error is found must lie in one region.
-        cells.borders[part] = _within_cells(marks[one, one, one], 4, np.bitwise_or) & BENT > 0
-        cells.borders[part] |= _within_cells(error[inner, inner, inner], 2, np.maximum) > cells.allowed
-        cells.bounds[part] = _within_cells(self._bend(values[:, own], error), 2, np.maximum)
+        cells.borders[part] = _reduce_cells(marks[one, one, one], 4, np.bitwise_or) & BENT > 0
+        cells.borders[part] |= _reduce_cells(error[inner, inner, inner], 2, np.maximum) > cells.allowed
+        cells.bounds[part] = _reduce_cells(self._bend(values[:, own], error), 2, np.maximum)
         if self._field.has_cuts:
             regions = walk.regions[own]
-            is_cut = _within_cells(marks[inner, inner, inner], 2, np.bitwise_or) & NEAR_CUT > 0
-            is_cut |= _within_cells(regions, 6, np.maximum) != _within_cells(regions, 6, np.minimum)
+            is_cut = _reduce_cells(marks[inner, inner, inner], 2, np.bitwise_or) & NEAR_CUT > 0
+            is_cut |= _reduce_cells(regions, 6, np.maximum) != _reduce_cells(regions, 6, np.minimum)
             cells.bounds[part][is_cut] = 0  # of no meaning there
             if can_choose:
                 cells.cuts[part] = is_cut & ~cells.borders[part]
@@ -456,7 +458,7 @@ def _indices(chosen: NDArray[np.bool_], cells: tuple[slice, slice]) -> NDArray[n
     return found
 
 
-def _within_cells(values: NDArray[Any], count: int, joined: np.ufunc) -> NDArray[Any]:
+def _reduce_cells(values: NDArray[Any], count: int, joined: np.ufunc) -> NDArray[Any]:
     """``count`` neighbours along each axis, joined by a function such as the maximum."""
     for axis in range(values.ndim):
         n = values.shape[axis] - count + 1
@@ -538,7 +540,7 @@ class ComposedEvaluator:
         places = (rows[:, :, None] + columns[:, None, :]).reshape(3, -1)
         d = np.zeros_like(places)
         if self._first is not None:
-            first = planning.seen(self._first, lattice)[0]
+            first = planning.displacements_and_opacity(self._first, lattice)[0]
             d += np.stack([np.asarray(part).ravel() for part in _as_parts(first)])
         more, opacity = self._at_places(places + d)
         shape = lattice.shape

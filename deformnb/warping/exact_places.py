@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import as_numpy, blockwise, compiled, float64, jax, jnp, lax, pytree
+from deformnb._jax import as_numpy, blockwise, float64, jax, jit, jnp, lax, pytree
 from deformnb._typing import Floats
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled, SideChoice
@@ -93,13 +93,19 @@ class _Extruded:
         z = jnp.clip((c - self.depth[0]) * self.depth[1], 0.0, 1.0)
         u = v = jnp.zeros_like(a)
         for m, w in zip(self.maps, self.weights, strict=True):
-            share = w[0] if len(w) == 1 else _at_steps(w, z) if self.knots is None else jnp.interp(z, self.knots, w)
+            share = (
+                w[0]
+                if len(w) == 1
+                else _interpolate_steps(w, z)
+                if self.knots is None
+                else jnp.interp(z, self.knots, w)
+            )
             du, dv = m([a, b])
             u, v = u + share * du, v + share * dv
         return [p * u + q * v for p, q in zip(self.frame[0], self.frame[1], strict=True)]
 
 
-def _at_steps(values: Any, z: Any) -> Any:
+def _interpolate_steps(values: Any, z: Any) -> Any:
     """Values at equal steps from 0 to 1, linear in between."""
     at = z * (len(values) - 1)
     low = jnp.minimum(at.astype(jnp.int32), len(values) - 2)
@@ -125,32 +131,34 @@ class _Cut:
         return total, opacity
 
 
-def _seen(form: Any, x: Components) -> tuple[list[Any], Any]:
+def _displacement_and_opacity(form: Any, x: Components) -> tuple[list[Any], Any]:
     """Components of the displacements, and the opacity beside cuts."""
     return form.seen(x) if isinstance(form, _Cut) else (form(x), None)
 
 
-def _seen_at(form: Any, places: Any) -> tuple[Any, Any]:
-    """:func:`_seen` at places (3, n): displacements (3, n), and the opacity (n) beside cuts."""
-    d, opacity = _seen(form, list(places))
+def _evaluate_places(form: Any, places: Any) -> tuple[Any, Any]:
+    """:func:`_displacement_and_opacity` at places (3, n): displacements (3, n), and the opacity (n) beside cuts."""
+    d, opacity = _displacement_and_opacity(form, list(places))
     return jnp.stack(d), opacity
 
 
-_evaluate = blockwise(_seen_at)
+_evaluate = blockwise(_evaluate_places)
 
 
-def _on_lattice(forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[int, ...]) -> tuple[Any, Any, Any]:
+def _lattice_displacements(
+    forms: Sequence[Any], rows: Any, columns: Any, *, shape: tuple[int, ...]
+) -> tuple[Any, Any, Any]:
     start = [place.reshape(shape) for place in outer_sum(rows, columns)]
     ends, shown = start, None
     for form in forms:
-        d, opacity = _seen(form, ends)
+        d, opacity = _displacement_and_opacity(form, ends)
         ends = [x + along for x, along in zip(ends, d, strict=True)]
         shown = opacity if shown is None else shown if opacity is None else shown * opacity
     moved, is_finite = check_parts(x - x0 for x, x0 in zip(ends, start, strict=True))
     return moved, None if shown is None else shown.astype(jnp.float32), is_finite
 
 
-_evaluate_on_lattice = compiled(_on_lattice, static_argnames="shape")
+_evaluate_on_lattice = jit(_lattice_displacements, static_argnames="shape")
 
 
 class ExactPlaces:
@@ -196,13 +204,13 @@ class ExactPlaces:
         """Displacements (3, n) and opacity (n) at places (3, n)."""
         ends, shown = places, np.ones(places.shape[1], np.float32)
         for link, form in self._links:
-            d, opacity = _by_itself(link, ends) if form is None else _evaluate(form, ends)
+            d, opacity = _evaluate_field(link, ends) if form is None else _evaluate(form, ends)
             ends = ends + d
             shown = shown if opacity is None else (shown * opacity).astype(np.float32)
         return (ends - places).astype(np.float32), shown
 
 
-def _by_itself(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
+def _evaluate_field(field: AbstractField, places: Floats) -> tuple[Floats, Floats]:
     d, opacity = field.seen(places.T)
     return d.T, opacity
 
@@ -228,7 +236,7 @@ def _form(field: AbstractField, corners: Floats, resolution: float) -> Any | Non
             return fits and _Tips(fits, field.lines)
         case Extrusion():
             maps = all_of(field.maps, field.plane.to_plane(corners)[:, :2])
-            return maps and _extruded(field, maps)
+            return maps and _extrusion_form(field, maps)
         case Decoupled():
             fields = all_of(field.fields)
             return fields and _Cut(fields, field.choice(field.sides))
@@ -243,7 +251,7 @@ def _type_of(fits: Sequence[RBFInterpolant], corners: Floats, resolution: float)
     return np.float64 if np.float64 in types else np.float32
 
 
-def _extruded(field: Extrusion, maps: tuple[Any, ...]) -> _Extruded:
+def _extrusion_form(field: Extrusion, maps: tuple[Any, ...]) -> _Extruded:
     (c0, c1), weights = field.depth, np.asarray(field.weights, np.float64)
     knots = np.asarray(field.knots, np.float64)
     is_even = np.array_equal(knots, np.linspace(0.0, 1.0, len(knots)))

@@ -108,9 +108,9 @@ def cut_off_text(sides: tuple[str, ...]) -> str:
     >>> cut_off_text(("left side (L)", "top (S)"))
     'Tissue leaves the box at the left side (L) and top (S), and is cut off there.'
     """
-    return f"Tissue leaves the box at the {listed(sides)}, and is cut off there." if sides else ""
+    return f"Tissue leaves the box at the {join_names(sides)}, and is cut off there." if sides else ""
 
 
-def listed(sides: tuple[str, ...]) -> str:
+def join_names(sides: tuple[str, ...]) -> str:
     """Names of sides in a sentence, with commas and an "and"."""
     return " and ".join([", ".join(sides[:-1]), sides[-1]]) if len(sides) > 1 else sides[0]

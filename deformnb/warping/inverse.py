@@ -21,7 +21,14 @@ from deformnb.rbf.extrusion import unchanging_axes
 from deformnb.rbf.fields import AbstractField, DisplacementField, HasField, as_field
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid, VolumeLike, as_grid
-from deformnb.warping.points import POINTS_AT_A_TIME, Landmarks, checked_points, default_tolerance, moved, warp_points
+from deformnb.warping.points import (
+    POINTS_AT_A_TIME,
+    Landmarks,
+    check_points,
+    default_tolerance,
+    deform_places,
+    warp_points,
+)
 
 # A thousandth of the smallest step of the lattice: far less than what linear interpolation between nodes errs by.
 _NODE_TOLERANCE = 1e-3
@@ -144,10 +151,10 @@ def invert(
     # Turned by less than this, a slice far away is off by a millionth of its distance times that.
     same = unchanging_axes(field, lattice, 1e-10) if isinstance(lattice, Grid) else ()
     if isinstance(lattice, Raster) or not same:
-        return _inverted(field, lattice, tolerance, dtype, progress)
+        return _invert(field, lattice, tolerance, dtype, progress)
     axis = min(same)
     shape = tuple(1 if k == axis else n for k, n in enumerate(lattice.shape))
-    one = _inverted(field, replace(lattice, shape=shape), tolerance, dtype, progress)  # type: ignore[arg-type]
+    one = _invert(field, replace(lattice, shape=shape), tolerance, dtype, progress)  # type: ignore[arg-type]
     count = lattice.shape[axis]
     values = DisplacementField(np.repeat(one.field.values, count, axis=axis), lattice)
     return Inverse(values, np.repeat(one.error, count, axis=axis), np.repeat(one.reached, count, axis=axis), tolerance)
@@ -171,7 +178,7 @@ def round_trip(
     RoundTrip(worst=0.0, mean=0.0, reached=1.0)
     """
     field = as_field(field, grid)
-    x = checked_points(points, field, grid).reshape(-1, field.dim)
+    x = check_points(points, field, grid).reshape(-1, field.dim)
     if not len(x):
         return RoundTrip(0.0, 0.0, 1.0)
     tolerance = default_tolerance(x, field)
@@ -183,7 +190,7 @@ def round_trip(
     return RoundTrip(float(error[found].max()), float(error[found].mean()), float(found.mean()))
 
 
-def _inverted(
+def _invert(
     field: AbstractField, lattice: Grid | Raster, tolerance: float, dtype: Any, progress: Progress | None
 ) -> Inverse:
     """Node by node, in blocks."""
@@ -191,7 +198,7 @@ def _inverted(
     values = np.empty((count, dim), dtype)
     error, reached = np.empty(count, np.float32), np.empty(count, bool)
     for part, x in _nodes(lattice):
-        y, found = moved(x, field, tolerance / 2)  # half is left for the rounding of what is kept
+        y, found = deform_places(x, field, tolerance / 2)  # half is left for the rounding of what is kept
         values[part] = y - x
         y = x + values[part]  # as it is handed over, rounded
         left = np.linalg.norm(y + field.displacement(y) - x, axis=1)

@@ -75,7 +75,7 @@ def with_cautions(
     ----------
     notes, cautions : of the map, the same for all.
     """
-    made_up = [made_up_note(volume, result) for volume, result in zip(volumes, results, strict=True)]
+    made_up = [interpolated_labels_note(volume, result) for volume, result in zip(volumes, results, strict=True)]
     warn([*cautions, *(note for note, volume in zip(made_up, volumes, strict=True) if note and volume.is_undecided)])
     return [
         replace(result, notes=tuple(dict.fromkeys([*volume.notes, *notes, *cautions, *([more] if more else [])])))
@@ -83,14 +83,14 @@ def with_cautions(
     ]
 
 
-def made_up_note(volume: Volume, result: Volume) -> str:
+def interpolated_labels_note(volume: Volume, result: Volume) -> str:
     """A sentence on values that interpolation made up between those of labels that are not declared as such.
 
     Examples
     --------
     >>> bones = np.repeat(np.arange(0, 90, 9, dtype=np.int16), 400).reshape(10, 20, 20).transpose(2, 1, 0)
     >>> volume = Volume.from_array(np.tile(bones, (1, 1, 2)))
-    >>> made_up_note(volume, volume)
+    >>> interpolated_labels_note(volume, volume)
     ''
     """
     if volume.is_labels or not (volume.is_undecided or label_note(volume.values)):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deformnb._entrances import READERS
 from deformnb._typing import Progress
-from deformnb.checks import any_array, check_fields, shown_value
+from deformnb.checks import any_array, check_fields, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume.units import check_unit, ratio
@@ -176,7 +176,7 @@ def as_mesh(given: MeshLike) -> Mesh:
         return found
     if is_surface(given):
         return Mesh.from_pyvista(given)
-    raise DeformError(f"a Mesh is needed, got {shown_value(given)}; read_mesh(path) and Mesh(points, faces) make one.")
+    raise DeformError(f"a Mesh is needed, got {short_value(given)}; read_mesh(path) and Mesh(points, faces) make one.")
 
 
 def open_edges(faces: NDArray[np.int64]) -> tuple[int, bool]:
@@ -216,7 +216,7 @@ def signed_distance(
     Notes
     -----
     The smallest value of this volume is its inside, not its background: deform it with ``fill=value_range[1]``, and
-    make it a body with :func:`filled` for pictures.
+    make it a body with :func:`fill_distance` for pictures.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def grid_around(mesh: Mesh, *, size: int = 128, margin: float | None = None) -> 
     )
 
 
-def filled(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
+def fill_distance(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
     """The body of a signed distance as grey values, for all that shows scans: 255 inside, 0 outside, 127.5 between.
 
     Parameters
@@ -284,7 +284,7 @@ def filled(distance: VolumeLike, *, ramp: float | None = None) -> Volume:
 
     Examples
     --------
-    >>> filled(Volume.from_array([[[-3.0, -1.0, 0.0, 1.0, 3.0]]])).values.tolist()
+    >>> fill_distance(Volume.from_array([[[-3.0, -1.0, 0.0, 1.0, 3.0]]])).values.tolist()
     [[[255, 191, 128, 64, 0]]]
     """
     distance = as_volume(distance)
@@ -390,13 +390,13 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
     if here is not mesh:
         notes += (f"the mesh is in {mesh.unit} and the volume in {there}: its lengths were converted",)
     if not found.all():
-        moved = here.points + _smoothed(moved - here.points, found, mesh.faces)
+        moved = here.points + _smooth(moved - here.points, found, mesh.faces)
         why = "the map folds there, or a cut hides them; they follow their neighbours"
         notes += (f"{np.count_nonzero(~found)} of {len(found)} corners have no place in the result: {why}",)
     return replace(here, points=moved, notes=notes).in_unit(mesh.unit)
 
 
-def _smoothed(moves: NDArray[np.float64], known: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.float64]:
+def _smooth(moves: NDArray[np.float64], known: NDArray[np.bool_], faces: NDArray[np.int64]) -> NDArray[np.float64]:
     """Displacements where those of unknown corners are the mean of their neighbours', from the known ones inwards."""
     out, done = np.where(known[:, None], moves, 0.0), known.copy()
     a = np.concatenate([faces, faces[:, ::-1]]).reshape(-1)

@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb._jax import compiled, each, jnp, lax
+from deformnb._jax import each, jit, jnp, lax
 from deformnb.rbf.cuts import Decoupled, decide
 from deformnb.rbf.evaluation import few_sizes
 from deformnb.rbf.extrusion import Extrusion
 from deformnb.rbf.fields import AbstractField, raster_lines
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
-from deformnb.warping.planning import Extruded, checked, parts, shared_axis, to_voxels
+from deformnb.warping.planning import Extruded, check_finite, parts, shared_axis, to_voxels
 
 # Pixels that are looked at together, and slices at most: few pixels are filled up for nothing, many cost fewer calls.
 _TOGETHER, _SLICES = 1024, 256
@@ -114,9 +114,11 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
         return None
     index = np.zeros((output.shape[normal], 3))
     index[:, 2 - normal] = np.arange(len(index))
-    weights = checked(fields[0].weights_at(plane.to_plane(output.index_to_point(index))[:, 2]))
-    rows, columns = _on_slice(plane, output, normal)
-    maps = checked(np.stack([[m.on_outer_sum(rows, columns, min(output.spacing)) for m in f.maps] for f in fields]))
+    weights = check_finite(fields[0].weights_at(plane.to_plane(output.index_to_point(index))[:, 2]))
+    rows, columns = _slice_coordinates(plane, output, normal)
+    maps = check_finite(
+        np.stack([[m.on_outer_sum(rows, columns, min(output.spacing)) for m in f.maps] for f in fields])
+    )
     at = _outer_sum(rows, columns)
     here = np.stack([r.signed_distance(at) for r in field.regions])
     own = np.zeros(maps.shape[1:], np.float32)  # what moves does so with the map of its own region
@@ -128,9 +130,11 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     least = field.softness / 2  # in its own region a place that is read to be as deep as this is opaque
     farthest = _reach(own, largest) + max(output.spacing)  # linear reading errs by less than a voxel
     some = np.flatnonzero(np.abs(here).min(axis=0) < farthest + least)
-    near, maps, own, here = (_taken(a, some) for a in (np.moveaxis(at, -1, 0), maps, own, here))
+    near, maps, own, here = (_take(a, some) for a in (np.moveaxis(at, -1, 0), maps, own, here))
     reach = max(float(_reach(regional, largest).max(initial=0.0)) for regional in maps)
-    raster = _around(near, reach, float((np.ptp(rows, axis=1) + np.ptp(columns, axis=1)).max()), output, normal)
+    raster = _surrounding_raster(
+        near, reach, float((np.ptp(rows, axis=1) + np.ptp(columns, axis=1)).max()), output, normal
+    )
     centres = _outer_sum(*raster_lines(raster))
     distances = np.stack([r.signed_distance(centres) for r in field.regions]).astype(np.float32)
     scale = (1 / np.asarray(raster.spacing)).astype(np.float32)
@@ -143,7 +147,7 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     return CutPlan(apart, pixels, maps[..., leaves], read[:, leaves], places[:, leaves], distances, scale, field)
 
 
-def _taken(values: NDArray[Any], some: NDArray[np.intp]) -> Any:
+def _take(values: NDArray[Any], some: NDArray[np.intp]) -> Any:
     """Values (..., A, B) at some of the pixels, (..., P)."""
     return values.reshape(*values.shape[:-2], -1)[..., some]
 
@@ -167,7 +171,7 @@ def _extrusions(field: AbstractField) -> list[Extrusion]:
     return found if same and len(found) == len(field.fields) else []
 
 
-def _on_slice(plane: Plane, output: Grid, normal: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _slice_coordinates(plane: Plane, output: Grid, normal: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Picture coordinates of the voxels of one slice: rows (2, A) plus columns (2, B) of the two other array axes."""
     lines = []
     for axis in range(3):
@@ -183,7 +187,7 @@ def _outer_sum(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> NDArr
     return np.moveaxis(rows[:, :, None] + columns[:, None, :], 0, -1)
 
 
-def _around(at: NDArray[np.float64], reach: float, size: float, output: Grid, normal: int) -> Raster:
+def _surrounding_raster(at: NDArray[np.float64], reach: float, size: float, output: Grid, normal: int) -> Raster:
     """A raster of the places up to ``reach`` from some (2, n), on a picture as large as ``size``."""
     step = min(s for k, s in enumerate(output.spacing) if k != 2 - normal)
     margin = min(reach, _MARGIN * max(size, _LEAST_PIXELS * step)) + 2 * max(output.spacing)
@@ -231,7 +235,7 @@ def _read(
     return read, leaves
 
 
-@partial(compiled, on_one_thread=True)
+@partial(jit, on_one_thread=True)
 def _read_some(
     moved: Any, weights: Any, spreads: Any, inside: Any, places: Any, distances: Any, scale: Any, least: Any
 ) -> tuple[Any, Any]:
@@ -277,7 +281,7 @@ def _cell(place: Any, count: int) -> tuple[Any, Any]:
     return jnp.clip(number, 0, count - 2), place - node
 
 
-@partial(compiled, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
+@partial(jit, on_one_thread=True, static_argnames=("sides", "rule", "normal"))
 def _evaluate(
     maps: Any,
     weights: Any,

@@ -130,15 +130,15 @@ class Walk:
             case RBFInterpolant():
                 return self._fits((field,), x) - x
             case ForwardFit():
-                return self._inverted(field, x)
+                return self._walk_forward_fit(field, x)
             case RigidInterpolant():
-                return self._beside_parts(field, x)
+                return self._walk_parts(field, x)
             case Extrusion():
-                return self._extruded(field, x)
+                return self._walk_extrusion(field, x)
             case Decoupled():
-                return self._beside_cuts(field, x)
+                return self._walk_cuts(field, x)
             case TipBlend():
-                return self._beside_tips(field, x)
+                return self._walk_tips(field, x)
             case _:
                 return np.moveaxis(field.displacement(np.moveaxis(x, 0, -1)), -1, 0)
 
@@ -165,7 +165,7 @@ class Walk:
             x = ends.reshape(x.shape)
         return x
 
-    def _inverted(self, field: ForwardFit, x: Floats) -> Floats:
+    def _walk_forward_fit(self, field: ForwardFit, x: Floats) -> Floats:
         """The inverse jumps where a place has no source, and bends as the fit does in the input."""
         last = np.moveaxis(x, 0, -1)
         d = np.moveaxis(field.displacement(last), -1, 0)
@@ -175,8 +175,8 @@ class Walk:
         self._mark(~field.found(last), BENT)
         return d
 
-    def _beside_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
-        back = [_turned(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
+    def _walk_parts(self, field: RigidInterpolant, x: Floats) -> Floats:
+        back = [_rotate(np.asarray(m), x) + _column(t) for m, t in zip(field.matrices, field.shifts, strict=True)]
         distances = [_distances([region], y)[0] for region, y in zip(field.regions, back, strict=True)]
         for region, y, distance in zip(field.regions, back, distances, strict=True):
             self._mark(np.abs(distance) <= _change(y, [region]), BENT)
@@ -185,18 +185,18 @@ class Walk:
         moved, weight = drift_and_weight(last[0], last[1:], outside, field.scales, field.weights, np)
         return np.moveaxis(moved, -1, 0) + weight * self.through(field.base, x)
 
-    def _extruded(self, field: Extrusion, x: Floats) -> Floats:
-        abc = _turned(field.plane.frame, x - _column(field.plane.origin))
-        ab, depth = self._without_copies(abc[:2]), self._without_copies(abc[2:])[0]
+    def _walk_extrusion(self, field: Extrusion, x: Floats) -> Floats:
+        abc = _rotate(field.plane.frame, x - _column(field.plane.origin))
+        ab, depth = self._walk_unique(abc[:2]), self._walk_unique(abc[2:])[0]
         moves = [self.through(m, ab) for m in field.maps]
         if not field.is_replication:
             errors = _curve_errors(field, depth.ravel(), max(_sides(depth[None])))
             for error, d in zip(errors, moves, strict=True):
                 self.error[...] += error.reshape(depth.shape) * np.linalg.norm(d, axis=0)
         weights = field.weights_at(depth[:1, :1, :1] if field.is_replication else depth)
-        return _turned(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
+        return _rotate(field.plane.frame[:2].T, sum(w * d for w, d in zip(weights, moves, strict=True)))
 
-    def _without_copies(self, places: Floats) -> Floats:
+    def _walk_unique(self, places: Floats) -> Floats:
         """Places, one for all along an axis on which they do not change."""
         for axis in (1, 2, 3):
             first = places.take([0], axis)
@@ -205,12 +205,12 @@ class Walk:
                 places = first
         return places
 
-    def _beside_tips(self, field: TipBlend, x: Floats) -> Floats:
+    def _walk_tips(self, field: TipBlend, x: Floats) -> Floats:
         moves = [self.through(fit, x) for fit in field.fits]
         source = np.moveaxis(x + moves[0], 0, -1)
         return np.asarray(blend_displacements(moves, [line.opening(source) for line in field.lines]))
 
-    def _beside_cuts(self, field: Decoupled, x: Floats) -> Floats:
+    def _walk_cuts(self, field: Decoupled, x: Floats) -> Floats:
         """Displacements of a cut field; places are marked unless they and their sources lie deep in one region."""
         here, total, farthest = self.distances(field, x), np.zeros_like(x), reach_of(field, x)
         # An odd factor above the number of regions: overflowing, it still tells ways apart that differ in one region.
@@ -220,16 +220,16 @@ class Walk:
             is_own = depth_in(side, here) > 0
             if not is_own.any():
                 continue
-            box = _box_around(is_own)
+            box = _bounding_box(is_own)
             at = x[:, *box]
-            d = self._within(box).through(f, at)
+            d = self._restrict(box).through(f, at)
             total[:, *box] = np.where(is_own[box], d, total[:, *box])
             farthest = max(farthest, reach_of(field, at + d))
         there = (np.sign(here) * self.distances(field, x + total)).min(axis=0)
         self._mark(~(is_deep & (there > farthest)), NEAR_CUT)
         return total
 
-    def _within(self, box: tuple[slice, ...]) -> Walk:
+    def _restrict(self, box: tuple[slice, ...]) -> Walk:
         return replace(
             self, marks=self.marks[box], error=self.error[box], regions=self.regions[box], widths=self.widths[box[0]]
         )
@@ -237,8 +237,8 @@ class Walk:
     def distances(self, field: Decoupled, places: Floats) -> Floats:
         """Signed distances (cuts, z, y, x) of places to the cuts of a field."""
         if field.plane is not None:
-            places = _turned(field.plane.frame[:2], places - _column(field.plane.origin))
-        return _distances(field.regions, self._without_copies(places))
+            places = _rotate(field.plane.frame[:2], places - _column(field.plane.origin))
+        return _distances(field.regions, self._walk_unique(places))
 
     def _mark(self, some: NDArray[np.bool_], mark: int) -> None:
         self.marks[...] |= (mark * some).astype(np.uint8)
@@ -249,7 +249,7 @@ def depth_in(side: Sides, distances: Floats) -> Floats:
     return np.asarray((_column(np.where(side, -1.0, 1.0)) * distances).min(axis=0))
 
 
-def _box_around(some: NDArray[np.bool_]) -> tuple[slice, ...]:
+def _bounding_box(some: NDArray[np.bool_]) -> tuple[slice, ...]:
     """The smallest box with some nodes and their neighbours; all of an axis along which they do not change."""
     box = []
     for axis, n in enumerate(some.shape):
@@ -268,7 +268,7 @@ def _column(values: Any) -> Floats:
     return np.asarray(values, dtype=np.float64).reshape(-1, 1, 1, 1)
 
 
-def _turned(matrix: Floats, places: Floats) -> Floats:
+def _rotate(matrix: Floats, places: Floats) -> Floats:
     """Vectors (dim, z, y, x) by a matrix, in products and sums: BLAS would wait for its threads."""
     out = np.empty((len(matrix), *places.shape[1:]))
     for turned, row in zip(out, matrix.tolist(), strict=True):

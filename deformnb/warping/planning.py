@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb import devices
-from deformnb._jax import compiled, jnp
+from deformnb._jax import jit, jnp
 from deformnb._typing import Progress
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -68,12 +68,12 @@ NOT_FINITE = (
 )
 
 
-def checked_method(method: str | None, *, discrete: bool) -> str:
+def check_method(method: str | None, *, discrete: bool) -> str:
     """The method, or its default; refused where it would make up labels."""
     if method is None:
         return "nearest" if discrete else "linear"
     if not isinstance(method, str) or method not in METHODS:
-        raise DeformError(f"unknown method {shown_value(method)}; choose one of {', '.join(METHODS)}.")
+        raise DeformError(f"unknown method {short_value(method)}; choose one of {', '.join(METHODS)}.")
     if discrete and METHODS[method].blends:
         raise DeformError(f"method {method!r} would invent values between labels; leave it at 'nearest'.")
     return method
@@ -89,7 +89,7 @@ def as_voxel(value: float, dtype: np.dtype[Any]) -> Any:
     except (TypeError, ValueError, OverflowError):
         same = False
     if not same:
-        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {shown_value(value)}.")
+        raise DeformError(f"fill must be one value that {dtype} voxels can hold, got {short_value(value)}.")
     return voxel.view(np.uint8)[()] if dtype == np.bool_ else voxel[()]
 
 
@@ -111,8 +111,8 @@ class Places:
     def block(self, slices: Sequence[slice]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """``whole`` and ``part`` of a block; axes without a slice are whole, slices may end beyond the last voxel."""
         every = (*slices, *[slice(None)] * (len(self.whole) - len(slices)))
-        whole = tuple(_cut(table, s) for table, s in zip(self.whole, every, strict=True))
-        return whole, tuple(_cut(table, s) for table, s in zip(self.part, every, strict=True))
+        whole = tuple(_cut_table(table, s) for table, s in zip(self.whole, every, strict=True))
+        return whole, tuple(_cut_table(table, s) for table, s in zip(self.part, every, strict=True))
 
     def at_pixels(self, normal: int, depth: slice, pixels: NDArray[np.intp]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """``whole`` and ``part`` of pixels (2, n), which run along the last of the two axes across ``normal``."""
@@ -141,7 +141,7 @@ class Places:
         return Places(tuple(self.whole[o][axes] for o in axes), tuple(self.part[o][axes] for o in axes), matrix[axes])
 
 
-def _cut(table: NDArray[Any], part: slice) -> NDArray[Any]:
+def _cut_table(table: NDArray[Any], part: slice) -> NDArray[Any]:
     """A part of a table along its last axis; beyond the end it repeats the last entry."""
     if part.stop is None or part.stop <= table.shape[1]:
         return table[:, part]
@@ -216,23 +216,23 @@ def shared_axis(plane: Plane, source: Grid, output: Grid) -> int | None:
     return 2 - axis if same and 0 <= round(start) <= n_source - n_output else None
 
 
-def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> Extruded | None:
+def plan_extrusion(field: AbstractField, source: Grid, output: Grid, compute: str) -> Extruded | None:
     """Plan the short cut for ``field``, or None where only the general kernel is right."""
     if isinstance(field, Decoupled):
-        return _cut_and_replicated(field, source, output, compute)
+        return _plan_replicated_cut(field, source, output, compute)
     if not isinstance(field, Extrusion):
         return None
     normal = shared_axis(field.plane, source, output)
     if normal is None:
         return None
-    with devices.computing():
-        found = [_on_voxels(m, field.plane, output, normal)[0] for m in field.maps]
+    with devices.device_context():
+        found = [_sample_plane(m, field.plane, output, normal)[0] for m in field.maps]
         maps: Any = np.stack(found) if devices.is_host() else jnp.stack(found)
     n = np.arange(output.shape[normal])
     index = np.zeros((len(n), 3))
     index[:, 2 - normal] = n
     weights = np.asarray(field.weights_at(field.plane.to_plane(output.index_to_point(index))[:, 2]), dtype=np.float64)
-    checked(weights)
+    check_finite(weights)
     kept: NDArray[np.float32] | None = None
     if field.is_replication:
         if len(maps) > 1 or weights[0, 0] != 1:
@@ -242,7 +242,7 @@ def extruded(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     return Extruded(normal, maps, kept, to_voxels(field.plane, source, compute))
 
 
-def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
+def _plan_replicated_cut(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
     """Cuts on every slice alike: the choice among the regions is made once, on the picture's plane."""
     plane = field.plane
     if plane is None or not all(isinstance(f, Extrusion) and f.plane == plane and f.is_plain for f in field.fields):
@@ -251,7 +251,7 @@ def _cut_and_replicated(field: Decoupled, source: Grid, output: Grid, compute: s
     if normal is None:
         return None
     flat = replace(field, fields=tuple(f.maps[0] for f in field.fields), plane=None)  # type: ignore[attr-defined]
-    map_, opacity = _on_voxels(flat, plane, output, normal)
+    map_, opacity = _sample_plane(flat, plane, output, normal)
     return Extruded(normal, map_[None], None, to_voxels(plane, source, compute), opacity)
 
 
@@ -265,7 +265,7 @@ def plane_vectors(plane: Plane) -> NDArray[np.float64]:
     return plane.frame[:2].T
 
 
-def _on_voxels(
+def _sample_plane(
     field: AbstractField, plane: Plane, output: Grid, normal: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """A 2-D field at the voxel centres of one plane of the grid: (2, rows, columns) in the order of array axes.
@@ -287,7 +287,7 @@ def _on_voxels(
         (output.spacing[2 - along_u], output.spacing[2 - along_v]),
         (first[0], first[1]),
     )
-    values, opacity = seen_on_raster(field, raster)
+    values, opacity = raster_with_opacity(field, raster)
     turned = [a if a is None else a[..., :: flip[1], :: flip[0]] for a in (values, opacity)]
     if along_v > along_u:
         turned = [a if a is None else a.swapaxes(-1, -2) for a in turned]
@@ -307,7 +307,7 @@ Tables = tuple[tuple[NDArray[np.int32], NDArray[np.float32]], ...]
 """Along z and y: the first node that each voxel reads (n,), and the weights (T, n) of T nodes from there."""
 
 
-def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
+def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], Tables] | None:
     """A field stored on a coarser grid with parallel axes, interpolated along x; None if it is no such field.
 
     Returns
@@ -333,7 +333,7 @@ def between_samples(field: AbstractField, grid: Grid) -> tuple[tuple[Any, ...], 
         tables.append(((low - first).astype(np.int32), np.stack([1 - t, t]).astype(np.float32)))
     some = np.moveaxis(np.asarray(field.values[tuple(parts)], dtype=np.float32), -1, 0)
     before, (left, right) = tables.pop()
-    d = checked(left * some[..., before] + right * some[..., before + 1])
+    d = check_finite(left * some[..., before] + right * some[..., before + 1])
     return tuple(to_device(component) for component in d), tuple(tables)
 
 
@@ -356,21 +356,21 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
     A field that is evaluated is evaluated at every ``step``-th node along x only, and interpolated linearly in between.
     """
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Grid):
-        d = _resampled(np.asarray(field.values), places(field.lattice, grid, "float64"))
+        d = _resample(np.asarray(field.values), places(field.lattice, grid, "float64"))
         if d is not None:
-            return share_with_jax(checked(d))
+            return share_with_jax(check_finite(d))
     if step > 1 and grid.shape[2] > step:
         return _coarse_along_x(field, grid, step)
-    with devices.computing():  # else JAX would take what is done to the result to the device that it prefers
-        stays = _on_device(field, grid)
-        return tuple(to_device(d) for d in checked(field.components_on_grid(grid))) if stays is None else stays
+    with devices.device_context():  # else JAX would take what is done to the result to the device that it prefers
+        stays = _device_components(field, grid)
+        return tuple(to_device(d) for d in check_finite(field.components_on_grid(grid))) if stays is None else stays
 
 
-def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
+def _device_components(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | None:
     """Components of the displacements that stay on the device that computes them; None where NumPy shares its memory,
-    or the field is computed by NumPy. Refused as by :func:`checked`.
+    or the field is computed by NumPy. Refused as by :func:`check_finite`.
 
-    To be called within :func:`deformnb.devices.computing`.
+    To be called within :func:`deformnb.devices.device_context`.
     """
     if devices.is_host() or not isinstance(field, RBFInterpolant):
         return None
@@ -383,12 +383,12 @@ def _on_device(field: AbstractField, on: Grid | Raster) -> tuple[Any, ...] | Non
 def _coarse_along_x(field: AbstractField, grid: Grid, step: int) -> tuple[Any, ...]:
     (nz, ny, nx), (sx, sy, sz) = grid.shape, grid.spacing
     coarse = replace(grid, shape=(nz, ny, ceil(nx / step) + 1), spacing=(step * sx, sy, sz))
-    d: tuple[Any, ...] = _refined(checked(field.components_on_grid(coarse)), step=step, count=nx)
+    d: tuple[Any, ...] = _refine(check_finite(field.components_on_grid(coarse)), step=step, count=nx)
     return d
 
 
-@partial(compiled, on_one_thread=True, static_argnames=("step", "count"))
-def _refined(nodes: Any, *, step: int, count: int) -> tuple[Any, ...]:
+@partial(jit, on_one_thread=True, static_argnames=("step", "count"))
+def _refine(nodes: Any, *, step: int, count: int) -> tuple[Any, ...]:
     """Components (z, y, x) at ``count`` voxels along x, of nodes (components, z, y, n) at every ``step``-th of them."""
     t = jnp.asarray(np.arange(step) / step, jnp.float32)
     return tuple(
@@ -396,36 +396,38 @@ def _refined(nodes: Any, *, step: int, count: int) -> tuple[Any, ...]:
     )
 
 
-@partial(compiled, on_one_thread=True)
-def along_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
+@partial(jit, on_one_thread=True)
+def interpolate_x(nodes: Any, weights: Any) -> tuple[Any, ...]:
     """Components (z, y, x) at voxels, from nodes (components, z, y, n) along x and their weights (n, x)."""
     return tuple(jnp.einsum("zyi,ix->zyx", component, weights, precision="highest") for component in nodes)
 
 
-def seen(field: AbstractField, grid: Grid, step: int = 1) -> tuple[Any, NDArray[np.float32] | None]:
+def displacements_and_opacity(
+    field: AbstractField, grid: Grid, step: int = 1
+) -> tuple[Any, NDArray[np.float32] | None]:
     """:func:`displacements` of a field on a lattice, and its opacity [z, y, x] if it has cuts."""
     if not field.has_cuts:
         return displacements(field, grid, step), None
     d, opacity = field.seen_on_outer_sum(*grid_lines(grid), min(grid.spacing))
-    d = checked(d).reshape(3, *grid.shape)
+    d = check_finite(d).reshape(3, *grid.shape)
     return tuple(to_device(part) for part in d), None if opacity is None else opacity.reshape(grid.shape)
 
 
-def seen_on_raster(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+def raster_with_opacity(field: AbstractField, raster: Raster) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
     """A field on a raster, (2, nv, nu), and its opacity (nv, nu); None if it has no cuts."""
     if isinstance(field, DisplacementField) and isinstance(field.lattice, Raster):
-        d = _resampled(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
+        d = _resample(np.asarray(field.values), picture_places(field.lattice, raster, "float64"))
         if d is not None:
-            return checked(np.moveaxis(d, -1, 0)), None
-    with devices.computing():
-        stays = _on_device(field, raster)
+            return check_finite(np.moveaxis(d, -1, 0)), None
+    with devices.device_context():
+        stays = _device_components(field, raster)
         if stays is not None:
             return jnp.stack(stays), None  # type: ignore[return-value]
     values, opacity = field.seen_on_outer_sum(*raster_lines(raster), min(raster.spacing))
-    return checked(values), opacity
+    return check_finite(values), opacity
 
 
-def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
+def _resample(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     """Stored samples read linearly, one axis after the other; None if the axes are not parallel.
 
     Where the places are samples themselves this is a view, so a field stored on the output's grid costs nothing. No
@@ -447,7 +449,7 @@ def _resampled(samples: NDArray[Any], at: Places) -> NDArray[Any] | None:
     return samples
 
 
-def checked(values: Any) -> NDArray[np.float32]:
+def check_finite(values: Any) -> NDArray[np.float32]:
     """Displacements, refused if any is not finite. One dot product finds that six times faster than ``np.isfinite``."""
     array = np.ascontiguousarray(values, dtype=np.float32)
     if not np.isfinite(np.vdot(array, array)):
@@ -462,7 +464,7 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     starts on a node of the lattice.
     """
     nz, ny, nx = shape
-    most = at_once(BLOCK_VOXELS)
+    most = batch_size(BLOCK_VOXELS)
     if step > 1:  # nodes take less memory than voxels, and each block has its own at the end
         most = max(most, min(most * min(step, _MORE_BETWEEN_NODES), nz * ny * nx // processors()))
     rows = _length(ny, most // nx, step)
@@ -471,7 +473,7 @@ def blocks(shape: tuple[int, int, int], step: int) -> list[tuple[slice, slice]]:
     return [(slice(z, z + planes), slice(y, y + rows)) for z, y in starts]
 
 
-def at_once(most: int) -> int:
+def batch_size(most: int) -> int:
     """Amount to compute in one call on the device in use, where a processor computes ``most``."""
     return most if devices.is_host() else _MORE_ON_GPU * most
 
@@ -487,7 +489,7 @@ def square_blocks(shape: tuple[int, int, int]) -> list[tuple[slice, slice]]:
 
 def chunks(count: int, size: int) -> list[slice]:
     """Parts of ``count`` rows of ``size`` bytes each, all of one length; the last one overlaps."""
-    return parts(count, at_once(CHUNK_BYTES) // max(1, size))
+    return parts(count, batch_size(CHUNK_BYTES) // max(1, size))
 
 
 def parts(count: int, most: int) -> list[slice]:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from deformnb._deferred import scipy
 from deformnb._jax import determinant, one_plus
 from deformnb._typing import Floats
-from deformnb.checks import check_fields, real_array, shown_value
+from deformnb.checks import check_fields, real_array, short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Decoupled
 from deformnb.rbf.extrusion import Extrusion
@@ -95,7 +95,7 @@ def warp_points(
     """
     field = as_field(field, grid)
     factor = unit_factor(points, field, grid)
-    x = checked_points(points, field, grid)
+    x = check_points(points, field, grid)
     if not x.size:
         return x, np.ones(x.shape[:-1], dtype=bool)
     flat = x.reshape(-1, field.dim)
@@ -103,7 +103,7 @@ def warp_points(
     tolerance = default_tolerance(flat, field) if tolerance is None else tolerance * factor
     for start in range(0, len(flat), POINTS_AT_A_TIME):
         part = slice(start, start + POINTS_AT_A_TIME)
-        y[part], found[part] = moved(flat[part], field, tolerance, max_iterations)
+        y[part], found[part] = deform_places(flat[part], field, tolerance, max_iterations)
     return y.reshape(x.shape) / factor, found.reshape(x.shape[:-1])
 
 
@@ -113,9 +113,7 @@ def unit_factor(points: object, field: AbstractField, grid: Grid | VolumeLike | 
     return ratio(points.unit, there) if isinstance(points, Landmarks | ControlPoints) else 1.0
 
 
-def checked_points(
-    points: ArrayLike | Landmarks, field: AbstractField, grid: Grid | VolumeLike | None = None
-) -> Floats:
+def check_points(points: ArrayLike | Landmarks, field: AbstractField, grid: Grid | VolumeLike | None = None) -> Floats:
     """A copy of points (..., dim) as float64, of landmarks in the unit of the field or of the volume that it deforms.
 
     Raises
@@ -132,7 +130,7 @@ def checked_points(
     )
     x = real_array(given)
     if x is None:
-        raise DeformError(f"points are numbers of shape (..., {field.dim}) or Landmarks, got {shown_value(points)}.")
+        raise DeformError(f"points are numbers of shape (..., {field.dim}) or Landmarks, got {short_value(points)}.")
     if x.ndim < 1 or x.shape[-1] != field.dim:
         raise DeformError(f"points need {field.dim} coordinates for this field, got an array of shape {x.shape}.")
     flat = x.reshape(-1, field.dim)
@@ -149,7 +147,7 @@ def default_tolerance(x: Floats, field: AbstractField) -> float:
     return max(_POINT_TOLERANCE * max(float(np.ptp(x, axis=0).max()), far), _ROUNDING * (float(np.abs(x).max()) + far))
 
 
-def moved(
+def deform_places(
     x: Floats,
     field: AbstractField,
     tolerance: float,
@@ -166,27 +164,27 @@ def moved(
     thorough : False leaves what the first starts do not reach.
     """
     if isinstance(field, Decoupled):
-        return _beside_cuts(x, field, tolerance, max_iterations)
+        return _move_with_regions(x, field, tolerance, max_iterations)
     if isinstance(field, ForwardFit):
         return field.target_places(x, tolerance)
     if start is None and len(field.steps) > 1:
         y, found = x, np.ones(len(x), dtype=bool)
         for step in field.steps:
-            y, is_found = moved(y, step, tolerance, max_iterations)
+            y, is_found = deform_places(y, step, tolerance, max_iterations)
             found &= is_found
         if field.has_cuts:  # a map that jumps has no derivative of the whole to go on with
             return y, found
         start = y
     if isinstance(field, Extrusion) and _is_exact(field):
-        y, error = _in_the_plane(x, field, tolerance, max_iterations, start)
+        y, error = _solve_in_plane(x, field, tolerance, max_iterations, start)
     else:
         y, error = search(x, map_of(field), tolerance, max_iterations, start)
     left = np.flatnonzero(~(error <= tolerance))
     if len(left) and thorough:
-        y[left], error[left] = _from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
+        y[left], error[left] = _solve_from_seeds(x[left], y[left], error[left], field, tolerance, max_iterations)
     _bring_to_targets(y, error, x, field, tolerance)
     found = error <= tolerance
-    return y, found & ~_turned_over(y, found, x, field)
+    return y, found & ~_inverted_mask(y, found, x, field)
 
 
 def _bring_to_targets(y: Floats, error: Floats, x: Floats, field: AbstractField, tolerance: float) -> None:
@@ -211,7 +209,7 @@ def _bring_to_targets(y: Floats, error: Floats, x: Floats, field: AbstractField,
     y[at], error[at] = places[nearest[at]], gap[at]
 
 
-def _turned_over(y: Floats, found: NDArray[np.bool_], x: Floats, field: AbstractField) -> NDArray[np.bool_]:
+def _inverted_mask(y: Floats, found: NDArray[np.bool_], x: Floats, field: AbstractField) -> NDArray[np.bool_]:
     """Mask of the places y found for points x (N, dim) where the map is inverted, as its middle sheet is in a fold.
 
     Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
@@ -229,14 +227,14 @@ def _determinants(places: Floats, field: AbstractField) -> Floats:
     return np.asarray(determinant(one_plus(np.moveaxis(field.jacobian(places), 0, -1))))
 
 
-def _beside_cuts(
+def _move_with_regions(
     x: Floats, field: Decoupled, tolerance: float, max_iterations: int
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
         if own is not None and mask.any():
-            y[mask], found[mask] = moved(x[mask], own, tolerance, max_iterations)
+            y[mask], found[mask] = deform_places(x[mask], own, tolerance, max_iterations)
     if field.rule == "paper":
         found &= field.regions_of(y) == field.regions_of(x)
     return y, found
@@ -251,7 +249,7 @@ def _is_exact(field: Extrusion) -> bool:
     return bool(np.abs(frame @ frame.T - np.eye(3)).max() < 1e-12)
 
 
-def _in_the_plane(
+def _solve_in_plane(
     x: Floats, field: Extrusion, tolerance: float, max_iterations: int, start: Floats | None
 ) -> tuple[Floats, Floats]:
     """Nothing leaves its depth: two unknowns instead of three, and weights that are known from the start."""
@@ -261,7 +259,7 @@ def _in_the_plane(
     first = None if start is None else plane.to_plane(start)[:, :2]
     if field.is_plain:
         only = field.maps[0]
-        y, _ = moved(ab, only, tolerance, max_iterations, start=first, thorough=False)
+        y, _ = deform_places(ab, only, tolerance, max_iterations, start=first, thorough=False)
         error = lengths_of(y + only.displacement(y) - ab)
     else:
         parts = list(zip(field.maps, weights, strict=True))
@@ -277,7 +275,7 @@ def _sum(parts: Any) -> Floats:
     return np.asarray(sum(parts))
 
 
-def _from_seeds(
+def _solve_from_seeds(
     x: Floats, y: Floats, error: Floats, field: AbstractField, tolerance: float, max_iterations: int
 ) -> tuple[Floats, Floats]:
     """The same for points that the usual starts do not reach: from the nodes of a lattice that are brought nearest."""
@@ -340,7 +338,7 @@ class Landmarks:
             raise DeformError(f"landmark {bad[0]} is not finite ({points[bad[0]].tolist()}); correct it.")
         fixed = None if self.fixed is None else _places(self.fixed, "fixed places of landmarks")
         if isinstance(self.names, str) or not isinstance(self.names, Iterable):
-            raise DeformError(f"the names of landmarks are a list of texts, got {shown_value(self.names)}.")
+            raise DeformError(f"the names of landmarks are a list of texts, got {short_value(self.names)}.")
         names = tuple(map(str, self.names)) or ("",) * len(points)
         check_fields(self, "active", "found")
         active = np.ones(len(points), dtype=bool) if self.active is None else np.array(self.active, dtype=bool)
@@ -423,7 +421,7 @@ def as_landmarks(given: LandmarksLike) -> Landmarks:
     array = real_array(given)
     if array is None or array.ndim != 2:
         raise DeformError(
-            f"Landmarks are needed, got {shown_value(given)}; Landmarks(points, names), ControlPoints "
+            f"Landmarks are needed, got {short_value(given)}; Landmarks(points, names), ControlPoints "
             "and arrays of shape (N, 3) are some."
         )
     return Landmarks(array)

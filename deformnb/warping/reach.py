@@ -85,50 +85,50 @@ class DisplacementBounds:
         UnknownBounds
             If the field is of a kind that has none.
         """
-        return self._of(self._field, low, high)
+        return self._field_bounds(self._field, low, high)
 
-    def _of(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
+    def _field_bounds(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
         key = (id(field), low.tobytes(), high.tobytes())
         if key not in self._kept:
-            self._kept[key] = self._found(field, low, high)
+            self._kept[key] = self._find_bounds(field, low, high)
         return self._kept[key]
 
-    def _found(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
+    def _find_bounds(self, field: AbstractField, low: Floats, high: Floats) -> Bounds:
         if len(field.steps) > 1:
-            return self._one_after_another(field.steps, low, high)
+            return self._sequential_bounds(field.steps, low, high)
         match field:
             case Identity():
                 return np.zeros(field.dim), np.zeros(field.dim)
             case Affine():
                 return _affine(np.asarray(field.matrix) - np.eye(field.dim), np.asarray(field.offset), low, high)
             case DisplacementField():
-                return _of_samples(field, low, high)
+                return _sample_bounds(field, low, high)
             case BSplineField():
-                return _of_spline(field, low, high)
+                return _spline_bounds(field, low, high)
             case RBFInterpolant():
-                return self._of_fit(field, low, high)
+                return self._fit_bounds(field, low, high)
             case RigidInterpolant():
-                return self._beside_parts(field, low, high)
+                return self._rigid_bounds(field, low, high)
             case TipBlend():  # a mean of its fits
-                return _union([self._of(f, low, high) for f in field.fits])
+                return _union([self._field_bounds(f, low, high) for f in field.fits])
             case Decoupled():
-                return _union([(np.zeros(field.dim),) * 2, *(self._of(f, low, high) for f in field.fields)])
+                return _union([(np.zeros(field.dim),) * 2, *(self._field_bounds(f, low, high) for f in field.fields)])
             case Extrusion():
-                return self._extruded(field, low, high)
+                return self._extrusion_bounds(field, low, high)
             case Blended():
-                parts = [self._of(f, low, high) for f in field.fields]
+                parts = [self._field_bounds(f, low, high) for f in field.fields]
                 return sum(a for a, _ in parts) + np.zeros(field.dim), sum(b for _, b in parts) + np.zeros(field.dim)
             case _:
                 raise UnknownBounds
 
-    def _one_after_another(self, steps: tuple[AbstractField, ...], low: Floats, high: Floats) -> Bounds:
+    def _sequential_bounds(self, steps: tuple[AbstractField, ...], low: Floats, high: Floats) -> Bounds:
         total = np.zeros_like(low), np.zeros_like(high)
         for step in reversed(steps):  # the place in the result is looked up in the last one first
-            d = self._of(step, low + total[0], high + total[1])
+            d = self._field_bounds(step, low + total[0], high + total[1])
             total = total[0] + d[0], total[1] + d[1]
         return total
 
-    def _of_fit(self, fit: RBFInterpolant, low: Floats, high: Floats) -> Bounds:
+    def _fit_bounds(self, fit: RBFInterpolant, low: Floats, high: Floats) -> Bounds:
         n, support = int(fit.count), float(fit.support)
         first, last = (low - fit.origin) / support, (high - fit.origin) / support
         centers, alpha = np.asarray(fit.centers)[:n], np.abs(np.asarray(fit.coefficients)[:n])
@@ -154,7 +154,7 @@ class DisplacementBounds:
         values = fit.displacement(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)).reshape(-1, fit.dim)
         return values.min(axis=0) - margin, values.max(axis=0) + margin
 
-    def _beside_parts(self, field: RigidInterpolant, low: Floats, high: Floats) -> Bounds:
+    def _rigid_bounds(self, field: RigidInterpolant, low: Floats, high: Floats) -> Bounds:
         """``L(x) - x + w(x) g(x)``: L is a mean of the motions of the parts, w a product of weights."""
         middle, reach = (low + high) / 2, _STEEPEST * float(np.linalg.norm(high - low)) / 2
         drifts, lowest, highest = [], 1.0, 1.0
@@ -166,10 +166,12 @@ class DisplacementBounds:
             w = WEIGHTS[name](ends)  # which never falls with distance
             lowest, highest = lowest * float(w[0]), highest * float(w[1])
         drift = _union(drifts)
-        g = _product((np.full(field.dim, lowest), np.full(field.dim, highest)), self._of(field.base, low, high))
+        g = _product(
+            (np.full(field.dim, lowest), np.full(field.dim, highest)), self._field_bounds(field.base, low, high)
+        )
         return drift[0] + g[0], drift[1] + g[1]
 
-    def _extruded(self, field: Extrusion, low: Floats, high: Floats) -> Bounds:
+    def _extrusion_bounds(self, field: Extrusion, low: Floats, high: Floats) -> Bounds:
         frame = field.plane.frame
         middle, half = field.plane.to_plane((low + high) / 2), np.abs(frame) @ (high - low) / 2
         first, last = middle - half, middle + half
@@ -179,9 +181,9 @@ class DisplacementBounds:
         weights = field.weights_at(np.concatenate([[first[2], last[2]], within]))
         total = np.zeros(2), np.zeros(2)
         for m, w in zip(field.maps, weights, strict=True):
-            part = _product((np.full(2, w.min()), np.full(2, w.max())), self._of(m, first[:2], last[:2]))
+            part = _product((np.full(2, w.min()), np.full(2, w.max())), self._field_bounds(m, first[:2], last[:2]))
             total = total[0] + part[0], total[1] + part[1]
-        return _turned(frame[:2].T, total)
+        return _rotate_bounds(frame[:2].T, total)
 
 
 def _affine(matrix: Floats, offset: Floats, low: Floats, high: Floats) -> Bounds:
@@ -189,7 +191,7 @@ def _affine(matrix: Floats, offset: Floats, low: Floats, high: Floats) -> Bounds
     return middle - half, middle + half
 
 
-def _turned(matrix: NDArray[np.floating[Any]], bounds: Bounds) -> Bounds:
+def _rotate_bounds(matrix: NDArray[np.floating[Any]], bounds: Bounds) -> Bounds:
     """Bounds of ``matrix @ d``."""
     return _affine(np.asarray(matrix, dtype=np.float64), np.zeros(len(matrix)), *bounds)
 
@@ -203,11 +205,11 @@ def _product(a: Bounds, b: Bounds) -> Bounds:
     return every.min(axis=0), every.max(axis=0)
 
 
-def _of_samples(field: DisplacementField, low: Floats, high: Floats) -> Bounds:
+def _sample_bounds(field: DisplacementField, low: Floats, high: Floats) -> Bounds:
     """Interpolated values lie between the samples around them."""
     grid = field.lattice
     if isinstance(grid, Grid):
-        first, last = _turned(np.linalg.inv(grid.matrix), (low - grid.origin, high - grid.origin))
+        first, last = _rotate_bounds(np.linalg.inv(grid.matrix), (low - grid.origin, high - grid.origin))
     else:
         first, last = (low - grid.origin) / grid.spacing, (high - grid.origin) / grid.spacing
     counts = np.array(grid.shape[::-1])
@@ -218,10 +220,10 @@ def _of_samples(field: DisplacementField, low: Floats, high: Floats) -> Bounds:
     return values.min(axis=axes), values.max(axis=axes)
 
 
-def _of_spline(field: BSplineField, low: Floats, high: Floats) -> Bounds:
+def _spline_bounds(field: BSplineField, low: Floats, high: Floats) -> Bounds:
     """A displacement is a mean of the coefficients around it, for the splines add up to 1; outside it is zero."""
     inverse = np.linalg.inv(np.asarray(field.axes))
-    first, last = _turned(inverse, (low - field.origin, high - field.origin))
+    first, last = _rotate_bounds(inverse, (low - field.origin, high - field.origin))
     begin, end = field.domain
     if (last < begin - _CENTRE_TOLERANCE).any() or (first > end + _CENTRE_TOLERANCE).any():
         return np.zeros(field.dim), np.zeros(field.dim)
@@ -264,7 +266,7 @@ def source_part(
         raise DeformError(
             "the field is not finite everywhere; look for control points far away or nearly on top of each other."
         )
-    at, moved = source.point_to_index(corners), _turned(np.linalg.inv(source.matrix), d)
+    at, moved = source.point_to_index(corners), _rotate_bounds(np.linalg.inv(source.matrix), d)
     more = _ROUNDING + _SPLINE * METHODS[method].is_spline
     counts = np.array(source.shape[::-1])
     still = (moved[0] == 0) & (moved[1] == 0) & np.all(np.abs(at - np.round(at)) < _CENTRE_TOLERANCE, axis=0)

@@ -41,14 +41,14 @@ def distances(corners: AnyArray, faces: AnyArray, grid: Grid, *, oriented: bool,
     def part(begin: float, end: float) -> Progress | None:
         return None if progress is None else lambda done: progress(begin + done * (end - begin))
 
-    triangles, keys = _near(corners[faces], grid, part(0.0, 0.5))
+    triangles, keys = _near_voxels(corners[faces], grid, part(0.0, 0.5))
     near = np.flatnonzero(keys != _NONE)
     if not len(near):
         raise DeformError(_ELSEWHERE)
     place = _Lattice(grid).centres(near)
     closest = place - _offsets(place, triangles, (keys[near] & np.uint64(0xFFFFFFFF)).astype(np.int64))
     del keys
-    out = _spread(near, closest, grid, part(0.5, 0.9))
+    out = _spread_distances(near, closest, grid, part(0.5, 0.9))
     inside = _inside(corners, faces, grid.shape, oriented)
     np.negative(out, out=out, where=inside)
     if progress is not None:
@@ -70,7 +70,7 @@ class _Lattice:
 _NONE = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
-def _near(triangles: AnyArray, grid: Grid, progress: Progress | None) -> tuple[AnyArray, AnyArray]:
+def _near_voxels(triangles: AnyArray, grid: Grid, progress: Progress | None) -> tuple[AnyArray, AnyArray]:
     """Corners of small triangles (M, 3, 3) as lengths; per voxel the squared distance and number of the nearest.
 
     Both are one number, the bits of a float32 before those of the triangle's: positive floats are ordered like their
@@ -79,7 +79,7 @@ def _near(triangles: AnyArray, grid: Grid, progress: Progress | None) -> tuple[A
     """
     spacing, shape = np.asarray(grid.spacing), np.array(grid.shape[::-1])
     band = float(np.linalg.norm(spacing)) * 1.001
-    small = _subdivided(triangles * spacing, _LONGEST * float(spacing.min()))
+    small = _subdivide(triangles * spacing, _LONGEST * float(spacing.min()))
     low = np.maximum(np.ceil((small.min(axis=1) - band) / spacing), 0).astype(np.int64)
     size = np.minimum(np.floor((small.max(axis=1) + band) / spacing), shape - 1).astype(np.int64) + 1 - low
     kept = np.flatnonzero((size > 0).all(axis=1))
@@ -129,7 +129,7 @@ def _boxes(size: AnyArray) -> tuple[AnyArray, AnyArray]:
     return number, place
 
 
-def _subdivided(triangles: AnyArray, longest: float) -> AnyArray:
+def _subdivide(triangles: AnyArray, longest: float) -> AnyArray:
     """The same surface in triangles whose edges are no longer; the longest edge of a triangle is halved each time."""
     done = []
     while len(triangles):
@@ -200,7 +200,7 @@ def _offsets(places: AnyArray, triangles: AnyArray, number: AnyArray) -> AnyArra
     return out
 
 
-def _spread(near: AnyArray, closest: AnyArray, grid: Grid, progress: Progress | None) -> AnyArray:
+def _spread_distances(near: AnyArray, closest: AnyArray, grid: Grid, progress: Progress | None) -> AnyArray:
     """Distances of all voxels to the point of the surface that is closest to the nearest voxel beside the surface."""
     away = np.ones(grid.shape, dtype=bool)
     away.reshape(-1)[near] = False

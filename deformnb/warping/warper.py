@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from deformnb import devices
 from deformnb._jax import as_numpy, jax, jnp
 from deformnb._typing import Progress
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.rbf.fields import AbstractField, HasField, as_field
 from deformnb.volume import sampling
@@ -168,7 +168,7 @@ def warp(
     if output is not None:  # else a deformation has its own
         options["output"] = as_grid(output)
     volumes, made_of = volumes_of(volume)
-    return made_of(deformed(volumes, field, **options, progress=progress))
+    return made_of(deform_volumes(volumes, field, **options, progress=progress))
 
 
 def volumes_of(given: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], Any]]:
@@ -190,7 +190,7 @@ def volumes_of(given: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], A
     return [subject], lambda results: results[0]
 
 
-def deformed(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
+def deform_volumes(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
     """Volumes on one grid through a field, or a Deformation, whose result may have a grid of its own.
 
     Parameters
@@ -242,10 +242,10 @@ class Warper:
         discrete = volume.is_labels or volume.dtype == np.bool_
         self.volume = volume
         self.output = volume.grid if output is None else as_output(output, volume.grid)
-        self.method = planning.checked_method(method, discrete=discrete)
+        self.method = planning.check_method(method, discrete=discrete)
         self.fill = volume.background if fill is None else fill
         if not (isinstance(step, int | np.integer) and 1 <= step < 2**31):
-            raise DeformError(f"step must be a whole number of voxels, at least 1, got {shown_value(step)}.")
+            raise DeformError(f"step must be a whole number of voxels, at least 1, got {short_value(step)}.")
         self.step = int(step)
         self._fill = planning.as_voxel(self.fill, volume.dtype)
         self.compute = sampling.compute_type(volume.dtype)
@@ -267,16 +267,16 @@ class Warper:
     def planned(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """The voxels under an extruded map, in the quickest way."""
         if not devices.is_host() or (plan.weights is not None and plan.normal == 2):
-            values = self._in_blocks(plan, progress)
+            values = self._run_blocks(plan, progress)
         elif plan.normal == 2 or (plan.weights is None and plan.normal in self._tables and self._is_whole(plan.normal)):
             values = self._rows(plan, progress)
             values = values if plan.normal in self._tables else _writable(values)
         else:
-            values = self._extruded(plan, progress)
+            values = self._run_extrusion(plan, progress)
         if plan.opacity is None:
             return values
         rows = np.moveaxis(values, plan.normal, 2)  # which fade as a whole
-        return np.moveaxis(self._faded(rows, plan.opacity), 2, plan.normal)
+        return np.moveaxis(self._fade(rows, plan.opacity), 2, plan.normal)
 
     def prepare(self, axis: int) -> None:
         """Make replicated edits along an array axis (0, 1, 2 for z, y, x) as fast as they can be.
@@ -311,7 +311,7 @@ class Warper:
             values = sampling.spline_coefficients(values, self.compute)
         return sampling.share_with_jax(values)
 
-    def _faded(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
+    def _fade(self, values: NDArray[Any], opacity: NDArray[np.float32]) -> NDArray[Any]:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
     def load(self) -> None:
@@ -340,7 +340,7 @@ class Warper:
                     **self._settings(),
                 )
             )
-        return result if own.opacity is None else self._faded(result, own.opacity)
+        return result if own.opacity is None else self._fade(result, own.opacity)
 
     def at_voxels(self, known: Replacement) -> NDArray[Any]:
         """Single voxels, whose displacements are known."""
@@ -350,9 +350,9 @@ class Warper:
             result = as_numpy(
                 sampling.listed(self._flat, d, voxels, at.matrix, at.whole, at.part, self._fill, **self._settings())
             )
-        return result if opacity is None else self._faded(result, opacity)
+        return result if opacity is None else self._fade(result, opacity)
 
-    def put_near_cut(
+    def replace_near_cut(
         self, out: NDArray[Any], cut: CutPlan, part: tuple[slice, NDArray[np.intp]], d: Any, opacity: Any
     ) -> None:
         """Put in a result the voxels of a part of those that lie so near a cut that it may open."""
@@ -370,7 +370,7 @@ class Warper:
                     **self._settings(),
                 )
             )
-        np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(self._faded(result, opacity), normal, 2)[0]
+        np.moveaxis(out, normal, 2)[*pixels, depth] = np.moveaxis(self._fade(result, opacity), normal, 2)[0]
 
     def _settings(self) -> dict[str, Any]:
         return {
@@ -381,7 +381,7 @@ class Warper:
             "near": self._near,
         }
 
-    def _extruded(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+    def _run_extrusion(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """A few slices along the normal at a time: they need nothing of the other slices, so no copy of all is made."""
         axis, n = plan.normal, self.output.shape[plan.normal]
         out = np.empty(self.output.shape, self._voxels.dtype)
@@ -392,7 +392,7 @@ class Warper:
         most = planning.BLOCK_VOXELS * blocks * n // self.output.size
         most = min(most, -(-n // planning.processors()))  # a part for each processor
         parts = planning.parts(n, most)
-        moved = self._replicated(plan) if plan.weights is None else self._modulated(plan, parts[0].stop)
+        moved = self._replicate_slices(plan) if plan.weights is None else self._modulate_slices(plan, parts[0].stop)
 
         def work(part: slice) -> None:
             voxels = self._voxels[*before, slice(first + part.start, first + part.stop)]
@@ -402,7 +402,7 @@ class Warper:
         _share([self], parts, work, progress)
         return out
 
-    def _replicated(self, plan: planning.Extruded) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
+    def _replicate_slices(self, plan: planning.Extruded) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
         """Slices under one map: a few are turned so that what moves together lies together, moved, and turned back."""
         normal, axes = plan.normal, [axis for axis in range(3) if axis != plan.normal]
         at = self._places.along(axes, plan.matrix)
@@ -430,12 +430,12 @@ class Warper:
         """Check whether slices along an axis begin whole pages apart, so that they evict each other from the cache."""
         return axis == 0 and self._voxels[0].nbytes % 4096 == 0
 
-    def _modulated(self, plan: planning.Extruded, count: int) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
+    def _modulate_slices(self, plan: planning.Extruded, count: int) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
         """``count`` slices under maps whose weights change from one to the next."""
         normal, weights = plan.normal, plan.weights
         assert weights is not None
         if self._has_words(normal):
-            return self._in_words(plan, weights)
+            return self._modulate_words(plan, weights)
         whole, fraction = list(self._places.whole), list(self._places.part)
         whole[normal] = np.zeros((3, count), np.int32)
         whole[normal][normal] = np.arange(count)
@@ -475,10 +475,10 @@ class Warper:
             and bool(np.prod(source) <= min(2 * np.prod(output), sampling.MOST_WORDS))
         )
 
-    def _in_words(
+    def _modulate_words(
         self, plan: planning.Extruded, weights: NDArray[np.float32]
     ) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """:meth:`_modulated` for small integers. NumPy computes what the parts share: it compiles nothing."""
+        """:meth:`_modulate_slices` for small integers. NumPy computes what the parts share: it compiles nothing."""
         normal = plan.normal
         at = self._places.along([axis for axis in range(3) if axis != normal], plan.matrix)
         m = at.matrix[:, :, None, None]
@@ -502,7 +502,7 @@ class Warper:
 
         return moved
 
-    def _in_blocks(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
+    def _run_blocks(self, plan: planning.Extruded, progress: Progress | None) -> NDArray[Any]:
         """Parts along z and y: of maps that change along x, for slices would have to be cut out of every row; and of
         any map on a GPU, which holds the whole volume.
         """
@@ -542,7 +542,7 @@ class Warper:
                 if plan.normal != 2
                 else sampling.Rows(self._flat, first, self.output.shape[2])
             )
-        out = _moved_rows(table, plan.maps[0], at, self._fill, settings, progress)
+        out = _move_rows(table, plan.maps[0], at, self._fill, settings, progress)
         return np.moveaxis(out, 2, plan.normal)
 
 
@@ -562,11 +562,11 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
         _ = warper.volume.values  # raises where its file has changed
     plan, cut = None, None
     if not METHODS[first.method].is_spline:  # its coefficients hold the value along the normal in three taps
-        plan = planning.extruded(field, grid, output, first.compute)
+        plan = planning.plan_extrusion(field, grid, output, first.compute)
         cut = None if plan else plan_cut(field, grid, output, first.compute)
     try:
         if cut:
-            values = _near_cuts(warpers, cut, progress)
+            values = _warp_near_cuts(warpers, cut, progress)
         elif plan:
             values = [warper.planned(plan, _part_of(progress, k, len(warpers))) for k, warper in enumerate(warpers)]
         else:
@@ -582,10 +582,10 @@ def _together(warpers: Sequence[Warper], field: AbstractField | HasField, progre
 
 def _part_of(progress: Progress | None, k: int, count: int) -> Progress | None:
     """The progress of the k-th of several pieces of work that take equally long."""
-    return _within(progress, k / count, (k + 1) / count)
+    return _progress_range(progress, k / count, (k + 1) / count)
 
 
-def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
+def _progress_range(progress: Progress | None, first: float, last: float) -> Progress | None:
     """The progress of a piece of work that takes the whole from one share to another."""
     return None if progress is None else lambda share: progress(first + share * (last - first))
 
@@ -615,10 +615,14 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
     by_lattice = chain.is_single or step > 1
     ends = (0.0, 1.0, 1.0) if by_lattice else _ENDS
     if not by_lattice:
-        chain.prepare(_within(progress, 0.0, ends[0]))
+        chain.prepare(_progress_range(progress, 0.0, ends[0]))
 
     def work(block: tuple[slice, slice]) -> None:
-        own = _on_lattice(field, planning.lattice(grid, block, step), step) if by_lattice else chain.block(block)
+        own = (
+            _lattice_displacements(field, planning.lattice(grid, block, step), step)
+            if by_lattice
+            else chain.block(block)
+        )
         for k, warper in enumerate(warpers):
             _store(outs, k, block, warper.in_block(own, block, step), is_final=by_lattice)
         for known in own.exact:
@@ -629,9 +633,9 @@ def _general(warpers: Sequence[Warper], field: AbstractField, progress: Progress
             out[known[0]] = warper.at_voxels(known)
 
     parts = planning.blocks(grid.shape, step) if by_lattice else planning.square_blocks(grid.shape)
-    _share(warpers, parts, work, _within(progress, *ends[:2]))
+    _share(warpers, parts, work, _progress_range(progress, *ends[:2]))
     if not by_lattice:
-        _share(warpers, chain.left(), lambda find: replace(find()), _within(progress, *ends[1:]))
+        _share(warpers, chain.left(), lambda find: replace(find()), _progress_range(progress, *ends[1:]))
     return outs
 
 
@@ -650,16 +654,16 @@ def _store(
         target[...] = result[: target.shape[0], : target.shape[1]]
 
 
-def _on_lattice(field: AbstractField, lattice: Grid, step: int) -> Displacements:
+def _lattice_displacements(field: AbstractField, lattice: Grid, step: int) -> Displacements:
     """Stored samples as they are, anything else evaluated at every node of a lattice."""
-    stored = planning.between_samples(field, lattice) if step == 1 else None
+    stored = planning.interpolation_tables(field, lattice) if step == 1 else None
     if stored is not None:
         return Displacements(*stored)
-    d, opacity = planning.seen(field, lattice, step)
+    d, opacity = planning.displacements_and_opacity(field, lattice, step)
     return Displacements(d, opacity=opacity)
 
 
-def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
+def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
     """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
     outs = [_writable(warper.planned(cut.apart, None)) for warper in warpers]
     for warper in warpers:
@@ -668,7 +672,7 @@ def _near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | Non
     def work(part: tuple[slice, NDArray[np.intp]]) -> None:
         d, opacity = cut.seen(*part)
         for warper, out in zip(warpers, outs, strict=True):
-            warper.put_near_cut(out, cut, part, d, opacity)
+            warper.replace_near_cut(out, cut, part, d, opacity)
 
     _share(warpers, cut.parts(), work, progress)
     return outs
@@ -725,7 +729,7 @@ def warp_all(
     return [results[k] for k in range(len(volumes))]
 
 
-def _moved_rows(
+def _move_rows(
     table: Any,
     maps: NDArray[np.float32],
     at: planning.Places,
@@ -786,7 +790,7 @@ def warp_picture(
     field = as_field(field)
     if not isinstance(raster, Raster):
         raise DeformError(
-            f"the pixels of a picture lie on a Raster, got {shown_value(raster)}; a Picture has one: picture.raster."
+            f"the pixels of a picture lie on a Raster, got {short_value(raster)}; a Picture has one: picture.raster."
         )
     values = np.asarray(values)
     if field.dim != 2:
@@ -795,7 +799,7 @@ def warp_picture(
         raise DeformError(f"the picture has shape {values.shape} but its raster has {raster.shape}.")
     if values.dtype.name not in DTYPES:
         raise DeformError(f"pixels of type {values.dtype} cannot be sampled; use one of {', '.join(DTYPES)}.")
-    method = planning.checked_method(method, discrete=values.dtype == np.bool_)
+    method = planning.check_method(method, discrete=values.dtype == np.bool_)
     compute = sampling.compute_type(values.dtype)
     output = output or raster
     pixels, background = _finite_pixels(values)
@@ -813,8 +817,8 @@ def warp_picture(
         "index": "int32",
         "near": at.near(raster.shape),
     }
-    d, opacity = planning.seen_on_raster(field, output)
-    result = _moved_rows(table, d, at, lowest, settings)
+    d, opacity = planning.raster_with_opacity(field, output)
+    result = _move_rows(table, d, at, lowest, settings)
     if opacity is not None:
         result = apply_opacity(result, opacity, lowest, discrete=not METHODS[method].blends)
     return result.view(values.dtype).reshape(*output.shape, *values.shape[2:])

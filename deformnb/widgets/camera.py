@@ -141,7 +141,7 @@ def checked_camera(value: Any) -> dict[str, Any]:
     far = _FARTHEST["zoom"]
     if not (1 / far < camera["zoom"] < far and np.abs(camera["pan"]).max() < _FARTHEST["pan"]):
         raise DeformError("pan and zoom of the camera lead to where nothing can be seen; set them to (0, 0) and 1.")
-    plane = Plane.through((0, 0, 0), camera["direction"], camera["up"] if "up" in given else None)
+    plane = Plane.from_normal((0, 0, 0), camera["direction"], camera["up"] if "up" in given else None)
     if "direction" in given and "up" not in given:
         camera["up"] = -np.asarray(plane.v)
     whole = {name: (numbers + 0.0).tolist() for name, numbers in camera.items()}  # no -0.0
@@ -164,10 +164,10 @@ def turned(
     """
     changed = dict(camera)
     if direction is not None:
-        plane = Plane.through((0, 0, 0), direction, up)  # refuses what is no direction
+        plane = Plane.from_normal((0, 0, 0), direction, up)  # refuses what is no direction
         changed |= {"direction": list(plane.normal), "up": [-c for c in plane.v], "pan": [0.0, 0.0]}
     elif up is not None:
-        changed["up"] = [-c for c in Plane.through((0, 0, 0), changed["direction"], up).v]
+        changed["up"] = [-c for c in Plane.from_normal((0, 0, 0), changed["direction"], up).v]
     if zoom is not None:
         changed["zoom"] = zoom
     if perspective is not None:
@@ -187,7 +187,7 @@ def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float 
     grid : whose box is shown.
     aspect : width of the picture by its height.
     """
-    plane = Plane.through(grid.center, direction, up)
+    plane = Plane.from_normal(grid.center, direction, up)
     corners = np.abs(plane.to_plane(grid.corners()))
     far = grid.diagonal / 2
     tall = max(corners[:, 1].max(), corners[:, 0].max() / aspect, SMALLEST_SHARE * far * min(1.0, 1 / aspect))
@@ -204,7 +204,7 @@ def camera_of(view: Mapping[str, Any], box: Grid, aspect: float) -> Camera:
     """
     sides = view["direction"], view.get("up")
     height = seen_height(box, *sides, aspect, float(view.get("zoom") or 1.0))
-    plane = Plane.through(box.center, *sides)
+    plane = Plane.from_normal(box.center, *sides)
     right, above = view.get("pan") or (0.0, 0.0)
     plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))
     return Camera(plane, height, STANDOFF * height if view.get("perspective") else None)

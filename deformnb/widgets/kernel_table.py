@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from deformnb._jax import compiled, float64
+from deformnb._jax import float64, jit
 from deformnb._typing import Floats
 from deformnb.rbf.kernels import BUILT_IN, LEAST_DISTANCE, AbstractKernel, as_kernel
 
@@ -115,7 +115,7 @@ def _values(kind: type[AbstractKernel], s: Floats) -> tuple[Floats, Floats]:
     return np.asarray(phi)[: s.size].reshape(s.shape), np.asarray(slope)[: s.size].reshape(s.shape)
 
 
-_both = compiled(lambda s, kernel: (kernel.profile(s), kernel.slope(s)), static_argnames="kernel")
+_both = jit(lambda s, kernel: (kernel.profile(s), kernel.slope(s)), static_argnames="kernel")
 
 
 def _pieces(kind: type[AbstractKernel], pieces: Floats) -> tuple[Floats, Floats]:

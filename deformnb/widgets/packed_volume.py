@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress
-from deformnb.checks import checked_window
+from deformnb.checks import check_window
 from deformnb.errors import DeformError
 from deformnb.volume.coarsening import block_means, coarser
 from deformnb.volume.plane import VIEWS, Plane
@@ -114,7 +114,7 @@ class PackedVolume:
         """Facts for the front end before the voxels come."""
         grid = self.volume.grid
         home = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0]}
-        views = {view: _look(Plane.along(self.original, view)) for view in VIEWS}
+        views = {view: _look(Plane.from_view(self.original, view)) for view in VIEWS}
         return {
             "id": self.id,
             "shape": list(grid.shape[::-1]),
@@ -185,7 +185,7 @@ def packed_volume(
         the brightest 1 in 10 000) for others, so that a piece of metal does not take all the grey levels.
     """
     factors = factors_of(volume.grid, limit, largest)
-    low, high = whole_window(volume) if window is None else checked_window(window)
+    low, high = whole_window(volume) if window is None else check_window(window)
     grid = coarser(volume.grid, factors)
     values = np.empty(grid.shape, np.uint8)
     fx, fy, fz = factors

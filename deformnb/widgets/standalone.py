@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.document.deformation import Deformation, Step, VolumeReference
-from deformnb.document.edits import untouched_step
+from deformnb.document.edits import initial_step
 from deformnb.document.json_format import to_json
 from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
@@ -162,7 +162,7 @@ def file_page_html(language: str | None = None) -> str:
     """
     code = chosen_language(language)
     volume = Volume.from_array(np.arange(8, dtype=np.uint8).reshape(2, 2, 2))  # the file's volume comes in its place
-    step = untouched_step(Plane.along(volume), volume.grid)
+    step = initial_step(Plane.from_view(volume), volume.grid)
     assert step.plane is not None
     editor, view = Editor(project(volume, step.plane), step.maps[0]), LiveView(volume)
     try:

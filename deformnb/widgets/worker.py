@@ -20,7 +20,7 @@ from concurrent.futures import Future
 from typing import Any, TypeVar
 
 from deformnb._jax import ENDING
-from deformnb.checks import notes_reported
+from deformnb.checks import report_notes
 from deformnb.errors import DeformError
 
 _LOG = logging.getLogger(__name__)
@@ -216,7 +216,7 @@ def _work(queue: _Queue, before: threading.Thread | None) -> None:
         before = None
     while (work := queue.take()) is not None:
         try:
-            with notes_reported():  # by the widgets
+            with report_notes():  # by the widgets
                 work()
         except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
             if not ENDING.is_set():  # which cancels what a job computes

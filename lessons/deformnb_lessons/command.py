@@ -51,7 +51,7 @@ def add_lesson(commands: Any) -> None:
 
 
 def _lesson(options: argparse.Namespace) -> None:
-    from deformnb.checks import one_of
+    from deformnb.checks import check_choice
     from deformnb.words import language, translate
     from deformnb_lessons import LESSONS
 
@@ -63,7 +63,7 @@ def _lesson(options: argparse.Namespace) -> None:
         chosen = "" if options.language is None else f" --language {code}"
         print(translate(f"open one with: deformnb lesson {next(iter(LESSONS))}{chosen}", code))
         return
-    one_of(options.name, LESSONS, "lesson")
+    check_choice(options.name, LESSONS, "lesson")
     if options.page:
         _write_page(options.name, Path(options.folder), code)
         return

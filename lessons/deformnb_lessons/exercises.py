@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deformnb.checks import real_array, shown_value
+from deformnb.checks import real_array, short_value
 from deformnb.words import translate
 
 _COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words say it too
@@ -123,11 +123,11 @@ class Numbers(AbstractExercise):
             return self._no(f"Give {form}, without quotation marks.")
         numbers = real_array(answer)
         if numbers is None or np.asarray(answer).dtype.kind == "b":
-            return self._no(f"Give {form}; {shown_value(answer)} is something else.")
+            return self._no(f"Give {form}; {short_value(answer)} is something else.")
         if numbers.shape != wanted.shape:
-            return self._no(f"Give {form}, instead of {shown_value(answer)}.")
+            return self._no(f"Give {form}, instead of {short_value(answer)}.")
         if not np.isfinite(numbers).all():
-            return self._no(f"Give {form}; a number is missing in {shown_value(answer)}.")
+            return self._no(f"Give {form}; a number is missing in {short_value(answer)}.")
         if self._near(numbers, wanted):
             return self._yes()
         return self._no(next((hint for wrong, hint in self.mistakes if self._near(numbers, wrong)), self.hint))
@@ -172,7 +172,7 @@ class Choice(AbstractExercise):
         if not words or [word.strip() if isinstance(word, str) else word for word in given] == [""]:
             return self._no(f"There is no answer yet: give {form}.")
         if None in words:
-            return self._no(f"Give {form}; {shown_value(answer)} has something else.")
+            return self._no(f"Give {form}; {short_value(answer)} has something else.")
         wrong = next((word for word in self.among if word in words and word not in self.right), None)
         if wrong is not None:
             return self._no(self.mistakes[wrong])

@@ -6,7 +6,7 @@ from typing import Any
 
 import ipywidgets as ipw
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb_lessons.exercises import AbstractExercise, Result
 from deformnb_lessons.studio_tasks import session_of
@@ -48,7 +48,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
         session = session_of(studio)
         if session is None:
             raise DeformError(
-                f"the result follows a studio, got {shown_value(studio)}; run the cell of the studio "
+                f"the result follows a studio, got {short_value(studio)}; run the cell of the studio "
                 "first, and give the studio itself."
             )
         super().__init__()

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb_lessons import affine, coordinates, folding, kernels
 from deformnb_lessons.exercises import AbstractExercise, Result
@@ -84,7 +84,7 @@ class Lesson:
     def _exercise(self, name: str) -> AbstractExercise:
         if not isinstance(name, str) or name not in self.exercises:
             known = ", ".join(self.exercises)
-            raise DeformError(f"this lesson has no exercise {shown_value(name)}; it has {known}.")
+            raise DeformError(f"this lesson has no exercise {short_value(name)}; it has {known}.")
         return self.exercises[name]
 
 

@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from deformnb.checks import one_of
+from deformnb.checks import check_choice
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.points import ControlPoints
@@ -62,7 +62,7 @@ def lesson_start(name: str, volume: VolumeLike) -> Deformation:
     >>> lesson_start("affine", lesson_carp()).steps[0].points.names
     ('head', 'tail')
     """
-    one_of(name, _PAGES, "lesson")
+    check_choice(name, _PAGES, "lesson")
     return _PAGES[name].begin(as_volume(volume))
 
 
@@ -105,20 +105,22 @@ def _nodes(volume: Volume) -> Deformation:
     """The nodes of Thompson's grid that a pupil drags to turn the carp into Antigonia."""
     task = LESSONS["coordinates"].exercises["antigonia"]
     assert isinstance(task, FishTask)
-    return Deformation.on_picture(volume, _SIDE, task.grids(volume).points.take(GOAL_NODES).reset())
+    return Deformation.from_picture_points(volume, _SIDE, task.grids(volume).points.take(GOAL_NODES).reset())
 
 
 def _corners(volume: Volume) -> Deformation:
-    return Deformation.on_picture(volume, _SIDE, ControlPoints.from_arrays(_CORNERS), trend="none")
+    return Deformation.from_picture_points(volume, _SIDE, ControlPoints.from_arrays(_CORNERS), trend="none")
 
 
 def _ends(volume: Volume) -> Deformation:
     ends = ControlPoints.from_arrays([[40, 100], [460, 100]], names=["head", "tail"])
-    return Deformation.on_picture(volume, _SIDE, ends, trend="similarity")
+    return Deformation.from_picture_points(volume, _SIDE, ends, trend="similarity")
 
 
 def _one(volume: Volume) -> Deformation:
-    return Deformation.on_picture(volume, _SIDE, ControlPoints.from_arrays([[200, 100]]), trend="none", support=100.0)
+    return Deformation.from_picture_points(
+        volume, _SIDE, ControlPoints.from_arrays([[200, 100]]), trend="none", support=100.0
+    )
 
 
 _PAGES = {

@@ -27,13 +27,13 @@ def brick(shape: tuple[int, int, int] = (20, 24, 28), spacing: tuple[float, floa
 
 def dragged(volume: Volume, way: tuple[float, float], view: str = "+y", **options: object) -> AbstractField:
     """The field of the middle of a picture dragged, its corners held."""
-    plane = Plane.along(volume.grid, view)
+    plane = Plane.from_view(volume.grid, view)
     at = plane.to_plane(volume.grid.corners())[:, :2]
     low, high = at.min(axis=0), at.max(axis=0)
     source = [low, (high[0], low[1]), high, (low[0], high[1]), (low + high) / 2]
     target = [*source[:4], np.add(source[4], way)]
     points = ControlPoints.from_arrays(source, target)
-    return Deformation.on_picture(volume.grid, view, points, **options).field(volume.grid)
+    return Deformation.from_picture_points(volume.grid, view, points, **options).field(volume.grid)
 
 
 def really(volume: Volume, field: AbstractField, margin: int = 60) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -96,14 +96,16 @@ def test_a_map_that_folds_is_seen_whole(support: float | None) -> None:
 @pytest.mark.nightly
 def test_several_steps_and_cuts_are_followed() -> None:
     volume = brick()
-    plane = Plane.along(volume.grid, "+y")
+    plane = Plane.from_view(volume.grid, "+y")
     middle = plane.to_plane(volume.grid.center)[:2]
     cut = Cut(Line(((middle[0], -200.0), (middle[0], 200.0))))
     beside = [[middle[0] - 10, middle[1]], [middle[0] + 10, middle[1]]]
     apart = ControlPoints.from_arrays(beside, [[middle[0] - 30, middle[1]], [middle[0] + 30, middle[1]]])
     opened = Step((apart,), plane, trend="translation", cuts=(cut,))
     lifted = Step(
-        (ControlPoints.from_arrays([[0.0, 0.0]], [[0.0, 9.0]]),), Plane.along(volume.grid, "-z"), trend="translation"
+        (ControlPoints.from_arrays([[0.0, 0.0]], [[0.0, 9.0]]),),
+        Plane.from_view(volume.grid, "-z"),
+        trend="translation",
     )
     field = Deformation((opened, lifted)).field(volume.grid)
     (first, last), (low, high) = really(volume, field), ends(volume, field_of_view(volume, field).grid)
@@ -155,7 +157,7 @@ def test_sides_are_told_as_those_of_the_body() -> None:
     moved = {(40.0, 0.0): ("left side (L)",), (0.0, 30.0): ("bottom (I)",), (0.0, 0.0): (), (1.0, 0.0): ()}
     for (a, b), sides in moved.items():
         points = ControlPoints.from_arrays([[0.0, 0.0]], [[a, b]])
-        field = Deformation.on_picture(volume.grid, "+y", points, trend="translation").field(volume.grid)
+        field = Deformation.from_picture_points(volume.grid, "+y", points, trend="translation").field(volume.grid)
         assert exceeded_sides(reached_places(foreground, field), volume.grid) == sides
         assert exceeded_sides(reached_places(foreground, field), field_of_view(foreground, field).grid) == ()
 
@@ -164,7 +166,7 @@ def test_a_field_of_the_plane_is_refused() -> None:
     with pytest.raises(DeformError, match="needs a field in space"):
         field_of_view(
             brick(),
-            Deformation.on_picture(brick().grid, "+y", ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]]))
+            Deformation.from_picture_points(brick().grid, "+y", ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]]))
             .steps[0]
             .fits(brick().grid)[0],
         )

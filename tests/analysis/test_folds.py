@@ -130,7 +130,7 @@ def test_on_rasters_as_at_points(kernel: str) -> None:
 @pytest.mark.parametrize("view", ["+x", "-y", "+z", "oblique"])
 @pytest.mark.parametrize("rule", RULES)
 def test_extrusions(rule: str, view: str, grid: Grid) -> None:
-    plane = Plane.through(grid.center, (1, 2, -0.5)) if view == "oblique" else Plane.along(grid, view)
+    plane = Plane.from_normal(grid.center, (1, 2, -0.5)) if view == "oblique" else Plane.from_view(grid, view)
     maps = [fit_rbf(dragged(k, 3.0), support=60.0) for k in range(len(RULES[rule][1]))]
     field = extrude(plane, grid, maps, RULES[rule])
     found = jacobian_determinant(field, grid)
@@ -152,13 +152,13 @@ def test_a_replication_is_the_same_along_its_depth() -> None:
     grid = Grid((12, 30, 31), (3.0,) * 3)
     flat = one_drag(30.0, 40.0)
     folds = folds_of(flat, Raster((30, 31), (3.0, 3.0), (0.0, 0.0)))
-    whole = extrude(Plane.along(grid, "+z"), grid, [flat], replicate())
+    whole = extrude(Plane.from_view(grid, "+z"), grid, [flat], replicate())
     there = folds_of(whole, grid)
     assert (there.least, there.share) == (pytest.approx(folds.least), pytest.approx(folds.share))
     assert folds.share > 0
     at = whole.plane.to_plane(there.place)
     oracle.assert_close(at[:2], folds.place, atol=1e-9)
-    half = extrude(Plane.along(grid, "+z"), grid, [flat], modulate("z"))
+    half = extrude(Plane.from_view(grid, "+z"), grid, [flat], modulate("z"))
     assert folds_of(half, grid).place[2] == pytest.approx(33)  # where the weight is 1
     assert 0 < folds_of(half, grid).share < folds.share
 
@@ -188,7 +188,7 @@ def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
 
 def test_cuts_in_space() -> None:
     grid = Grid((6, 40, 40), (2.0, 2.317, 2.411))
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = fitted(scattered(2.0), (MIDDLE,))
     for rule in (replicate(), modulate("1 - z")):
         field = Decoupled(tuple(extrude(plane, grid, [m], rule) for m in flat.fields), flat.sides, flat.regions, plane)

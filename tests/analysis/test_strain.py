@@ -117,7 +117,7 @@ def test_folded_places_are_not_numbers() -> None:
 
 def test_a_replication_stretches_nothing_along_its_depth() -> None:
     grid = Grid((8, 9, 10), (10.0,) * 3)
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = fit_rbf(dragged(4, 4.0), support=70.0)
     x = np.array([33.0, 41.0, 50.0])
     there, here = stretches(extrude(plane, grid, [flat], replicate()), x), stretches(flat, plane.to_plane(x)[:2])

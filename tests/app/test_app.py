@@ -12,7 +12,7 @@ import pytest
 from running_app import RunningApp, connected, edit_of, heard
 from waiting import PATIENCE, wait_for
 
-from deformnb.app.application import Application, announce, check_app, made_up_carp
+from deformnb.app.application import Application, announce, check_app, synthetic_carp
 from deformnb.app.bridge import SETTABLE
 from deformnb.datasets.phantoms import PHANTOMS
 from deformnb.document.deformation import Deformation
@@ -238,7 +238,7 @@ def test_a_port_that_is_taken_is_said(running: RunningApp) -> None:
 
 def test_who_brings_no_volume_gets_a_carp() -> None:
     shares: list[float] = []
-    carp = made_up_carp(shares.append)
+    carp = synthetic_carp(shares.append)
     assert carp.name.startswith("carp")
     assert shares
 

@@ -35,7 +35,7 @@ z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 8 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
 corners = [[2, 2], [57, 2], [57, 57], [2, 57]]
-start = Deformation.on_picture(volume.grid, "+y", ControlPoints.from_arrays([*corners, [29.5, 29.5]]))
+start = Deformation.from_picture_points(volume.grid, "+y", ControlPoints.from_arrays([*corners, [29.5, 29.5]]))
 told = Label().add_class("told")
 """
 # The point in the middle of the ball is number 4; an observer that raises when number 0 moves stands for a user's.

@@ -34,11 +34,11 @@ def body() -> Volume:
 
 
 def bent() -> Deformation:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     corners = plane.to_plane(GRID.corners())[:, :2]
     source = corners.min(axis=0) + np.ptp(corners, axis=0) * np.array([[0.3, 0.3], [0.7, 0.3], [0.5, 0.8], [0.2, 0.7]])
     move = np.array([[3.0, 1.0], [-2.0, 2.0], [3.0, -2.0], [1.0, 3.0]])
-    return Deformation.on_picture(GRID, plane, ControlPoints.from_arrays(source, source + move))
+    return Deformation.from_picture_points(GRID, plane, ControlPoints.from_arrays(source, source + move))
 
 
 def cut(axis: int, pair: tuple[float, float]) -> list[tuple[float, float]]:

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.needs_browser
 SIZE = (240, 180)
 GRID = Grid((24, 28, 40), (1.0, 1.2, 1.5), (-4.0, 7.0, 20.0))
 FINE = GRID.resampled(spacing=0.5)  # on which the second interpolation of the core's picture blurs little
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 MIDDLE = PLANE.to_plane(GRID.center)[:2]
 WHITE = TransferFunction(((0, 1, 1, 1),), ((0, 0), (60, 0), (100, 0.95), (255, 0.95)))
 VIEW = "document.querySelector('.dnb-view').deformnb"
@@ -136,7 +136,7 @@ def test_a_cut_is_as_open_as_in_the_core(drawn: tuple[LivePage, LiveView], name:
 
 def early() -> dict[str, Deformation]:
     """Cuts that the card gets as samples in space."""
-    other = Plane.along(GRID, "-z")
+    other = Plane.from_view(GRID, "-z")
     at = other.to_plane(GRID.center)[:2]
     source = at + np.array([[0.0, 0.0], [15.0, 3.0], [-15.0, -3.0]])
     bend = Step((ControlPoints.from_arrays(source, source + np.array([[0, 4.0], [0, -2.0], [0, -2.0]])),), other)
@@ -179,7 +179,7 @@ def test_an_earlier_cut_that_is_closed_is_not_seen(page: LivePage) -> None:
         view.show_deformation(Deformation((pulled(0.0, rule), bend)))
         # One of the two is looked up in maps, the other in samples in space, which are coarser.
         assert np.abs(page.pixels().astype(int) - plain).mean() < 0.6
-    later = Deformation((pulled(5.0), pulled(3.0, plane=Plane.along(GRID, "-z")), bend))
+    later = Deformation((pulled(5.0), pulled(3.0, plane=Plane.from_view(GRID, "-z")), bend))
     view.show_deformation(later)
     page.wait("document.querySelector('.dnb-badge').textContent")
     assert page.page.text_content(".dnb-badge") == "cuts of the first steps are shown roughly"

@@ -20,7 +20,7 @@ from deformnb.widgets.view.live_view import LiveView
 pytestmark = pytest.mark.needs_browser
 
 GRID = Grid((24, 40, 48), (1.5, 1.5, 1.5))
-PLANE = Plane.along(GRID, "-z")
+PLANE = Plane.from_view(GRID, "-z")
 SIZE = (288, 240)
 
 
@@ -94,7 +94,7 @@ def expected(page: LivePage, deformation: Deformation) -> NDArray[np.float64]:
 @pytest.mark.parametrize("projection", ["composite", "shaded", "mip"])
 def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None:
     view = opened(page, projection=projection)
-    deformation = Deformation.on_picture(GRID, PLANE, pulled(FAR))
+    deformation = Deformation.from_picture_points(GRID, PLANE, pulled(FAR))
     view.show_deformation(deformation)
     painted, seen, det = red(page), on_matter(page), expected(page, deformation)
     assert (det <= 0)[seen].sum() > 500
@@ -106,7 +106,7 @@ def test_what_folds_is_red_at_its_place(page: LivePage, projection: str) -> None
 
 def test_what_does_not_fold_has_no_red_and_no_cost(page: LivePage) -> None:
     view = opened(page)
-    deformation = Deformation.on_picture(GRID, PLANE, pulled(SHORT))
+    deformation = Deformation.from_picture_points(GRID, PLANE, pulled(SHORT))
     view.show_deformation(deformation)
     assert not red(page).any()
     assert expected(page, deformation)[on_matter(page)].min() > 0
@@ -117,7 +117,7 @@ def test_what_does_not_fold_has_no_red_and_no_cost(page: LivePage) -> None:
 
 def test_the_trait_switches_it_off_and_on(page: LivePage) -> None:
     view = opened(page)
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, pulled(FAR)))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR)))
     count = red(page).sum()
     assert count > 500
     view.show_folds = False
@@ -128,7 +128,7 @@ def test_the_trait_switches_it_off_and_on(page: LivePage) -> None:
 
 def test_the_original_has_no_folds(page: LivePage) -> None:
     view = opened(page)
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, pulled(FAR)))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR)))
     assert red(page).any()
     view.shows = "original"
     assert not red(page).any()
@@ -137,12 +137,14 @@ def test_the_original_has_no_folds(page: LivePage) -> None:
 def test_only_the_depths_where_the_weight_folds_are_red(page: LivePage) -> None:
     view = opened(page)
     # The weight grows with the depth: at the side of the plane there is none, and at the other all of it.
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="z"))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="z"))
     near = red(page)
     view.set_camera([-c for c in PLANE.normal], [-c for c in PLANE.v])
     far = red(page)
     assert (near.any(), far.sum() > 500) == (False, True)
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="0.1*z"))
+    view.show_deformation(
+        Deformation.from_picture_points(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="0.1*z")
+    )
     assert not red(page).any()
     assert not page.page.evaluate("() => document.querySelector('.dnb-view').deformnb.caster.folds")
 
@@ -157,7 +159,7 @@ def test_a_fold_in_space_is_red_too(page: LivePage) -> None:
     for by, is_red in ((22.0, True), (3.0, False)):
         target = source.copy()
         target[8, 0] += by
-        deformation = Deformation.in_space(ControlPoints.from_arrays(source, target))
+        deformation = Deformation.from_space_points(ControlPoints.from_arrays(source, target))
         view.show_deformation(deformation)
         assert red(page).any() == is_red
         x = np.stack(np.meshgrid(*(np.linspace(a, b, 15) for a, b in zip(low, high, strict=True))), axis=-1)
@@ -174,7 +176,7 @@ def test_an_editor_that_is_dragged_makes_the_red_come_and_go(page: LivePage) -> 
     view = opened(page)
     editor = Editor(None, pulled(SHORT), raster=None)
     page.add(editor, "editor")
-    view.follow(editor, Deformation.on_picture(GRID, PLANE, pulled(SHORT)).field(GRID))
+    view.follow(editor, Deformation.from_picture_points(GRID, PLANE, pulled(SHORT)).field(GRID))
     assert not red(page).any()
     editor.points = pulled(FAR)
     page.wait("document.querySelector('.dnb-view').deformnb.caster.folds")

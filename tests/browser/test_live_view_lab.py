@@ -20,7 +20,7 @@ view
 """
 DEFORM = """
 points = ControlPoints.from_arrays([[20.0, 20.0]], [[28.0, 20.0]])
-moved = Deformation.on_picture(volume.grid, "+y", points, trend="translation")
+moved = Deformation.from_picture_points(volume.grid, "+y", points, trend="translation")
 view.set_camera((0, 1, 0))
 view.show_deformation(moved)
 """

@@ -48,7 +48,11 @@ def sheared(p: NDArray[Any]) -> NDArray[Any]:
 
 
 def fields() -> dict[str, Deformation]:
-    front, above, oblique = Plane.along(GRID, "+y"), Plane.along(GRID, "-z"), Plane.through(GRID.center, (1, 2, -0.7))
+    front, above, oblique = (
+        Plane.from_view(GRID, "+y"),
+        Plane.from_view(GRID, "-z"),
+        Plane.from_normal(GRID.center, (1, 2, -0.7)),
+    )
     flat = points(2, sheared)
     centred = ControlPoints.from_arrays(flat.source - 29, flat.target - 29)  # an oblique plane begins in the middle
     bend = ControlPoints.from_arrays(
@@ -57,12 +61,12 @@ def fields() -> dict[str, Deformation]:
     )
     first = Step((flat,), above)
     return {
-        "a shear": Deformation.on_picture(GRID, above, flat),
-        "a bump": Deformation.on_picture(GRID, front, bend),
-        "an oblique plane": Deformation.on_picture(GRID, oblique, centred),
-        "less with depth": Deformation.on_picture(GRID, front, bend, extrusion="modulate", curve="1 - z"),
+        "a shear": Deformation.from_picture_points(GRID, above, flat),
+        "a bump": Deformation.from_picture_points(GRID, front, bend),
+        "an oblique plane": Deformation.from_picture_points(GRID, oblique, centred),
+        "less with depth": Deformation.from_picture_points(GRID, front, bend, extrusion="modulate", curve="1 - z"),
         "two planes": Deformation((first, Step((bend,), front))),
-        "in space": Deformation.in_space(points(3, sheared)),
+        "in space": Deformation.from_space_points(points(3, sheared)),
     }
 
 

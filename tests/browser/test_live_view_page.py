@@ -54,23 +54,23 @@ def drags(grid: Grid, plane: Plane, seed: int, size: float) -> ControlPoints:
 
 
 def fields(grid: Grid = GRID) -> dict[str, Deformation]:
-    plane, other = Plane.along(grid, "+y"), Plane.along(grid, "-z")
-    oblique = Plane.through(grid.center, (1, 2, -0.7))
+    plane, other = Plane.from_view(grid, "+y"), Plane.from_view(grid, "-z")
+    oblique = Plane.from_normal(grid.center, (1, 2, -0.7))
     rng = np.random.default_rng(3)
     corners = grid.corners()
     source = corners.min(axis=0) + np.ptp(corners, axis=0) * rng.uniform(0.15, 0.85, (6, 3))
     maps = tuple(drags(grid, plane, seed, 3.0) for seed in (4, 5, 6))
-    twice = Deformation.on_picture(grid, plane, drags(grid, plane, 7, 2.0))
+    twice = Deformation.from_picture_points(grid, plane, drags(grid, plane, 7, 2.0))
     return {
         "none": Deformation(),
-        "replicate": Deformation.on_picture(grid, plane, drags(grid, plane, 1, 4.0)),
-        "oblique": Deformation.on_picture(grid, oblique, drags(grid, oblique, 2, 4.0)),
-        "modulate": Deformation.on_picture(
+        "replicate": Deformation.from_picture_points(grid, plane, drags(grid, plane, 1, 4.0)),
+        "oblique": Deformation.from_picture_points(grid, oblique, drags(grid, oblique, 2, 4.0)),
+        "modulate": Deformation.from_picture_points(
             grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate", curve="sin(pi*z)"
         ),
         "interpolate": Deformation((Step(maps, plane, extrusion="interpolate", knots=(0.0, 0.3, 1.0)),)),
-        "two planes": twice.then(Deformation.on_picture(grid, other, drags(grid, other, 8, 2.0)).steps[0]),
-        "in space": Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
+        "two planes": twice.then(Deformation.from_picture_points(grid, other, drags(grid, other, 8, 2.0)).steps[0]),
+        "in space": Deformation.from_space_points(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
     }
 
 
@@ -102,7 +102,7 @@ def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> Live
 def test_all_six_views_show_the_right_side_up(page: LivePage) -> None:
     view = opened(page)
     for name in VIEWS:
-        plane = Plane.along(GRID, name)
+        plane = Plane.from_view(GRID, name)
         view.set_camera(plane.normal, [-c for c in plane.v])
         live, still = silhouette(page.pixels()), silhouette(view.still(SIZE))
         # A pixel of the edge of a shape some 80 pixels across; 0.97 leaves two thirds of that.
@@ -173,9 +173,9 @@ def test_the_card_deforms_as_the_core_does(page: LivePage, name: str) -> None:
 
 def test_a_field_of_view_shows_what_has_moved_out_of_the_box(page: LivePage) -> None:
     view = opened(page)
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     away = ControlPoints.from_arrays([[20.0, 20.0]], [[45.0, 20.0]])
-    moved = Deformation.on_picture(GRID, plane, away, trend="translation")
+    moved = Deformation.from_picture_points(GRID, plane, away, trend="translation")
     corners = GRID.corners()
     larger = GRID.covering(np.concatenate([corners, corners + 25 * np.asarray(plane.u)]))
     view.set_camera((0, 1, 0))
@@ -311,14 +311,14 @@ def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
 
 def test_without_webgl_the_volume_follows_while_the_button_is_down(browser: Any) -> None:
     page = LivePage(browser, (900, 900), init=NO_WEBGL)
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     still = ControlPoints.from_arrays([[20.0, 20.0]])
     editor = Editor(project(shape_without_symmetry(), plane), still, trend="translation", height=300)
     view = LiveView(shape_without_symmetry(), width=SIZE[0], height=SIZE[1], background="dark", transfer="surface")
     view.set_camera(plane.normal, [-c for c in plane.v])
     page.add(editor, "editor")
     page.add(view)
-    view.follow(editor, Deformation.on_picture(GRID, plane, still, trend="translation").field(GRID))
+    view.follow(editor, Deformation.from_picture_points(GRID, plane, still, trend="translation").field(GRID))
     page.wait(f"{DRAWN}?.drawn")
     page.until(lambda: editor.live)
     page.flush()
@@ -423,14 +423,14 @@ _EDITOR = """(state) => { makeModel("editor", state); }"""
 
 
 def test_an_editor_in_the_page_moves_the_volume_without_a_byte(page: LivePage) -> None:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     still, dragged = drags(GRID, plane, 1, 0.0), drags(GRID, plane, 1, 4.0)
     view = opened(page)
-    wanted = Deformation.on_picture(GRID, plane, dragged)
+    wanted = Deformation.from_picture_points(GRID, plane, dragged)
     view.show_deformation(wanted)
     view.set_camera((0, 1, 0))
     expected = page.pixels().astype(int)
-    view.show_deformation(Deformation.on_picture(GRID, plane, still))
+    view.show_deformation(Deformation.from_picture_points(GRID, plane, still))
     view.set_camera((0, 1, 0))
     start = page.pixels().astype(int)
     chosen = wanted.steps[0].support_for(dragged)
@@ -485,12 +485,12 @@ def _listed(points: ControlPoints) -> list[dict[str, Any]]:
 def test_what_goes_right_and_down_in_the_editor_does_so_in_space(page: LivePage) -> None:
     view = opened(page)
     for name in ("+y", "-x", "-z"):
-        plane = Plane.along(GRID, name)
+        plane = Plane.from_view(GRID, name)
         still = ControlPoints.from_arrays([[20.0, 20.0]])
         editor = Editor(project(shape_without_symmetry(), plane), still, trend="translation")
         page.add(editor, name)
         view.set_camera(plane.normal, [-c for c in plane.v])
-        view.follow(editor, Deformation.on_picture(GRID, plane, still, trend="translation").field(GRID))
+        view.follow(editor, Deformation.from_picture_points(GRID, plane, still, trend="translation").field(GRID))
         start = _middle(page.pixels())
         count = page.page.evaluate(f"{LINK}.count")
         editor.points = still.move(0, [24.0, 23.0])

@@ -22,7 +22,7 @@ from deformnb.widgets.view.live_view import LiveView
 pytestmark = pytest.mark.needs_browser
 
 GRID = Grid((28, 28, 28))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 VIEW = "document.querySelector('.dnb-view').deformnb"
 
 
@@ -47,7 +47,7 @@ def moved(by: float) -> ControlPoints:
 
 
 def extrusion(by: float) -> Any:
-    return Deformation.on_picture(GRID, PLANE, moved(by), trend="translation").field(GRID)
+    return Deformation.from_picture_points(GRID, PLANE, moved(by), trend="translation").field(GRID)
 
 
 def opened(page: LivePage, **options: Any) -> LiveView:

@@ -34,7 +34,7 @@ def _():
     volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
     corners = [[2, 2], [57, 2], [57, 57], [2, 57]]
     points = ControlPoints.from_arrays([*corners, [29.5, 29.5]])
-    start = Deformation.on_picture(volume.grid, "+y", points)
+    start = Deformation.from_picture_points(volume.grid, "+y", points)
     studio = Studio(volume, start, side="+y", transfer="surface", height=300)
     studio.editor.density = 0
     studio.view.background = "dark"

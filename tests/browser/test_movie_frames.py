@@ -33,7 +33,7 @@ def bar() -> Volume:
 def bent(by: float) -> Deformation:
     corners = [[1.0, 1.0], [30.0, 1.0], [1.0, 22.0], [30.0, 22.0]]
     points = ControlPoints.from_arrays([*corners, [16.0, 12.0]], [*corners, [16.0, 12.0 + by]])
-    return Deformation.on_picture(GRID, "+y", points)
+    return Deformation.from_picture_points(GRID, "+y", points)
 
 
 def in_thread(page: LivePage, work: Callable[[], Any]) -> Any:

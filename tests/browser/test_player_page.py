@@ -38,7 +38,7 @@ def arm() -> tuple[Volume, Animation]:
     target = rest.source.copy()
     target[5:] = (target[5:] - (17, 17)) @ np.array([[c, s], [-s, c]]) + (17, 17)
     bent = ControlPoints.from_arrays(rest.source, target)
-    steps = [Deformation.on_picture(GRID, "+y", p).steps for p in (rest, bent)]
+    steps = [Deformation.from_picture_points(GRID, "+y", p).steps for p in (rest, bent)]
     return volume, Animation(Deformation(steps[1], keyframes=(Keyframe(0.0, steps[0]), Keyframe(2.0, steps[1]))))
 
 
@@ -256,7 +256,7 @@ def test_a_view_that_is_drawn_later_and_a_player_that_is_not_drawn(page: LivePag
 
 def test_what_is_dragged_is_seen_at_once_also_after_playing(page: LivePage) -> None:
     volume, animation = arm()
-    step, plane = animation.keyframes[0].steps[0], Plane.along(GRID, "+y")
+    step, plane = animation.keyframes[0].steps[0], Plane.from_view(GRID, "+y")
     editor = Editor(project(volume, plane), step.points)
     view = LiveView(volume, transfer="surface", width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark")
     player = Player(animation)

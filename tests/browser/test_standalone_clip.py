@@ -30,7 +30,7 @@ def test_a_page_without_a_kernel_is_cut_open(browser: Any, tmp_path: Path) -> No
     view = LiveView(volume, transfer="surface", settle_ms=60000)
     view.set_clip(y=(0.5, 1))
     path = tmp_path / "page.html"
-    write_standalone(path, Editor(project(volume, Plane.along(grid, "+y")), points), view)
+    write_standalone(path, Editor(project(volume, Plane.from_view(grid, "+y")), points), view)
     page = browser.new_page(viewport={"width": 1000, "height": 760})
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))

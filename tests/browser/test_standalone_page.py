@@ -39,7 +39,7 @@ GRID = Grid((30, 36, 24), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0), TURNED)
 # The core warps voxel by voxel and then looks at the result, which blurs twice; on a finer grid the second time is
 # small, and its picture is what the card makes at every sample.
 FINE = GRID.resampled(spacing=0.75)
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 
 EDITOR = "document.querySelector('.dnb-editor').deformnb"
 VIEW = "document.querySelector('.dnb-view').deformnb"
@@ -65,7 +65,7 @@ def pair() -> tuple[Editor, LiveView]:
     editor = Editor(project(volume, PLANE), ControlPoints.from_arrays(at), show_grid=False)
     view = LiveView(volume, transfer="surface", background="dark", settle_ms=60000)
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
-    view.follow(editor, Deformation.on_picture(GRID, PLANE, editor.points).field(GRID), output=FINE)
+    view.follow(editor, Deformation.from_picture_points(GRID, PLANE, editor.points).field(GRID), output=FINE)
     return editor, view
 
 
@@ -195,7 +195,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     assert dice(silhouette(start), silhouette(view.still(size))) > 0.965
     page.drag(editor.points.target[4], (40, 25))
     moved = page.volume()
-    wanted = Deformation.on_picture(GRID, PLANE, page.points())
+    wanted = Deformation.from_picture_points(GRID, PLANE, page.points())
     right, down = dragged(page)
     assert right > 1
     assert down > 1
@@ -235,7 +235,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     )
     page.settled()
     page.volume()
-    far = Deformation.on_picture(GRID, PLANE, page.points()).field(GRID)
+    far = Deformation.from_picture_points(GRID, PLANE, page.points()).field(GRID)
     names = exceeded_sides(reached_places(foreground_of(bar_with_a_ball()), far), FINE)
     assert len(names) == 2
     page.js(f"{MODELS}.warn({SIDES})")
@@ -269,7 +269,7 @@ def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., O
     page = opened(editor, view)
     page.loaded()
     image = page.volume()
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, editor.points), output=FINE)
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, editor.points), output=FINE)
     assert dice(silhouette(image), silhouette(view.still((image.shape[1], image.shape[0])))) > 0.965
 
 

@@ -17,7 +17,7 @@ from deformnb import ControlPoints, Deformation, Grid, Plane, Volume, project
 from deformnb.widgets import Editor, VolumeView
 k = np.indices((40, 40, 40)) - 19.5
 volume = Volume(np.clip(300 - 20 * np.sqrt((k ** 2).sum(axis=0)), 0, 255).astype(np.uint8), Grid((40, 40, 40)))
-plane = Plane.along(volume.grid, "+y")
+plane = Plane.from_view(volume.grid, "+y")
 points = ControlPoints.from_arrays([[19.5, 19.5], [2.0, 2.0]], [[19.5, 19.5], [2.0, 2.0]])
 view = VolumeView(volume, transfer="surface", width=320, height=240, settle_ms=100)
 view.set_camera((0, 1, 0))
@@ -26,7 +26,7 @@ SLIDER = """
 slider = ipywidgets.FloatSlider(value=0.0, min=0.0, max=10.0, step=0.5)
 def slide(change):
     away = ControlPoints.from_arrays([[20.0, 20.0]], [[20.0 + change["new"], 20.0]])
-    view.show_deformation(Deformation.on_picture(volume.grid, plane, away, trend="translation"))
+    view.show_deformation(Deformation.from_picture_points(volume.grid, plane, away, trend="translation"))
 slider.observe(slide, "value")
 ipywidgets.VBox([slider, view])
 """

@@ -21,7 +21,7 @@ view
 """
 DEFORM = """
 points = ControlPoints.from_arrays([[20.0, 20.0]], [[20.0 + 2 * {k}, 20.0]])
-view.show_deformation(Deformation.on_picture(volume.grid, "+y", points, trend="translation"))
+view.show_deformation(Deformation.from_picture_points(volume.grid, "+y", points, trend="translation"))
 """
 VIEW = "document.querySelector('.dnb-view')?.deformnb"
 MIDDLE = """() => {

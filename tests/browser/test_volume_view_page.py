@@ -84,9 +84,11 @@ def test_the_page_shows_what_python_draws_and_what_moves_it(page: LivePage) -> N
     assert page.page.is_hidden(".dnb-waiting")
     changed(page, lambda: view.set_camera((0, 1, 0)))
     before = middle(pixels(page))
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     away = ControlPoints.from_arrays([[10.0, 10.0]], [[14.0, 13.0]])
-    changed(page, lambda: view.show_deformation(Deformation.on_picture(GRID, plane, away, trend="translation")))
+    changed(
+        page, lambda: view.show_deformation(Deformation.from_picture_points(GRID, plane, away, trend="translation"))
+    )
     right, down = middle(pixels(page)) - before
     assert right > 8  # four lengths of more than three pixels each
     assert down > 6
@@ -124,9 +126,9 @@ def test_hands_and_keys_turn_the_picture(page: LivePage) -> None:
 
 def test_both_pictures_side_by_side_and_in_turn(page: LivePage) -> None:
     view = opened(page)
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     away = ControlPoints.from_arrays([[10.0, 10.0]], [[14.0, 13.0]])
-    view.show_deformation(Deformation.on_picture(GRID, plane, away, trend="translation"))
+    view.show_deformation(Deformation.from_picture_points(GRID, plane, away, trend="translation"))
     changed(page, lambda: setattr(view, "shows", "side_by_side"))
     both = pixels(page)
     left, right = both[:, : SIZE[0] // 2], both[:, SIZE[0] // 2 :]
@@ -180,14 +182,14 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
 
 def test_a_fold_is_red_and_a_badge_says_what_that_means(page: LivePage) -> None:
     view = opened(page, projection="composite", transfer="bone")
-    plane = Plane.along(GRID, "-z")
+    plane = Plane.from_view(GRID, "-z")
     changed(page, lambda: view.show(Volume(np.full(GRID.shape, 200, np.uint8), GRID, "block")))
     changed(page, lambda: view.set_camera(plane.normal, [-c for c in plane.v]))
     corners = plane.to_plane(GRID.corners())[:, :2]
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     at = low + size * np.array([[0.05, 0.05], [0.95, 0.05], [0.05, 0.95], [0.95, 0.95], [0.3, 0.5], [0.6, 0.5]])
     far = ControlPoints.from_arrays(at, at + np.eye(6)[:, 4:5] * [0.5 * size[0], 0.0])
-    changed(page, lambda: view.show_deformation(Deformation.on_picture(GRID, plane, far)))
+    changed(page, lambda: view.show_deformation(Deformation.from_picture_points(GRID, plane, far)))
     r, g, b = np.moveaxis(pixels(page), -1, 0)
     painted = (r > g + 30) & (r > b + 30)
     rows, columns = np.nonzero(painted)

@@ -108,7 +108,7 @@ def test_pictures_and_the_mouse_go_by_trame(page: LivePage) -> None:
     number = full(page)
     before = middle(page)
     away = ControlPoints.from_arrays([[10.0, 10.0]], [[14.0, 13.0]])
-    view.show_deformation(Deformation.on_picture(GRID, Plane.along(GRID, "+y"), away, trend="translation"))
+    view.show_deformation(Deformation.from_picture_points(GRID, Plane.from_view(GRID, "+y"), away, trend="translation"))
     number = full(page, number)
     until(page, lambda: bool((middle(page) - before > (8, 6)).all()))  # lengths of more than three pixels each
     assert page.page.locator(".dnb-frame:visible, .dnb-compass:visible").count() == 0  # those of the frame are seen

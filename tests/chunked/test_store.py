@@ -153,8 +153,8 @@ def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(
         monkeypatch.setattr(place, name, run)
 
     place, name, at = {
-        "chunk": (store.UnfinishedStore, "finished", 4),
-        "flush": (store.UnfinishedStore, "_kept", 4),
+        "chunk": (store.UnfinishedStore, "mark_finished", 4),
+        "flush": (store.UnfinishedStore, "_persist", 4),
         "line": (store, "_checksum", 4),
         "metadata": (store.ome_zarr, "create_pyramid", 0),
         "job": (store, "atomic_write", 0),

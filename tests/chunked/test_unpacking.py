@@ -35,7 +35,7 @@ def test_the_command_unpacks_what_does_not_fit(
 ) -> None:
     dn.write_volume(VOLUME, tmp_path / "scan.nii.gz")
     points = dn.ControlPoints.from_arrays([[0.0, -10, 20]], [[1.0, -9, 22]])
-    document = dn.Deformation.in_space(points, support=20.0)
+    document = dn.Deformation.from_space_points(points, support=20.0)
     dn.write_deformation(document, tmp_path / "d.json")
     command = ["warp", str(tmp_path / "d.json"), str(tmp_path / "scan.nii.gz"), str(tmp_path / "out.zarr")]
     known = document.apply(VOLUME).values

@@ -30,7 +30,7 @@ def volume() -> Volume:
 
 # No round numbers: a place on the border itself may lie on either side of it.
 POINTS = ControlPoints.from_arrays([[8, 8], [28, 28], [20, 10]], [[12.1, 8.2], [26.3, 31.1], [20, 16.2]])
-SPACE = Deformation.in_space(
+SPACE = Deformation.from_space_points(
     ControlPoints.from_arrays(
         [[10, 14, 12], [35, 30, 30], [20, 40, 10], [38, 8, 33]],
         [[14, 14, 14], [33, 34, 27], [20, 35, 12], [38, 12, 30]],
@@ -58,13 +58,13 @@ def assert_same(found: Any, wanted: Volume, share: float = 1e-3) -> None:
 @pytest.mark.parametrize("method", ["linear", pytest.param("cubic", marks=pytest.mark.nightly)])
 def test_the_voxels_are_those_of_the_warp_in_memory(kind: str, method: str, volume: Volume) -> None:
     cut = Cut(Line([(17.3, -60.0), (17.3, 80.0)]))
-    flat = Deformation.on_picture(volume, "+z", POINTS)
+    flat = Deformation.from_picture_points(volume, "+z", POINTS)
     document = {
         "replicated": flat,
         "space": SPACE,
         "composed": flat.then(SPACE),
-        "cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,)),
-        "modulated cut": Deformation.on_picture(volume, "+z", POINTS, cuts=(cut,), extrusion="modulate"),
+        "cut": Deformation.from_picture_points(volume, "+z", POINTS, cuts=(cut,)),
+        "modulated cut": Deformation.from_picture_points(volume, "+z", POINTS, cuts=(cut,), extrusion="modulate"),
     }[kind]
     found = chunked.warp(volume, document, Volume, chunks=CHUNKS, method=method)
     # Compositions are interpolated to a hundredth of a voxel, from nodes that are others in each block.
@@ -76,9 +76,9 @@ def test_a_cut_is_seen_alike_in_a_small_part_of_a_result(volume: Volume) -> None
     # The displacement is longer than the part is wide: the distances to the cut were read off a table that ended there.
     cut = Cut(Line([(17.3, -60.0), (17.3, 80.0)]))
     points = ControlPoints.from_arrays([[8, 8], [28, 28]], [[22, 8], [9, 28]])
-    field = Deformation.on_picture(volume, "+z", points, cuts=(cut,), extrusion="modulate", trend="translation").field(
-        volume
-    )
+    field = Deformation.from_picture_points(
+        volume, "+z", points, cuts=(cut,), extrusion="modulate", trend="translation"
+    ).field(volume)
     whole = dn.warp(volume, field)
     part = volume.grid.crop((4, 10, 12), (8, 6, 6))
     assert_same(dn.warp(volume, field, output=part), Volume(whole.values[4:12, 10:16, 12:18], part))
@@ -219,7 +219,7 @@ def test_a_chunk_that_cannot_be_read_is_tried_again() -> None:
 
 def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
     field = SPACE.field(volume)
-    job, _ = blocks.planned(
+    job, _ = blocks.plan_blocks(
         sources.open_volume(volume),
         field,
         volume.grid,
@@ -238,13 +238,13 @@ def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
 def test_blocks_become_smaller_where_the_memory_is_little(volume: Volume) -> None:
     source, field = sources.open_volume(volume), SPACE.field(volume)
     options: dict[str, Any] = {"method": "linear", "fill": 0, "background": 0, "block": SHAPE, "workers": 8}
-    large, many = blocks.planned(source, field, volume.grid, memory=2**30, **options)
-    small, one = blocks.planned(source, field, volume.grid, memory=2**20, **options)
+    large, many = blocks.plan_blocks(source, field, volume.grid, memory=2**30, **options)
+    small, one = blocks.plan_blocks(source, field, volume.grid, memory=2**20, **options)
     assert (len(large.blocks), many) == (1, 8)
     assert len(small.blocks) > 1
     assert small.bytes_each * one <= 2**20
     with pytest.raises(DeformError, match="memory allows"):
-        blocks.planned(source, field, volume.grid, memory=10_000, **options)
+        blocks.plan_blocks(source, field, volume.grid, memory=10_000, **options)
 
 
 def test_a_document_does_not_depend_on_the_level_it_was_made_on(tmp_path: Path) -> None:
@@ -253,7 +253,9 @@ def test_a_document_does_not_depend_on_the_level_it_was_made_on(tmp_path: Path) 
     chunked.warp(smooth, Affine(np.eye(3), np.zeros(3)), tmp_path / "a.zarr", levels=2, fill=0)
     coarse = dn.read_volume(tmp_path / "a.zarr", level=1)
     assert coarse.shape == (16, 24, 20)
-    document = Deformation.on_picture(coarse, "+z", ControlPoints.from_arrays([[6, 6], [12, 18]], [[8, 6], [12, 15]]))
+    document = Deformation.from_picture_points(
+        coarse, "+z", ControlPoints.from_arrays([[6, 6], [12, 18]], [[8, 6], [12, 15]])
+    )
     dn.write_deformation(document, tmp_path / "d.json")
     found = chunked.warp(tmp_path / "a.zarr", dn.read_deformation(tmp_path / "d.json"), Volume, fill=0)
     fine = dn.warp(smooth, document.field(coarse), fill=0)

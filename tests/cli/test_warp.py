@@ -93,7 +93,7 @@ def test_field_of_view_and_resolution(
 
 def a_shift(small: Path, by: float, **more: Any) -> Deformation:
     """A document that shifts the tiny volume, written as "shift.json"."""
-    document = Deformation.on_picture(
+    document = Deformation.from_picture_points(
         read_volume(small / "tiny.nrrd").grid, "+y", ControlPoints.from_arrays([[0, 0]], [[by, 0]]), trend="translation"
     )
     document = dataclasses.replace(document, **more)
@@ -264,7 +264,9 @@ def test_notes_of_the_fit_are_told(
     volume = read_volume(small / "tiny.nrrd")
     a, b = np.array(volume.grid.spacing)[:2] * [[2, 2], [4, 2]]
     crossed = ControlPoints.from_arrays([a, b], [b, a])
-    document = Deformation.on_picture(volume.grid, "+z", crossed, trend="none", support=float(np.linalg.norm(b)))
+    document = Deformation.from_picture_points(
+        volume.grid, "+z", crossed, trend="none", support=float(np.linalg.norm(b))
+    )
     assert any("fold" in note for note in document.notes(volume.grid))
     write_deformation(document, small / "crossed.json")
     assert run(small, "warp crossed.json tiny.nrrd out.nrrd", monkeypatch) == 0
@@ -361,7 +363,7 @@ def test_a_session_made_on_a_mesh(small: Path, monkeypatch: pytest.MonkeyPatch) 
     assert volume.value_range == (0, 255)
     np.testing.assert_array_equal(volume_from(body).values, volume.values)
     points = ControlPoints.from_arrays(volume.grid.corners(), volume.grid.corners()).add([1, 1, 1], [2, 1, 1])
-    deformation = Deformation.in_space(points)
+    deformation = Deformation.from_space_points(points)
     write_deformation(Deformation(deformation.steps, "push", VolumeReference.of(volume)), small / "push.json")
     assert run(small, "warp push.json body.stl out.ply --volume body.stl", monkeypatch) == 0
     moved = read_mesh(small / "out.ply")

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deformnb.datasets import own_grid, thompson_grid, thompson_grids, thompson_map, thompson_pairs
+from deformnb.datasets import custom_grid, thompson_grid, thompson_grids, thompson_map, thompson_pairs
 from deformnb.datasets.darcy import CELLS, SCALES
 from deformnb.errors import DeformError
 from deformnb.io import write_landmarks
@@ -146,11 +146,11 @@ def test_bad_arguments_say_what_is_possible(arguments, words):
 def test_grids_of_arrays_are_laid_as_those_of_the_book():
     wanted = thompson_map("Polyprion", "Antigonia", box=BOX)
     a, b = (thompson_grid(name).nodes for name in ("Polyprion", "Antigonia"))
-    for pair in ((a, b), (a.tolist(), b.tolist()), ("Polyprion", b), (own_grid(a, "mine"), 380)):
+    for pair in ((a, b), (a.tolist(), b.tolist()), ("Polyprion", b), (custom_grid(a, "mine"), 380)):
         laid = thompson_map(*pair, box=BOX)
         np.testing.assert_array_equal(laid.source_nodes, wanted.source_nodes)
         np.testing.assert_array_equal(laid.target_nodes, wanted.target_nodes)
-    assert thompson_map(own_grid(a, "mine"), b).source.species == "mine"
+    assert thompson_map(custom_grid(a, "mine"), b).source.species == "mine"
 
 
 SQUARE = np.array([[[0.0, 0.0], [9.0, 0.0]], [[0.0, 9.0], [9.0, 9.0]]])
@@ -207,7 +207,7 @@ def test_landmarks_and_files_are_laid_as_arrays_whatever_their_order(tmp_path):
             thompson_map("Polyprion", target, box=BOX).target_nodes, wanted.target_nodes, rtol=0, atol=1e-4
         )  # the table has six digits
     assert thompson_map("Polyprion", file, box=BOX).target.species == "antigonia"
-    row_by_row = own_grid(Landmarks(nodes.reshape(-1, 2)), "mine", rows=7)
+    row_by_row = custom_grid(Landmarks(nodes.reshape(-1, 2)), "mine", rows=7)
     np.testing.assert_array_equal(row_by_row.nodes, nodes)
 
 
@@ -227,4 +227,4 @@ def test_landmarks_and_files_are_laid_as_arrays_whatever_their_order(tmp_path):
 )
 def test_landmarks_that_fill_no_grid_are_refused(marks, rows, words):
     with pytest.raises(DeformError, match=words):
-        own_grid(marks, "mine", rows)
+        custom_grid(marks, "mine", rows)

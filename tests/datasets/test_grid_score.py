@@ -41,14 +41,14 @@ def test_distances_are_pixels_of_the_drawing_of_the_first_animal() -> None:
 
 
 def test_a_field_a_step_and_a_deformation_are_one_score() -> None:
-    deformation = Deformation.on_picture(GRID, "-x", LAID.points)
+    deformation = Deformation.from_picture_points(GRID, "-x", LAID.points)
     wanted = thompson_score(fit_rbf(LAID.points), LAID)
     assert wanted.percent == pytest.approx(100, abs=1e-3)
     for what in (deformation, deformation.steps[0]):
         np.testing.assert_allclose(thompson_score(what, LAID, grid=GRID).reached, wanted.reached, atol=1e-3)
     kept = np.where(np.arange(56)[:, None] % 2, LAID.points.source, LAID.points.target)  # every other node stays
     some = ControlPoints.from_arrays(LAID.points.source, kept)
-    assert 5 < thompson_score(Deformation.on_picture(GRID, "-x", some), LAID, grid=GRID).percent < 90
+    assert 5 < thompson_score(Deformation.from_picture_points(GRID, "-x", some), LAID, grid=GRID).percent < 90
     assert thompson_score(Deformation(()), LAID).percent == pytest.approx(0, abs=1e-6)
 
 
@@ -70,7 +70,7 @@ def test_what_is_no_deformation_of_a_picture_is_refused(what: object, words: str
 
 def test_steps_of_two_sides_and_a_pair_that_moves_nothing_are_refused() -> None:
     points = ControlPoints.from_arrays([[50, 50]], [[60, 60]])
-    steps = [Deformation.on_picture(GRID, view, points).steps[0] for view in ("-x", "+y")]
+    steps = [Deformation.from_picture_points(GRID, view, points).steps[0] for view in ("-x", "+y")]
     with pytest.raises(DeformError, match="another side"):
         thompson_score(Deformation(tuple(steps)), LAID)
     with pytest.raises(DeformError, match="moves no node"):

@@ -157,7 +157,7 @@ def test_fish_has_the_outline_of_the_real_carp(real_data):
 
 def test_fish_looks_left_in_its_default_view():
     volume = PHANTOMS["fish"].make((32, 64, 32))
-    plane = Plane.along(volume.grid, PHANTOMS["fish"].view)
+    plane = Plane.from_view(volume.grid, PHANTOMS["fish"].view)
     snout, tail = (volume.grid.index_to_point([16, j, 15]) for j in (62, 3))
     assert plane.to_plane(snout)[0] < plane.to_plane(tail)[0], "the head is on the left of the picture"
     back, belly = (volume.grid.index_to_point([16, 32, k]) for k in (28, 3))

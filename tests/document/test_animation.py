@@ -19,8 +19,8 @@ from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
 
 GRID = Grid((8, 60, 80))
-PLANE = Plane.along(GRID, "+z")
-OTHER = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+z")
+OTHER = Plane.from_view(GRID, "+y")
 
 # A bar along a: its left half is fixed, the right one turns about (30, 30).
 BODY = np.array([[10.0, 26.0], [10.0, 34.0], [20.0, 26.0], [20.0, 34.0], [30.0, 30.0]])

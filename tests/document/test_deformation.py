@@ -30,7 +30,7 @@ from deformnb.warping.warper import warp
 
 GRID = Grid((9, 11, 13), (1.0, 2.0, 1.5), (-7.0, 4.0, 12.0))
 TURNED = replace(GRID, direction=tuple(map(tuple, Rotation.from_rotvec([0.4, -0.9, 0.3]).as_matrix().tolist())))
-PLANE = Plane.along(GRID, "+z")
+PLANE = Plane.from_view(GRID, "+z")
 POINTS = ControlPoints.from_arrays([[0, 0], [12, 0], [0, 20], [6, 8]], [[0, 0], [12, 1], [1, 20], [8, 9]])
 
 
@@ -42,10 +42,10 @@ def test_a_step_is_solved_once_for_a_grid(monkeypatch: pytest.MonkeyPatch) -> No
     solved: list[int] = []
     fits = FitSettings.fits
     monkeypatch.setattr(FitSettings, "fits", lambda *given, **options: (solved.append(1), fits(*given, **options))[1])
-    document = Deformation.on_picture(GRID, "+z", POINTS)
+    document = Deformation.from_picture_points(GRID, "+z", POINTS)
     wanted = document.field(GRID).displacement(places())
     document.notes(GRID)
-    longer = document.then(Deformation.in_space(ControlPoints.from_arrays([[0, 9, 15]], [[0, 9, 15]])))
+    longer = document.then(Deformation.from_space_points(ControlPoints.from_arrays([[0, 9, 15]], [[0, 9, 15]])))
     np.testing.assert_allclose(longer.field(replace(GRID)).displacement(places()), wanted)
     assert len(solved) == 2  # the second step
     twice = document.field(replace(GRID, spacing=(2.0, 2.0, 2.0)))
@@ -62,13 +62,13 @@ def test_a_step_is_solved_once_for_a_grid(monkeypatch: pytest.MonkeyPatch) -> No
 def test_what_was_at_the_source_is_at_the_target(grid: Grid, view: str) -> None:
     """A bright voxel dragged on a picture is found, deformed, at the voxel where it was dropped, at the same depth."""
     here, there = np.array([4, 5, 3]), np.array([7, 7, 6])  # i, j, k
-    axis = np.abs(np.asarray(grid.direction).T @ Plane.along(grid, view).normal).argmax()
+    axis = np.abs(np.asarray(grid.direction).T @ Plane.from_view(grid, view).normal).argmax()
     there[axis] = here[axis]  # a picture cannot move a thing along its normal
     values = np.zeros(grid.shape, np.uint8)
     values[tuple(here[::-1])] = 200
-    plane = Plane.along(grid, view)
+    plane = Plane.from_view(grid, view)
     a, b = (plane.to_plane(grid.index_to_point(p))[:2] for p in (here, there))
-    document = Deformation.on_picture(grid, view, ControlPoints.empty(2).add(a, b))
+    document = Deformation.from_picture_points(grid, view, ControlPoints.empty(2).add(a, b))
     out = document.apply(Volume(values, grid), method="nearest")
     assert out.values[tuple(there[::-1])] == 200
     assert out.values[tuple(here[::-1])] == 0
@@ -79,7 +79,7 @@ def test_in_space_a_feature_moves_in_all_three_directions() -> None:
     values = np.zeros(TURNED.shape, np.uint8)
     values[3, 5, 4] = 200
     a, b = TURNED.index_to_point([4, 5, 3]), TURNED.index_to_point([6, 2, 7])
-    document = Deformation.in_space(ControlPoints.empty(3).add(a, b))
+    document = Deformation.from_space_points(ControlPoints.empty(3).add(a, b))
     out = document.apply(Volume(values, TURNED), method="nearest")
     assert out.values[7, 2, 6] == 200
     assert out.values.sum() == 200
@@ -87,7 +87,7 @@ def test_in_space_a_feature_moves_in_all_three_directions() -> None:
 
 def test_a_document_applies_to_any_volume() -> None:
     """Twice as fine, and shifted: the field is the same in space."""
-    document = Deformation.on_picture(GRID, PLANE, POINTS)
+    document = Deformation.from_picture_points(GRID, PLANE, POINTS)
     fine = GRID.resampled(spacing=0.75)
     oracle.assert_close(
         document.field(fine).displacement(places()), document.field(GRID).displacement(places()), atol=1e-12
@@ -107,8 +107,8 @@ def test_nothing_to_do_is_the_identity() -> None:
         Deformation((still,)),
         Deformation((replace(step, strength=0.0),)),
         Deformation((still, still)),
-        Deformation.on_picture(GRID, "-x", ControlPoints.empty(2)),
-        Deformation.in_space(ControlPoints.empty(3)),
+        Deformation.from_picture_points(GRID, "-x", ControlPoints.empty(2)),
+        Deformation.from_space_points(ControlPoints.empty(3)),
     ):
         assert (document.field(GRID).displacement(places()) == 0).all()
         assert (document.apply(volume).values == volume.values).all()
@@ -128,7 +128,7 @@ def test_a_step_is_its_fit_extruded() -> None:
 
 
 def test_steps_are_done_first_to_last() -> None:
-    first, second = Step((POINTS,), PLANE), Step((POINTS,), Plane.along(GRID, "+y"), trend="rigid")
+    first, second = Step((POINTS,), PLANE), Step((POINTS,), Plane.from_view(GRID, "+y"), trend="rigid")
     document = Deformation((first,)).then(second)
     wanted = Composed(first.field(GRID), second.field(GRID)).displacement(places())
     oracle.assert_close(document.field(GRID).displacement(places()), wanted, atol=1e-12)
@@ -139,8 +139,8 @@ def test_steps_are_done_first_to_last() -> None:
 
 @pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
 def test_strength_drags_the_points_so_much_further(strength: float) -> None:
-    document = Deformation.on_picture(GRID, PLANE, POINTS, support=15.0)
-    further = Deformation.on_picture(GRID, PLANE, POINTS.scaled(strength), support=15.0)
+    document = Deformation.from_picture_points(GRID, PLANE, POINTS, support=15.0)
+    further = Deformation.from_picture_points(GRID, PLANE, POINTS.scaled(strength), support=15.0)
     for other in (document.scaled(strength), document.scaled(2 * strength).scaled(0.5)):
         oracle.assert_close(
             other.field(GRID).displacement(places()), further.field(GRID).displacement(places()), atol=1e-12
@@ -178,9 +178,9 @@ def test_notes_name_each_thing_once() -> None:
 def test_a_bad_step_says_so_when_it_is_used() -> None:
     double = POINTS.add([1, 1], [0, 0])
     with pytest.raises(DeformError, match="control point 0 and control point 4 are at the same place"):
-        Deformation.on_picture(GRID, PLANE, double).field(GRID)
+        Deformation.from_picture_points(GRID, PLANE, double).field(GRID)
     with pytest.raises(DeformError, match=r"thin_plate kernel .* needs a trend of affine"):
-        Deformation.on_picture(GRID, PLANE, POINTS, kernel="thin_plate", trend="rigid").field(GRID)
+        Deformation.from_picture_points(GRID, PLANE, POINTS, kernel="thin_plate", trend="rigid").field(GRID)
 
 
 # ---- immutable -------------------------------------------------------------------------------------------------------
@@ -317,7 +317,7 @@ def test_strength_moves_parts_so_much_further(strength: float) -> None:
 
 
 def test_blend_is_the_sum_and_compose_is_not() -> None:
-    steps = Step((POINTS,), PLANE, cuts=(SLIT,)), Step((POINTS,), Plane.along(GRID, "+y"), trend="rigid")
+    steps = Step((POINTS,), PLANE, cuts=(SLIT,)), Step((POINTS,), Plane.from_view(GRID, "+y"), trend="rigid")
     document = Deformation(steps, mode="blend")
     wanted = sum(step.field(GRID).displacement(places()) for step in steps)
     oracle.assert_close(document.field(GRID).displacement(places()), wanted, atol=1e-12)
@@ -331,12 +331,12 @@ def test_a_step_moves_in_the_order() -> None:
     steps = tuple(Step((POINTS,), PLANE, name=str(k)) for k in range(4))
     for index in range(4):
         for to in range(4):
-            names = [s.name for s in Deformation(steps).moved_step(index, to).steps]
+            names = [s.name for s in Deformation(steps).move_step(index, to).steps]
             assert names[to] == str(index)
             assert [n for n in names if n != str(index)] == [str(k) for k in range(4) if k != index]
     for bad in ((4, 0), (0, 4), (-1, 0)):
         with pytest.raises(DeformError, match="there is no step"):
-            Deformation(steps).moved_step(*bad)
+            Deformation(steps).move_step(*bad)
 
 
 def test_key_frames_rise() -> None:
@@ -375,10 +375,12 @@ def test_shapes_that_do_not_fit_a_step_are_refused(options: dict[str, Any], mess
 
 def _pushes() -> tuple[Deformation, Deformation, Volume]:
     volume = Volume.from_array(np.random.default_rng(2).integers(0, 200, (10, 12, 14)).astype(np.uint8))
-    one = Deformation.in_space(ControlPoints.from_arrays([[4.0, 5, 5]], [[5.0, 5.5, 5]]), support=6.0, trend="none")
+    one = Deformation.from_space_points(
+        ControlPoints.from_arrays([[4.0, 5, 5]], [[5.0, 5.5, 5]]), support=6.0, trend="none"
+    )
     corners = [[1.0, 1], [12, 1], [1, 8], [12, 8]]
     points = ControlPoints.from_arrays([*corners, [6, 4]], [*corners, [7, 5]])
-    return one, Deformation.on_picture(volume.grid, "+y", points), volume
+    return one, Deformation.from_picture_points(volume.grid, "+y", points), volume
 
 
 def test_a_deformation_then_another_is_one_with_the_steps_of_both() -> None:
@@ -412,7 +414,7 @@ def test_what_two_deformations_cannot_say_together_is_refused() -> None:
     [
         (Identity(3), r"Identity.*warp\(volume, field\)"),
         (Deformation(), r"first\.then\(second\)"),
-        (ControlPoints.from_arrays([[0.0, 0]], [[1.0, 0]]), "Deformation.on_picture"),
+        (ControlPoints.from_arrays([[0.0, 0]], [[1.0, 0]]), "Deformation.from_picture_points"),
         (None, "NoneType"),
         ("a", "str 'a'"),
     ],
@@ -449,7 +451,7 @@ def test_a_result_has_the_notes_of_its_volume_and_of_its_fits() -> None:
     values[3, 3, 3] = np.nan
     volume = Volume.from_array(values)
     line = ControlPoints.from_arrays([[1.0, 4, 4], [4, 4, 4], [7, 4, 4]], [[1.0, 4, 4], [4, 5, 4], [7, 4, 4]])
-    deformation = Deformation.in_space(line)
+    deformation = Deformation.from_space_points(line)
     own = deformation.notes(volume.grid)
     assert own
     assert deformation.apply(volume).notes == (*volume.notes, *own)

@@ -10,15 +10,15 @@ import pytest
 
 import deformnb as dn
 from deformnb.document.deformation import VolumeReference
-from deformnb.document.step_checks import safe_strength, stages_needed, step_quality
+from deformnb.document.step_checks import required_stages, safe_strength, step_quality
 from deformnb.errors import DeformError
 
 GRID = dn.Grid((4, 5, 6))
 VOLUME = dn.Volume(np.arange(120, dtype=np.uint8).reshape(4, 5, 6), GRID)
 POINTS = dn.ControlPoints.from_arrays([[1, 1], [4, 1], [1, 3]], [[1, 1], [4, 1], [1, 4]])
-DOCUMENT = dn.Deformation.on_picture(VOLUME, "+z", POINTS)
+DOCUMENT = dn.Deformation.from_picture_points(VOLUME, "+z", POINTS)
 STEP = DOCUMENT.steps[0]
-PLANE = dn.Plane.along(VOLUME, "+z")
+PLANE = dn.Plane.from_view(VOLUME, "+z")
 MESH = dn.warping.isosurface(VOLUME, 50.5)
 MARKS = dn.warping.Landmarks([[1, 2, 3]])
 
@@ -30,7 +30,7 @@ SWAPPED: dict[str, Callable[[], Any]] = {
     "write_deformation": lambda: dn.write_deformation("a.json", DOCUMENT),  # type: ignore[arg-type]
     "warp": lambda: dn.warp(DOCUMENT, VOLUME),
     "warp_mesh": lambda: dn.warp_mesh(DOCUMENT, MESH, VOLUME),
-    "on_picture": lambda: dn.Deformation.on_picture("+z", VOLUME, POINTS),
+    "on_picture": lambda: dn.Deformation.from_picture_points("+z", VOLUME, POINTS),
     "apply": lambda: DOCUMENT.apply(DOCUMENT),
     "then": lambda: DOCUMENT.then(VOLUME),
     "Step": lambda: dn.Step(PLANE, (POINTS,)),
@@ -40,17 +40,17 @@ SWAPPED: dict[str, Callable[[], Any]] = {
     "replay": lambda: dn.session.replay([VOLUME], DOCUMENT, "out"),
     "with_step": lambda: DOCUMENT.with_step(POINTS, 0),
     "without_step": lambda: DOCUMENT.without_step("a"),
-    "moved_step": lambda: DOCUMENT.moved_step("a", 0),
+    "move_step": lambda: DOCUMENT.move_step("a", 0),
     "scaled": lambda: DOCUMENT.scaled("a"),
     "with_points": lambda: STEP.with_points(VOLUME),
     "with_points of a key": lambda: STEP.with_points(POINTS, "a"),
     "field of a step": lambda: STEP.field("a"),
     "to_json": lambda: dn.document.to_json(VOLUME),
     "as_python": lambda: dn.document.as_python(VOLUME, DOCUMENT),
-    "transplanted": lambda: dn.document.transplanted(VOLUME, DOCUMENT),
+    "transplanted": lambda: dn.document.transplant(VOLUME, DOCUMENT),
     "Animation": lambda: dn.Animation(VOLUME),
     "safe_strength": lambda: safe_strength(VOLUME, STEP),
-    "stages_needed": lambda: stages_needed(VOLUME, STEP),
+    "stages_needed": lambda: required_stages(VOLUME, STEP),
     "step_quality": lambda: step_quality(VOLUME, STEP),
     "own_grid": lambda: DOCUMENT.own_grid("a"),
     "edit_points": lambda: dn.Session(VOLUME).editing.edit_points(VOLUME, "x"),

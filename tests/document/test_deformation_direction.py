@@ -26,7 +26,7 @@ from deformnb.warping.points import warp_points
 GRID = Grid((4, 30, 50))
 _AT = np.stack(np.meshgrid(np.linspace(3, 46, 5), np.linspace(3, 26, 4)), axis=-1).reshape(-1, 2)
 POINTS = ControlPoints.from_arrays(_AT, _AT + 2.5 * np.sin(_AT[:, ::-1] / 9))
-STEP = Step((POINTS,), Plane.along(GRID, "+z"), direction="forward", kernel="thin_plate")
+STEP = Step((POINTS,), Plane.from_view(GRID, "+z"), direction="forward", kernel="thin_plate")
 NODES = np.stack(np.meshgrid(np.arange(50.0), np.arange(30.0), np.arange(4.0), indexing="ij"), axis=-1).reshape(-1, 3)
 
 

@@ -9,7 +9,7 @@ import pytest
 from deformnb.document.deformation import Deformation
 from deformnb.document.edits import (
     add_key,
-    at_key,
+    document_at_key,
     free_time,
     is_now,
     key_at,
@@ -26,7 +26,7 @@ POINTS = ControlPoints.from_arrays([[1.0, 1.0], [6.0, 1.0], [3.0, 6.0]])
 
 
 def document(points: ControlPoints = POINTS) -> Deformation:
-    return Deformation.on_picture(Grid((8, 8, 8)), "+y", points)
+    return Deformation.from_picture_points(Grid((8, 8, 8)), "+y", points)
 
 
 def edited(deformation: Deformation, points: ControlPoints) -> Deformation:
@@ -73,15 +73,15 @@ def test_points_that_are_added_at_one_key_frame_are_no_points_of_another() -> No
     keys = add_key(document())
     later = edited(keys, POINTS.add([5.0, 5.0]).add([2.0, 2.0]))  # ids 3 and 4
     both = add_key(later)
-    back = at_key(both, 0)
+    back = document_at_key(both, 0)
     assert back.steps[0].points.ids == (0, 1, 2)
     assert is_now(back, 0)
     assert back.steps[0].points.add([7.0, 7.0]).ids == (0, 1, 2, 5)
     named = replace(back, name="other")
-    assert at_key(named, 1).name == "other"
+    assert document_at_key(named, 1).name == "other"
 
 
-@pytest.mark.parametrize("edit", [update_key, remove_key, at_key, is_now, repeat_key])
+@pytest.mark.parametrize("edit", [update_key, remove_key, document_at_key, is_now, repeat_key])
 def test_key_frames_that_are_not_there(edit: object) -> None:
     with pytest.raises(DeformError, match="no key frame 3; there are 1"):
         edit(add_key(document()), 2)  # type: ignore[operator]

@@ -34,7 +34,7 @@ from deformnb.volume.volume import Grid, Volume
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
-PLANE = Plane.through((1.0, -2.5, 3.0), (0.3, 1.0, 0.2))
+PLANE = Plane.from_normal((1.0, -2.5, 3.0), (0.3, 1.0, 0.2))
 POINTS = ControlPoints.from_arrays(
     [[0, 0], [10, 0.1], [0, 1e-17]],
     [[1, 1], [12, 1], [0, 10]],
@@ -508,7 +508,7 @@ def test_what_is_missing_has_its_default_or_is_named() -> None:
     assert read({"format": DOCUMENT_FORMAT, "version": "2.0"}) == Deformation()
     step = {"maps": [{"dim": 3, "points": [{"id": 0, "source": [0, 0, 0], "target": [1, 0, 0]}]}]}
     plain = read({"format": DOCUMENT_FORMAT, "version": "2.0", "steps": [step]})
-    assert plain == Deformation.in_space(ControlPoints.from_arrays([[0, 0, 0]], [[1, 0, 0]]))
+    assert plain == Deformation.from_space_points(ControlPoints.from_arrays([[0, 0, 0]], [[1, 0, 0]]))
     assert read({"format": DOCUMENT_FORMAT, "version": "1.0", "steps": [step]}) == as_of_1(plain)
     for missing in ("id", "source", "target"):
         broken = copy.deepcopy(step)
@@ -787,7 +787,7 @@ def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: st
 def test_the_chosen_support_is_kept_in_a_document() -> None:
     points = ControlPoints.from_arrays(np.random.default_rng(0).uniform(0, 90, (9, 2)))
     points = replace(points, target=points.target + np.random.default_rng(1).normal(0, 4, (9, 2)))
-    step = Step((points,), Plane.along(Grid((9, 9, 9)), "+z"))
+    step = Step((points,), Plane.from_view(Grid((9, 9, 9)), "+z"))
     assert step.chosen_support is not None
     other = replace(step, chosen_support=(12.5, "wendland_c2"))
     read = from_json(to_json(Deformation((step, other)))).steps

@@ -19,7 +19,7 @@ BOX = VOLUME.grid.crop((0, 0, -2), (6, 7, 12))
 
 def shift(length: float) -> Deformation:
     points = ControlPoints.from_arrays([[0, 0]], [[length, 0]])
-    return Deformation.on_picture(VOLUME, "+y", points, trend="translation")
+    return Deformation.from_picture_points(VOLUME, "+y", points, trend="translation")
 
 
 def lies_on(grid: Grid, other: Grid) -> bool:

@@ -58,7 +58,9 @@ BONE = RigidPart(
 
 @st.composite
 def steps(draw: Any) -> Step:
-    plane = draw(st.sampled_from([Plane.along(GRID, view) for view in VIEWS] + [Plane.through((1, 2, 3), (1, 2, 0.3))]))
+    plane = draw(
+        st.sampled_from([Plane.from_view(GRID, view) for view in VIEWS] + [Plane.from_normal((1, 2, 3), (1, 2, 0.3))])
+    )
     rule = draw(st.sampled_from(["replicate", "modulate", "interpolate"]))
     options: dict[str, Any] = {"extrusion": rule}
     count = 1
@@ -125,7 +127,7 @@ def test_the_script_makes_the_same_key_frames(all_steps: list[Step], keys: list[
 def test_the_whole_script_runs() -> None:
     points = ControlPoints.from_arrays([[0, 0], [5, 1], [2, 4]], [[0, 0], [5.5, 1], [2, 4]])
     scope: dict[str, Any] = {"VOLUME": VOLUME}
-    exec(as_python(Deformation.on_picture(GRID, "+y", points), GRID, volume="VOLUME"), scope)
+    exec(as_python(Deformation.from_picture_points(GRID, "+y", points), GRID, volume="VOLUME"), scope)
     assert scope["deformed"].shape == GRID.shape
 
 
@@ -133,7 +135,7 @@ def test_numbers_of_numpy_are_written_as_numbers() -> None:
     """A loop over an array, or a slider, hands on NumPy's own numbers."""
     step = Step(
         (ControlPoints.empty(),),
-        Plane.along(GRID, "+y"),
+        Plane.from_view(GRID, "+y"),
         support=np.float64(2.5),
         smoothing=np.float32(0.5),
         strength=np.float64(0.25),
@@ -149,23 +151,27 @@ def test_numbers_of_numpy_are_written_as_numbers() -> None:
 
 def test_points_in_space_and_no_steps() -> None:
     points = ControlPoints.from_arrays([[0, 0, 0], [5, 1, 2]], [[0, 0, 1], [5.5, 1, 2]])
-    for deformation in (Deformation.in_space(points, trend="none"), Deformation(), Deformation(name="nothing")):
+    for deformation in (
+        Deformation.from_space_points(points, trend="none"),
+        Deformation(),
+        Deformation(name="nothing"),
+    ):
         assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 
 def test_what_is_as_usual_is_left_out() -> None:
     points = ControlPoints.from_arrays([[0, 0], [5, 1]])
-    text = as_python(Deformation.on_picture(GRID, "+y", points), GRID)
+    text = as_python(Deformation.from_picture_points(GRID, "+y", points), GRID)
     assert not [word for word in ("target", "kernel", "Plane") if word in text]
     assert '"+y"' in text
-    step = replace(Deformation.on_picture(GRID, "+y", points).steps[0], kernel="gaussian")
+    step = replace(Deformation.from_picture_points(GRID, "+y", points).steps[0], kernel="gaussian")
     assert 'kernel="gaussian"' in as_python(Deformation((step,)), GRID)
 
 
 def test_what_several_steps_share_is_written_once() -> None:
     points = ControlPoints.from_arrays([[0, 0], [5, 1]], [[0, 0], [5, 2]])
     curve = tuple(np.linspace(0, 1, 33).tolist())
-    step = Step((points,), Plane.along(GRID, "+y"), extrusion="modulate", curve=curve, parts=(BONE,))
+    step = Step((points,), Plane.from_view(GRID, "+y"), extrusion="modulate", curve=curve, parts=(BONE,))
     deformation = Deformation((step, replace(step, strength=0.5)), keyframes=(Keyframe(0.0, (step,)),))
     text = as_python(deformation, GRID, volume="VOLUME")
     assert text.count(repr(curve[7])) == 1

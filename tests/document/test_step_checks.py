@@ -18,9 +18,9 @@ from deformnb.document.step_checks import (
     fold_lattice,
     is_fold_free,
     picture_raster,
+    required_stages,
     safe_points,
     safe_strength,
-    stages_needed,
     step_folds,
     step_quality,
     step_uncertainty,
@@ -35,7 +35,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 
 GRID = Grid((16, 64, 64))
-PLANE = Plane.along(GRID, "+z")
+PLANE = Plane.from_view(GRID, "+z")
 CORNERS = [[5.0, 5.0], [58.0, 5.0], [5.0, 58.0], [58.0, 58.0]]
 
 
@@ -56,7 +56,7 @@ NEAR = ([20.0, 30.0], [25.0, 30.0])
 
 def test_the_lattice_covers_the_picture_from_edge_to_edge() -> None:
     grid = Grid((10, 30, 50), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-    step = Step((ControlPoints.from_arrays([[1, 1]]),), Plane.along(grid, "+y"))
+    step = Step((ControlPoints.from_arrays([[1, 1]]),), Plane.from_view(grid, "+y"))
     lattice = fold_lattice(step, grid)
     assert lattice.shape[0] == 1
     assert max(lattice.shape) == 97
@@ -79,7 +79,7 @@ def test_slices_that_differ_are_looked_at_one_by_one_and_points_in_space_everywh
 
 def test_a_volume_of_one_slice_has_a_lattice() -> None:
     flat = Grid((1, 20, 20))
-    assert fold_lattice(Step((ControlPoints.from_arrays([[1, 1]]),), Plane.along(flat, "+y")), flat).shape[2] == 97
+    assert fold_lattice(Step((ControlPoints.from_arrays([[1, 1]]),), Plane.from_view(flat, "+y")), flat).shape[2] == 97
     assert fold_lattice(Step((ControlPoints.empty(3),)), flat).shape == (1, 33, 33)
 
 
@@ -102,7 +102,7 @@ def test_as_many_stages_as_are_needed_leave_no_fold(options: dict[str, Any]) -> 
     step = a_step(FAR, **options)
     raster = Raster((200, 200), (0.315, 0.315), (0.0, 0.0))
     assert folds_of(step.fits(GRID)[0], raster).least < 0
-    count = stages_needed(step, GRID)
+    count = required_stages(step, GRID)
     assert count in (2, 4, 8, 16)
     unfolded = replace(step, stages=count)
     assert folds_of(unfolded.fits(GRID)[0], raster).least > 0
@@ -110,7 +110,7 @@ def test_as_many_stages_as_are_needed_leave_no_fold(options: dict[str, Any]) -> 
     assert_allclose(fit.displacement([FAR[1]]), [np.subtract(*FAR)], atol=1e-9)
     if count > 2:
         assert not is_fold_free(replace(step, stages=count // 2), GRID)
-    assert stages_needed(a_step(NEAR), GRID) == 1
+    assert required_stages(a_step(NEAR), GRID) == 1
 
 
 def test_stages_in_space_and_beside_cuts() -> None:
@@ -118,11 +118,11 @@ def test_stages_in_space_and_beside_cuts() -> None:
     points = ControlPoints.from_arrays([*corners, [10, 16, 16]], [*corners, [23, 16, 16]])
     grid = Grid((33, 33, 33))
     step = Step((points,), support=20.0, trend="none")
-    count = stages_needed(step, grid)
+    count = required_stages(step, grid)
     assert count > 1
     assert folds_of(replace(step, stages=count).field(grid), grid).least > 0
     cut = a_step(FAR, cuts=(Cut(Line([(32.0, 0.0), (32.0, 63.0)])),))
-    count = stages_needed(cut, GRID)
+    count = required_stages(cut, GRID)
     for fit in replace(cut, stages=count).fits(GRID):
         assert jacobian_determinant(fit, np.array([[10.0, 30.0], [40.0, 32.0]])).min() > 0
 
@@ -130,12 +130,12 @@ def test_stages_in_space_and_beside_cuts() -> None:
 def test_points_that_are_swapped_fold_in_any_number_of_stages() -> None:
     swapped = a_step(([20, 32], [40, 32]), ([40, 32], [20, 32]))
     with pytest.raises(DeformError, match="through one another"):
-        stages_needed(swapped, GRID, most=8)
+        required_stages(swapped, GRID, most=8)
     with pytest.raises(DeformError, match="control point 4 and control point 5 are at the same place"):  # no fold
-        stages_needed(a_step(NEAR, ([24.0, 30.0], NEAR[1])), GRID)
+        required_stages(a_step(NEAR, ([24.0, 30.0], NEAR[1])), GRID)
     part = RigidPart(Polygon([(40, 50), (50, 50), (50, 60)]), RigidMotion.turn(0.3, (45, 55)))
     with pytest.raises(DeformError, match="more stages do not help"):
-        stages_needed(a_step(FAR, parts=(part,)), GRID)
+        required_stages(a_step(FAR, parts=(part,)), GRID)
 
 
 def test_the_safe_strength_is_the_largest() -> None:
@@ -278,7 +278,7 @@ def test_the_smallest_determinant_is_followed_between_the_nodes() -> None:
     """A narrow drag between two nodes of the lattice: its least det J is 1 - 135/64 |d|/R in closed form (maths)."""
     grid = Grid((4, 401, 401))
     points = ControlPoints.from_arrays([[201.3, 199.1]], [[203.3, 199.1]], radius=[6.0])
-    step = Step((points,), Plane.along(grid, "+z"), trend="none", support=6.0)
+    step = Step((points,), Plane.from_view(grid, "+z"), trend="none", support=6.0)
     found = step_folds(step, grid)
     expected = 1 - 135 / 64 * 2 / 6
     assert folds_of(step.field(grid), fold_lattice(step, grid)).least > expected + 0.02  # the nodes alone miss it
@@ -289,7 +289,7 @@ def test_the_smallest_determinant_is_followed_between_the_nodes() -> None:
 def test_the_folds_of_several_steps_are_those_of_the_whole() -> None:
     grid = Grid((9, 33, 33))
     points = ControlPoints.from_arrays([[16.0, 16.0]], [[18.0, 16.0]])
-    step = Step((points,), Plane.along(grid, "+z"), trend="none", support=12.0)
+    step = Step((points,), Plane.from_view(grid, "+z"), trend="none", support=12.0)
     twice = Deformation((step, step))
     assert document_folds(twice, grid).least < step_folds(step, grid).least
     assert document_folds(Deformation((step, replace(step, enabled=False))), grid) == step_folds(step, grid)

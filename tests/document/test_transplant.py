@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from deformnb.document.deformation import Deformation, Keyframe, Step, VolumeReference
 from deformnb.document.json_format import from_json, to_json
-from deformnb.document.transplant import ALIGNMENTS, transplanted
+from deformnb.document.transplant import ALIGNMENTS, transplant
 from deformnb.errors import DeformError
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.points import ControlPoints
@@ -45,8 +45,8 @@ def in_space(step: Step, places: Any) -> np.ndarray:
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_points_keep_their_share_of_the_box(view: str) -> None:
-    step = Step((POINTS,), Plane.along(OLD, view))
-    moved = transplanted(made_on(OLD, step), NEW, "box").steps[0]
+    step = Step((POINTS,), Plane.from_view(OLD, view))
+    moved = transplant(made_on(OLD, step), NEW, "box").steps[0]
     for name in ("source", "target"):
         before, after = (in_space(s, getattr(s.points, name)) for s in (step, moved))
         np.testing.assert_allclose(share(NEW, after), share(OLD, before), atol=1e-9)
@@ -60,7 +60,7 @@ def test_points_keep_their_share_of_the_box(view: str) -> None:
 
 def test_points_in_space_keep_their_share_too() -> None:
     points = ControlPoints.from_arrays([[5, -3, 7], [12, 4, 9]], [[6, -3, 7], [12, 5, 9]])
-    moved = transplanted(made_on(OLD, Step((points,))), NEW, "box").steps[0].points
+    moved = transplant(made_on(OLD, Step((points,))), NEW, "box").steps[0].points
     np.testing.assert_allclose(share(NEW, moved.target), share(OLD, points.target), atol=1e-9)
 
 
@@ -79,13 +79,17 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
     )
     document = made_on(
         OLD,
-        Step((POINTS,), Plane.along(OLD, "+y"), support=9.0, cuts=shapes[:1]),
+        Step((POINTS,), Plane.from_view(OLD, "+y"), support=9.0, cuts=shapes[:1]),
         Step(
-            (POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "-z"), parts=parts, trend="similarity", cuts=shapes[1:]
+            (POINTS.edit(1, radius=np.nan),),
+            Plane.from_view(OLD, "-z"),
+            parts=parts,
+            trend="similarity",
+            cuts=shapes[1:],
         ),
-        keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.along(OLD, "+y")),)),),
+        keyframes=(Keyframe(1.0, (Step((POINTS,), Plane.from_view(OLD, "+y")),)),),
     )
-    moved = transplanted(document, LARGER, "box")
+    moved = transplant(document, LARGER, "box")
     one, other = (d.apply(Volume(values, grid)).values for d, grid in ((document, OLD), (moved, LARGER)))
     assert (one != values).mean() > 0.2
     assert np.abs(one.astype(int) - other.astype(int)).max() <= 1  # rounding to whole grey levels
@@ -94,33 +98,33 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
 
 def test_lengths_grow_with_the_box() -> None:
     part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0, pivot=(4.0, 13.0))
-    step = Step((POINTS.edit(1, radius=np.nan),), Plane.along(OLD, "+y"), support=9.0, parts=(part,))
-    moved = transplanted(made_on(OLD, step), LARGER, "box").steps[0]
+    step = Step((POINTS.edit(1, radius=np.nan),), Plane.from_view(OLD, "+y"), support=9.0, parts=(part,))
+    moved = transplant(made_on(OLD, step), LARGER, "box").steps[0]
     assert (moved.support, moved.parts[0].reach) == pytest.approx((22.5, 5.0))
     assert moved.parts[0].region.signed_distance([moved.parts[0].pivot]) == pytest.approx([0.0], abs=1e-9)
 
 
 def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
-    moved = transplanted(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), LARGER, "box")
+    moved = transplant(made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), LARGER, "box")
     with pytest.raises(DeformError, match="has no place of the volume"):
-        transplanted(moved, LARGER, "box")
+        transplant(moved, LARGER, "box")
 
 
 def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
-    document = made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y")))
-    assert transplanted(document, OLD, "box") is document
-    assert transplanted(document, NEW) is document
+    document = made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y")))
+    assert transplant(document, OLD, "box") is document
+    assert transplant(document, NEW) is document
     assert next(iter(ALIGNMENTS)) == "none"
 
 
 @pytest.mark.parametrize(
     ("step", "message"),
     [
-        (Step((POINTS,), Plane.through((5, 0, 7), (1, 1, 0.3))), "oblique picture would be sheared"),
+        (Step((POINTS,), Plane.from_normal((5, 0, 7), (1, 1, 0.3))), "oblique picture would be sheared"),
         (
             Step(
                 (POINTS,),
-                Plane.along(OLD, "+y"),
+                Plane.from_view(OLD, "+y"),
                 parts=(RigidPart(HalfSpace((0, 50), (0, -1)), RigidMotion.turn(9, (0, 0)), name="thigh"),),
             ),
             r'"thigh" turns',
@@ -129,21 +133,21 @@ def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
 )
 def test_what_unequal_scales_would_bend_is_refused(step: Step, message: str) -> None:
     with pytest.raises(DeformError, match=message):
-        transplanted(made_on(OLD, step), NEW, "box")
+        transplant(made_on(OLD, step), NEW, "box")
 
 
 def test_a_mirrored_box_is_refused() -> None:
     mirrored = replace(NEW, direction=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     with pytest.raises(DeformError, match="mirror image"):
-        transplanted(made_on(OLD, Step((POINTS,), Plane.along(OLD, "+y"))), mirrored, "box")
+        transplant(made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), mirrored, "box")
 
 
 def test_a_document_that_does_not_know_its_box_is_refused_with_what_to_do() -> None:
-    document = Deformation.on_picture(OLD, "+y", POINTS)
+    document = Deformation.from_picture_points(OLD, "+y", POINTS)
     with pytest.raises(DeformError, match="save it again"):
-        transplanted(document, NEW, "box")
+        transplant(document, NEW, "box")
     with pytest.raises(DeformError, match="choose one of none, box"):
-        transplanted(document, NEW, "somewhere")
+        transplant(document, NEW, "somewhere")
 
 
 def test_the_box_is_kept_in_documents() -> None:
@@ -157,7 +161,7 @@ def test_the_box_is_kept_in_documents() -> None:
 
 def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
     small, large = Grid((8, 8, 8)), Grid((8, 16, 16), (2.0, 1.0, 0.5), (10.0, 0.0, 0.0))
-    step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.along(small, "+z"))
+    step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.from_view(small, "+z"))
     document = replace(made_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
-    assert transplanted(document, large, "box").output == large.crop((0, -2, 0), (8, 18, 24))
-    assert transplanted(document, large).output == document.output
+    assert transplant(document, large, "box").output == large.crop((0, -2, 0), (8, 18, 24))
+    assert transplant(document, large).output == document.output

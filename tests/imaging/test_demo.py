@@ -22,9 +22,9 @@ from deformnb.imaging.demo import (
     check_demo,
     deformed_grid,
     field_of_view,
-    refined,
     run_demo,
     source_of,
+    subdivide,
     subject_box,
     transform,
 )
@@ -216,7 +216,7 @@ def test_a_line_is_too_thin() -> None:
 
 def test_refined_lines_keep_their_corners() -> None:
     line = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 8.0]])
-    fine = refined(line, parts=4)
+    fine = subdivide(line, parts=4)
     assert fine.tolist() == [[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [4, 2], [4, 4], [4, 6], [4, 8]]
 
 

@@ -15,11 +15,11 @@ from deformnb.imaging.figures import (
     CUT_COLOUR,
     SIDE_COLOURS,
     Panel,
+    deform_lines,
     draw_figure,
-    moved_lines,
     picture_field,
     rectangular_grid,
-    trimmed,
+    trim,
 )
 from deformnb.rbf.cuts import Cut, Decoupled
 from deformnb.rbf.points import ControlPoints
@@ -29,7 +29,7 @@ from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.volume import Grid
 
 GRID = Grid((4, 4, 20))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 MIDDLE = Cut(Line([(10, 9), (10, 0)]))  # upwards: what is on its left is inside
 PULL = ControlPoints.from_arrays([[2, 1], [2, 3], [17, 1], [17, 3]], [[1, 1], [1, 3], [19, 1], [19, 3]])
 
@@ -165,10 +165,10 @@ def test_trimmed_images_keep_their_rows_together() -> None:
     one, two = np.zeros((2, 40, 60, 3), np.uint8)
     one[10:20, 5:9] = 200
     two[12:30, 40:50] = 200
-    first, second = trimmed([one, two], margin=0.0)
+    first, second = trim([one, two], margin=0.0)
     assert first.shape == (20, 4, 3)
     assert second.shape == (20, 10, 3)
-    assert trimmed([np.zeros((4, 4, 3), np.uint8)])[0].shape == (4, 4, 3)
+    assert trim([np.zeros((4, 4, 3), np.uint8)])[0].shape == (4, 4, 3)
 
 
 # ---- grids -----------------------------------------------------------------------------------------------------------
@@ -184,14 +184,14 @@ def test_a_grid_has_its_lines_on_the_box() -> None:
 def test_lines_move_with_the_matter() -> None:
     shift = ControlPoints.from_arrays([[0, 0], [4, 0], [0, 4]], [[1, 2], [5, 2], [1, 6]])
     field = picture_field(Step((shift,), PLANE), GRID)
-    (line,) = moved_lines([[[0, 0], [4, 4]]], field, parts=2)
+    (line,) = deform_lines([[[0, 0], [4, 4]]], field, parts=2)
     oracle.assert_close(line, [[1, 2], [3, 4], [5, 6]], atol=1e-5)
 
 
 def test_a_grid_splits_along_a_cut() -> None:
     field = picture_field(Step((PULL,), PLANE, cuts=(MIDDLE,), trend="translation"), GRID)
     assert isinstance(field, Decoupled)
-    left, right, beside = moved_lines([[[0, 2], [20, 2]], [[4, 0], [4, 3]]], field)
+    left, right, beside = deform_lines([[[0, 2], [20, 2]], [[4, 0], [4, 3]]], field)
     oracle.assert_close(left[[0, -1]], [[-1, 2], [9, 2]], atol=1e-4)
     oracle.assert_close(right[[0, -1]], [[12, 2], [22, 2]], atol=1e-4)
     oracle.assert_close(beside[[0, -1]], [[3, 0], [3, 3]], atol=1e-4)
@@ -200,7 +200,7 @@ def test_a_grid_splits_along_a_cut() -> None:
 def test_the_papers_rule_hides_what_crosses_the_line() -> None:
     both = ControlPoints.from_arrays([[2, 1], [17, 1]], [[5, 1], [20, 1]])  # all to the right by 3
     step = Step((both,), PLANE, cuts=(MIDDLE,), trend="translation", cut_rule="paper")
-    left, right = moved_lines([[[0, 2], [20, 2]]], picture_field(step, GRID), parts=200)
+    left, right = deform_lines([[[0, 2], [20, 2]]], picture_field(step, GRID), parts=200)
     oracle.assert_close([left[0, 0], left[-1, 0]], [3, 10], atol=0.2)
     oracle.assert_close([right[0, 0], right[-1, 0]], [13, 23], atol=0.2)
 

@@ -24,7 +24,7 @@ from deformnb.warping.warper import warp_picture
 
 SHAPE = (66, 53, 72)
 BODY = PHANTOMS["abdomen"].make(SHAPE, noise=0)
-FRONT = Plane.along(BODY.grid, "+y")
+FRONT = Plane.from_view(BODY.grid, "+y")
 SUPPORT = 170.0
 LUMBAR = [501, 502, 503, 504, 505]
 WIDTH = np.array([26.0, 46, 54, 46, 26])
@@ -152,7 +152,7 @@ def test_little_tissue_is_lost() -> None:
 @pytest.mark.nightly
 def test_the_real_abdomen_opens_too(real_data: Callable[[str], Path]) -> None:
     scan = load("abdomen_ct", folder=real_data("abdomen_ct.nii.gz").parent)
-    step = opening(Plane.along(scan.grid, "+y"), 75, 40, 300)
+    step = opening(Plane.from_view(scan.grid, "+y"), 75, 40, 300)
     opened = Deformation((step,)).apply(scan)
     assert opened.dtype == scan.dtype
     bone = scan.values > 300  # the spine, the ribs and the hips; in front there is none but the pubis, below the cut

@@ -19,7 +19,7 @@ from deformnb.volume.volume import Volume
 from deformnb.warping.points import warp_points
 
 BAR = PHANTOMS["bar"].make(noise=0)
-PLANE = Plane.along(BAR.grid, "+y")
+PLANE = Plane.from_view(BAR.grid, "+y")
 VOXEL = 2.0
 NODES = np.array([[a, b] for a in np.linspace(27, 227, 5) for b in (75.0, 115)])
 CUT = Cut(Line([(127, 190), (127, 0)]))

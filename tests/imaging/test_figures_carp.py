@@ -20,7 +20,7 @@ from deformnb.volume.volume import Volume
 from deformnb.warping.points import warp_points
 
 FISH = PHANTOMS["fish"].make((64, 128, 64), noise=0)
-SIDE = Plane.along(FISH.grid, "-x")
+SIDE = Plane.from_view(FISH.grid, "-x")
 
 
 def two_pixels(grids: object) -> float:
@@ -32,7 +32,7 @@ def two_pixels(grids: object) -> float:
 @pytest.mark.parametrize(("source", "target"), thompson_pairs())
 def test_the_nodes_land_on_thompsons(source: str, target: str) -> None:
     grids = thompson_map(source, target, box=subject_box(project(FISH, SIDE)), scale="area")
-    step = Deformation.on_picture(FISH.grid, SIDE, grids.points).steps[0]
+    step = Deformation.from_picture_points(FISH.grid, SIDE, grids.points).steps[0]
     landed, found = warp_points(grids.points.source, picture_field(step, FISH.grid))
     assert found.all()
     miss = np.linalg.norm(landed - grids.points.target, axis=1).max()
@@ -41,14 +41,14 @@ def test_the_nodes_land_on_thompsons(source: str, target: str) -> None:
 
 def deep_and_long(volume: Volume) -> tuple[float, float]:
     """Height and length of what is brighter than half of soft tissue, on the picture from the side."""
-    a0, a1, b0, b1 = subject_box(project(volume, Plane.along(volume.grid, "-x")), margin=0.0)
+    a0, a1, b0, b1 = subject_box(project(volume, Plane.from_view(volume.grid, "-x")), margin=0.0)
     return b1 - b0, a1 - a0
 
 
 def check_it_becomes_deep(fish: Volume) -> None:
-    plane = Plane.along(fish.grid, "-x")
+    plane = Plane.from_view(fish.grid, "-x")
     grids = thompson_map("Polyprion", "Antigonia", box=subject_box(project(fish, plane)), scale="area")
-    deformation = Deformation.on_picture(fish.grid, plane, grids.points)
+    deformation = Deformation.from_picture_points(fish.grid, plane, grids.points)
     after = deformation.apply(fish, output=field_of_view(fish.grid, plane, grids))
     (height, length), (deep, long) = deep_and_long(fish), deep_and_long(after)
     assert deep / long > 1.6 * height / length, (deep, long, height, length)
@@ -70,7 +70,7 @@ def test_the_papers_own_carp_becomes_deep_and_short(real_data: Callable[[str], P
 
 def test_modulated_the_displacement_grows_smoothly_from_zero_through_the_body() -> None:
     grids = thompson_map("Polyprion", "Antigonia", box=subject_box(project(FISH, SIDE)), scale="area")
-    whole = Deformation.on_picture(FISH.grid, SIDE, grids.points)
+    whole = Deformation.from_picture_points(FISH.grid, SIDE, grids.points)
     smooth = replace(whole.steps[0], extrusion="modulate", curve="sin(pi*z)")
     near, far = SIDE.depth_range(FISH.grid)
     places = SIDE.from_plane(np.array([[200.0, 60.0, c] for c in np.linspace(near, far, 65)]))

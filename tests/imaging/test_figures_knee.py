@@ -28,7 +28,7 @@ from deformnb.warping.points import warp_points
 
 SHAPE = (100, 64, 44)
 KNEE = PHANTOMS["knee"].make(SHAPE, noise=0)
-SIDE = Plane.along(KNEE.grid, "-x")
+SIDE = Plane.from_view(KNEE.grid, "-x")
 BEND = RigidMotion.turn(-40, about=(67, 140), shift=(2, 4))
 FEMUR_END = [
     (47, 100),
@@ -238,7 +238,7 @@ def motion(pairs: Any) -> RigidMotion:
 def real_results(straight: Path, bent: Path) -> dict[str, np.ndarray]:
     """Correlation and mean difference from the bent scan over (thigh bone, shin, all), (3, 2), by way of bending."""
     volume, truth = read_volume(straight), read_volume(bent)
-    side = Plane.along(volume.grid, "+y")
+    side = Plane.from_view(volume.grid, "+y")
     moves, outlines = [motion(FEMUR), motion(SHIN)], [Polygon(on_picture(o)) for o in OUTLINES]
     parts = tuple(RigidPart(o, m) for o, m in zip(outlines, moves, strict=True))
     few = dragged([*FEMUR, SHIN[3]])

@@ -45,7 +45,7 @@ def ball() -> tuple[Volume, Deformation]:
     values = np.clip(6.5 - np.sqrt((k**2).sum(axis=0)), 0, 1) * 200
     volume = Volume(values.astype(np.uint8), Grid((32, 32, 32)))
     points = ControlPoints.from_arrays([[16.0, 16.0]], [[24.0, 16.0]])
-    return volume, Deformation.on_picture(volume.grid, "+y", points, trend="translation")
+    return volume, Deformation.from_picture_points(volume.grid, "+y", points, trend="translation")
 
 
 def middle(image: np.ndarray) -> float:

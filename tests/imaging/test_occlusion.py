@@ -81,7 +81,7 @@ def test_full_light_changes_no_picture_and_none_leaves_what_the_lamp_reaches() -
     volume = Volume(rising, Grid((12, 12, 12)))
     cells = Grid((3, 3, 3), (4.0, 4.0, 4.0), (1.5, 1.5, 1.5))
     opaque = TransferFunction(((0, 1, 1, 1),), ((0, 1), (100, 1)))
-    plane = Plane.along(volume.grid, "+z")
+    plane = Plane.from_view(volume.grid, "+z")
 
     def seen(light: float | None, method: str = "shaded", volume: Volume = volume) -> NDArray[np.float32]:
         ambience = None if light is None else Volume(np.full((3, 3, 3), light, np.float32), cells)
@@ -101,7 +101,7 @@ def test_full_light_changes_no_picture_and_none_leaves_what_the_lamp_reaches() -
 def test_ambient_light_is_interpolated_where_it_is_looked_up() -> None:
     volume = shell()
     light = ambient_light(volume, SOLID)
-    plane = Plane.through(volume.grid.center, (1.0, 2.0, -0.5))
+    plane = Plane.from_normal(volume.grid.center, (1.0, 2.0, -0.5))
     index = np.random.default_rng(0).uniform(0, np.array(light.shape[::-1]) - 1, (40, 3))
     places = plane.to_plane(light.grid.index_to_point(index))
     found = light_at(light, plane)((places[:, 0], places[:, 1], places[:, 2]))

@@ -61,7 +61,7 @@ def test_composite_and_shading_follow_the_formula(view: str, direction: str) -> 
 @pytest.mark.parametrize("method", PROJECTIONS)
 def test_parts_of_a_picture_do_not_show(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     volume = volume_of(noise((40, 13, 4)))
-    views: tuple[str | Plane, ...] = ("+z", Plane.through(volume.grid.center, (0.1, 0.2, 1)))
+    views: tuple[str | Plane, ...] = ("+z", Plane.from_normal(volume.grid.center, (0.1, 0.2, 1)))
     wanted = [project(volume, view, method, transfer=RAMP).values for view in views]
     for size in (1, 12):  # each row by itself, and some at a time
         monkeypatch.setattr(module, "_PIXELS", size)
@@ -188,8 +188,8 @@ def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:
     grid = Grid((24, 20, 16), (1.5, 1.0, 0.75), (5, -7, 11), tuple(map(tuple, matrix.tolist())))
     centre = grid.index_to_point([9.0, 7.0, 15.0])
     volume = ball(grid, centre, 3.0)
-    planes = [Plane.along(grid, view) for view in VIEWS]
-    planes += [Plane.through(grid.center, r[:, 0], r[:, 1]) for r in ROTATIONS]
+    planes = [Plane.from_view(grid, view) for view in VIEWS]
+    planes += [Plane.from_normal(grid.center, r[:, 0], r[:, 1]) for r in ROTATIONS]
     for plane in planes:
         picture = project(volume, plane, method)
         weight = picture.grey().astype(float)
@@ -203,7 +203,7 @@ def test_a_ball_is_where_the_plane_says(direction: str, method: str) -> None:
 def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: float) -> None:
     grid = Grid((240, 12, 240))
     centre = np.array([230.0, 6.0, 10.0])
-    frame = Plane.along(grid, "+y").frame @ Rotation.from_rotvec(np.radians(degrees) * np.eye(3)[about]).as_matrix()
+    frame = Plane.from_view(grid, "+y").frame @ Rotation.from_rotvec(np.radians(degrees) * np.eye(3)[about]).as_matrix()
     plane = Plane(grid.center, tuple(frame[0]), tuple(frame[1]))
     weight = project(ball(grid, centre, 3.0), plane, "mip")
     found = (weight.raster.points() * weight.grey()[..., None]).sum(axis=(0, 1)) / weight.grey().sum()
@@ -229,7 +229,7 @@ def test_a_lattice_without_rotation_gives_the_view_along_the_axis(view: str, met
 def test_oblique_pictures_are_literal_sums_over_the_lattice(rotation: int) -> None:
     volume = volume_of(noise((4, 5, 6), "float64"), (0.5, 1.0, 0.7), DIRECTIONS["RAS"])
     frame = ROTATIONS[rotation]
-    plane = Plane.through(volume.grid.center, frame[:, 0], frame[:, 1])
+    plane = Plane.from_normal(volume.grid.center, frame[:, 0], frame[:, 1])
     pictures = {name: project(volume, plane, name, transfer=RAMP) for name in PROJECTIONS}
     lattice = plane_lattice(volume.grid, plane)
     layers = np.zeros(lattice.shape)
@@ -250,7 +250,7 @@ def test_oblique_pictures_are_literal_sums_over_the_lattice(rotation: int) -> No
 @given(normal=st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda n: np.linalg.norm(n) > 0.1), spacing=st.floats(0.3, 3))
 def test_a_lattice_covers_the_volume_and_little_more(normal: tuple[float, float, float], spacing: float) -> None:
     grid = Grid((5, 7, 9), (0.5, 1.0, 2.5), (10, -20, 30))
-    plane = Plane.through(grid.center, normal)
+    plane = Plane.from_normal(grid.center, normal)
     lattice = plane_lattice(grid, plane, spacing)
     corners, box = plane.to_plane(grid.corners()), plane.to_plane(lattice.corners())
     assert (box.min(axis=0) <= corners.min(axis=0) + 1e-6).all()
@@ -264,9 +264,9 @@ def test_a_lattice_covers_the_volume_and_little_more(normal: tuple[float, float,
 @pytest.mark.parametrize(("view", "axis"), [("+z", 0), ("-y", 1), ("+x", 2)])
 def test_with_nearest_sampling_the_maximum_of_the_deformed_is_the_deformed_maximum(view: str, axis: int) -> None:
     volume = volume_of(noise((9, 10, 11)))
-    plane = Plane.along(volume.grid, view)
+    plane = Plane.from_view(volume.grid, view)
     points = ControlPoints.from_arrays([[1, 1], [8, 1], [4, 8], [5, 4]], [[1.5, 1], [7, 2], [4, 7], [6.2, 4.4]])
-    deformation = Deformation.on_picture(volume.grid, plane, points)
+    deformation = Deformation.from_picture_points(volume.grid, plane, points)
     after = project(deformation.apply(volume, method="nearest"), plane, "mip").values
     flat = project(volume, plane, "mip")
     thick = np.repeat(flat.values[None], 3, axis=0)  # the picture as a volume, three layers thick, in its own axes
@@ -306,7 +306,7 @@ def test_thin_volumes_and_every_preset(method: str, shape: tuple[int, int, int])
         assert picture.rgb8().shape == (*picture.raster.shape, 3)
     if method in ("mip", "slice", "mean") and shape[0] == 1:
         np.testing.assert_array_equal(project(volume, "+z", method).values, volume.values[0])
-    tilted = project(volume, Plane.through(volume.grid.center, (1, 2, 3)), method)
+    tilted = project(volume, Plane.from_normal(volume.grid.center, (1, 2, 3)), method)
     assert np.isfinite(tilted.values).all()
 
 
@@ -319,7 +319,7 @@ def test_every_type_of_voxel_gives_the_same_picture(method: str, dtype: str) -> 
     ramp = TransferFunction(
         tuple((v * top / TOP, *c) for v, *c in RAMP.colors), tuple((v * top / TOP, a) for v, a in RAMP.opacities)
     )
-    for view in ("+z", Plane.through((2, 2, 2), (1, 2, 3))):
+    for view in ("+z", Plane.from_normal((2, 2, 2), (1, 2, 3))):
         picture = project(volume_of(values.astype(dtype)), view, method, transfer=ramp)
         same = values.astype("uint8" if dtype == "bool" else "float64")
         wanted = project(volume_of(same), view, method, transfer=ramp)
@@ -341,7 +341,7 @@ def test_labels_are_not_blended() -> None:
     values[4:, 4:] = 7
     labels = Volume(values, Grid((6, 6, 6)), is_labels=True)
     for method in ("mip", "slice"):
-        assert set(np.unique(project(labels, Plane.through((2, 2, 2), (1, 2, 3)), method).values)) <= {0, 7, 50}
+        assert set(np.unique(project(labels, Plane.from_normal((2, 2, 2), (1, 2, 3)), method).values)) <= {0, 7, 50}
 
 
 def test_hounsfield_units_are_black_at_air_and_white_at_bone() -> None:
@@ -404,7 +404,7 @@ def test_voxels_that_are_not_finite_count_as_background(method: str) -> None:
     clean, dirty = values.copy(), values.copy()
     for place, bad in (((0, 1, 1), np.nan), ((2, 2, 2), np.inf), ((3, 3, 3), -np.inf)):
         clean[place], dirty[place] = 0, bad
-    for view in ("+z", Plane.through((2, 2, 2), (1, 2, 3))):
+    for view in ("+z", Plane.from_normal((2, 2, 2), (1, 2, 3))):
         wanted, found = (project(volume_of(v), view, method, transfer=RAMP) for v in (clean, dirty))
         np.testing.assert_array_equal(found.values, wanted.values)
         assert found.window == wanted.window
@@ -451,7 +451,7 @@ def test_one_bright_spot_does_not_darken_the_rest() -> None:
 def test_slices_are_numbered_from_the_front() -> None:
     values = np.arange(5, dtype=np.uint8)[:, None, None] * np.ones((5, 2, 2), np.uint8)
     volume = volume_of(values, (1, 1, 2.0))
-    plane = Plane.along(volume.grid, "+z")
+    plane = Plane.from_view(volume.grid, "+z")
     assert [int(project(volume, plane, "slice", depth=d).values[0, 0]) for d in (-5, -4, -1.1, -0.9, 0, 4, 4.9)] == [
         0,
         0,
@@ -461,7 +461,7 @@ def test_slices_are_numbered_from_the_front() -> None:
         4,
         4,
     ]
-    back = Plane.along(volume.grid, "-z")
+    back = Plane.from_view(volume.grid, "-z")
     assert [int(project(volume, back, "slice", depth=d).values[0, 0]) for d in (-4, 0, 4)] == [4, 2, 0]
 
 
@@ -492,7 +492,7 @@ def test_a_bad_pixel_size_is_refused(spacing: float) -> None:
 def test_progress_rises_to_one_and_can_stop_the_work(method: str) -> None:
     volume = volume_of(noise((70, 3, 3)))
     seen: list[float] = []
-    project(volume, Plane.through((1, 1, 35), (0.1, 0, 1)), method, progress=seen.append)
+    project(volume, Plane.from_normal((1, 1, 35), (0.1, 0, 1)), method, progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == 1
 
@@ -542,7 +542,7 @@ def test_the_real_carp_looks_left_with_its_back_up(real_data: Any) -> None:
 def test_a_face_where_the_volume_ends_is_even_seen_aslant() -> None:
     k, j, i = np.indices((40, 24, 40)) - 19.5
     body = Volume(np.where(k**2 + (j + 0.5) ** 2 + i**2 < 18**2, 250, 0).astype(np.uint8)[:, 8:], Grid((40, 16, 40)))
-    plane = Plane.through(body.grid.center, (0.4, 1, -0.3))
+    plane = Plane.from_normal(body.grid.center, (0.4, 1, -0.3))
     picture = project(body, plane, "shaded", transfer=preset("surface", body), spacing=0.5)
     a, b, _ = plane.to_plane((19.5, -0.5, 19.5))  # the middle of the face
     raster = picture.raster

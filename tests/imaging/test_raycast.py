@@ -39,7 +39,7 @@ def part_of(axis: int, pair: tuple[float, float]) -> ClipBox:
 )
 def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, tuple[float, float]]) -> None:
     part = part_of(*side)
-    for plane in (Plane.along(GRID, "+y"), Plane.along(GRID, "-x"), Plane.along(GRID, "+z")):
+    for plane in (Plane.from_view(GRID, "+y"), Plane.from_view(GRID, "-x"), Plane.from_view(GRID, "+z")):
         # Labels are not interpolated: between a voxel and an emptied one lies nothing.
         labels = replace(shape(), is_labels=True)
         cut = project(labels, plane, "mip", spacing=0.5, part=part).values
@@ -51,7 +51,7 @@ def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, 
 @pytest.mark.parametrize("method", ["slice", "mip", "composite", "shaded"])
 def test_a_picture_of_a_volume_warns_of_no_deformation(method: str) -> None:
     volume = Volume(np.full(GRID.shape, 200, np.uint8), GRID)  # its ambient light is all but the same everywhere
-    for plane in (Plane.along(GRID, "+y"), Plane.through(GRID.center, (0.3, 1.0, -0.2))):
+    for plane in (Plane.from_view(GRID, "+y"), Plane.from_normal(GRID.center, (0.3, 1.0, -0.2))):
         project(volume, plane, method, spacing=2.0)
 
 
@@ -59,7 +59,7 @@ def test_a_picture_of_a_volume_warns_of_no_deformation(method: str) -> None:
 @pytest.mark.parametrize("axis", [0, 1, 2])
 @pytest.mark.parametrize("pair", [(0.5, 1.0), (0.0, 0.5)])
 def test_light_falls_on_what_is_left_and_nothing_else(view: str, axis: int, pair: tuple[float, float]) -> None:
-    plane, part = Plane.along(GRID, view), part_of(axis, pair)
+    plane, part = Plane.from_view(GRID, view), part_of(axis, pair)
     cut = project(shape(), plane, "composite", transfer=SOLID, spacing=0.5, part=part)
     alpha = cut.values[..., 3]
     # Every pixel's own ray: it is opaque where some voxel under it is left.
@@ -78,7 +78,7 @@ def test_a_face_that_was_cut_is_lit_evenly_whatever_lies_behind_it() -> None:
     rng = np.random.default_rng(0)
     noisy = Volume(rng.integers(100, 200, GRID.shape).astype(np.uint8), GRID)
     noisy.values[0, 0, 0] = 0
-    plane = Plane.through(GRID.center, (0.5, 1.0, -0.4))
+    plane = Plane.from_normal(GRID.center, (0.5, 1.0, -0.4))
     axis = int(np.argmax(np.abs(np.asarray(GRID.direction).T @ plane.normal)))
     ahead = float((np.asarray(GRID.direction).T @ plane.normal)[axis])
     part = part_of(axis, (0.5, 1.0) if ahead > 0 else (0.0, 0.5))
@@ -113,7 +113,7 @@ def test_what_is_nearer_looks_larger(method: str) -> None:
     values = np.zeros(grid.shape, np.uint8)
     for depth in (4, 36):  # seen along +y, a rod before and one behind the middle
         values[10, depth, 28] = values[10, depth, 29] = 200
-    plane = Plane.through(grid.center, (0, 1, 0))
+    plane = Plane.from_normal(grid.center, (0, 1, 0))
     eye = PerspectiveCamera(60.0, 41.0, 41.0)
     seen = project(Volume(values, grid), plane, method, transfer=SOLID, spacing=0.5, eye=eye)
     bright = seen.values[..., -1] if seen.values.ndim == 3 else seen.values
@@ -132,14 +132,14 @@ def test_an_eye_within_the_volume_sees_what_lies_before_it() -> None:
     values = np.zeros(grid.shape, np.uint8)
     values[:, 2] = 255  # behind the eye
     values[3:6, 29:32, 3:6] = 200
-    plane = Plane.through(grid.center, (0, 1, 0))
+    plane = Plane.from_normal(grid.center, (0, 1, 0))
     seen = project(Volume(values, grid), plane, "mip", spacing=0.5, eye=PerspectiveCamera(8.0, 9.0, 9.0))
     assert 100 < seen.values.max() <= 200
 
 
 def test_a_far_eye_sees_in_parallel() -> None:
     volume = shape()
-    plane = Plane.through(GRID.center, (0.2, 1.0, 0.1))
+    plane = Plane.from_normal(GRID.center, (0.2, 1.0, 0.1))
     near = project(volume, plane, "composite", transfer=SOLID, spacing=0.5)
     far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=PerspectiveCamera(1e7, 40.0, 40.0))
     alpha = [p.values[..., 3].sum() for p in (near, far)]
@@ -150,7 +150,7 @@ def test_a_far_eye_sees_in_parallel() -> None:
 def test_samples_have_the_value_at_their_places(eye: PerspectiveCamera | None) -> None:
     k, j, i = np.indices(GRID.shape)
     volume = Volume((3.0 * i - 2.0 * j + 0.5 * k).astype(np.float32), GRID)
-    plane = Plane.through(GRID.center, (0.3, 1.0, -0.2))
+    plane = Plane.from_normal(GRID.center, (0.3, 1.0, -0.2))
     lattice = plane_lattice(GRID, plane, 0.7) if eye is None else eye.lattice(GRID, plane, 0.7)
     layers, rows = Layers.of_lattice(volume, lattice, plane, eye=eye), slice(9, 14)
     assert layers.places is not None

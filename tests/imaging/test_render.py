@@ -18,10 +18,10 @@ from deformnb.imaging import vtk_volume as module
 from deformnb.imaging.camera import Camera
 from deformnb.imaging.render import (
     RENDERERS,
+    find_renderer,
     image_places,
     render_pair,
     render_volume,
-    renderer_named,
     save_image,
 )
 from deformnb.imaging.vtk_volume import gl_status
@@ -68,7 +68,7 @@ def test_up_left_and_right_are_those_of_the_plane(backend: str, direction: str) 
     size, height = (160, 120), 60.0
     for look, up in (((0, 1, 0), (0, 0, 1)), ((-1, 0.3, 0.2), (0, 0, 1)), ((0.3, 0.2, 1), (0, -1, 0.4))):
         volume, centres = balls(DIRECTIONS[direction])
-        plane = Plane.through(volume.grid.center, look, up)
+        plane = Plane.from_normal(volume.grid.center, look, up)
         for k, centre in enumerate(centres):  # one ball alone at a time
             index = np.stack(np.meshgrid(*map(np.arange, volume.shape), indexing="ij"), -1)[..., ::-1]
             near = np.linalg.norm(volume.grid.index_to_point(index) - centre, axis=-1) < (6.5, 4.5, 3.0)[k]
@@ -278,7 +278,7 @@ def test_a_dying_trial_is_an_answer() -> None:
     assert not works
     assert "OpenGL" in found
     assert "libegl1" in remedy
-    assert renderer_named("auto") == "core"
+    assert find_renderer("auto") == "core"
     image = render_volume(balls()[0], size=(20, 15))
     np.testing.assert_array_equal(image, render_volume(balls()[0], size=(20, 15), backend="core"))
     with pytest.raises(DeformError, match=r"OpenGL.*libegl1"):
@@ -391,7 +391,7 @@ def test_an_image_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 def test_renderers_are_listed() -> None:
     assert set(RENDERERS) == {"vtk", "core"}
-    assert renderer_named("core") == "core"
+    assert find_renderer("core") == "core"
 
 
 @pytest.mark.parametrize("direction", [(1, 0.9, -0.2), (0, 1, 0), (0, 0, -1)])

@@ -18,7 +18,7 @@ from deformnb.document.deformation import Deformation, Step
 from deformnb.errors import DeformError
 from deformnb.imaging.drawing import SOURCE, TARGET
 from deformnb.imaging.projection import project
-from deformnb.imaging.thompson import area_map, draw_grids, magnified, make_grids
+from deformnb.imaging.thompson import area_map, draw_grids, magnify_field, make_grids
 from deformnb.rbf.cuts import Cut
 from deformnb.rbf.fields import Identity
 from deformnb.rbf.fitting import fit_rbf
@@ -28,7 +28,7 @@ from deformnb.volume.plane import Picture, Plane, Raster
 from deformnb.volume.volume import Grid, Volume
 
 GRID = Grid((40, 8, 60))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 SVG = "{http://www.w3.org/2000/svg}"
 CORNERS = [[0, 0], [59, 0], [0, 39], [59, 39]]
 
@@ -102,8 +102,8 @@ def test_strength_and_magnify_multiply(picture: Picture) -> None:
 def test_a_field_is_multiplied(picture: Picture) -> None:
     fit = fit_rbf(BENT)
     x = np.array([[10.0, 10.0], [33.0, 21.0]])
-    oracle.assert_close(magnified(fit, -0.5).displacement(x), -0.5 * fit.displacement(x), atol=0)
-    oracle.assert_close(magnified(fit, -0.5).jacobian(x), -0.5 * fit.jacobian(x), atol=0)
+    oracle.assert_close(magnify_field(fit, -0.5).displacement(x), -0.5 * fit.displacement(x), atol=0)
+    oracle.assert_close(magnify_field(fit, -0.5).jacobian(x), -0.5 * fit.jacobian(x), atol=0)
     assert draw_grids(fit, picture, magnify=0.0).grids.moved == pytest.approx(make_grids(Identity(2), picture).nodes)
 
 
@@ -283,12 +283,12 @@ def test_what_cannot_be_is_refused_in_words(picture: Picture, options: dict[str,
 
 
 def test_only_steps_on_the_plane_of_the_picture_are_drawn(picture: Picture) -> None:
-    other = Step((BENT,), Plane.along(GRID, "-y"))
+    other = Step((BENT,), Plane.from_view(GRID, "-y"))
     with pytest.raises(DeformError, match="step 2 has its control points on another plane"):
         draw_grids(Deformation((step_of(BENT), other)), picture)
     in_space = ControlPoints.from_arrays([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     with pytest.raises(DeformError, match="in space"):
-        draw_grids(Deformation.in_space(in_space), picture)
+        draw_grids(Deformation.from_space_points(in_space), picture)
     with pytest.raises(DeformError, match="in space"):
         draw_grids(Identity(3), picture)
     with pytest.raises(DeformError, match="got ControlPoints"):

@@ -30,7 +30,7 @@ def test_what_has_no_map_is_refused() -> None:
     plane, space = Affine(np.eye(2), np.zeros(2)), Affine(np.eye(3), np.zeros(3))
     line = dn.Line([(2.0, -9.0), (2.0, 9.0)])
     points = dn.ControlPoints.from_arrays([[1, 1], [4, 1]], [[0, 1], [5, 1]])
-    cut = dn.Deformation.on_picture(volume, "+z", points, cuts=(dn.Cut(line),))
+    cut = dn.Deformation.from_picture_points(volume, "+z", points, cuts=(dn.Cut(line),))
     for call, said in (
         (lambda: skimage_map(space, volume), "4 slices"),
         (lambda: skimage_coordinates(plane, volume), "in space"),

@@ -14,7 +14,7 @@ from deformnb.document.deformation import Deformation, Step, VolumeReference
 from deformnb.document.json_format import LONGEST_DOCUMENT, to_json
 from deformnb.errors import DeformError, FileChangedError, VolumeFileError
 from deformnb.io.documents import describe_document, read_deformation, write_deformation
-from deformnb.io.files.atomic import writing_held_by
+from deformnb.io.files.atomic import guard_writes
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.volume.plane import Plane
@@ -87,7 +87,7 @@ def test_of_two_that_make_a_file_at_once_the_second_is_refused(tmp_path: Path) -
         path.write_bytes(b"theirs")
         yield
 
-    with writing_held_by(too_late), pytest.raises(FileChangedError):
+    with guard_writes(too_late), pytest.raises(FileChangedError):
         write_deformation(document(), path, overwrite=False)
     assert path.read_bytes() == b"theirs"
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]

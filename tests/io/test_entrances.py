@@ -55,7 +55,7 @@ CALLS: dict[str, tuple[Any, ...]] = {
     "read_volume": ("a.nrrd",),
     "to_vtk_transform": (Identity(3), GRID),
     "write_channels": (CHANNELS, "c.nrrd"),
-    "write_deformation": (dn.Deformation.in_space(POINTS), "d.json"),
+    "write_deformation": (dn.Deformation.from_space_points(POINTS), "d.json"),
     "write_landmarks": (Landmarks(np.zeros((2, 3))), "l.mrk.json"),
     "write_mesh": (Mesh(np.eye(3), np.array([[0, 1, 2]])), "m.ply"),
     "write_segmentation": (LABELS, "b.seg.nrrd", "a.seg.nrrd"),

@@ -22,7 +22,7 @@ from deformnb.volume.volume import Grid
 
 FILES = ("maths/cuts.ts", "maths/rigid_stages.ts", "maths/warp_map.ts")
 GRID = Grid((40, 8, 60))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 CORNERS = [[0, 0], [59, 0], [0, 39], [59, 39]]
 BENT = ControlPoints.from_arrays([*CORNERS, [20, 20], [40, 20]], [*CORNERS, [15, 17], [46, 23]])
 CUT = Cut(Line([(29.5, 50), (29.5, -9)]))

@@ -251,7 +251,7 @@ def test_a_volume_is_shown_as_python_shows_it(make: Any, tmp_path: Path) -> None
     np.testing.assert_allclose(found["window"], window)
     np.testing.assert_allclose(np.reshape(found["table"], (-1, 4)), function.table(*window), atol=1e-6)
     for view, picture in zip(VIEWS, found["pictures"], strict=True):
-        plane = Plane.along(volume, view)
+        plane = Plane.from_view(volume, view)
         wanted = project(volume, plane)
         for part, name in (("origin", "origin"), ("u", "u"), ("v", "v"), ("n", "normal")):
             np.testing.assert_allclose(picture["plane"][part], getattr(plane, name), atol=1e-12)

@@ -23,7 +23,7 @@ def test_the_score_rises_with_each_gesture_until_it_is_closed() -> None:
     assert "% of the way" in followed.value
     assert "<svg" in followed.value
     assert not followed.result.right
-    session.editing.deformation = Deformation.on_picture(carp, "-x", goal)
+    session.editing.deformation = Deformation.from_picture_points(carp, "-x", goal)
     assert followed.result.right
     assert followed.result.text == lesson.check("antigonia", session).text
     followed.close()

@@ -179,7 +179,7 @@ def test_a_fish_is_scored_by_the_way_that_was_gone(carp: dn.Volume) -> None:
     lesson = LESSONS["coordinates"]
     points = lesson.exercises["antigonia"].grids(carp).points  # type: ignore[attr-defined]
     points = points.take([8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)])
-    session = Session(carp, dn.Deformation.on_picture(carp, "-x", points.reset()), view="-x")
+    session = Session(carp, dn.Deformation.from_picture_points(carp, "-x", points.reset()), view="-x")
     texts = []
     for answer in (points.reset(), points.scaled(0.3), points.scaled(-0.5)):
         session.editing.edit_points(answer)
@@ -201,7 +201,7 @@ def test_a_fish_is_scored_by_the_way_that_was_gone(carp: dn.Volume) -> None:
 def test_a_back_is_lifted_by_a_small_support_or_by_points_on_the_head(carp: dn.Volume) -> None:
     lesson = LESSONS["kernels"]
     corners = dn.ControlPoints.from_arrays([[0, 0], [508, 0], [508, 197], [0, 197]])
-    session = Session(carp, dn.Deformation.on_picture(carp, "-x", corners, trend="none"), view="-x")
+    session = Session(carp, dn.Deformation.from_picture_points(carp, "-x", corners, trend="none"), view="-x")
     assert "Nothing has been dragged" in lesson.check("local", session).text
     for target, words in (([250, 50], "lifted by 10 mm"), ([250, 90], "lifted by 0 mm"), ([250, 30], "The head moves")):
         session.editing.edit_points(corners.add([250, 60], target))
@@ -226,7 +226,7 @@ def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.
 
     def said(target: np.ndarray, trend: str) -> Result:
         points = dn.ControlPoints.from_arrays(ends, target)
-        deformation = dn.Deformation.on_picture(carp, "-x", points, trend=trend)
+        deformation = dn.Deformation.from_picture_points(carp, "-x", points, trend=trend)
         return lesson.check("turned", Session(carp, deformation, view="-x"))
 
     def turned(degrees: float, factor: float = 1) -> np.ndarray:
@@ -251,7 +251,7 @@ def test_a_fold_is_removed_by_a_larger_support_and_not_by_a_shorter_drag(carp: d
     tries = ((280.0, 100.0, "still folds"), (280.0, 160.0, "still folds"), (240.0, 100.0, "is 40 mm"))
     for to, support, words in tries:
         points = dn.ControlPoints.from_arrays([[200.0, 100.0]], [[to, 100.0]])
-        deformation = dn.Deformation.on_picture(carp, "-x", points, trend="none", support=support)
+        deformation = dn.Deformation.from_picture_points(carp, "-x", points, trend="none", support=support)
         session = Session(carp, deformation, view="-x")
         result = lesson.check("unfold", session)
         assert words in result.text

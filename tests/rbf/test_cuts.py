@@ -277,7 +277,7 @@ def test_jax_and_rasters_say_what_points_say(name: str, rule: str) -> None:
 
 def test_on_a_plane_in_space_the_cut_is_looked_up_in_the_picture() -> None:
     grid = Grid((8, 100, 100), (1.0, 1.0, 2.0), (30.0, -20.0, 7.0))
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = pushed(-4.0, 4.0)
     fields = tuple(extrude(plane, grid, [f], modulate("z")) for f in flat.fields)
     space = Decoupled(fields, flat.sides, flat.regions, plane, softness=1.0)

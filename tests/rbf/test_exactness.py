@@ -23,7 +23,7 @@ import deformnb as dn
 from deformnb import devices
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_format import from_json, to_json
-from deformnb.imaging.thompson import magnified
+from deformnb.imaging.thompson import magnify_field
 from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.conditioning import prepare
@@ -91,7 +91,7 @@ class Made:
 
     @cached_property
     def deformation(self) -> Deformation:
-        return Deformation.on_picture(self.volume, "+z", self.points, **self.settings)
+        return Deformation.from_picture_points(self.volume, "+z", self.points, **self.settings)
 
     @cached_property
     def field(self) -> AbstractField:
@@ -133,7 +133,7 @@ def single(m: Made) -> np.ndarray:
 def on_device(m: Made) -> np.ndarray:
     if not isinstance(m.fit, RBFInterpolant):  # local fits are evaluated on the host
         return m.fit(m.target)
-    with devices.computing():
+    with devices.device_context():
         parts, is_finite = m.fit.on_device(m.raster)
         assert is_finite
         return m.picked(np.stack(parts))
@@ -442,7 +442,7 @@ MAPS: dict[str, Callable[[], AbstractField]] = {
         np.random.default_rng(4).normal(0, 1, (9, 9, 2)), (-10.0, -10.0), ((10.0, 0.0), (0.0, 10.0))
     ),
     "Rescaled": lambda: Rescaled(steep(), 1000.0, "\u00b5m"),
-    "_Magnified": lambda: magnified(samples(), 3.0),
+    "_Magnified": lambda: magnify_field(samples(), 3.0),
 }
 
 
@@ -477,6 +477,6 @@ def test_a_map_gives_the_same_place_by_every_door(kind: str) -> None:
 
 def test_a_plane_in_space_is_evaluated_as_its_map_is() -> None:
     m = made("thin_plate", "few")
-    plane = Plane.along(Grid((2, m.size, m.size)), "+z")
+    plane = Plane.from_view(Grid((2, m.size, m.size)), "+z")
     field = Extrusion(plane, (0.0, 1.0), (m.fit,), np.array([0.0, 1.0]), np.ones((1, 2)))
     np.testing.assert_allclose(field(m.space)[:, :2], m.fit(m.target), atol=1e-12)

@@ -135,7 +135,7 @@ def test_from_nothing_to_a_map_is_the_modulation_by_z() -> None:
 def test_zeta_runs_from_the_first_slice_to_the_last_and_stays_there() -> None:
     """Slice k of nz is at zeta = k / (nz - 1)."""
     for view in VIEWS:
-        plane = Plane.along(GRID, view)
+        plane = Plane.from_view(GRID, view)
         field = extrude(plane, GRID, (Identity(2),), modulate("z"))
         axis = {"x": 0, "y": 1, "z": 2}[view[1]]
         n = GRID.shape[2 - axis]
@@ -149,9 +149,9 @@ def test_zeta_runs_from_the_first_slice_to_the_last_and_stays_there() -> None:
 @pytest.mark.parametrize("view", VIEWS)
 def test_one_slice_takes_the_value_at_zero(view: str) -> None:
     grid = Grid(tuple(1 if "zyx"[k] == view[1] else 4 for k in range(3)))
-    field = extrude(Plane.along(grid, view), grid, (flat(), flat(1)), interpolate([0.0, 1.0]))
+    field = extrude(Plane.from_view(grid, view), grid, (flat(), flat(1)), interpolate([0.0, 1.0]))
     assert np.isfinite(field.on_grid(grid)).all()
-    first = extrude(Plane.along(grid, view), grid, (flat(),), replicate())
+    first = extrude(Plane.from_view(grid, view), grid, (flat(),), replicate())
     oracle.assert_close(field.on_grid(grid), first.on_grid(grid), atol=SINGLE)
     with float64():
         x = jnp.asarray(grid.corners())
@@ -159,7 +159,7 @@ def test_one_slice_takes_the_value_at_zero(view: str) -> None:
 
 
 def test_replication_at_the_depth_of_the_plane_is_the_map_itself() -> None:
-    plane = Plane.through((3.0, 4.0, 5.0), (1.0, 2.0, 2.0))
+    plane = Plane.from_normal((3.0, 4.0, 5.0), (1.0, 2.0, 2.0))
     field = Extrusion(plane, (0.0, 1.0), (flat(),), *replicate())
     ab = places()[:, :2]
     moved = plane.to_plane(plane.from_plane(ab) + field.displacement(plane.from_plane(ab)))
@@ -192,13 +192,13 @@ def points_of(grid: Grid) -> np.ndarray:
 def test_the_fast_way_through_a_grid_gives_the_values_at_its_points(grid: Grid, view: str) -> None:
     """Planes along the grid are evaluated on one slice; a grid with printed cosines is off right angles by 1e-4."""
     if view == "oblique":
-        plane = Plane.through((3.0, 4.0, 5.0), (1.0, 2.0, 2.0))
+        plane = Plane.from_normal((3.0, 4.0, 5.0), (1.0, 2.0, 2.0))
     elif view == "tilted":  # by 1e-4: to take this for aligned would be wrong by 1e-4 of the depth
         tilt = Rotation.from_rotvec([1e-4, 0, 0]).as_matrix()
-        base = Plane.along(grid, "+z")
+        base = Plane.from_view(grid, "+z")
         plane = Plane(base.origin, tuple(tilt @ base.u), tuple(tilt @ base.v))
     else:
-        plane = Plane.along(grid, view)
+        plane = Plane.from_view(grid, view)
     for weights, maps in (
         (replicate(), (flat(),)),
         (modulate("1 - z^2"), (flat(),)),
@@ -213,8 +213,8 @@ def test_the_fast_way_through_a_grid_gives_the_values_at_its_points(grid: Grid, 
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_axis_of_extrusion_is_found(view: str) -> None:
-    assert extrude(Plane.along(GRID, view), GRID, (flat(),), replicate()).axis_of(GRID) == "zyx".index(view[1])
-    aligned = extrude(Plane.along(TURNED, view), TURNED, (flat(),), replicate())
+    assert extrude(Plane.from_view(GRID, view), GRID, (flat(),), replicate()).axis_of(GRID) == "zyx".index(view[1])
+    aligned = extrude(Plane.from_view(TURNED, view), TURNED, (flat(),), replicate())
     assert aligned.axis_of(TURNED) is not None
     assert aligned.axis_of(GRID) is None
 

@@ -60,10 +60,10 @@ def planar() -> dict[str, AbstractField]:
 @cache
 def spatial() -> dict[str, AbstractField]:
     fit, grid = fitted(3), grid_of(OBLIQUE)
-    oblique = Plane.through((3.0, 1.0, 2.0), (1.0, 2.0, -0.5))
+    oblique = Plane.from_normal((3.0, 1.0, 2.0), (1.0, 2.0, -0.5))
     extruded = Extrusion(oblique, (-10.0, 30.0), (fitted(2),), *modulate("1 - z^2"))
     keyed = Extrusion(
-        Plane.along(grid_of(), "-y"),
+        Plane.from_view(grid_of(), "-y"),
         (0.0, 8.0),
         (Identity(2), fitted(2), planar()["sampled"]),
         *interpolate([0.0, 0.4, 1.0]),

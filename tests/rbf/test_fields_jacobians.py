@@ -165,7 +165,7 @@ RULES = {
 @pytest.mark.parametrize("rule", RULES)
 def test_extrusions_by_every_rule_and_view(rule: str, view: str) -> None:
     grid = grid_of(shape=(8, 9, 10))
-    plane = Plane.through(grid.center, (1, 2, -0.5)) if view == "oblique" else Plane.along(grid, view)
+    plane = Plane.from_normal(grid.center, (1, 2, -0.5)) if view == "oblique" else Plane.from_view(grid, view)
     maps = [fit_rbf(points(n=k), support=SUPPORT) for k in (6, 5, 4)][: len(RULES[rule][1])]
     f = extrude(plane, grid, maps, RULES[rule])
     x = np.random.default_rng(2).uniform(*grid.corners()[[0, -1]] * 1.2, (60, 3))
@@ -204,7 +204,7 @@ def test_beside_cuts_that_of_the_region_seen(name: str, rule: str) -> None:
 
 def test_cuts_in_space() -> None:
     grid = Grid((5, 100, 100))
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = fitted(scattered(2.0), (MIDDLE,))
     f = Decoupled(
         tuple(extrude(plane, grid, [m], modulate("1 - z")) for m in flat.fields), flat.sides, flat.regions, plane

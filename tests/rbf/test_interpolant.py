@@ -495,7 +495,7 @@ def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no
 
 def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
     """Centred before the cast, float32 is enough wherever the picture lies."""
-    used, evaluate = [], rbf.at_lattice
+    used, evaluate = [], rbf.evaluate_lattice
     monkeypatch.setattr(rbf, "evaluate_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
     for offset in (0.0, 4e6):
         points = ControlPoints.from_arrays(sources(2) + offset, sources(2) + drag(2, 0.2) + offset)

@@ -155,7 +155,7 @@ def test_large_masks_are_measured_coarsely(monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_silhouette_along_an_axis_is_the_projection(view: str) -> None:
-    mask, plane = Mask(blob(GRID.shape), GRID), Plane.along(GRID, view)
+    mask, plane = Mask(blob(GRID.shape), GRID), Plane.from_view(GRID, view)
     flat = mask.silhouette(plane)
     axis = int(np.abs(np.asarray(GRID.direction).T @ plane.normal).argmax())
     assert flat.values.sum() == mask.values.any(axis=2 - axis).sum()
@@ -168,7 +168,7 @@ def test_a_silhouette_along_an_axis_is_the_projection(view: str) -> None:
 def test_an_oblique_silhouette_has_every_centre_and_no_holes() -> None:
     values = np.zeros(GRID.shape, dtype=bool)
     values[2:5, 2:6, 2:7] = True
-    plane = Plane.through(GRID.index_to_point([4, 3, 3]), (1, 2, 3))
+    plane = Plane.from_normal(GRID.index_to_point([4, 3, 3]), (1, 2, 3))
     flat = Mask(values, GRID).silhouette(plane)
     seen = plane.to_plane(centres(GRID)[values])[:, :2]
     assert (flat.signed_distance(seen) < 0).all()
@@ -197,7 +197,7 @@ def test_labels() -> None:
     [
         (lambda: Mask(np.zeros((12, 14)), RASTER), "True and False, got float64"),
         (lambda: Mask(np.zeros((3, 3), bool), RASTER), r"shape \(3, 3\) does not fit"),
-        (lambda: Mask(np.zeros(RASTER.shape, bool), RASTER).silhouette(Plane.along(GRID)), "on a picture already"),
+        (lambda: Mask(np.zeros(RASTER.shape, bool), RASTER).silhouette(Plane.from_view(GRID)), "on a picture already"),
     ],
 )
 def test_what_is_no_mask_is_refused(make: Any, message: str) -> None:

@@ -118,14 +118,14 @@ def test_a_held_part_stays_in_every_stage() -> None:
 def test_a_part_with_a_motion_refuses_stages_by_name() -> None:
     bone = RigidPart(HalfSpace((0.0, 20.0), (0.0, 1.0)), RigidMotion.turn(20, (0, 0)), name="bone")
     with pytest.raises(DeformError, match=r"bone.*motion of its own.*stages of the step back to 1"):
-        Step((FAR,), Plane.along(GRID, "+z"), parts=(bone,), stages=2)
-    Step((FAR,), Plane.along(GRID, "+z"), parts=(replace(bone, enabled=False),), stages=2)
+        Step((FAR,), Plane.from_view(GRID, "+z"), parts=(bone,), stages=2)
+    Step((FAR,), Plane.from_view(GRID, "+z"), parts=(replace(bone, enabled=False),), stages=2)
 
 
 @pytest.mark.parametrize("stages", [0, -1, MOST_STAGES + 1, 2.0, True, "4"])
 def test_other_numbers_of_stages_are_refused(stages: Any) -> None:
     with pytest.raises(DeformError, match="whole number from 1 to 64"):
-        Step((FAR,), Plane.along(GRID, "+z"), stages=stages)
+        Step((FAR,), Plane.from_view(GRID, "+z"), stages=stages)
 
 
 def test_points_that_pass_through_one_another_are_named() -> None:
@@ -137,7 +137,7 @@ def test_points_that_pass_through_one_another_are_named() -> None:
 def test_a_cut_has_stages_on_either_side() -> None:
     points = ControlPoints.from_arrays([[20, 45], [70, 45]], [[5, 45], [85, 45]])
     cut = Cut(Line(((45.0, -5.0), (45.0, 100.0))))
-    step = Step((points,), Plane.along(GRID, "+z"), cuts=(cut,), trend="translation", stages=3)
+    step = Step((points,), Plane.from_view(GRID, "+z"), cuts=(cut,), trend="translation", stages=3)
     field = step.field(GRID)
     sides = [extrusion.maps[0] for extrusion in field.fields]
     assert [type(side) for side in sides] == [Staged, Staged]
@@ -145,7 +145,7 @@ def test_a_cut_has_stages_on_either_side() -> None:
 
 
 def test_a_step_in_stages_is_extruded_as_one_map() -> None:
-    deformation = Deformation.on_picture(GRID, "+z", FAR, stages=6)
+    deformation = Deformation.from_picture_points(GRID, "+z", FAR, stages=6)
     field = deformation.field(GRID)
     flat = fit_points(FAR, stages=6, support=deformation.steps[0].support_for(FAR))
     v, u = RASTER.rows[::9], RASTER.columns[::9]

@@ -20,7 +20,7 @@ from deformnb.registration.outlines import (
     bending_matrix,
     dark_and_bright,
     fit_outline,
-    hold_outline,
+    fix_outline,
     outline,
     slide,
 )
@@ -251,7 +251,7 @@ def test_what_cannot_slide_is_said() -> None:
 
 @pytest.mark.parametrize("count", [3, 16, 50])
 def test_points_that_hold_an_outline_lie_on_it_evenly_and_stay(count: int) -> None:
-    held = hold_outline(ControlPoints.empty(), _blob(), count=count)
+    held = fix_outline(ControlPoints.empty(), _blob(), count=count)
     curve = ClosedCurve(_blob())
     assert held.names == (OUTLINE_POINT,) * count
     np.testing.assert_array_equal(held.source, held.target)
@@ -263,21 +263,21 @@ def test_points_that_hold_an_outline_lie_on_it_evenly_and_stay(count: int) -> No
 def test_what_was_dragged_stays_and_has_room_and_a_second_call_changes_nothing() -> None:
     tip = _blob()[0]
     dragged = ControlPoints.from_arrays([tip, [50.0, 60.0]], [tip + 12.0, [50.0, 60.0]], names=["tip", ""])
-    held = hold_outline(dragged, _blob(), count=20)
+    held = fix_outline(dragged, _blob(), count=20)
     assert held.names[:2] == ("tip", "")
     gap = ClosedCurve(_blob()).length / 40
     others = held.source[2:]
     assert np.linalg.norm(others - tip, axis=1).min() >= gap
     assert np.linalg.norm(others - tip - 12.0, axis=1).min() >= gap
-    again = hold_outline(held, _blob(), count=20)
+    again = fix_outline(held, _blob(), count=20)
     np.testing.assert_array_equal(again.source, held.source)
     moved = held.move(held.ids[-1], held.target[-1] + 5.0)
-    assert held.ids[-1] in hold_outline(moved, _blob(), count=20).ids  # dragged, it is a point like any other
+    assert held.ids[-1] in fix_outline(moved, _blob(), count=20).ids  # dragged, it is a point like any other
 
 
 @pytest.mark.parametrize("count", [2, 501, 3.5])
 def test_an_outline_is_held_by_a_number_of_points(count: Any) -> None:
     with pytest.raises(DeformError, match="3 to 500"):
-        hold_outline(ControlPoints.empty(), _blob(), count=count)
+        fix_outline(ControlPoints.empty(), _blob(), count=count)
     with pytest.raises(DeformError, match="on a picture"):
-        hold_outline(ControlPoints.empty(3), _blob())
+        fix_outline(ControlPoints.empty(3), _blob())

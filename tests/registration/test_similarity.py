@@ -15,7 +15,14 @@ from deformnb.rbf.fitting import fit_rbf
 from deformnb.rbf.points import ControlPoints
 from deformnb.registration import similarity
 from deformnb.registration.optimise import GreyImage, MultiscaleFit, initial_objective
-from deformnb.registration.similarity import MEASURES, Objective, least_det, measure_named, read_linear, valued
+from deformnb.registration.similarity import (
+    MEASURES,
+    Objective,
+    find_measure,
+    least_det,
+    read_linear,
+    value_and_gradient,
+)
 from deformnb.volume.volume import Grid, Volume
 
 RNG = np.random.default_rng(5)
@@ -61,7 +68,7 @@ def test_mutual_information_of_two_equal_halves_is_one() -> None:
 
 def test_an_unknown_measure_is_refused_with_the_names() -> None:
     with pytest.raises(DeformError, match="ncc, ssd, mi"):
-        measure_named("cosine")
+        find_measure("cosine")
 
 
 @pytest.mark.parametrize("shape", [(5, 7), (4, 5, 6)])
@@ -105,7 +112,7 @@ def _scene(
     moving = picture(texture((96, 96)))
     fixed = deformed(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
     start = fit_rbf(points, smoothing=smoothing, **fit)
-    objective = initial_objective(points, start, smoothing, energy, measure_named(measure), stages)
+    objective = initial_objective(points, start, smoothing, energy, find_measure(measure), stages)
     images = GreyImage.of(moving), GreyImage.of(fixed)
     search = MultiscaleFit(objective, start.origin, start.support, *images, 1, 0.05, float)
     return search.level(2)
@@ -116,11 +123,11 @@ def _scene(
 def test_the_slope_is_that_of_central_differences(case: str) -> None:
     points = lattice_points(96, 3, 2.0)
     objective = _scene(points.edit(0, locked=True), **CASES[case])
-    h, value = 1e-6, valued(np.zeros(objective.x.shape), objective)
+    h, value = 1e-6, value_and_gradient(np.zeros(objective.x.shape), objective)
     direction = value.slope / np.abs(value.slope).max()
     noise = np.random.default_rng(2).uniform(-0.5, 0.5, objective.x.shape)
     direction += noise * (np.arange(len(objective.x)) < 9)[:, None]
-    ahead, behind = (valued(sign * h * direction, objective).loss for sign in (1, -1))
+    ahead, behind = (value_and_gradient(sign * h * direction, objective).loss for sign in (1, -1))
     slope = float((value.slope * direction).sum())
     assert (ahead - behind) / (2 * h) == pytest.approx(slope, rel=1e-5)
     assert slope > 1e-3
@@ -133,8 +140,8 @@ def test_the_slope_of_the_barrier_is_that_of_central_differences() -> None:
     points = points.move(4, points.target[4] + [27.0, 0.5])  # nearly onto its neighbour
     objective = replace(_scene(points, energy=0.0), measure=_nothing)
     direction = RNG.standard_normal(objective.x.shape) * (np.arange(len(objective.x)) < 9)[:, None]
-    value = valued(np.zeros(objective.x.shape), objective)
-    ahead, behind = (valued(sign * 1e-6 * direction, objective).loss for sign in (1, -1))
+    value = value_and_gradient(np.zeros(objective.x.shape), objective)
+    ahead, behind = (value_and_gradient(sign * 1e-6 * direction, objective).loss for sign in (1, -1))
     assert value.least < 0.15
     assert value.loss > 0
     assert (ahead - behind) / 2e-6 == pytest.approx(float((value.slope * direction).sum()), rel=1e-4)

@@ -12,7 +12,7 @@ import pytest
 
 from deformnb.document.deformation import VolumeReference
 from deformnb.errors import DeformError
-from deformnb.io.files.atomic import hold
+from deformnb.io.files.atomic import create_locked
 from deformnb.session import autosave_store
 from deformnb.session.autosave_store import SavedSession, delete, prune, restore, saved_sessions, skip, write_session
 from deformnb.session.session import Session
@@ -64,7 +64,7 @@ def test_what_was_lost_is_listed_newest_first_and_comes_back(tmp_path: Path) -> 
 
 def test_a_running_session_is_not_lost(tmp_path: Path) -> None:
     entry = written(tmp_path)
-    descriptor = hold(entry.held)
+    descriptor = create_locked(entry.held)
     assert descriptor is not None
     assert entry.is_live
     assert saved_sessions(a_volume(), tmp_path) == []
@@ -136,8 +136,8 @@ def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypat
     saved = [written(tmp_path, minutes=k, state=state) for k, state in enumerate(("saved", "closed", "skipped"))]
     others = [written(tmp_path, minutes=10 + k, volume=a_volume(1), state="closed") for k in range(2)]
     running = written(tmp_path, minutes=60 * 24 * 40)
-    descriptor = hold(running.held)
-    dead = hold(old.held)
+    descriptor = create_locked(running.held)
+    dead = create_locked(old.held)
     assert descriptor is not None
     assert dead is not None
     os.close(dead)

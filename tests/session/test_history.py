@@ -30,7 +30,7 @@ def a_session(**traits: Any) -> Session:
     return Session(Volume(np.zeros((8, 8, 8), np.uint8), Grid((8, 8, 8))), **traits)
 
 
-PLANE = Plane.along(Grid((8, 8, 8)), "+y")
+PLANE = Plane.from_view(Grid((8, 8, 8)), "+y")
 
 
 # ---- the tree, literally ---------------------------------------------------------------------------------------------

@@ -17,7 +17,7 @@ from deformnb.volume import Channels
 from deformnb.warping import warper
 
 GRID = dn.Grid((8, 9, 10), (1.0, 1.5, 2.0))
-BUMP = dn.Deformation.in_space(dn.ControlPoints.from_arrays([[8, 6, 4]], [[11, 6, 4]]), support=20.0)
+BUMP = dn.Deformation.from_space_points(dn.ControlPoints.from_arrays([[8, 6, 4]], [[11, 6, 4]]), support=20.0)
 
 
 def _moments(count: int, channels: int, kind: str = "channels") -> list[Channels]:
@@ -42,7 +42,7 @@ def test_every_channel_at_every_moment_moves_as_a_volume_does(tmp_path: Path) ->
 
 def test_the_map_is_evaluated_once_for_all_channels(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
-    seen = warper.planning.seen
+    seen = warper.planning.displacements_and_opacity
 
     def counted(*given: Any) -> Any:
         calls.append(1)
@@ -81,7 +81,7 @@ def test_the_command_deforms_a_photograph_in_colour_and_a_series(
     write_channels(Channels.from_array(values, kind="rgb"), "photo.png")
     points = dn.ControlPoints.from_arrays([[0, 0]], [[3, 0]])
     picture = dn.read_volume("photo.png")
-    document = dn.Deformation.on_picture(picture, "+z", points, trend="translation")
+    document = dn.Deformation.from_picture_points(picture, "+z", points, trend="translation")
     dn.write_deformation(document, "shift.json")
     assert main(["warp", "shift.json", "photo.png", "moved.png"]) == 0
     moved = read_channels("moved.png").values[0]

@@ -64,7 +64,9 @@ def test_a_session_begins_with_a_point_in_each_corner_of_the_picture(view: str) 
 def test_a_session_goes_on_with_a_document() -> None:
     points = ControlPoints.from_arrays([[0, 0], [5, 0], [0, 5]], [[0, 0], [6, 0], [0, 5]])
     volume = a_volume()
-    given_one = Deformation.on_picture(volume.grid, "-x", points).then(Step((points,), Plane.along(volume.grid, "+z")))
+    given_one = Deformation.from_picture_points(volume.grid, "-x", points).then(
+        Step((points,), Plane.from_view(volume.grid, "+z"))
+    )
     session = Session(volume, given_one)
     assert session.editing.deformation is given_one
     assert session.editing.index == 1

@@ -34,7 +34,7 @@ def test_a_held_outline_keeps_the_body_from_being_sheared_by_a_drag(method: str)
         (fit,) = session.editing.step.fits(session.volume.grid)
         return float(np.linalg.norm(fit.displacement(outline), axis=1).mean() / np.linalg.norm(way))
 
-    session.hold_outline()
+    session.fix_outline()
     held = session.editing.points
     outline = held.source[[name == OUTLINE_POINT for name in held.names]]
     assert len(outline) > 8
@@ -48,22 +48,22 @@ def test_a_held_outline_keeps_the_body_from_being_sheared_by_a_drag(method: str)
 
 
 def test_an_outline_is_that_of_the_body_whatever_window_is_set(session: Session) -> None:
-    session.hold_outline()
+    session.fix_outline()
     wanted = session.editing.points
     session.editing.undo()
     low, high = session.volume.value_range
     session.pictures.window = (0.8 * high + 0.2 * low, high)  # nothing but bone is seen
-    session.hold_outline()
+    session.fix_outline()
     np.testing.assert_array_equal(session.editing.points.source, wanted.source)
 
 
 def test_an_outline_needs_a_picture_with_something_on_it(session: Session) -> None:
     session.steps.add(in_space=True)
     with pytest.raises(DeformError, match="points in space"):
-        session.hold_outline()
+        session.fix_outline()
     empty = Session(Volume(np.zeros((8, 8, 8), np.uint8), Grid((8, 8, 8))))
     with pytest.raises(DeformError, match=r"outline|one grey value"):
-        empty.hold_outline()
+        empty.fix_outline()
     assert empty.editing.history["undo"] == ""
 
 

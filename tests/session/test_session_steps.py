@@ -252,7 +252,7 @@ def test_a_rigid_part_keeps_its_form_and_a_point_in_it_is_refused() -> None:
     session.editing.edit_document(
         session.editing.deformation.with_step(0, replace(session.editing.step, parts=(part,), maps=(up,))), "hold it"
     )
-    x = Plane.along(GRID, "+y").from_plane(np.array([[middle[0] + 3.0, middle[1] + 2.5, 0.0]]))
+    x = Plane.from_view(GRID, "+y").from_plane(np.array([[middle[0] + 3.0, middle[1] + 2.5, 0.0]]))
     assert_allclose(session.results.field().displacement(x), 0, atol=1e-12)
     assert np.abs(session.results.field().displacement(x + np.array([-3, 0, 5.5]))).max() > 0.5
     assert session.editing.history["undo"] == "hold it"

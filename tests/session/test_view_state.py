@@ -58,7 +58,9 @@ def test_what_was_added_is_parted_again(
 
 
 POINTS = ControlPoints.from_arrays([[0, 0], [9, 0], [4, 4]], [[0, 0], [9, 0], [6.5, 4]])
-SEEN = ViewState(OWN, "slice", 3.5).added_to(Deformation((Step((POINTS,), Plane.along(BAR.grid, "+y")),), name="bent"))
+SEEN = ViewState(OWN, "slice", 3.5).added_to(
+    Deformation((Step((POINTS,), Plane.from_view(BAR.grid, "+y")),), name="bent")
+)
 
 
 def test_a_look_is_kept_to_the_letter() -> None:

@@ -58,7 +58,7 @@ def older(in_file: Volume, **options: Any) -> Deformation:
     """A document as an earlier version has made it, on the spacing of the file."""
     corners = [[1.0, 1], [8, 1], [1, 7], [8, 7]]
     points = ControlPoints.from_arrays([*corners, [5, 4]], [*corners, [6, 5]])
-    made = Deformation.on_picture(in_file.grid, "+y", points, support=9.0, trend="none", **options)
+    made = Deformation.from_picture_points(in_file.grid, "+y", points, support=9.0, trend="none", **options)
     return replace(made, volume=VolumeReference.of(in_file))
 
 

@@ -45,7 +45,7 @@ def check(plane: Plane) -> None:
 @given(origin=VECTORS, normal=VECTORS, up=st.one_of(st.none(), VECTORS))
 def test_through_any_direction_is_orthonormal_and_looks_along_it(origin: Any, normal: Any, up: Any) -> None:
     try:
-        plane = Plane.through(origin, normal, up)
+        plane = Plane.from_normal(origin, normal, up)
     except DeformError as error:
         parallel = up is not None and np.linalg.norm(np.cross(normal, up)) <= 1e-8 * max(1.0, np.linalg.norm(normal))
         assert parallel or np.linalg.norm(normal) < 1e-11, error  # noqa: PT017 (which of the two comes is not known)
@@ -61,7 +61,7 @@ def test_through_any_direction_is_orthonormal_and_looks_along_it(origin: Any, no
 def test_coordinates_go_there_and_back(origin: Any, normal: Any, points: Any, depth: float) -> None:
     if np.linalg.norm(normal) < 1e-6:
         normal = (0.0, 0.0, 1.0)
-    plane = Plane.through(origin, normal)
+    plane = Plane.from_normal(origin, normal)
     x = np.array(points)
     oracle.assert_close(plane.from_plane(plane.to_plane(x)), x, atol=1e-10)  # 1e4 times rounding, a few times
     flat = plane.from_plane(x[:, :2])
@@ -71,10 +71,10 @@ def test_coordinates_go_there_and_back(origin: Any, normal: Any, points: Any, de
 
 
 def test_default_up_is_the_head_and_the_front_in_axial_pictures() -> None:
-    assert Plane.through((0, 0, 0), (0, 5, 0)) == Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
-    assert Plane.through((0, 0, 0), (0, 0, 1)) == Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
-    assert Plane.through((0, 0, 0), (0, 0, -1)).v == (0, 1, 0)
-    tilted = Plane.through((0, 0, 0), (0, 1, 0.5))
+    assert Plane.from_normal((0, 0, 0), (0, 5, 0)) == Plane((0, 0, 0), (1, 0, 0), (0, 0, -1))
+    assert Plane.from_normal((0, 0, 0), (0, 0, 1)) == Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    assert Plane.from_normal((0, 0, 0), (0, 0, -1)).v == (0, 1, 0)
+    tilted = Plane.from_normal((0, 0, 0), (0, 1, 0.5))
     assert tilted.v[2] < 0
 
 
@@ -106,7 +106,7 @@ def test_frames_that_are_not_orthonormal_are_refused(u: Any, v: Any) -> None:
 )
 def test_directions_that_are_none_are_refused(normal: Any, up: Any, message: str) -> None:
     with pytest.raises(DeformError, match=message):
-        Plane.through((0, 0, 0), normal, up)
+        Plane.from_normal((0, 0, 0), normal, up)
 
 
 # ---- pictures of a grid ----------------------------------------------------------------------------------------------
@@ -117,7 +117,7 @@ def test_directions_that_are_none_are_refused(normal: Any, up: Any, message: str
 def test_along_any_stored_order_shows_the_same_side_of_the_body(number: int, view: str) -> None:
     """In LPS: +x is the patient's left, +y the back, +z the head."""
     grid = grid_of(SIGNED_AXES[number])
-    plane = Plane.along(grid, view)
+    plane = Plane.from_view(grid, view)
     check(plane)
     wanted = {  # right of the picture, down the picture
         "+y": ([1, 0, 0], [0, 0, -1]),  # from the front: the patient's left on the viewer's right, head up
@@ -132,7 +132,7 @@ def test_along_any_stored_order_shows_the_same_side_of_the_body(number: int, vie
     oracle.assert_close(inside[:, :2].min(axis=0), 0, atol=1e-12)  # pixel [0, 0] is at (0, 0)
     first, last = plane.depth_range(grid)
     assert last == pytest.approx(-first)  # the middle slice
-    first, last = Plane.along(grid, view, depth=0.0).depth_range(grid)
+    first, last = Plane.from_view(grid, view, depth=0.0).depth_range(grid)
     assert first == pytest.approx(0, abs=1e-12)
     lengths = {"x": 0, "y": 1, "z": 2}[view[1]]
     assert last == pytest.approx(float(np.ptp(grid.corners(centres=True), axis=0)[lengths]))
@@ -144,13 +144,13 @@ def test_along_a_turned_grid_takes_its_own_axes(seed: int) -> None:
     direction = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
     grid = grid_of(direction)
     for view in VIEWS:
-        plane = Plane.along(grid, view)
+        plane = Plane.from_view(grid, view)
         check(plane)
         for vector in (plane.u, plane.v, plane.normal):
             assert np.abs(direction.T @ vector).max() == pytest.approx(1)
         toward = np.eye(3)["xyz".index(view[1])] * (1 if view[0] == "+" else -1)
         assert np.array(plane.normal) @ toward == pytest.approx(np.abs(direction.T @ toward).max())
-    front, back = Plane.along(grid, "+y"), Plane.along(grid, "-y")
+    front, back = Plane.from_view(grid, "+y"), Plane.from_view(grid, "-y")
     oracle.assert_close(front.normal, -np.array(back.normal), atol=1e-12)
     oracle.assert_close(front.v, back.v, atol=1e-12)
 
@@ -159,7 +159,7 @@ def test_along_a_turned_grid_takes_its_own_axes(seed: int) -> None:
 def test_along_a_grid_between_two_axes_still_gives_a_frame(angle: float) -> None:
     for axis in np.eye(3):
         for view in VIEWS:
-            check(Plane.along(grid_of(Rotation.from_rotvec(np.deg2rad(angle) * axis).as_matrix()), view))
+            check(Plane.from_view(grid_of(Rotation.from_rotvec(np.deg2rad(angle) * axis).as_matrix()), view))
 
 
 @pytest.mark.parametrize("digits", [4, 5, 7])
@@ -168,19 +168,19 @@ def test_along_a_grid_with_printed_cosines_is_a_plane(digits: int) -> None:
     for seed in range(10):
         direction = Rotation.random(rng=np.random.default_rng(seed)).as_matrix().round(digits)
         for view in VIEWS:
-            check(Plane.along(grid_of(direction), view))
+            check(Plane.from_view(grid_of(direction), view))
 
 
 def test_one_slice_has_no_depth() -> None:
     grid = Grid((1, 4, 4), (1, 1, 9.0))
-    assert Plane.along(grid, "+z").depth_range(grid) == (0.0, 0.0)
-    assert Plane.along(grid, "+z", depth=2.0).depth_range(grid) == (-2.0, -2.0)
+    assert Plane.from_view(grid, "+z").depth_range(grid) == (0.0, 0.0)
+    assert Plane.from_view(grid, "+z", depth=2.0).depth_range(grid) == (-2.0, -2.0)
 
 
 @pytest.mark.parametrize("view", ["y", "+a", "", "front", "++y", None])
 def test_unknown_views_are_refused_with_the_known_ones(view: Any) -> None:
     with pytest.raises(DeformError, match=r"choose one of \+x, -x, \+y"):
-        Plane.along(Grid((2, 2, 2)), view)
+        Plane.from_view(Grid((2, 2, 2)), view)
 
 
 # ---- rasters ---------------------------------------------------------------------------------------------------------
@@ -216,18 +216,18 @@ def test_rasters_without_pixels_are_refused(arguments: Any) -> None:
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_slices_of_a_side_are_its_layers_of_voxels(view: str) -> None:
     grid = Grid((4, 5, 6), (1.0, 2.0, 2.5))
-    slices = Plane.along(grid, view).slices(grid)
+    slices = Plane.from_view(grid, view).slices(grid)
     axis = "xyz".index(view[1])
     assert (slices.count, slices.spacing) == (grid.shape[2 - axis], grid.spacing[axis])
     assert [slices.index(slices.depth(k)) for k in range(slices.count)] == list(range(slices.count))
-    first, last = Plane.along(grid, view).depth_range(grid)
+    first, last = Plane.from_view(grid, view).depth_range(grid)
     assert (slices.depth(-3), slices.depth(99)) == pytest.approx((first, last))
     assert (slices.index(-1e9), slices.index(1e9)) == (0, slices.count - 1)
 
 
 def test_slices_aslant_lie_within_the_volume() -> None:
     grid = Grid((4, 5, 6), (1.0, 2.0, 2.5))
-    plane = Plane.through(grid.center, (1, 2, 3))
+    plane = Plane.from_normal(grid.center, (1, 2, 3))
     slices, (first, last) = plane.slices(grid), plane.depth_range(grid)
     assert (slices.first, slices.spacing) == (first, 1.0)
     assert last - 1 < slices.depth(slices.count - 1) <= last

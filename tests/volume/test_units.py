@@ -248,7 +248,9 @@ def _chunked(source: Path, folder: Path) -> Sizes:
 
 def _command(suffix: str) -> Callable[[Path, Path], Sizes]:
     def out(source: Path, folder: Path) -> Sizes:
-        document = dn.Deformation.in_space(dn.ControlPoints.from_arrays([[1, 1, 1]], [[1, 1, 1.5]]), support=2.0)
+        document = dn.Deformation.from_space_points(
+            dn.ControlPoints.from_arrays([[1, 1, 1]], [[1, 1, 1.5]]), support=2.0
+        )
         dn.write_deformation(document, folder / "d.json")
         assert main(["warp", str(folder / "d.json"), str(source), str(folder / f"out{suffix}")]) == 0
         return READERS[suffix](folder / f"out{suffix}")
@@ -448,7 +450,7 @@ def test_capitals_of_short_symbols_count() -> None:
 GRID = dn.volume.Grid((12, 14, 16), (1.0, 1.0, 1.5), (3.0, -2.0, 1.0), unit="mm")
 BALL = dn.Volume((200 * np.exp(-((np.indices(GRID.shape) - 6.0) ** 2).sum(axis=0) / 20)).astype(np.uint8), GRID)
 PAIRS = dn.warping.Landmarks([[9, 4, 9], [12, 6, 12]], ("a", "b"), [[11, 5, 9], [12, 6, 12]], unit="mm")
-DOCUMENT = dn.Deformation.in_space(PAIRS.control_points(), support=9.0)
+DOCUMENT = dn.Deformation.from_space_points(PAIRS.control_points(), support=9.0)
 
 
 @pytest.mark.parametrize("unit", ["\u00b5m", "cm", "nm"])
@@ -471,12 +473,14 @@ def test_a_document_meets_a_volume_by_length(unit: str, tmp_path: Path) -> None:
         # A value at a half may be rounded either way.
         assert np.abs(result.values.astype(int) - known.values).max() <= 1
     assert any("converted" in note for note in read.apply(other).notes)
-    on_picture = dn.Deformation.on_picture(other, "+z", dn.ControlPoints.from_arrays([[3, 4]], [[5, 4]], unit="mm"))
+    on_picture = dn.Deformation.from_picture_points(
+        other, "+z", dn.ControlPoints.from_arrays([[3, 4]], [[5, 4]], unit="mm")
+    )
     assert on_picture.in_unit("mm").steps[0].points.target == pytest.approx(np.array([[5.0, 4.0]]))
 
 
 def test_a_document_without_a_unit_takes_numbers_as_they_are(tmp_path: Path) -> None:
-    plain = dn.Deformation.in_space(dn.ControlPoints.from_arrays(PAIRS.points, PAIRS.fixed), support=9.0)
+    plain = dn.Deformation.from_space_points(dn.ControlPoints.from_arrays(PAIRS.points, PAIRS.fixed), support=9.0)
     known = plain.apply(BALL)
     there = dn.Volume(BALL.values, dn.volume.Grid(GRID.shape, GRID.spacing, GRID.origin, unit="\u00b5m"))
     assert np.array_equal(plain.apply(there).values, known.values)

@@ -21,7 +21,7 @@ GRID = Grid((20, 24, 28), (1.0, 0.5, 1.5), (100.0, -40.0, 7.0))
 
 
 def step(view: str, *, rule: str | None = None, stops: tuple[bool, bool] = (False, False), **options: object) -> Step:
-    plane = Plane.along(GRID, view)
+    plane = Plane.from_view(GRID, view)
     a, b = plane.to_plane(np.array(GRID.center))[:2]
     apart = ControlPoints.from_arrays(
         [[a - 3, b], [a - 5, b + 2], [a + 3, b], [a + 5, b - 2]],
@@ -72,13 +72,13 @@ def test_a_chain_beside_a_cut_that_stops_is_its_composition() -> None:
 
 def test_a_cut_that_begins_and_ends_far_away_is_chosen_beside_as_exactly() -> None:
     grid = Grid((48, 56, 64), (0.5, 0.6, 0.5), (100.0, -40.0, 7.0))
-    front, middle = Plane.along(grid, "+z"), np.array(Plane.along(grid, "+z").to_plane(grid.center))[:2]
+    front, middle = Plane.from_view(grid, "+z"), np.array(Plane.from_view(grid, "+z").to_plane(grid.center))[:2]
     source = middle + np.array([[-3.0, 0], [-5, 4], [3, 0], [5, -4]])
     points = ControlPoints.from_arrays(source, source + np.array([[-2.0, 0], [-1, 0.5], [1, 1], [2, 0]]))
     found = []
     for reach in (1e2, 1e7):
         cut = Cut(Line(tuple(map(tuple, middle + reach * np.array([[-0.08, -1.0], [0.08, 1.0]])))))
-        chain = Step((points,), front, cuts=(cut,)), Step((points,), Plane.along(grid, "+y"))
+        chain = Step((points,), front, cuts=(cut,)), Step((points,), Plane.from_view(grid, "+y"))
         found.append(chain_at_voxels(Deformation(chain).field(grid), grid)[0])
     apart = np.linalg.norm(found[0] - found[1], axis=0) > 2 * ERROR * min(grid.spacing)
     assert not apart.any()

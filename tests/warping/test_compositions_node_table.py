@@ -35,7 +35,7 @@ def points(dim: int, seed: int, centre: np.ndarray, size: float, drag: float) ->
 
 
 def on_plane(view: str, seed: int, drag: float = 2.0, **options: object) -> Step:
-    plane = Plane.along(GRID, view)
+    plane = Plane.from_view(GRID, view)
     return Step((points(2, seed, plane.to_plane(np.array(GRID.center)), 12.0, drag),), plane, support=60.0, **options)  # type: ignore[arg-type]
 
 
@@ -44,7 +44,7 @@ def in_space(seed: int, drag: float = 2.0, **options: object) -> Step:
 
 
 def middle(view: str) -> np.ndarray:
-    return Plane.along(GRID, view).to_plane(np.array(GRID.center))[:2]
+    return Plane.from_view(GRID, view).to_plane(np.array(GRID.center))[:2]
 
 
 def part(view: str) -> RigidPart:

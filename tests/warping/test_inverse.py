@@ -180,7 +180,9 @@ RULES = {"replicate": replicate(), "modulate": modulate("sin(pi * z)"), "interpo
 @pytest.mark.parametrize("view", ["+x", "-y", "+z", "oblique", "rounded"])
 @pytest.mark.parametrize("rule", RULES)
 def test_extrusions(rule: str, view: str, grid: Grid, monkeypatch: pytest.MonkeyPatch) -> None:
-    plane = Plane.through(grid.center, (1, 2, -0.5)) if view in ("oblique", "rounded") else Plane.along(grid, view)
+    plane = (
+        Plane.from_normal(grid.center, (1, 2, -0.5)) if view in ("oblique", "rounded") else Plane.from_view(grid, view)
+    )
     if view == "rounded":  # a plane from a file of few digits is not orthonormal to the last one
         plane = Plane(plane.origin, *(tuple(np.round(w, 7).tolist()) for w in (plane.u, plane.v)))
     maps = [fit_rbf(dragged(k, 1.0), support=60.0) for k in range(len(RULES[rule][1]))]
@@ -195,7 +197,7 @@ def test_extrusions(rule: str, view: str, grid: Grid, monkeypatch: pytest.Monkey
 
 def test_a_replication_is_solved_on_one_slice() -> None:
     grid = Grid((200, 20, 10))
-    field = extrude(Plane.along(grid, "+z"), grid, [fit_rbf(dragged(0, 1.0), support=60.0)], replicate())
+    field = extrude(Plane.from_view(grid, "+z"), grid, [fit_rbf(dragged(0, 1.0), support=60.0)], replicate())
     seen: list[int] = []
 
     @partial(jax.tree_util.register_dataclass, data_fields=["maps", "knots", "weights"], meta_fields=["plane", "depth"])
@@ -272,7 +274,7 @@ def test_bent_sides_of_cuts(size: float, rule: str) -> None:
 
 def test_cuts_in_space_are_solved_on_one_slice_and_in_compositions() -> None:
     grid = Grid((6, 50, 50), (2.0, 2.0, 1.0))
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = pushed(-4.0, 3.0)
     cut = Decoupled(tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane)
     inverse = invert(cut, grid)

@@ -35,7 +35,7 @@ NEAR = ControlPoints.from_arrays([[15, 15]], [[18, 15]])
 
 
 def on_picture(points: ControlPoints, **options: Any) -> Deformation:
-    return Deformation.on_picture(BODY, "+z", points, **{"support": 10.0, "trend": "none", **options})
+    return Deformation.from_picture_points(BODY, "+z", points, **{"support": 10.0, "trend": "none", **options})
 
 
 def applied(deformation: Deformation, volume: Volume = BODY) -> list[str]:
@@ -158,7 +158,9 @@ def test_a_volume_without_contrast_says_so(values: Any) -> None:
 
 def test_values_between_labels_that_are_not_declared_are_counted() -> None:
     labels = np.kron(np.random.default_rng(1).integers(0, 9, (5, 5, 5)) * 13, np.ones((8, 8, 8), int)).astype(np.int16)
-    drag = Deformation.in_space(ControlPoints.from_arrays([[20, 20, 20]], [[23.3, 20, 20]]), support=30.0, trend="none")
+    drag = Deformation.from_space_points(
+        ControlPoints.from_arrays([[20, 20, 20]], [[23.3, 20, 20]]), support=30.0, trend="none"
+    )
     undecided = Volume.from_array(labels)
     with pytest.warns(DeformWarning, match="values that no voxel had were made up") as caught:
         made = drag.apply(undecided)
@@ -212,7 +214,7 @@ def test_folds_are_named_where_they_are_and_only_there(seed: int, reach: float, 
     full.values[0, 0, 0] = 0
     x = rng.uniform(4, 36, (4, 2))
     points = ControlPoints.from_arrays(x, x + rng.normal(0, reach / 2, (4, 2)))
-    field = Step((points,), Plane.along(full, "+z"), kernel=kernel, support=25.0).field(full.grid)
+    field = Step((points,), Plane.from_view(full, "+z"), kernel=kernel, support=25.0).field(full.grid)
     dense = least_determinant(field, replace(full.grid, shape=(1, 40, 40)), 81)
     assume(abs(dense) > 0.05)  # a fold of a corner of a cell is missed by one of the two
     assert bool(fold_note(full, field, full.grid)) == (dense < 0)
@@ -229,9 +231,10 @@ def test_a_fold_narrower_than_the_nodes_is_found_beside_its_point() -> None:
 
 
 def test_steps_fold_where_one_of_them_does_though_the_product_is_small() -> None:
-    once = Step((FAR,), Plane.along(BODY, "+z"), support=10.0, trend="none")
+    once = Step((FAR,), Plane.from_view(BODY, "+z"), support=10.0, trend="none")
     squeeze = Step(
-        (ControlPoints.from_arrays([[0, 0], [30, 0], [0, 30]], [[0, 0], [15, 0], [0, 30]]),), Plane.along(BODY, "+z")
+        (ControlPoints.from_arrays([[0, 0], [30, 0], [0, 30]], [[0, 0], [15, 0], [0, 30]]),),
+        Plane.from_view(BODY, "+z"),
     )
     for steps in ((once, squeeze), (squeeze, once)):
         assert map_notes(BODY, Deformation(steps).field(BODY.grid), BODY.grid)

@@ -22,7 +22,7 @@ from deformnb.rbf.fields import DisplacementField, Identity
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.mesh import Mesh, filled, isosurface, signed_distance, warp_mesh
+from deformnb.warping.mesh import Mesh, fill_distance, isosurface, signed_distance, warp_mesh
 from deformnb.warping.points import Landmarks, warp_landmarks
 from deformnb.warping.warper import warp
 
@@ -245,15 +245,15 @@ def test_progress_rises_to_one_and_may_cancel() -> None:
 
 def test_a_filled_body() -> None:
     body = signed_distance(cube((0, 0, 0), (10, 10, 10)), Grid((16, 16, 16), (1, 1, 1), (-3, -3, -3)))
-    grey = filled(body)
+    grey = fill_distance(body)
     assert grey.dtype == np.uint8
     assert grey.values[8, 8, 2:8].tolist() == [64, 128, 191, 255, 255, 255]  # at x = -1, 0, 1, 2, ...
     assert grey.background == 0
-    assert filled(body, ramp=8).values[8, 8, 5] == 191
+    assert fill_distance(body, ramp=8).values[8, 8, 5] == 191
     again = isosurface(grey, 127.5, inside="above")
     assert again.enclosed == pytest.approx(1000, rel=0.01)
     with pytest.raises(DeformError, match="ramp must be a positive length"):
-        filled(body, ramp=0)
+        fill_distance(body, ramp=0)
 
 
 # ---- isosurfaces -----------------------------------------------------------------------------------------------------
@@ -313,7 +313,7 @@ def bend(radius: float) -> Deformation:
     target = source.copy()
     target[8] += [0.3 * radius, 0, 0.4 * radius]
     target[10] += [0, 0.3 * radius, 0]
-    return Deformation.in_space(ControlPoints.from_arrays(source, target), kernel="thin_plate")
+    return Deformation.from_space_points(ControlPoints.from_arrays(source, target), kernel="thin_plate")
 
 
 def test_the_mesh_moves_to_where_the_volume_moves() -> None:
@@ -368,7 +368,7 @@ def test_corners_without_a_place_follow_their_neighbours() -> None:
 def test_corners_hidden_at_a_cut_are_counted_and_the_others_come_back() -> None:
     grid = Grid((4, 100, 100))
     flat = pushed(4.0, -3.0, rule="paper")
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     cut = Decoupled(
         tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane, "paper"
     )

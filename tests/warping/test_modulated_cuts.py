@@ -33,7 +33,7 @@ def cut_field(
     shape: str = "line",
 ) -> Decoupled:
     """Two sides of a cut through the middle of a picture, each moved by a wave of its own."""
-    plane = view if isinstance(view, Plane) else Plane.along(grid, view)
+    plane = view if isinstance(view, Plane) else Plane.from_view(grid, view)
     centre = plane.to_plane(grid.corners(centres=True).mean(axis=0))[:2]
     bent = np.array([[0.4, 9.0], [-0.6, 0.3], [0.5, -9.0]]) * (1.0, 0.5) + centre
     regions: dict[str, tuple[AbstractRegion, ...]] = {
@@ -114,7 +114,7 @@ def test_long_drags_beside_cuts_that_change_with_depth(rule: str, cut_rule: str,
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize("rule", RULES)
 def test_cuts_on_oblique_planes_and_other_outputs(rule: str) -> None:
-    oblique = cut_field(OBLIQUE, Plane.through((-38, 27, 10), (1, 2, 3)), rule)
+    oblique = cut_field(OBLIQUE, Plane.from_normal((-38, 27, 10), (1, 2, 3)), rule)
     volume = noise(OBLIQUE)
     agrees(warp(volume, oblique, fill=0.0).values, slow_cut(volume, oblique, OBLIQUE, 0.0, "linear"), most=TABLE)
     for output in (
@@ -132,7 +132,7 @@ def test_cuts_on_oblique_planes_and_other_outputs(rule: str) -> None:
 def test_step_is_of_no_account_beside_cuts(rule: str) -> None:
     """A displacement that jumps is never interpolated."""
     volume = noise(OBLIQUE)
-    for plane in (Plane.along(OBLIQUE, "+x"), Plane.through((-38, 27, 10), (1, 2, 3))):
+    for plane in (Plane.from_view(OBLIQUE, "+x"), Plane.from_normal((-38, 27, 10), (1, 2, 3))):
         field = cut_field(OBLIQUE, plane, rule)
         assert (warp(volume, field, step=4).values == warp(volume, field).values).all()
 
@@ -164,7 +164,7 @@ def test_labels_beside_cuts_stay_labels() -> None:
 @pytest.mark.parametrize("cut_rule", CUT_RULES)
 def test_a_closed_cut_changes_no_bit(dtype: str, shape: str, cut_rule: str) -> None:
     volume = noise(OBLIQUE, dtype)
-    for plane in (Plane.along(OBLIQUE, "-x"), Plane.through((-38, 27, 10), (1, 2, 3))):
+    for plane in (Plane.from_view(OBLIQUE, "-x"), Plane.from_normal((-38, 27, 10), (1, 2, 3))):
         for rule in RULES:
             field = cut_field(OBLIQUE, plane, rule, cut_rule, 0.0, shape)
             for result in ways(volume, field):  # type: ignore[arg-type]

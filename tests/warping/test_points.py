@@ -32,7 +32,7 @@ from deformnb.warping.warper import warp
 
 @pytest.mark.parametrize(
     "field",
-    [Wave(1.5, 0.3), Wave(1.5, 0.3, dim=2), Identity(3), extruded(Plane.along(OBLIQUE, "+y"), OBLIQUE, "modulate")],
+    [Wave(1.5, 0.3), Wave(1.5, 0.3, dim=2), Identity(3), extruded(Plane.from_view(OBLIQUE, "+y"), OBLIQUE, "modulate")],
 )
 def test_points_land_where_the_field_brings_them(field: AbstractField) -> None:
     points = np.random.default_rng(6).uniform(-20, 20, (40, 5, field.dim))
@@ -151,7 +151,7 @@ def test_stages_and_compositions_are_followed_one_by_one() -> None:
 @pytest.mark.parametrize("view", ["oblique", "rounded"])
 def test_extrusions_are_solved_in_their_plane(rule: Any, view: str) -> None:
     grid = Grid((40, 50, 60))
-    plane = Plane.through(grid.center, (1, 2, -0.5))
+    plane = Plane.from_normal(grid.center, (1, 2, -0.5))
     if view == "rounded":  # a plane from a file of few digits is not orthonormal to the last one
         plane = Plane(plane.origin, *(tuple(np.round(w, 7).tolist()) for w in (plane.u, plane.v)))
     field = extrude(plane, grid, [fit_rbf(points(), support=SUPPORT)] * len(rule[1]), rule)
@@ -231,7 +231,7 @@ def test_a_region_without_points_stays_where_it_is() -> None:
 
 def test_after_a_cut_come_further_steps() -> None:
     grid = Grid((5, 100, 100))
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     flat = pushed(-4.0, 3.0)
     cut = Decoupled(tuple(extrude(plane, grid, [f], replicate()) for f in flat.fields), flat.sides, flat.regions, plane)
     wave = Wave(1.0, 0.05)

@@ -46,7 +46,7 @@ NAMES = [*QUICK, *(pytest.param(name, marks=pytest.mark.nightly) for name in sor
 @cache
 def made(name: str) -> AbstractField:
     if name in ON_PICTURE:
-        return Deformation.on_picture(GRID, "+y", random_points(1, 2), **ON_PICTURE[name]).field(GRID)
+        return Deformation.from_picture_points(GRID, "+y", random_points(1, 2), **ON_PICTURE[name]).field(GRID)
     if name in KERNELS:
         quadratic = KERNELS[name].order == 3
         return fit_rbf(
@@ -124,7 +124,7 @@ def test_the_quadratic_trend_counts_between_the_nodes() -> None:
 def test_beside_a_cut_the_map_of_each_side_counts() -> None:
     points = ControlPoints.from_arrays([[4, 12], [20, 12]], [[-3, 12], [29, 12]])
     cut = Cut(Line([(11.3, -30.0), (11.3, 60.0)]))
-    field = Deformation.on_picture(Grid((24, 26, 28)), "+z", points, cuts=(cut,), trend="translation").field(
+    field = Deformation.from_picture_points(Grid((24, 26, 28)), "+z", points, cuts=(cut,), trend="translation").field(
         Grid((24, 26, 28))
     )
     low, high = DisplacementBounds(field, 1.0).over(np.array([5.0, 5, 5]), np.array([7.0, 7, 7]))

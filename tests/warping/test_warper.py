@@ -272,8 +272,8 @@ def test_every_rule_is_tested() -> None:
 @pytest.mark.parametrize("view", VIEWS)
 @pytest.mark.parametrize("grid", [STRAIGHT, OBLIQUE, FLIPPED])
 def test_short_cuts_follow_the_definition(grid: Grid, view: str, rule: str) -> None:
-    field = extruded(Plane.along(grid, view), grid, rule)
-    assert planning.extruded(field, grid, grid, "float32") is not None
+    field = extruded(Plane.from_view(grid, view), grid, rule)
+    assert planning.plan_extrusion(field, grid, grid, "float32") is not None
     volume = noise(grid)
     for method in ("linear", "nearest"):
         expected = slow_warp(volume, field, grid, -7.0, method)
@@ -284,13 +284,13 @@ def test_short_cuts_follow_the_definition(grid: Grid, view: str, rule: str) -> N
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("view", ["+x", "-y", "+z"])
 def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> None:
-    field = extruded(Plane.along(OBLIQUE, view), OBLIQUE, rule)
+    field = extruded(Plane.from_view(OBLIQUE, view), OBLIQUE, rule)
     axis = planning.shared_axis(field.plane, OBLIQUE, OBLIQUE)
     assert axis is not None
     finer = [s / 2 for s in OBLIQUE.spacing]
     finer[2 - axis] = OBLIQUE.spacing[2 - axis]
     for output in (OBLIQUE.crop((1, 2, 3), (4, 5, 6)), OBLIQUE.resampled(spacing=finer)):
-        assert planning.extruded(field, OBLIQUE, output, "float32") is not None
+        assert planning.plan_extrusion(field, OBLIQUE, output, "float32") is not None
         expected = slow_warp(noise(OBLIQUE), field, output, 0.0, "linear")
         for result in ways(noise(OBLIQUE), field, output=output, fill=0.0):
             assert np.mean(np.abs(result - expected) <= 2 * RANGE_SHARE * 200) > 0.999
@@ -320,8 +320,8 @@ def test_short_cuts_into_a_part_or_another_resolution(view: str, rule: str) -> N
 @pytest.mark.parametrize("dtype", ["uint8", "int8", "uint16", "int16"])
 def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, view: str, output: Grid) -> None:
     values = (noise(STRAIGHT).values - (100 if dtype.startswith("int") else 0)).astype(dtype)
-    volume, field = Volume(values, STRAIGHT), extruded(Plane.along(output, view), STRAIGHT, rule, 4.0)
-    assert planning.extruded(field, STRAIGHT, output, "float32") is not None
+    volume, field = Volume(values, STRAIGHT), extruded(Plane.from_view(output, view), STRAIGHT, rule, 4.0)
+    assert planning.plan_extrusion(field, STRAIGHT, output, "float32") is not None
     expected = slow_warp(volume, field, output, 7.0, "linear")
     result = warp(volume, field, output=output, fill=7.0).values
     # on the tie between two grey levels, float32 rounding decides
@@ -331,7 +331,7 @@ def test_slices_in_words_into_any_field_of_view(dtype: str, rule: str, view: str
 @pytest.mark.parametrize("output", [STRAIGHT, STRAIGHT.crop((2, 1, 1), (5, 6, 4))])
 @pytest.mark.parametrize("dtype", ["uint8", "float64"])
 def test_rows_of_a_replicated_map_may_begin_anywhere_in_memory(dtype: str, output: Grid) -> None:
-    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate")
+    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.from_view(STRAIGHT, "+x"), STRAIGHT, "replicate")
     expected = slow_warp(Volume(values, STRAIGHT), field, output, 7.0, "linear")
     for first in (0, 1, 33):
         room = sampling.aligned_empty((first + values.size,), values.dtype)
@@ -346,7 +346,7 @@ def test_rows_of_a_replicated_map_may_begin_anywhere_in_memory(dtype: str, outpu
 @pytest.mark.parametrize("shape", [(5, 64, 64), (5, 63, 64)])
 def test_slices_of_whole_pages_are_moved_as_others_are(shape: tuple[int, int, int], dtype: str) -> None:
     grid = Grid(shape)
-    plain, prepared = ways(noise(grid, dtype), extruded(Plane.along(grid, "+z"), grid, "replicate"), fill=7.0)
+    plain, prepared = ways(noise(grid, dtype), extruded(Plane.from_view(grid, "+z"), grid, "replicate"), fill=7.0)
     assert plain.shape == shape
     assert np.abs(plain.astype(float) - prepared).max() <= 1e-6 * 200
 
@@ -354,7 +354,7 @@ def test_slices_of_whole_pages_are_moved_as_others_are(shape: tuple[int, int, in
 @pytest.mark.parametrize("dtype", ["uint8", "int16"])
 def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(planning, "BLOCK_VOXELS", 2 * STRAIGHT.shape[1] * STRAIGHT.shape[2])
-    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate")
+    values, field = noise(STRAIGHT, dtype).values, extruded(Plane.from_view(STRAIGHT, "+z"), STRAIGHT, "modulate")
     results = []
     for first in (0, 1, 33):  # voxels after an address from which JAX shares memory
         room = sampling.aligned_empty((first + values.size,), values.dtype)
@@ -367,7 +367,7 @@ def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: 
 @pytest.mark.parametrize(
     "plane",
     [
-        Plane.through((-38, 27, 10), (1, 2, 3)),
+        Plane.from_normal((-38, 27, 10), (1, 2, 3)),
         Plane(
             (0, 0, 0), (np.cos(0.3), np.sin(0.3), 0), (-np.sin(0.3), np.cos(0.3), 0)
         ),  # along z, but turned in itself
@@ -376,15 +376,18 @@ def test_modulated_slices_may_begin_anywhere_in_memory(dtype: str, monkeypatch: 
 def test_oblique_planes_take_the_general_way(plane: Plane) -> None:
     grid = STRAIGHT if plane.origin == (0, 0, 0) else OBLIQUE
     field = extruded(plane, grid, "modulate")
-    assert planning.extruded(field, grid, grid, "float32") is None
+    assert planning.plan_extrusion(field, grid, grid, "float32") is None
     volume = noise(grid)
     expected = slow_warp(volume, field, grid, 0.0, "linear")
     assert np.mean(np.abs(warp(volume, field, fill=0.0).values - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
 def test_a_crop_that_begins_outside_takes_the_general_way() -> None:
-    field, output = extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "replicate"), STRAIGHT.crop((-1, 0, 0), (3, 7, 9))
-    assert planning.extruded(field, STRAIGHT, output, "float32") is None
+    field, output = (
+        extruded(Plane.from_view(STRAIGHT, "+z"), STRAIGHT, "replicate"),
+        STRAIGHT.crop((-1, 0, 0), (3, 7, 9)),
+    )
+    assert planning.plan_extrusion(field, STRAIGHT, output, "float32") is None
     result = warp(noise(STRAIGHT), field, output=output, fill=-7.0).values
     assert (result[0] == -7.0).all()
 
@@ -394,7 +397,7 @@ def test_a_crop_that_begins_outside_takes_the_general_way() -> None:
 @pytest.mark.parametrize("view", ["+y", "+z"])
 def test_short_cuts_give_the_bytes_of_the_general_way(rule: str, method: str, view: str) -> None:
     volume = noise(STRAIGHT, "uint8")
-    field = extruded(Plane.along(STRAIGHT, view), STRAIGHT, rule)
+    field = extruded(Plane.from_view(STRAIGHT, view), STRAIGHT, rule)
     general = warp(volume, DisplacementField.sample(field, STRAIGHT), method=method).values
     for result in ways(volume, field, method=method):
         # on the tie between two grey levels, float32 rounding decides
@@ -406,7 +409,7 @@ def test_short_cuts_give_the_bytes_of_the_general_way(rule: str, method: str, vi
 def test_the_picture_is_the_mip_of_the_result(view: str) -> None:
     # with nearest sampling, MIP along the normal commutes with a replicated map
     volume = noise(FLIPPED, "uint8")
-    plane = Plane.along(FLIPPED, view)
+    plane = Plane.from_view(FLIPPED, view)
     field = extruded(plane, FLIPPED, "replicate")
     normal = planning.shared_axis(plane, FLIPPED, FLIPPED)
     assert normal is not None
@@ -419,7 +422,7 @@ def test_the_picture_is_the_mip_of_the_result(view: str) -> None:
 
 
 def test_results_of_prepared_axes_say_the_same_in_another_order_of_memory() -> None:
-    volume, field = noise(STRAIGHT), extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "replicate")
+    volume, field = noise(STRAIGHT), extruded(Plane.from_view(STRAIGHT, "+z"), STRAIGHT, "replicate")
     first, second = ways(volume, field)
     assert first.flags.c_contiguous
     assert second.flags.c_contiguous is not devices.is_host()  # a GPU needs no preparation
@@ -437,7 +440,7 @@ def test_identity_is_exact_bit_for_bit(dtype: str, method: str) -> None:
     volume = noise(OBLIQUE, dtype)
     if dtype in ("int32", "float64"):
         volume = Volume((volume.values * 1e7).astype(dtype), OBLIQUE)
-    still = extrude(Plane.along(OBLIQUE, "-x"), OBLIQUE, [Identity(2)], replicate())
+    still = extrude(Plane.from_view(OBLIQUE, "-x"), OBLIQUE, [Identity(2)], replicate())
     for result in (warp(volume, Identity(), method=method).values, *ways(volume, still, method=method)):
         assert result.dtype == volume.dtype
         assert (result == volume.values).all()
@@ -524,7 +527,7 @@ def test_one_slice_extruded(shape: tuple[int, int, int], method: str) -> None:
     grid = Grid(shape, (1.0, 2.0, 3.0))
     volume = noise(grid)
     for view, rule in (("+x", "replicate"), ("-y", "modulate"), ("+y", "replicate"), ("+z", "replicate")):
-        field = extruded(Plane.along(grid, view), grid, rule)
+        field = extruded(Plane.from_view(grid, view), grid, rule)
         expected = slow_warp(volume, field, grid, -1.0, method)
         for result in ways(volume, field, method=method, fill=-1.0):
             assert np.mean(np.abs(result - expected) <= RANGE_SHARE * 400) > 0.98
@@ -598,7 +601,11 @@ def test_parts_of_any_size_give_the_same_voxels(threads: int, step: int, monkeyp
         noise(grid),
         [
             scattered(grid),
-            *(extruded(Plane.along(grid, v), grid, r) for v in ("+x", "+y", "+z") for r in ("replicate", "modulate")),
+            *(
+                extruded(Plane.from_view(grid, v), grid, r)
+                for v in ("+x", "+y", "+z")
+                for r in ("replicate", "modulate")
+            ),
         ],
     )
     whole = [warp(volume, f, step=step).values for f in fields]
@@ -617,7 +624,7 @@ def test_a_field_on_a_coarse_grid_is_that_of_its_samples_at_every_voxel(turn: in
     output = Grid((13, 17, 11), (1.0, 1.1, 0.9), (3.0, 2.0, 1.0), ((turn, 0, 0), (0, turn, 0), (0, 0, 1)))
     values = np.random.default_rng(5).normal(size=(5, 4, 6, 3))
     coarse = DisplacementField(values, Grid((5, 4, 6), (3.0, 4.5, 3.5), (-1.0, -2.0, -1.0)))
-    stored = planning.between_samples(coarse, output)
+    stored = planning.interpolation_tables(coarse, output)
     assert stored is not None
     (x, y, z), tables = stored
     assert x.shape[0] < 13
@@ -654,8 +661,8 @@ GROWN = Affine(1.1 * np.eye(3), np.zeros(3))
     [
         Wave(),
         compose(GROWN, GROWN),
-        extruded(Plane.along(STRAIGHT, "+x"), STRAIGHT, "replicate"),
-        extruded(Plane.along(STRAIGHT, "+z"), STRAIGHT, "modulate"),
+        extruded(Plane.from_view(STRAIGHT, "+x"), STRAIGHT, "replicate"),
+        extruded(Plane.from_view(STRAIGHT, "+z"), STRAIGHT, "modulate"),
     ],
 )
 def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -678,7 +685,10 @@ def test_progress_and_cancellation(field: AbstractField, threads: int, monkeypat
 
 
 def test_more_than_two_thousand_million_voxels_use_long_indices(monkeypatch: pytest.MonkeyPatch) -> None:
-    fields = [scattered(STRAIGHT), *(extruded(Plane.along(STRAIGHT, v), STRAIGHT, "replicate") for v in ("+x", "+y"))]
+    fields = [
+        scattered(STRAIGHT),
+        *(extruded(Plane.from_view(STRAIGHT, v), STRAIGHT, "replicate") for v in ("+x", "+y")),
+    ]
     expected = [warp(noise(STRAIGHT), f).values for f in fields]
     monkeypatch.setattr(sampling, "LARGEST_INT32", 100)
     for f, e in zip(fields, expected, strict=True):
@@ -725,7 +735,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "infinite field": (lambda: warp(noise(STRAIGHT), Wave(np.inf)), "not finite"),
     "field not a number": (lambda: warp(noise(STRAIGHT), Wave(np.nan)), "not finite"),
     "infinite map": (
-        lambda: warp(noise(STRAIGHT), extrude(Plane.along(STRAIGHT), STRAIGHT, [Wave(np.inf, dim=2)], replicate())),
+        lambda: warp(noise(STRAIGHT), extrude(Plane.from_view(STRAIGHT), STRAIGHT, [Wave(np.inf, dim=2)], replicate())),
         "not finite",
     ),
 }
@@ -796,7 +806,7 @@ def test_a_stored_map_is_read_linearly_on_pictures_and_in_space() -> None:
     expected = ndimage.map_coordinates(picture, np.moveaxis(place[..., ::-1], -1, 0), order=1)
     inside = ((place >= 0) & (place <= [10, 8])).all(axis=-1)
     assert np.abs(warp_picture(picture, raster, stored) - expected)[inside].max() < 1e-6  # maps are float32
-    field = extrude(Plane.along(STRAIGHT, "-y"), STRAIGHT, [stored], modulate("z"))
+    field = extrude(Plane.from_view(STRAIGHT, "-y"), STRAIGHT, [stored], modulate("z"))
     expected = slow_warp(noise(STRAIGHT), field, STRAIGHT, 0.0, "linear")
     error = np.abs(warp(noise(STRAIGHT), field, fill=0.0).values - expected)
     assert np.mean(error <= 2 * RANGE_SHARE * 200) > 0.999

@@ -21,7 +21,7 @@ volume = dn.Volume(values, dn.Grid(values.shape))
 cut = dn.Cut(dn.Line(n * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))
 space, flat = (problem.control_points(32, dim, n) for dim in (3, 2))
 field, step = dn.fit_rbf(space), 1
-on_picture = [dn.Deformation.on_picture(volume.grid, view, flat).steps[0] for view in ("+z", "+y")]
+on_picture = [dn.Deformation.from_picture_points(volume.grid, view, flat).steps[0] for view in ("+z", "+y")]
 {case}
 dn.warp(volume, field, step=step)
 print(timing.peak_memory(lambda: dn.warp(volume, field, step=step))[0] / values.nbytes)

@@ -29,7 +29,7 @@ from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.live_view import LiveView
 
 GRID = Grid((20, 16, 24), (1.5, 2.0, 1.0), (5.0, -7.0, 30.0))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)><!-- \"'&"
 
 
@@ -90,9 +90,9 @@ def points(moved: float = 2.0) -> ControlPoints:
 
 def pair(volume: Volume | None = None, **options: Any) -> tuple[Editor, LiveView]:
     volume = volume or block()
-    editor = Editor(project(volume, Plane.along(volume.grid, "+y")), points())
+    editor = Editor(project(volume, Plane.from_view(volume.grid, "+y")), points())
     view = LiveView(volume, width=320, height=240, **options)
-    view.follow(editor, Deformation.on_picture(volume.grid, PLANE, points(0.0)).field(volume.grid))
+    view.follow(editor, Deformation.from_picture_points(volume.grid, PLANE, points(0.0)).field(volume.grid))
     return editor, view
 
 
@@ -124,7 +124,7 @@ def test_the_field_is_that_of_the_view_but_for_what_the_page_fits_itself() -> No
     editor, view = pair()
     other = Deformation((Step((points(3.0), points(0.0)), PLANE, extrusion="interpolate", knots=(0.0, 1.0)),))
     turned = ControlPoints.from_arrays(GRID.corners()[:4], GRID.corners()[:4] + np.array([0.0, 1.5, 0.5]))
-    both = Deformation.in_space(turned, trend="none", support=30.0).then(other.steps[0])
+    both = Deformation.from_space_points(turned, trend="none", support=30.0).then(other.steps[0])
     view.follow(editor, both.field(GRID), 1)
     message = data_of(standalone_html(editor, view))["field"]
     planar, space = message["content"]["planar"], message["content"]["space"]
@@ -226,7 +226,7 @@ def test_a_volume_beyond_the_limit_is_reduced_and_the_page_says_so() -> None:
 @pytest.mark.nightly
 def test_a_phantom_of_128_voxels_along_each_side_is_little_more_than_a_megabyte() -> None:
     volume = PHANTOMS["fish"].make((128, 128, 128))
-    editor = Editor(project(volume, Plane.along(volume.grid, "-x")))
+    editor = Editor(project(volume, Plane.from_view(volume.grid, "-x")))
     page = standalone_html(editor, LiveView(volume))
     assert 300_000 < len(page) < 1_250_000  # 0.55 of it are the scripts
 
@@ -263,7 +263,7 @@ def test_the_document_is_the_one_that_the_editor_makes() -> None:
     assert document.steps == (editor.step(),)
     assert document.volume is not None
     assert document.volume.matches(block())
-    half = Deformation.on_picture(GRID, PLANE, points(), extrusion="modulate", curve=(0.0, 1.0, 0.5))
+    half = Deformation.from_picture_points(GRID, PLANE, points(), extrusion="modulate", curve=(0.0, 1.0, 0.5))
     view.follow(editor, half.field(GRID))
     (step,) = from_json(json.dumps(data_of(standalone_html(editor, view))["document"])).steps
     assert (step.extrusion, step.curve) == ("modulate", (0.0, 1.0, 0.5))
@@ -292,6 +292,8 @@ def test_what_cannot_be_put_on_a_page_is_said() -> None:
         standalone_html(editor, LiveView())
     with pytest.raises(DeformError, match="has no plane in space"):
         standalone_html(Editor(None, points()), LiveView(block()))
-    view.show_deformation(Deformation.in_space(ControlPoints.from_arrays(GRID.corners(), GRID.corners() * 1.01)))
+    view.show_deformation(
+        Deformation.from_space_points(ControlPoints.from_arrays(GRID.corners(), GRID.corners() * 1.01))
+    )
     with pytest.raises(DeformError, match="another deformation since"):
         standalone_html(editor, view)

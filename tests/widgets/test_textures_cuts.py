@@ -36,7 +36,7 @@ from deformnb.widgets.textures import (
 from deformnb.widgets.view.base import PlanarFit, Refit, with_map
 
 GRID = Grid((12, 20, 30), (1.5, 1.0, 1.2), (5.0, -7.0, 30.0))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 A, B = PLANE.to_plane(GRID.center)[:2]
 CUT = Cut(Line(((A - 1.0, B - 5.0), (A + 1.0, B + 5.0))))
 BESIDE = Cut(Polygon(((A + 6, B - 4), (A + 12, B - 4), (A + 12, B + 4), (A + 6, B + 4))))
@@ -144,8 +144,8 @@ def test_cuts_without_points_move_nothing() -> None:
 )
 def test_layers_in_space_choose_as_the_core_does(rule: str, stops: tuple[bool, bool]) -> None:
     """By the rule of the shader, at places between which nothing is interpolated."""
-    bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
-    before = Deformation.on_picture(GRID, "+x", _drags("+x")).steps[0]
+    bend = Deformation.from_picture_points(GRID, "-z", _drags("-z")).steps[0]
+    before = Deformation.from_picture_points(GRID, "+x", _drags("+x")).steps[0]
     cut = replace(CUT, region=replace(CUT.region, stops=stops))
     field = Deformation((before, step(cut_rule=rule, cuts=(cut,)), bend)).field(GRID)
     chain = cut_chain(field)
@@ -172,21 +172,21 @@ def test_layers_in_space_choose_as_the_core_does(rule: str, stops: tuple[bool, b
 
 
 def _drags(view: str) -> ControlPoints:
-    at = Plane.along(GRID, view).to_plane(GRID.center)[:2]
+    at = Plane.from_view(GRID, view).to_plane(GRID.center)[:2]
     source = at + np.array([[-4.0, -3.0], [4.0, -2.0], [0.0, 4.0]])
     return ControlPoints.from_arrays(source, source + np.array([[1.0, 0.5], [-0.5, 1.0], [0.3, -1.0]]))
 
 
 def test_several_early_cuts_are_said_to_be_rough() -> None:
     other = step(cuts=(BESIDE,))
-    bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
+    bend = Deformation.from_picture_points(GRID, "-z", _drags("-z")).steps[0]
     assert not told(Deformation((step(), bend)).field(GRID)).content.coarse
     assert not told(Deformation((step(), other)).field(GRID)).content.coarse  # the last one is sent as it is
     assert told(Deformation((step(), other, bend)).field(GRID)).content.coarse
 
 
 def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
-    bend = Deformation.on_picture(GRID, "-z", _drags("-z")).steps[0]
+    bend = Deformation.from_picture_points(GRID, "-z", _drags("-z")).steps[0]
     start = Deformation((bend, step(cuts=(), extrusion="modulate", curve="z"))).field(GRID)
     part = RigidPart(HalfSpace((A + 11.0, B), (-1.0, 0.0)))
     how = PlanarFit(FitSettings(trend="translation"), (part,), (CUT,), "paper", softness=1.25, lone=9.0)
@@ -229,7 +229,7 @@ def test_a_page_that_divides_the_map_itself_needs_nothing() -> None:
     assert differ_only_in(0, whole, cut)
     keys = {"maps": (POINTS, POINTS), "extrusion": "interpolate", "knots": (0.0, 1.0)}
     assert not differ_only_in(0, step(**keys).field(GRID), step(**keys, cut_rule="paper").field(GRID))
-    assert not differ_only_in(0, cut, step(plane=Plane.along(GRID, "-y")).field(GRID))
+    assert not differ_only_in(0, cut, step(plane=Plane.from_view(GRID, "-y")).field(GRID))
 
 
 _FILES = (

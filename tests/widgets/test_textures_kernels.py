@@ -26,13 +26,13 @@ RANDOM = np.random.default_rng(3)
 def _points(dim: int) -> ControlPoints:
     source = GRID.index_to_point(RANDOM.uniform(2, 10, (14, 3)))
     if dim == 2:
-        source = Plane.along(GRID, "+y").to_plane(source)[:, :2]
+        source = Plane.from_view(GRID, "+y").to_plane(source)[:, :2]
     return ControlPoints.from_arrays(source, source + RANDOM.normal(size=source.shape))
 
 
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_the_map_of_a_picture_is_that_of_the_fit(kernel: str, trend: str) -> None:
-    document = Deformation.on_picture(VOLUME, "+y", _points(2), kernel=kernel, trend=trend)
+    document = Deformation.from_picture_points(VOLUME, "+y", _points(2), kernel=kernel, trend=trend)
     field = document.field(GRID)
     made = field_textures(field, SHOWN, None, 32, 16)
     planar = made.content.planar
@@ -45,7 +45,7 @@ def test_the_map_of_a_picture_is_that_of_the_fit(kernel: str, trend: str) -> Non
 
 @pytest.mark.parametrize(("kernel", "trend"), PAIRS)
 def test_the_map_in_space_is_that_of_the_fit(kernel: str, trend: str) -> None:
-    field = Deformation.in_space(_points(3), kernel=kernel, trend=trend).field(GRID)
+    field = Deformation.from_space_points(_points(3), kernel=kernel, trend=trend).field(GRID)
     made = field_textures(field, SHOWN, None, 32, 16)
     space = made.content.space
     assert space is not None

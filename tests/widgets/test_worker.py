@@ -90,14 +90,14 @@ def test_a_process_that_ends_cancels_what_a_job_computes_between_two_programs(tm
     compiling = """if True:
         import sys
         import threading
-        from deformnb._jax import compiled, jnp
+        from deformnb._jax import jit, jnp
         from deformnb.widgets.worker import Worker
 
         begun, worker = threading.Event(), Worker()
 
         def job():
             for k in range(10000):  # minutes
-                compiled(lambda x, k=k: jnp.linalg.eigh(jnp.sort(x, axis=k % 2) + k)[1])(jnp.ones((5, 5)))
+                jit(lambda x, k=k: jnp.linalg.eigh(jnp.sort(x, axis=k % 2) + k)[1])(jnp.ones((5, 5)))
                 begun.set()
 
         worker.latest("compile", job)

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from deformnb.errors import FileChangedError, VolumeFileError
-from deformnb.io.files.errors import fail, human_bytes, shown
+from deformnb.io.files.errors import fail, human_bytes, printable
 from deformnb.io.files.paths import as_path
 
 
@@ -58,7 +58,7 @@ def try_lock(descriptor: int) -> bool | None:
     return True
 
 
-def hold(path: Path) -> int | None:
+def create_locked(path: Path) -> int | None:
     """Make a file and keep it locked; returns its descriptor, which lets go when it is closed.
 
     None if it was swept away as a dead process's in the moment between the two; make another one.
@@ -71,21 +71,21 @@ def hold(path: Path) -> int | None:
         If it cannot be made.
     """
     descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
-    return held(path, descriptor)
+    return lock_open_file(path, descriptor)
 
 
-def held(path: Path, descriptor: int) -> int | None:
-    """Lock a file that was just made and is open, as :func:`hold`; closes it where it is gone."""
+def lock_open_file(path: Path, descriptor: int) -> int | None:
+    """Lock a file that was just made and is open, as :func:`create_locked`; closes it where it is gone."""
     if try_lock(descriptor) is not False and _is_at(path, descriptor):
         return descriptor
     os.close(descriptor)
     return None
 
 
-def hold_folder(path: Path) -> int | None:
+def lock_folder(path: Path) -> int | None:
     """Lock a folder; returns its descriptor, None where the system has no such locks."""
     try:
-        return held(path, os.open(path, os.O_RDONLY))
+        return lock_open_file(path, os.open(path, os.O_RDONLY))
     except OSError:  # Windows opens no folders
         return None
 
@@ -160,7 +160,7 @@ _last_doubts: ContextVar[Callable[[], AbstractContextManager[Any]]] = ContextVar
 
 
 @contextmanager
-def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterator[None]:
+def guard_writes(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterator[None]:
     """Within this block, in this thread, files take their places only within a context of their own.
 
     Parameters
@@ -175,7 +175,7 @@ def writing_held_by(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterat
     ... def never():
     ...     raise KeyError("not needed any more")
     ...     yield
-    >>> with suppress(KeyError), writing_held_by(never), atomic_write(target) as file:
+    >>> with suppress(KeyError), guard_writes(never), atomic_write(target) as file:
     ...     _ = file.write(b"whole")
     >>> list(target.parent.iterdir())
     []
@@ -209,12 +209,12 @@ def check_target(
         target = as_path(path).resolve()
         exists = target.exists()
     except (OSError, ValueError, RuntimeError) as error:  # a NUL, a name too long, a loop of links
-        raise VolumeFileError(f"{shown(path)!r} cannot be written: it is not a usable path ({shown(error)}).") from (
-            error
-        )
+        raise VolumeFileError(
+            f"{printable(path)!r} cannot be written: it is not a usable path ({printable(error)})."
+        ) from (error)
     folder = target.parent
     if not folder.is_dir():
-        raise fail(target, f"cannot be written: there is no folder {shown(folder)}. Create it first.")
+        raise fail(target, f"cannot be written: there is no folder {printable(folder)}. Create it first.")
     if target.is_dir() and not folder_marks:
         raise fail(target, "cannot be written: this is a folder. Name a file in it.")
     if target.is_dir() and not any((target / name).is_file() for name in folder_marks):
@@ -224,9 +224,9 @@ def check_target(
             raise fail(target, "cannot be written: this is a file, and the format is a folder. Choose another name.")
         raise fail(target, "cannot be written: this is a device or pipe, not a file.")
     if exists and not overwrite:
-        raise _taken(target)
+        raise _changed_error(target)
     if not os.access(folder, os.W_OK | os.X_OK):
-        raise fail(target, f"cannot be written: the folder {shown(folder)} is read-only for you.")
+        raise fail(target, f"cannot be written: the folder {printable(folder)} is read-only for you.")
     if exists and not os.access(target, os.W_OK):
         raise fail(target, "cannot be written: the file is read-only. Choose another name or lift its protection.")
     free = shutil.disk_usage(folder).free
@@ -291,7 +291,7 @@ def atomic_write(
     except OSError as error:
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like: not ours
             raise
-        raise not_written(target, error, "an older file of this name is untouched") from error
+        raise write_error(target, error, "an older file of this name is untouched") from error
     finally:
         if temporary != target.parent:
             with suppress(OSError):
@@ -326,32 +326,36 @@ def atomic_folder(
     lock = None
     try:
         temporary.mkdir()
-        lock = hold_folder(temporary)
+        lock = lock_folder(temporary)
         yield temporary
         with _last_doubts.get()():
             publish_folder(temporary, target, overwrite=overwrite)
     except OSError as error:
         if isinstance(error, ValueError):
             raise
-        raise not_written(target, error, "an older one of this name is untouched") from error
+        raise write_error(target, error, "an older one of this name is untouched") from error
     finally:
         if lock is not None:
             os.close(lock)
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def not_written(target: Path, error: OSError, rest: str) -> VolumeFileError:
+def write_error(target: Path, error: OSError, rest: str) -> VolumeFileError:
     """The error that says why the system did not write a file or folder, and what is left.
 
     Examples
     --------
-    >>> str(not_written(Path("a.zarr"), OSError(errno.ENOSPC, "no space"), "an older one is untouched"))
+    >>> str(write_error(Path("a.zarr"), OSError(errno.ENOSPC, "no space"), "an older one is untouched"))
     'a.zarr: was not written, the disk (or your share of it) is full; an older one is untouched.'
     """
     # NumPy's tofile, which tifffile uses, counts what it wrote and gives no number of an error.
     is_short = error.errno is None and "requested and" in str(error)
     full = is_short or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-    why = "the disk (or your share of it) is full" if full else f"the system reports: {error.strerror or shown(error)}"
+    why = (
+        "the disk (or your share of it) is full"
+        if full
+        else f"the system reports: {error.strerror or printable(error)}"
+    )
     return fail(target, f"was not written, {why}; {rest}.")
 
 
@@ -361,7 +365,7 @@ def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
     with _last_doubts.get()():
         if target.exists():
             if not overwrite:
-                raise _taken(target)
+                raise _changed_error(target)
             target.rename(old)
         try:
             temporary.rename(target)
@@ -381,15 +385,15 @@ def _take_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
     try:
         target.hardlink_to(temporary)  # in one operation, as no rename can
     except FileExistsError:
-        raise _taken(target) from None
+        raise _changed_error(target) from None
     except (OSError, NotImplementedError):  # a file system without links
         if target.exists():
-            raise _taken(target) from None
+            raise _changed_error(target) from None
         temporary.replace(target)
 
 
-def _taken(target: Path) -> FileChangedError:
-    return FileChangedError(f"{shown(target.name)}: exists already and overwrite is False. Choose another name.")
+def _changed_error(target: Path) -> FileChangedError:
+    return FileChangedError(f"{printable(target.name)}: exists already and overwrite is False. Choose another name.")
 
 
 def temporary_name() -> str:
@@ -404,7 +408,7 @@ def _open_temporary(target: Path) -> tuple[Path, BinaryIO, int | None]:
         file = temporary.open("xb")
         if os.name == "nt":  # an open file can be neither renamed nor swept away there
             return temporary, file, None
-        lock = held(temporary, os.dup(file.fileno()))
+        lock = lock_open_file(temporary, os.dup(file.fileno()))
         if lock is not None:
             return temporary, file, lock
         file.close()
@@ -492,7 +496,7 @@ class KnownFiles:
             else "has been changed by someone else since it was opened or saved here"
         )
         raise FileChangedError(
-            f"{shown(Path(path).name)} {what}. Save under another name, or with overwrite=True to replace it."
+            f"{printable(Path(path).name)} {what}. Save under another name, or with overwrite=True to replace it."
         )
 
     @contextmanager

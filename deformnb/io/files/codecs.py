@@ -38,7 +38,7 @@ def _lzma(data: bytes, expected: int) -> bytes:
     return unpacked
 
 
-def _of_imagecodecs(name: str, more: int = 1) -> Callable[[bytes, int], bytes]:
+def _from_imagecodecs(name: str, more: int = 1) -> Callable[[bytes, int], bytes]:
     def unpack(data: bytes, expected: int) -> bytes:
         return bytes(getattr(optional_package("imagecodecs"), f"{name}_decode")(data, out=expected + more))
 
@@ -49,10 +49,10 @@ BYTES: dict[str, Callable[[bytes, int], bytes]] = {
     "none": lambda data, _expected: data,
     "deflate": _inflate,
     "lzma": _lzma,
-    "LZW": _of_imagecodecs("lzw"),  # which stops where its output is full: one byte more shows that there is more
-    "PackBits": _of_imagecodecs("packbits"),
-    "zstd": _of_imagecodecs("zstd"),
-    "lz4": _of_imagecodecs("lz4", 0),
+    "LZW": _from_imagecodecs("lzw"),  # which stops where its output is full: one byte more shows that there is more
+    "PackBits": _from_imagecodecs("packbits"),
+    "zstd": _from_imagecodecs("zstd"),
+    "lz4": _from_imagecodecs("lz4", 0),
 }
 """Codecs of bytes: each is given the data and how many bytes they must be, and returns at most one byte more."""
 

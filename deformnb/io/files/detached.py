@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import regular_file
 
 
@@ -21,18 +21,20 @@ def detached_file(header: Path, name: str) -> Path:
     if not plain or "\0" in plain or ".." in parts or not parts[0] or os.path.isabs(plain) or ":" in parts[0]:
         raise fail(
             header,
-            f"its data file '{shown(plain)}' is not in the header's own folder, so it is not read. "
+            f"its data file '{printable(plain)}' is not in the header's own folder, so it is not read. "
             "Put both files into one folder and name it without a path.",
         )
     target = header.parent.joinpath(*parts)
     try:
         inside = target.resolve().is_relative_to(header.parent.resolve())
     except (OSError, RuntimeError, ValueError) as error:
-        raise fail(header, f"its data file '{shown(plain)}' is not a usable name ({error}).") from error
+        raise fail(header, f"its data file '{printable(plain)}' is not a usable name ({error}).") from error
     if not inside:
-        raise fail(header, f"its data file '{shown(plain)}' is a link out of the header's own folder; it is not read.")
+        raise fail(
+            header, f"its data file '{printable(plain)}' is a link out of the header's own folder; it is not read."
+        )
     if not target.exists():
-        raise fail(header, f"its data file '{shown(plain)}' is missing; it belongs next to the header.")
+        raise fail(header, f"its data file '{printable(plain)}' is missing; it belongs next to the header.")
     if target.resolve() == header.resolve():
         raise fail(header, "it names itself as its data file.")
     return regular_file(target)
@@ -66,7 +68,7 @@ def numbered_names(header: Path, pattern: str) -> tuple[list[str], int | None]:
     if found is None or name.count("%") != 1:
         raise fail(
             header,
-            f"its data file '{shown(pattern)}' should be a name, or a pattern of names with the first "
+            f"its data file '{printable(pattern)}' should be a name, or a pattern of names with the first "
             "and the last number and a step, such as slice%03d.raw 1 20 1.",
         )
     first, last, step = int(found[2]), int(found[3]), int(found[4] or 1)
@@ -136,7 +138,7 @@ def detached_proof(crc: int) -> str:
     return f"deformnb data crc32 {crc:08x}"
 
 
-def proven_crc(comments: str, data_file: str) -> int | None:
+def stated_crc(comments: str, data_file: str) -> int | None:
     """The checksum of the data file in a header's comments; None if there is none.
 
     A program that reads our header and writes other voxels may keep the comments, but gives the data file a name of

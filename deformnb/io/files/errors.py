@@ -13,12 +13,12 @@ from pathlib import Path
 from deformnb.errors import Cancelled, DeformError, VolumeFileError
 
 
-def shown(text: object, limit: int = 120) -> str:
+def printable(text: object, limit: int = 120) -> str:
     r"""Text from outside made fit for a message: no control characters, no end of line, not too long.
 
     Examples
     --------
-    >>> print(shown("a\x1b[31m b"))
+    >>> print(printable("a\x1b[31m b"))
     a\x1b[31m b
     """
     try:
@@ -32,7 +32,7 @@ def shown(text: object, limit: int = 120) -> str:
 
 def fail(path: Path, why: str) -> VolumeFileError:
     """The error with the file and the reason."""
-    return VolumeFileError(f"{shown(path.name or path)}: {why}")
+    return VolumeFileError(f"{printable(path.name or path)}: {why}")
 
 
 # What damaged files and failing disks raise below this level; anything else is a case that nobody has foreseen.
@@ -76,7 +76,7 @@ class Damage:
             why = (
                 "its text is not UTF-8"
                 if isinstance(error, UnicodeError)
-                else shown(error).rstrip(".") or type(error).__name__
+                else printable(error).rstrip(".") or type(error).__name__
             )
             raise fail(self._path, f"it cannot be read: {why}.") from error
         if isinstance(error, DeformError) and not isinstance(error, (VolumeFileError, ImportError)):
@@ -84,7 +84,7 @@ class Damage:
         if isinstance(error, Exception) and not isinstance(error, (DeformError, Cancelled, Warning)):
             raise fail(
                 self._path,
-                f"it cannot be read, {UNFORESEEN} ({type(error).__name__}: {shown(error)}); please "
+                f"it cannot be read, {UNFORESEEN} ({type(error).__name__}: {printable(error)}); please "
                 "report it with the file.",
             ) from error
 
@@ -97,7 +97,7 @@ def unpacking(path: Path) -> Iterator[None]:
     except (MemoryError, DeformError):
         raise
     except Exception as error:
-        raise fail(path, f"it cannot be read: {shown(error) or type(error).__name__}.") from error
+        raise fail(path, f"it cannot be read: {printable(error) or type(error).__name__}.") from error
 
 
 def human_bytes(count: int) -> str:

@@ -114,14 +114,14 @@ def _cgroups(root: Path) -> list[tuple[Path, str]]:
         if group is None:
             continue
         # A container may see a part of the tree only: then the path begins with that part's own, or leads out of it.
-        shown, mount = PurePosixPath(fields[3]), root / _unescaped(fields[4]).lstrip("/")
+        shown, mount = PurePosixPath(fields[3]), root / _unescape(fields[4]).lstrip("/")
         path = PurePosixPath(group)
         inner = path.relative_to(shown) if path.is_relative_to(shown) and ".." not in path.parts else PurePosixPath()
         found += [(mount / part, kind) for part in (inner, *inner.parents)]
     return found
 
 
-def _unescaped(path: str) -> str:
+def _unescape(path: str) -> str:
     """A path of mountinfo, where blanks are written as octal numbers."""
     return re.sub(r"\\([0-7]{3})", lambda match: chr(int(match[1], 8)), path)
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from deformnb.errors import VolumeFileError
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 
 
 def as_path(path: str | os.PathLike[str]) -> Path:
@@ -14,7 +14,7 @@ def as_path(path: str | os.PathLike[str]) -> Path:
     try:
         return Path(path).expanduser()
     except (TypeError, RuntimeError) as error:
-        raise VolumeFileError(f"{shown(path)}: this is not the path of a file ({shown(error)}).") from error
+        raise VolumeFileError(f"{printable(path)}: this is not the path of a file ({printable(error)}).") from error
 
 
 def regular_file(path: Path) -> Path:
@@ -24,7 +24,8 @@ def regular_file(path: Path) -> Path:
             return path
         exists = path.exists()
     except (OSError, ValueError) as error:
-        raise VolumeFileError(f"{shown(path)!r} is not a usable path ({shown(error)}).") from error
+        raise VolumeFileError(f"{printable(path)!r} is not a usable path ({printable(error)}).") from error
     raise fail(
-        path, "this is not a plain file." if exists else f"there is no such file in {shown(path.absolute().parent)}."
+        path,
+        "this is not a plain file." if exists else f"there is no such file in {printable(path.absolute().parent)}.",
     )

@@ -185,7 +185,7 @@ LEVEL = 1
 _PACKED_SHARE = 0.25
 
 
-def packed(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memoryview]:
+def compress(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memoryview]:
     """The pieces, as they are ("raw") or compressed ("gzip", "zlib")."""
     if encoding == "raw":
         yield from pieces

@@ -6,7 +6,7 @@ import codecs
 import re
 from pathlib import Path
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
@@ -23,7 +23,7 @@ WESTERN = "its text is not UTF-8 and was read as Windows-1252 (Western European)
 """The note on a file of older programs, whose letters beyond ASCII may be others."""
 
 
-def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
+def decode_text(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
     r"""The text of a file's bytes with ``\n`` at the ends of lines, and a note where the encoding was a guess.
 
     A byte order mark names UTF-8, UTF-16 or UTF-32; without one the text is UTF-8, and what is none is Windows-1252.
@@ -35,9 +35,9 @@ def decoded(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
 
     Examples
     --------
-    >>> decoded(Path("a.csv"), "\u00d6se".encode("utf-16")) == ("\u00d6se", ())
+    >>> decode_text(Path("a.csv"), "\u00d6se".encode("utf-16")) == ("\u00d6se", ())
     True
-    >>> decoded(Path("a.csv"), "\u00d6se".encode("cp1252"))[1] == (WESTERN,)
+    >>> decode_text(Path("a.csv"), "\u00d6se".encode("cp1252"))[1] == (WESTERN,)
     True
     """
     for mark, encoding in _MARKS:
@@ -73,7 +73,7 @@ def integers(path: Path, field: str, text: str, count: int | None = None) -> lis
     words = text.split()
     if (count is not None and len(words) != count) or len(words) > 100 or not all(map(_INTEGER.fullmatch, words)):
         expected = "whole numbers" if count is None else f"{count} whole number{'s' * (count != 1)}"
-        raise fail(path, f"the field '{field}' should be {expected} but is '{shown(text)}'.")
+        raise fail(path, f"the field '{field}' should be {expected} but is '{printable(text)}'.")
     return [int(word) for word in words]
 
 
@@ -86,5 +86,5 @@ def floats(path: Path, field: str, text: str, count: int | None = None) -> list[
         numbers = []
     if len(numbers) != (len(words) if count is None else count):
         expected = "numbers" if count is None else f"{count} number{'s' * (count != 1)}"
-        raise fail(path, f"the field '{field}' should be {expected} but is '{shown(text)}'.")
+        raise fail(path, f"the field '{field}' should be {expected} but is '{printable(text)}'.")
     return numbers

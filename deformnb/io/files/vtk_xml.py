@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import MissingPackageError, VolumeFileError
 from deformnb.io.files.codecs import unpack_bytes
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.streams import Pieces, Stream, from_text, take
 from deformnb.io.files.texts import integers
 
@@ -55,7 +55,7 @@ class Tag:
     begin: int = -1
     end: int = -1
 
-    def within(self, name: str) -> bool:
+    def is_inside(self, name: str) -> bool:
         """True if the tag around it has this name."""
         return self.parent is not None and self.parent.name == name
 
@@ -83,12 +83,12 @@ class VtkXml:
     def __post_init__(self) -> None:
         self._scan()
         if not self.tags or self.tags[0].name != "VTKFile" or self.first(self.kind) is None:
-            raise fail(self.path, f"this is no {self._called} file (tags VTKFile and {self.kind}).")
+            raise fail(self.path, f"this is no {self._label} file (tags VTKFile and {self.kind}).")
         if self.root.get("type") != self.kind:
-            raise fail(self.path, f"its type is '{shown(self.root.get('type'))}', and its data are {self.kind}.")
+            raise fail(self.path, f"its type is '{printable(self.root.get('type'))}', and its data are {self.kind}.")
         order = {"LittleEndian": "<", "BigEndian": ">"}.get(self.root.get("byte_order", "LittleEndian"))
         if order is None:
-            raise fail(self.path, f"the byte_order '{shown(self.root['byte_order'])}' is unknown.")
+            raise fail(self.path, f"the byte_order '{printable(self.root['byte_order'])}' is unknown.")
         self.order = order
 
     @property
@@ -97,7 +97,7 @@ class VtkXml:
         return self.tags[0].attributes
 
     @property
-    def _called(self) -> str:
+    def _label(self) -> str:
         return self.path.suffix[1:].upper()
 
     def _scan(self) -> None:
@@ -117,15 +117,15 @@ class VtkXml:
         except VolumeFileError:
             raise
         except (expat.ExpatError, ValueError, LookupError) as error:  # the others: encodings that expat does not know
-            raise fail(self.path, f"this is no {self._called} file, or damaged XML ({shown(error)}).") from error
+            raise fail(self.path, f"this is no {self._label} file, or damaged XML ({printable(error)}).") from error
 
     def _refuse_doctype(self) -> None:
-        raise fail(self.path, f"its XML has a document type, which {self._called} files never have; it is not read.")
+        raise fail(self.path, f"its XML has a document type, which {self._label} files never have; it is not read.")
 
     def _start(self, parser: Any, name: str, attributes: dict[str, str]) -> None:
         if len(self.tags) >= _MOST_TAGS or len(self._open) > _DEEPEST:
             raise fail(
-                self.path, f"its XML has more than {_MOST_TAGS} tags or deep nesting; it is no {self._called} file."
+                self.path, f"its XML has more than {_MOST_TAGS} tags or deep nesting; it is no {self._label} file."
             )
         around = self._open[-1] if self._open else None
         if around is not None and around.begin >= 0 and around.end < 0:
@@ -155,10 +155,10 @@ class VtkXml:
         """The type of an array's numbers as stored."""
         name = tag.attributes.get("type", "")
         if name not in TYPES:
-            raise fail(self.path, f"the array's type '{shown(name)}' is not supported; save plain numbers.")
+            raise fail(self.path, f"the array's type '{printable(name)}' is not supported; save plain numbers.")
         return np.dtype(self.order + TYPES[name])
 
-    def stored(self, tag: Tag, count: int) -> StoredArray:
+    def locate_array(self, tag: Tag, count: int) -> StoredArray:
         """Locate ``count`` numbers of an array in the file; refuses an array that cannot be read."""
         return StoredArray(self, tag, self.dtype(tag), count)
 
@@ -175,11 +175,11 @@ class StoredArray:
     def __post_init__(self) -> None:
         path, root, form = self.file.path, self.file.root, self.tag.attributes.get("format", "")
         if form not in ("ascii", "binary", "appended"):
-            raise fail(path, f"an array has the unknown format '{shown(form)}'; save it as binary.")
+            raise fail(path, f"an array has the unknown format '{printable(form)}'; save it as binary.")
         if root.get("compressor", "") not in ("", *_CODECS):
-            raise fail(path, f"the compressor {shown(root['compressor'])} is not supported; save with zlib.")
+            raise fail(path, f"the compressor {printable(root['compressor'])} is not supported; save with zlib.")
         if root.get("header_type", "UInt32") not in ("UInt32", "UInt64"):
-            raise fail(path, f"the header_type {shown(root['header_type'])} is unknown.")
+            raise fail(path, f"the header_type {printable(root['header_type'])} is unknown.")
         appended = self.file.appended
         if form == "appended" and (appended is None or appended[0] not in ("raw", "base64")):
             raise fail(path, "its numbers should be appended, but there are no appended raw or base64 data.")
@@ -224,7 +224,7 @@ class StoredArray:
         sections = _RawSections(file, end) if raw else _Base64Sections(file, end)
         number = np.dtype(self.file.order + ("u8" if self.file.root.get("header_type") == "UInt64" else "u4"))
         if self.file.root.get("compressor"):
-            yield from self._unpacked(sections, number)
+            yield from self._unpack(sections, number)
         else:
             yield from self._plain(sections, number)
 
@@ -275,7 +275,7 @@ class StoredArray:
             size -= len(data)
             yield data
 
-    def _unpacked(self, sections: _Sections, number: np.dtype[Any]) -> Iterator[bytes]:
+    def _unpack(self, sections: _Sections, number: np.dtype[Any]) -> Iterator[bytes]:
         blocks, block, last = (int(n) for n in self._counts(sections, number, 3))
         full = blocks - 1 if last else blocks
         size = full * block + last

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.warping.points import Landmarks
 
 _MISSING = frozenset(
@@ -94,10 +94,10 @@ def finite_number(path: Path, word: Any, where: str) -> float:
     try:
         value = float(word)
     except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
-        what = "nothing" if word is None else repr(shown(word, 20))
+        what = "nothing" if word is None else repr(printable(word, 20))
         raise fail(path, f"{where}: {what} stands where a number is expected.") from None
     if not math.isfinite(value):
-        raise fail(path, f"{where}: {shown(word, 20)} is not finite.")
+        raise fail(path, f"{where}: {printable(word, 20)} is not finite.")
     return value
 
 
@@ -135,11 +135,11 @@ def without_missing(
             if not len(places)
             else f"there is no landmark in it that has a place: all {len(places)} are missing.",
         )
-    remarks = [*([] if is_left.all() else [_counted(np.flatnonzero(~is_left) + 1, "missing and left out")]), *notes]
+    remarks = [*([] if is_left.all() else [_count_text(np.flatnonzero(~is_left) + 1, "missing and left out")]), *notes]
     if partners is not None:
         partners = np.where(is_open[:, None], np.nan, partners)
     if is_open[is_left].any() and not is_open.all():
-        remarks.append(_counted(np.flatnonzero(is_open & is_left) + 1, "without a fixed place"))
+        remarks.append(_count_text(np.flatnonzero(is_open & is_left) + 1, "without a fixed place"))
     kept_names = tuple(name for name, on in zip(names, is_left.tolist(), strict=bool(names)) if on)
     return Landmarks(
         places[is_left],
@@ -154,7 +154,7 @@ def _complete(places: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(places).all(axis=1))
 
 
-def _counted(numbers: NDArray[np.int64], what: str) -> str:
+def _count_text(numbers: NDArray[np.int64], what: str) -> str:
     """Such as "2 landmarks are missing and left out: 3, 7"."""
     named = ", ".join(map(str, numbers[:_NAMED].tolist())) + (", ..." if len(numbers) > _NAMED else "")
     count = "1 landmark is" if len(numbers) == 1 else f"{len(numbers)} landmarks are"

@@ -20,16 +20,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import Damage, fail, shown
+from deformnb.io.files.errors import Damage, fail, printable
 from deformnb.io.files.paths import as_path, regular_file
-from deformnb.io.files.texts import LONGEST_TABLE, decoded
+from deformnb.io.files.texts import LONGEST_TABLE, decode_text
 from deformnb.io.landmarks.coordinates import coordinates
 from deformnb.io.landmarks.json_files import (
+    detect_landmarks,
     from_slicer,
-    holds_landmarks,
     is_ras,
     read_json,
     write_bigwarp_json,
@@ -118,7 +118,7 @@ def read_landmarks(path: str | os.PathLike[str]) -> Landmarks:
     with Damage(place, "leave out what is no landmark"):
         if place.stat().st_size > _LONGEST:
             raise fail(place, "it is far too large for a file of landmarks.")
-        text, notes = decoded(place, place.read_bytes())
+        text, notes = decode_text(place, place.read_bytes())
         found = row.read(place, text)
         return replace(found, notes=(*found.notes, *notes)) if notes else found
 
@@ -128,7 +128,7 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
     place, found = Path(path), read_landmarks(path)
     low, high = (", ".join(f"{c:.6g}" for c in end) for end in (found.points.min(axis=0), found.points.max(axis=0)))
     rows = {
-        "file": shown(place.name),
+        "file": printable(place.name),
         "kind": check_landmark_target(place).description,
         "landmarks": str(len(found)),
         "from": low,
@@ -185,7 +185,7 @@ def landmark_suffixes() -> str:
 def _row(path: Path) -> LandmarkFormat | None:
     name = path.name.lower()
     found = next((row for row in LANDMARK_FORMATS.values() if name.endswith(row.suffix)), None)
-    if found is None and name.endswith(".json") and (kind := holds_landmarks(path)):
+    if found is None and name.endswith(".json") and (kind := detect_landmarks(path)):
         return LANDMARK_FORMATS[kind]
     return found
 
@@ -338,9 +338,9 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
     (('tail', 'fin'), [[3.0, 4.0], [5.0, 6.0]], (0,), (1,))
     """
     if not isinstance(text, str):
-        raise DeformError(f"points are read from text, got {shown_value(text)}.")
+        raise DeformError(f"points are read from text, got {short_value(text)}.")
     if not isinstance(into, ControlPoints):
-        raise DeformError(f"points are read into ControlPoints, got {shown_value(into)}.")
+        raise DeformError(f"points are read into ControlPoints, got {short_value(into)}.")
     if len(text) > LONGEST_TABLE:
         raise DeformError(f"the text has {len(text)} characters; at most {LONGEST_TABLE} are read.")
     rows = _rows(text)
@@ -348,10 +348,10 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
         raise DeformError("there are no points in the text: it is empty.")
     names = [cell.lower() for cell in rows[0]]
     if "source_a" in names or "source_x" in names:
-        records = [_named(number, names, row, into.dim) for number, row in enumerate(rows[1:], 2)]
+        records = [_label_fields(number, names, row, into.dim) for number, row in enumerate(rows[1:], 2)]
     else:
         records = [_nameless(number, row, into.dim) for number, row in enumerate(rows, 1)]
-    return _merged(into, records)
+    return _merge(into, records)
 
 
 def _rows(text: str) -> list[list[str]]:
@@ -363,11 +363,11 @@ def _rows(text: str) -> list[list[str]]:
     except csv.Error as error:
         raise DeformError(f"the text is no table: {error}.") from None
     if delimiter != ",":  # where a comma is no column it is a decimal point, in spreadsheets of half the world
-        rows = [[_with_point(cell) for cell in row] for row in rows]
+        rows = [[_use_decimal_point(cell) for cell in row] for row in rows]
     return [row for row in rows if any(row)]
 
 
-def _with_point(cell: str) -> str:
+def _use_decimal_point(cell: str) -> str:
     dotted = cell.replace(",", ".", 1)
     try:
         float(dotted)
@@ -376,7 +376,7 @@ def _with_point(cell: str) -> str:
     return dotted
 
 
-def _named(number: int, names: list[str], row: list[str], dim: int) -> dict[str, Any]:
+def _label_fields(number: int, names: list[str], row: list[str], dim: int) -> dict[str, Any]:
     if len(row) > len(names):
         raise DeformError(f"row {number} has {len(row)} columns, the line of names {len(names)}.")
     given = {name: cell for name, cell in zip(names, row, strict=False) if cell}
@@ -384,12 +384,12 @@ def _named(number: int, names: list[str], row: list[str], dim: int) -> dict[str,
     for which in ("source", "target"):
         cells = [given.get(f"{which}_{axis}") for axis in _AXES[dim]]
         if any(cells):
-            record[which] = [parsed_number(cell or "", f"the {which} of row {number}") for cell in cells]
+            record[which] = [parse_number(cell or "", f"the {which} of row {number}") for cell in cells]
     if "source" not in record and "id" not in given:
-        raise DeformError(f"row {number} has no source; points of this set need {_wanted(dim)}.")
+        raise DeformError(f"row {number} has no source; points of this set need {_expected_columns(dim)}.")
     for key in ("weight", "radius"):
         if key in given:
-            record[key] = parsed_number(given[key], f"the {key} of row {number}")
+            record[key] = parse_number(given[key], f"the {key} of row {number}")
     for key in ("active", "locked"):
         if key in given:
             record[key] = _flag(given[key], f"'{key}' of row {number}")
@@ -409,18 +409,18 @@ def _nameless(number: int, row: list[str], dim: int) -> dict[str, Any]:
         row = row[2:]
     if len(row) not in (dim, 2 * dim):
         raise DeformError(
-            f"row {number} has {len(row)} columns; points of this set are {_wanted(dim)}, twice as many "
+            f"row {number} has {len(row)} columns; points of this set are {_expected_columns(dim)}, twice as many "
             "with a target, or rows under a line of names such as "
             f"source_{_AXES[dim][0]}."
         )
-    places = [parsed_number(cell, f"row {number}") for cell in row]
+    places = [parse_number(cell, f"row {number}") for cell in row]
     record["source"] = places[:dim]
     if len(places) > dim:
         record["target"] = places[dim:]
     return record
 
 
-def _wanted(dim: int) -> str:
+def _expected_columns(dim: int) -> str:
     return f"{' and '.join(_AXES[dim])} ({dim} numbers)"
 
 
@@ -430,10 +430,10 @@ def _flag(cell: str, what: str) -> bool:
     return cell.lower() in _TRUE
 
 
-def parsed_number(text: str, what: str) -> float:
+def parse_number(text: str, what: str) -> float:
     """A finite number that somebody wrote.
 
-    >>> parsed_number(" 2.5", "the weight")
+    >>> parse_number(" 2.5", "the weight")
     2.5
     """
     try:
@@ -445,7 +445,7 @@ def parsed_number(text: str, what: str) -> float:
     return value
 
 
-def _merged(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
+def _merge(into: ControlPoints, records: list[dict[str, Any]]) -> ReadPoints:
     columns: dict[str, list[Any]] = {
         name: list(getattr(into, name)) for name in ("source", "target", "active", "weight", "locked", "radius")
     }

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from deformnb.errors import VolumeFileError
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.landmarks.coordinates import coordinates, without_missing
 from deformnb.volume.units import UNITS, find_unit, ratio
 from deformnb.warping.points import Landmarks
@@ -24,7 +24,7 @@ _TO_LPS = np.array([-1.0, -1.0, 1.0])
 _START = 1 << 16  # bytes in which the names of a file's first keys stand
 
 
-def holds_landmarks(path: Path) -> str | None:
+def detect_landmarks(path: Path) -> str | None:
     """The kind of landmarks ("markups" or "bigwarp json") that a .json file holds, by its first keys; None for none."""
     try:
         if not path.is_file():  # a pipe would wait for ever
@@ -118,7 +118,7 @@ def write_bigwarp_json(landmarks: Landmarks) -> str:
 def is_ras(path: Path, word: Any) -> bool:
     """True for RAS, False for LPS, as Slicer names coordinate systems."""
     if str(word) not in _RAS:
-        raise fail(path, f"its coordinate system '{shown(word, 20)}' is neither LPS nor RAS.")
+        raise fail(path, f"its coordinate system '{printable(word, 20)}' is neither LPS nor RAS.")
     return _RAS[str(word)]
 
 
@@ -167,7 +167,7 @@ def _unit(path: Path, markup: dict[str, Any]) -> str:
 
 
 def _unknown_unit(path: Path, given: Any) -> VolumeFileError:
-    return fail(path, f"its unit {shown(given, 40)} is not known; known are {', '.join(UNITS)}.")
+    return fail(path, f"its unit {printable(given, 40)} is not known; known are {', '.join(UNITS)}.")
 
 
 _ORIENTATION = [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0]  # the axes of RAS in LPS, which Morpho's reader needs

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.landmarks.coordinates import coordinates, is_comment, is_missing, without_missing
 from deformnb.volume.units import find_unit, ratio
 from deformnb.warping.points import Landmarks
@@ -79,7 +79,7 @@ def _rows(text: str) -> TableRows:
     kept = [(number, row) for number, row in rows if any(row) and not is_comment(row[0])]
     if delimiter != ",":  # where a comma is no column it is a decimal point, in spreadsheets of half the world
         has_thousands = any(map(_THOUSANDS.fullmatch, (cell for _, row in kept for cell in row)))
-        kept = [(number, [_with_point(cell, has_thousands) for cell in row]) for number, row in kept]
+        kept = [(number, [_use_decimal_point(cell, has_thousands) for cell in row]) for number, row in kept]
     return kept
 
 
@@ -88,7 +88,7 @@ _THOUSANDS = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d+")
 _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d+)?")
 
 
-def _with_point(cell: str, has_thousands: bool) -> str:
+def _use_decimal_point(cell: str, has_thousands: bool) -> str:
     """A number with a decimal point instead of a comma; anything else as it is."""
     if has_thousands and _GROUPED.fullmatch(cell):
         cell = cell.replace(".", "")
@@ -126,7 +126,7 @@ def _read_bigwarp(path: Path, rows: TableRows) -> Landmarks:
             )
         if row[1].lower() not in ("true", "false"):
             raise fail(
-                path, f"line {number}, column 2: {shown(row[1], 20)!r} stands where BigWarp writes true or false."
+                path, f"line {number}, column 2: {printable(row[1], 20)!r} stands where BigWarp writes true or false."
             )
         names.append(row[0])
         active.append(row[1].lower() == "true")
@@ -224,7 +224,7 @@ def _columns(path: Path, line: int, heading: list[str]) -> _Columns:
         raise fail(
             path,
             f"line {line} names no columns x, y and z (or x and y), nor as many for fixed places: "
-            f"{shown(', '.join(heading), 100)}.",
+            f"{printable(', '.join(heading), 100)}.",
         )
     taken = {k for k, _ in (*found.moving.values(), *found.fixed.values())}
     joined = ["_".join(one) for one in words]
@@ -256,7 +256,8 @@ def _words(path: Path, line: int, k: int, cell: str, units: dict[int, str]) -> l
     if last in _VOXELS:
         raise fail(
             path,
-            f"line {line}, column {k + 1}: {shown(cell, 30)!r} is in voxels, which have no place without their volume.",
+            f"line {line}, column {k + 1}: {printable(cell, 30)!r} is in voxels, "
+            "which have no place without their volume.",
         )
     known = find_unit(last)
     if known:

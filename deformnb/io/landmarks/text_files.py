@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.landmarks.coordinates import coordinates, finite_number, is_comment, is_missing, without_missing
 from deformnb.warping.points import Landmarks
 
@@ -39,7 +39,7 @@ def _pair(
                 f"{fixed.shape[1]} coordinates; they must be the same ones.",
             )
     elif len(specimens) > 2:
-        title = f", {shown(titles[0], 40)}" if titles[0] else ""
+        title = f", {printable(titles[0], 40)}" if titles[0] else ""
         notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs", *notes)
     return without_missing(path, first, fixed, notes=notes)
 
@@ -65,7 +65,7 @@ def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[i
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(,\d+)?([eE][-+]?\d+)?")
 
 
-def _numbered(text: str) -> list[tuple[int, str]]:
+def _number_lines(text: str) -> list[tuple[int, str]]:
     """The lines of a text that are not empty, with their numbers."""
     return [(number, line) for number, line in enumerate(text.split("\n"), 1) if line.strip()]
 
@@ -85,7 +85,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
         at += 1
         if not sign:
             if key:
-                raise fail(path, f"line {at} is '{shown(key, 30)}' where TPS has a key such as LM= or ID=.")
+                raise fail(path, f"line {at} is '{printable(key, 30)}' where TPS has a key such as LM= or ID=.")
             continue
         name = key.upper()
         if name in ("LM", "LM3", "POINTS", "POINTS3"):
@@ -127,7 +127,7 @@ def _scale(path: Path, value: str, line: int, notes: dict[str, None]) -> float:
         return 1.0
     scale = finite_number(path, value.replace(",", "."), f"line {line}, the scale")
     if not scale > 0:
-        raise fail(path, f"line {line}, the scale: {shown(value, 20)} is not above 0.")
+        raise fail(path, f"line {line}, the scale: {printable(value, 20)} is not above 0.")
     return scale
 
 
@@ -135,21 +135,21 @@ def write_tps(landmarks: Landmarks) -> str:
     """One specimen, or two where there are fixed places; doubled and with a scale where one lies at -1 -1."""
     key = "LM3" if landmarks.points.shape[1] == 3 else "LM"
     factor = 1.0
-    while any((factor * places == -1).all(axis=1).any() for _, places in _titled(landmarks)):
+    while any((factor * places == -1).all(axis=1).any() for _, places in _with_titles(landmarks)):
         factor *= 2  # a power of two, so that no digit changes
     scale = "" if factor == 1 else f"SCALE={1 / factor!r}\n"
     return "".join(
-        f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}" for title, places in _titled(landmarks)
+        f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}" for title, places in _with_titles(landmarks)
     )
 
 
 def _count(path: Path, word: str, line: int) -> int:
     if not word.isdecimal() or len(word) > 7:
-        raise fail(path, f"line {line} has '{shown(word, 20)}' where a count of landmarks is expected.")
+        raise fail(path, f"line {line} has '{printable(word, 20)}' where a count of landmarks is expected.")
     return int(word)
 
 
-def _titled(landmarks: Landmarks) -> list[tuple[str, NDArray[np.float64]]]:
+def _with_titles(landmarks: Landmarks) -> list[tuple[str, NDArray[np.float64]]]:
     second = [] if landmarks.fixed is None else [("fixed", landmarks.fixed)]
     return [("moving" if second else "specimen", landmarks.points), *second]
 
@@ -163,7 +163,7 @@ def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
 
 def read_nts(path: Path, text: str) -> Landmarks:
     """Landmarks of an NTS file: ``1 specimens numbers 0 dim=3``, or ``1 9999`` for the 0 where 9999 stands for none."""
-    lines = [(number, line) for number, line in _numbered(text) if not line.lstrip().startswith(('"', "'"))]
+    lines = [(number, line) for number, line in _number_lines(text) if not line.lstrip().startswith(('"', "'"))]
     found = re.fullmatch(
         r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+(\S+))?\s+dim\s*=\s*([23])\s*",
         lines[0][1] if lines else "",
@@ -196,7 +196,7 @@ def read_nts(path: Path, text: str) -> Landmarks:
 
 def write_nts(landmarks: Landmarks) -> str:
     """One specimen, or two where there are fixed places; a line to a landmark, as IDAV's programs read it too."""
-    titled, (count, dim) = _titled(landmarks), landmarks.points.shape
+    titled, (count, dim) = _with_titles(landmarks), landmarks.points.shape
     values = np.concatenate([places for _, places in titled])
     missing = 9999
     while (values == missing).any():  # which stands for a landmark that was not found
@@ -221,7 +221,7 @@ def read_txt(path: Path, text: str) -> Landmarks:
 
 def _read_morphologika(path: Path, text: str) -> Landmarks:
     sections: dict[str, list[tuple[int, str]]] = {}
-    for number, line in _numbered(text):
+    for number, line in _number_lines(text):
         if heading := re.fullmatch(r"\s*\[(.+?)\]\s*", line):
             sections[heading[1].strip().lower()] = []
         elif sections:
@@ -248,7 +248,7 @@ def _read_morphologika(path: Path, text: str) -> Landmarks:
 
 def write_morphologika(landmarks: Landmarks) -> str:
     """One individual, or two where there are fixed places."""
-    titled, (count, dim) = _titled(landmarks), landmarks.points.shape
+    titled, (count, dim) = _with_titles(landmarks), landmarks.points.shape
     names = "".join(f"{title}\n" for title, _ in titled)
     points = "".join(f"'{title}\n{_rows(places)}" for title, places in titled)
     return (
@@ -258,7 +258,7 @@ def write_morphologika(landmarks: Landmarks) -> str:
 
 
 def _read_elastix(path: Path, text: str) -> Landmarks:
-    lines = _numbered(text)
+    lines = _number_lines(text)
     kind = lines[0][1].strip() if len(lines) > 1 else ""
     if kind not in ("point", "index"):
         raise fail(
@@ -276,7 +276,7 @@ def _read_elastix(path: Path, text: str) -> Landmarks:
 def _read_transformix(path: Path, text: str) -> Landmarks:
     """Points that transformix mapped (outputpoints.txt): where they were, and as fixed places where they went."""
     found: dict[str, list[tuple[int, str]]] = {"InputPoint": [], "OutputPoint": []}
-    for number, line in _numbered(text):
+    for number, line in _number_lines(text):
         for name, rows in found.items():
             place = re.search(rf"{name}\s*=\s*\[([^\]]*)\]", line)
             if place is None:
@@ -295,7 +295,7 @@ def write_txt(landmarks: Landmarks) -> str:
 
 def read_xyz(path: Path, text: str) -> Landmarks:
     """Places in space, one to a line; a fourth number, as of particles, is left out with a note."""
-    rows = [(number, line) for number, line in _numbered(text) if not is_comment(line)]
+    rows = [(number, line) for number, line in _number_lines(text) if not is_comment(line)]
     values = _number_rows(path, rows, (3, 4))
     notes = ("the fourth number of each line was left out",) if values.shape[1] == 4 else ()
     return _pair(path, [values[:, :3]], [""], notes)
@@ -315,7 +315,7 @@ def read_prm(path: Path, text: str) -> Landmarks:
     """Control points before and after of a PyGeM parameter file; its kernel and radius are not read."""
     found: dict[str, list[tuple[int, str]]] = {}
     key = ""
-    for number, line in _numbered(text):
+    for number, line in _number_lines(text):
         name, sign, rest = line.partition(":")
         if is_comment(line) or line.lstrip().startswith("["):
             continue

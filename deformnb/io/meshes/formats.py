@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import Damage, fail, human_bytes, shown
+from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.meshes.obj import read_obj, write_obj
@@ -113,7 +113,7 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
     row = _row(place)
     assert row is not None
     return {
-        "file": shown(place.name),
+        "file": printable(place.name),
         "kind": row.description,
         "corners": str(len(mesh.points)),
         "faces": str(len(mesh.faces)),

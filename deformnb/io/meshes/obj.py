@@ -9,7 +9,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.meshes.polygons import CUT_SHORT, Polygons
 from deformnb.warping.mesh import Mesh
 
@@ -30,7 +30,9 @@ def read_obj(path: Path) -> Polygons:
             for word in words:
                 number = word.split(b"/", 1)[0]
                 if re.fullmatch(rb"-?[1-9][0-9]{0,17}", number) is None:
-                    raise fail(path, f"the corner '{shown(word.decode('ascii', 'replace'), 30)}' of a face is none.")
+                    raise fail(
+                        path, f"the corner '{printable(word.decode('ascii', 'replace'), 30)}' of a face is none."
+                    )
                 corners.append(int(number) - 1 if int(number) > 0 else len(points) + int(number))
     if promised not in (None, (len(points), len(counts))):  # files of other programs do not mark their end
         raise fail(path, f"its first line promises other numbers of corners and faces than it has: {CUT_SHORT}.")

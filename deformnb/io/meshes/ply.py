@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.meshes.polygons import CUT_SHORT, Polygons, whole_numbers
 from deformnb.warping.mesh import Mesh
 
@@ -98,7 +98,7 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
             case [] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case _:
-                raise fail(path, f"the line '{shown(line, 60)}' of its header is not understood.")
+                raise fail(path, f"the line '{printable(line, 60)}' of its header is not understood.")
     if order is None:
         raise fail(path, "its header has no line format of a kind that is known.")
     _check_sizes(path, elements, len(data) - end.end())
@@ -109,11 +109,13 @@ def _check_sizes(path: Path, elements: list[_Element], size: int) -> None:
     for element in elements:
         names = [p.name for p in element.properties]
         if not names or len(set(names)) != len(names) or len(names) > _MOST_ELEMENTS:
-            raise fail(path, f"the element {shown(element.name, 30)} has no properties, too many or two of one name.")
+            raise fail(
+                path, f"the element {printable(element.name, 30)} has no properties, too many or two of one name."
+            )
         if element.size > size:  # each takes a byte at least
             raise fail(
                 path,
-                f"its header promises {element.size} times {shown(element.name, 30)}, more than the file "
+                f"its header promises {element.size} times {printable(element.name, 30)}, more than the file "
                 f"has room for: {CUT_SHORT}.",
             )
 
@@ -184,7 +186,9 @@ class _Text:
         try:
             self._numbers = np.array(data.split(), dtype=np.float64)
         except ValueError as error:
-            raise fail(path, f"there is something else than numbers after its header ({shown(error, 60)}).") from error
+            raise fail(
+                path, f"there is something else than numbers after its header ({printable(error, 60)})."
+            ) from error
         self._at = 0
 
     def _take(self, count: int) -> NDArray[np.float64]:

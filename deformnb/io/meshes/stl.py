@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.meshes.polygons import CUT_SHORT, Polygons
 from deformnb.warping.mesh import Mesh
 
@@ -43,7 +43,7 @@ def _text(path: Path, data: bytes) -> NDArray[np.float64]:
     try:
         return np.array(found, dtype=np.float64).reshape(-1, 3)
     except ValueError as error:
-        raise fail(path, f"a vertex of its text is no number ({shown(error, 60)}).") from error
+        raise fail(path, f"a vertex of its text is no number ({printable(error, 60)}).") from error
 
 
 def write_stl(mesh: Mesh, file: BinaryIO) -> None:

@@ -22,7 +22,7 @@ from deformnb._typing import Progress
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.interop.sitk_transforms import image_of_vectors
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import fail, human_bytes, shown
+from deformnb.io.files.errors import fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
 from deformnb.io.volumes import metaimage, nifti, nrrd
 from deformnb.io.volumes.headers import Header
@@ -72,10 +72,10 @@ def read_displacement_image(path: Path) -> DisplacementField:
     values = _vectors(header)
     if path.suffix.lower() in (".nii", ".gz") and nifti.has_ras_vectors(path):
         values[..., :2] *= -1
-    return checked_displacements(path, values, grid)
+    return check_displacements(path, values, grid)
 
 
-def checked_displacements(path: Path, values: NDArray[Any], grid: Grid) -> DisplacementField:
+def check_displacements(path: Path, values: NDArray[Any], grid: Grid) -> DisplacementField:
     """The field of vectors (nz, ny, nx, 3) that a file holds, refused where they are no displacements."""
     # The smaller and larger of all would be NaN if one is; no mask of all is needed.
     longest = max(abs(float(values.min())), abs(float(values.max())))
@@ -167,4 +167,4 @@ def write_by_name(
 def reason(error: RuntimeError) -> str:
     """The last line of ITK's message, which is the one that says what is wrong."""
     lines: Sequence[str] = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return shown(lines[-1] if lines else "no reason given", 200)
+    return printable(lines[-1] if lines else "no reason given", 200)

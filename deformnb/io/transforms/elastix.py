@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.files.detached import detached_file
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.transforms.displacement_images import read_displacement_image
 from deformnb.io.transforms.itk_files import finite_numbers, read_text
-from deformnb.io.transforms.itk_kinds import ItkTransform, checked_transform, field_of
+from deformnb.io.transforms.itk_kinds import ItkTransform, check_transform, field_of
 from deformnb.rbf.fields import AbstractField, compose
 
 _INITIAL = ("InitialTransformParameterFileName", "InitialTransformParametersFileName")
@@ -40,10 +40,10 @@ def read_elastix(path: Path, text: str, depth: int = 0) -> AbstractField:
     values = dict[str, str]()
     for key, rest in _LINE.findall(text):
         if key in values:
-            raise fail(path, f"the parameter ({shown(key, 40)} ...) appears twice.")
+            raise fail(path, f"the parameter ({printable(key, 40)} ...) appears twice.")
         values[key] = rest
     if (dimensions := _word(values, "FixedImageDimension", "3")) != "3":
-        raise fail(path, f"it is a transform in {shown(dimensions, 10)} dimensions, and volumes have three.")
+        raise fail(path, f"it is a transform in {printable(dimensions, 10)} dimensions, and volumes have three.")
     own = _field(path, values)
     name = next((_word(values, key, "") for key in _INITIAL if key in values), "NoInitialTransform")
     if name == "NoInitialTransform":
@@ -52,11 +52,11 @@ def read_elastix(path: Path, text: str, depth: int = 0) -> AbstractField:
         raise fail(path, "it is added to its initial transform; only compositions are read (HowToCombineTransforms).")
     if depth >= _MOST_INITIAL:
         raise fail(path, f"it has more than {_MOST_INITIAL} initial transforms, or they name each other.")
-    first = _beside(path, name)
+    first = _neighbouring_file(path, name)
     return compose(own, read_elastix(first, read_text(first), depth + 1))  # the initial one is looked up first
 
 
-def _beside(path: Path, name: str) -> Path:
+def _neighbouring_file(path: Path, name: str) -> Path:
     """The file that a parameter names, wherever it was when that was written: it lies beside this one now."""
     return detached_file(path, re.split(r"[/\\]", name)[-1])
 
@@ -64,13 +64,13 @@ def _beside(path: Path, name: str) -> Path:
 def _field(path: Path, values: dict[str, str]) -> AbstractField:
     kind = _word(values, "Transform", "")
     if kind == "DeformationFieldTransform":
-        return read_displacement_image(_beside(path, _word(values, "DeformationFieldFileName", "")))
+        return read_displacement_image(_neighbouring_file(path, _word(values, "DeformationFieldFileName", "")))
     if kind == "BSplineTransform":
         return field_of(path, _spline(path, values))
     if kind not in _LINEAR:
         raise fail(
             path,
-            f"elastix's {shown(kind, 60)} is not read; {', '.join(_LINEAR)}, BSplineTransform and "
+            f"elastix's {printable(kind, 60)} is not read; {', '.join(_LINEAR)}, BSplineTransform and "
             "DeformationFieldTransform are. Of others transformix writes the field: -def all.",
         )
     numbers = _numbers(path, values, "TransformParameters")
@@ -79,13 +79,13 @@ def _field(path: Path, values: dict[str, str]) -> AbstractField:
         fixed = fixed[:0]
     elif kind == "EulerTransform":
         fixed = np.append(fixed, float(_word(values, "ComputeZYX", "false") == "true"))
-    return field_of(path, checked_transform(path, f"{_LINEAR[kind]}_double_3_3", numbers, fixed))
+    return field_of(path, check_transform(path, f"{_LINEAR[kind]}_double_3_3", numbers, fixed))
 
 
 def _spline(path: Path, values: dict[str, str]) -> ItkTransform:
     order = _word(values, "BSplineTransformSplineOrder", "3")
     if order not in _ORDERS:
-        raise fail(path, f"its splines have the order {shown(order, 20)}; 1, 2 and 3 are read.")
+        raise fail(path, f"its splines have the order {printable(order, 20)}; 1, 2 and 3 are read.")
     numbers = _numbers(path, values, "TransformParameters")
     size, origin, spacing = (_numbers(path, values, f"Grid{key}") for key in ("Size", "Origin", "Spacing"))
     # elastix writes the columns of a direction one after the other, ITK its rows.
@@ -99,7 +99,7 @@ def _spline(path: Path, values: dict[str, str]) -> ItkTransform:
     if (wanted := 3 * math.prod(size.tolist())) != len(numbers):
         raise fail(path, f"its grid has {wanted:.15g} parameters, and {len(numbers)} are given.")
     fixed = np.concatenate([size, origin, spacing, direction.reshape(3, 3).T.ravel()])
-    return checked_transform(path, f"BSplineTransform_double_3_3_{order}", numbers, fixed)
+    return check_transform(path, f"BSplineTransform_double_3_3_{order}", numbers, fixed)
 
 
 def _word(values: dict[str, str], key: str, usual: str) -> str:

@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.checks import one_of
+from deformnb.checks import check_choice
 from deformnb.io.files.atomic import check_target
-from deformnb.io.files.errors import Damage, fail, human_bytes, shown
+from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.transforms.displacement_images import read_displacements, write_displacements
@@ -181,7 +181,7 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
         return field if lattice is None else in_unit(field, lattice.unit)
 
 
-def holds_transform(path: str | os.PathLike[str]) -> bool:
+def is_transform_file(path: str | os.PathLike[str]) -> bool:
     """Check whether a file that is there is a transform: by its ending, or by its header where others share that."""
     place = as_path(path)
     row = _row(place)
@@ -214,7 +214,7 @@ def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
     assert row is not None
     stated = stated_remark(place)
     rows = {
-        "file": shown(place.name),
+        "file": printable(place.name),
         "kind": row.description,
         "maps": stated or "backward, as transforms for resampling do; the file does not say it",
     }
@@ -307,7 +307,7 @@ def write_transform(
     >>> file.is_file()
     True
     """
-    own, remark = as_grid(grid), _remark(transform, one_of(direction, tuple(REMARKS), "direction"))
+    own, remark = as_grid(grid), _remark(transform, check_choice(direction, tuple(REMARKS), "direction"))
     places = [as_path(path), *([] if inverse is None else [as_path(inverse)])]
     for place in places:
         check_transform_target(place, overwrite=overwrite)

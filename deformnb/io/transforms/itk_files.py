@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.io.files.errors import fail, human_bytes, shown, unpacking
+from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
 from deformnb.io.files.streams import MOST_PACKED
-from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, checked_transform, class_of
+from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, check_transform, class_of
 from deformnb.volume.volume import optional_package
 
 LONGEST_ITK_TEXT = 1 << 26
@@ -54,7 +54,7 @@ def finite_numbers(path: Path, text: str, what: str) -> NDArray[np.float64]:
         except ValueError:
             plain = False
         if not plain:
-            raise fail(path, f"{what} must be numbers, and one of them is none: '{shown(piece.strip(), 60)}'.")
+            raise fail(path, f"{what} must be numbers, and one of them is none: '{printable(piece.strip(), 60)}'.")
     found = np.concatenate(parts) if parts else np.zeros(0)
     if not np.isfinite(found).all():
         raise fail(path, f"{what} must be finite numbers, and one of them is not.")
@@ -85,7 +85,7 @@ def transforms_of_text(path: Path, text: str) -> list[ItkTransform]:
         if not colon or key not in ("Transform", "Parameters", "FixedParameters"):
             raise fail(
                 path,
-                f"its line '{shown(line.strip(), 60)}' is none of 'Transform:', 'Parameters:' and "
+                f"its line '{printable(line.strip(), 60)}' is none of 'Transform:', 'Parameters:' and "
                 "'FixedParameters:'; it is damaged, or not of ITK.",
             )
         if key == "Transform":
@@ -99,20 +99,20 @@ def transforms_of_text(path: Path, text: str) -> list[ItkTransform]:
                 + ("appears twice in one transform." if entries else "comes before the first 'Transform:'."),
             )
         entries[-1][key] = value
-    return [_of_lines(path, rows) for rows in entries]
+    return [_from_lines(path, rows) for rows in entries]
 
 
-def _of_lines(path: Path, rows: dict[str, str]) -> ItkTransform:
+def _from_lines(path: Path, rows: dict[str, str]) -> ItkTransform:
     name = rows["Transform"].strip()
     kind, _, _ = class_of(path, name)
     for key in ("Parameters", "FixedParameters"):
         if key not in rows and kind != COMPOSITE:
-            raise fail(path, f"its {shown(name, 80)} has no line '{key}:'; it is cut short or damaged.")
+            raise fail(path, f"its {printable(name, 80)} has no line '{key}:'; it is cut short or damaged.")
     numbers = [
-        finite_numbers(path, rows.get(key, ""), f"the {key} of its {shown(name, 80)}")
+        finite_numbers(path, rows.get(key, ""), f"the {key} of its {printable(name, 80)}")
         for key in ("Parameters", "FixedParameters")
     ]
-    return checked_transform(path, name, numbers[0], numbers[1])
+    return check_transform(path, name, numbers[0], numbers[1])
 
 
 # -- MATLAB's level 4 --------------------------------------------------------------------------------------------------
@@ -139,7 +139,7 @@ def transforms_of_matrices(path: Path) -> list[ItkTransform]:
             path, "it is no matrix file of ITK or ANTs: a transform is a matrix named by its class and one named fixed."
         )
     return [
-        checked_transform(path, name, numbers, fixed)
+        check_transform(path, name, numbers, fixed)
         for (name, numbers), (_, fixed) in zip(found[::2], found[1::2], strict=True)
     ]
 
@@ -176,8 +176,8 @@ def transforms_of_hdf5(path: Path) -> list[ItkTransform]:
         if len(names) > _MOST_TRANSFORMS:
             raise fail(path, f"it holds {len(names)} transforms; at most {_MOST_TRANSFORMS} are read.")
         if names != [str(k) for k in range(len(names))]:
-            raise fail(path, f"its transforms are not numbered 0 to {len(names) - 1}, but {shown(names, 60)}.")
-        return [_of_group(path, _member(path, group, name, h5py.Group)) for name in names]
+            raise fail(path, f"its transforms are not numbered 0 to {len(names) - 1}, but {printable(names, 60)}.")
+        return [_from_group(path, _member(path, group, name, h5py.Group)) for name in names]
 
 
 def _member(path: Path, group: Any, name: str, kind: type) -> Any:
@@ -187,12 +187,12 @@ def _member(path: Path, group: Any, name: str, kind: type) -> Any:
     found = group[name] if isinstance(link, h5py.HardLink) else None
     if not isinstance(found, kind):
         raise fail(
-            path, f"it is no HDF5 file of ITK's transforms: '{shown(name, 40)}' is missing, or is something else."
+            path, f"it is no HDF5 file of ITK's transforms: '{printable(name, 40)}' is missing, or is something else."
         )
     return found
 
 
-def _of_group(path: Path, group: Any) -> ItkTransform:
+def _from_group(path: Path, group: Any) -> ItkTransform:
     h5py = optional_package("h5py")
     name = _text(path, _member(path, group, "TransformType", h5py.Dataset))
     # Old versions of ITK wrote "Tranform".
@@ -203,7 +203,7 @@ def _of_group(path: Path, group: Any) -> ItkTransform:
             numbers.append(np.zeros(0))
             continue
         numbers.append(_numbers(path, _member(path, group, found.get(key, key), h5py.Dataset), key))
-    return checked_transform(path, name, numbers[0], numbers[1])
+    return check_transform(path, name, numbers[0], numbers[1])
 
 
 def _text(path: Path, dataset: Any) -> str:
@@ -225,7 +225,8 @@ def _numbers(path: Path, dataset: Any, what: str) -> NDArray[np.float64]:
     """The numbers of a dataset, after checks of type, count, memory and of what is stored."""
     if dataset.dtype.kind != "f" or dataset.dtype.itemsize not in (4, 8) or len(dataset.shape or ()) > 1:
         raise fail(
-            path, f"its {what} are of the type {shown(dataset.dtype, 40)}, and must be a list of float32 or float64."
+            path,
+            f"its {what} are of the type {printable(dataset.dtype, 40)}, and must be a list of float32 or float64.",
         )
     if dataset.shape is None or dataset.size == 0:
         return np.zeros(0)

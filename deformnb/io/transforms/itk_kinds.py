@@ -22,7 +22,7 @@ import numpy as np
 from deformnb._typing import Floats
 from deformnb.checks import LARGEST_COORDINATE
 from deformnb.errors import DeformError
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.rbf.bspline import ORDERS, BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose
 from deformnb.rbf.fitting import fit_rbf
@@ -73,7 +73,7 @@ def class_of(path: Path, name: str) -> tuple[str, int, int]:
         known = ", ".join(sorted({COMPOSITE, *LINEAR, *OTHERS}))
         raise fail(
             path,
-            f"the transform {shown(name, 80)} is not read here; those of the classes {known} are. Save it "
+            f"the transform {printable(name, 80)} is not read here; those of the classes {known} are. Save it "
             "as a displacement field: TransformToDisplacementField.",
         )
     dim = int(found[2])
@@ -85,13 +85,13 @@ def class_of(path: Path, name: str) -> tuple[str, int, int]:
     if found[4] and (kind != "BSplineTransform" or order > max(ORDERS)):
         raise fail(
             path,
-            f"its {shown(name, 80)} has the order {order}; of B-splines the orders up to {max(ORDERS)} "
+            f"its {printable(name, 80)} has the order {order}; of B-splines the orders up to {max(ORDERS)} "
             "are read, and other classes have none.",
         )
     return kind, dim, order
 
 
-def checked_transform(path: Path, name: str, parameters: Floats, fixed: Floats) -> ItkTransform:
+def check_transform(path: Path, name: str, parameters: Floats, fixed: Floats) -> ItkTransform:
     """A transform of the full name of its class and its numbers.
 
     Raises
@@ -146,7 +146,7 @@ def field_of(path: Path, given: ItkTransform) -> AbstractField:
                 return _affine(path, given)
             return OTHERS[given.kind].field(path, given)
     except DeformError as error:
-        if str(error).startswith(shown(path.name)):
+        if str(error).startswith(printable(path.name)):
             raise
         raise fail(path, str(error)) from error
 
@@ -201,13 +201,13 @@ def _versor(v: Floats) -> Floats:
     return _quaternion(x, y, z, math.sqrt(max(0.0, 1 - float(v @ v))))
 
 
-def _skewed(p: Floats) -> Floats:
+def _skew_matrix(p: Floats) -> Floats:
     """ITK's ScaleSkewVersor3DTransform adds scales and skews to a rotation; it does not multiply."""
     k = p[9:15]
     return _versor(p[:3]) + np.diag(p[6:9] - 1) + np.array([[0, k[0], k[1]], [k[2], 0, k[3]], [k[4], k[5], 0]])
 
 
-def _composed_skew(p: Floats) -> Floats:
+def _composed_skew_matrix(p: Floats) -> Floats:
     k = p[9:12]
     return _versor(p[:3]) @ np.diag(p[6:9]) @ np.array([[1, k[0], k[1]], [0, 1, k[2]], [0, 0, 1]])
 
@@ -246,7 +246,7 @@ _ANY = {2: (0, 2), 3: (0, 3)}
 _SPACE, _TURNED = {3: (3,)}, {3: (3, 4)}
 
 
-def _of_space(count: int, matrix: Callable[[Floats], Floats], shift: slice) -> LinearKind:
+def _spatial_kind(count: int, matrix: Callable[[Floats], Floats], shift: slice) -> LinearKind:
     """A class in space: a matrix of its parameters, and a translation among them."""
     return LinearKind(
         {3: count}, _SPACE, lambda _dim, p, f: (matrix(p), p[shift] if len(p[shift]) else np.zeros(3), f[:3])
@@ -282,13 +282,13 @@ LINEAR: dict[str, LinearKind] = {
     "CenteredEuler3DTransform": LinearKind(
         {3: 9}, {3: (0, 3, 4)}, lambda _d, p, f: (_euler(p[:3], zyx=_is_zyx(f)), p[6:], p[3:6])
     ),
-    "QuaternionRigidTransform": _of_space(7, lambda p: _quaternion(*p[:4].tolist()), slice(4, 7)),
-    "VersorTransform": _of_space(3, _versor, slice(3, 3)),
-    "VersorRigid3DTransform": _of_space(6, lambda p: _versor(p[:3]), slice(3, 6)),
-    "Similarity3DTransform": _of_space(7, lambda p: p[6] * _versor(p[:3]), slice(3, 6)),
-    "ScaleVersor3DTransform": _of_space(9, lambda p: _versor(p[:3]) + np.diag(p[6:9] - 1), slice(3, 6)),
-    "ScaleSkewVersor3DTransform": _of_space(15, _skewed, slice(3, 6)),
-    "ComposeScaleSkewVersor3DTransform": _of_space(12, _composed_skew, slice(3, 6)),
+    "QuaternionRigidTransform": _spatial_kind(7, lambda p: _quaternion(*p[:4].tolist()), slice(4, 7)),
+    "VersorTransform": _spatial_kind(3, _versor, slice(3, 3)),
+    "VersorRigid3DTransform": _spatial_kind(6, lambda p: _versor(p[:3]), slice(3, 6)),
+    "Similarity3DTransform": _spatial_kind(7, lambda p: p[6] * _versor(p[:3]), slice(3, 6)),
+    "ScaleVersor3DTransform": _spatial_kind(9, lambda p: _versor(p[:3]) + np.diag(p[6:9] - 1), slice(3, 6)),
+    "ScaleSkewVersor3DTransform": _spatial_kind(15, _skew_matrix, slice(3, 6)),
+    "ComposeScaleSkewVersor3DTransform": _spatial_kind(12, _composed_skew_matrix, slice(3, 6)),
 }
 """ITK's linear transforms by the name of their class."""
 
@@ -322,7 +322,8 @@ def _spline(path: Path, given: ItkTransform) -> AbstractField:
     size, origin, spacing, direction = _lattice(given)
     if (spacing <= 0).any():
         raise fail(
-            path, f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)}, which must be positive."
+            path,
+            f"the grid of its {given.kind} has the spacing {printable(spacing.tolist(), 60)}, which must be positive.",
         )
     values = np.moveaxis(given.parameters.reshape(given.dim, *size[::-1]), 0, -1)  # x components first, then y, ...
     axes = tuple(tuple(row) for row in (direction * spacing).tolist())
@@ -338,8 +339,8 @@ def _displacements(path: Path, given: ItkTransform) -> AbstractField:
     if not (np.allclose(direction.T @ direction, np.eye(2), atol=ORTHONORMAL_TOLERANCE) and (spacing > 0).all()):
         raise fail(
             path,
-            f"the grid of its {given.kind} has the spacing {shown(spacing.tolist(), 60)} and the axes "
-            f"{shown(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.",
+            f"the grid of its {given.kind} has the spacing {printable(spacing.tolist(), 60)} and the axes "
+            f"{printable(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.",
         )
     # A raster has no directions: it lies along the axes of the grid, between the map to these and the one back.
     flat = DisplacementField(values @ direction, Raster((size[1], size[0]), (spacing[0], spacing[1]), (0.0, 0.0)))
@@ -414,7 +415,7 @@ def _check_grid(path: Path, given: ItkTransform) -> None:
     if not all(1 <= k <= _MOST_NODES and k == int(k) for k in sizes) or math.prod(sizes) * d != count:
         raise fail(
             path,
-            f"the grid of its {given.kind} is of {shown(sizes, 60)} nodes, and {count} numbers are given; "
+            f"the grid of its {given.kind} is of {printable(sizes, 60)} nodes, and {count} numbers are given; "
             "it is cut short or damaged.",
         )
     if not (given.fixed[2 * d : 3 * d] != 0).all():

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.io.files.atomic import atomic_folder
-from deformnb.io.files.errors import fail, human_bytes, shown, unpacking
+from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
 from deformnb.io.transforms.parts import sampled_parts
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose, with_unit
@@ -139,7 +139,7 @@ def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
     given = owner.get("coordinateTransformations")
     every = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
     if len(every) != 1:
-        names = ", ".join(shown(one.get("name", one.get("type")), 30) for one in every[:10])
+        names = ", ".join(printable(one.get("name", one.get("type")), 30) for one in every[:10])
         raise fail(path, f"one transformation is read, and its metadata hold {len(every)}{': ' * bool(names)}{names}.")
     axes, units = _axes_of(path, owner, every[0])
     field = _Reader(path, axes).field(every[0])
@@ -158,7 +158,7 @@ def _axes_of(
     names = [end.get("name") if isinstance(end, dict) else end for end in ends]
     systems = owner.get("coordinateSystems")
     found = [
-        [axis if isinstance(axis, dict) else {} for axis in _listed(system.get("axes"))]
+        [axis if isinstance(axis, dict) else {} for axis in _as_list(system.get("axes"))]
         for name in names
         for system in (systems if isinstance(systems, list) else [])
         if isinstance(system, dict) and system.get("name") == name
@@ -168,7 +168,7 @@ def _axes_of(
         raise fail(
             path,
             "its transformation must be of one system of the three axes x, y and z to another with the "
-            f"same ones, and is of {shown(names[0], 40)} to {shown(names[1], 40)}.",
+            f"same ones, and is of {printable(names[0], 40)} to {printable(names[1], 40)}.",
         )
     lps = {"x": "right-to-left", "y": "anterior-to-posterior", "z": "inferior-to-superior"}
     for axis in (axis for system in found for axis in system):
@@ -176,12 +176,13 @@ def _axes_of(
         if isinstance(orientation, dict) and orientation.get("value") != lps[str(axis["name"])]:
             raise fail(
                 path,
-                f"its axis {axis['name']} runs {shown(orientation.get('value'), 40)}; only systems in LPS are read.",
+                f"its axis {axis['name']} runs {printable(orientation.get('value'), 40)}; "
+                "only systems in LPS are read.",
             )
     return axes[0], {str(axis["name"]): find_unit(axis.get("unit", "")) or "" for axis in found[0]}
 
 
-def _listed(given: Any) -> list[Any]:
+def _as_list(given: Any) -> list[Any]:
     return given if isinstance(given, list) else []
 
 
@@ -208,7 +209,7 @@ class _Reader:
             inner = given.get("transformations")
             if not isinstance(inner, list) or not inner:
                 raise fail(self.path, "a sequence in it has no list of transformations.")
-            return compose(*reversed(_on_turned_grids([self.field(one, depth + 1) for one in inner])))
+            return compose(*reversed(_split_by_axes([self.field(one, depth + 1) for one in inner])))
         if kind == "bijection":
             return self.field(given.get("forward"), depth + 1)
         if kind in ("displacements", "coordinates"):
@@ -230,7 +231,7 @@ class _Reader:
             return Affine(rows[np.ix_(o, o)], rows[o, 3])
         raise fail(
             self.path,
-            f"its transformation {shown(kind, 30)} is not read; identity, translation, scale, "
+            f"its transformation {printable(kind, 30)} is not read; identity, translation, scale, "
             "rotation, affine, sequence, bijection, displacements and coordinates are.",
         )
 
@@ -247,7 +248,7 @@ class _Reader:
         if given.get("interpolation", "linear") not in ("linear", None):
             raise fail(
                 self.path,
-                f"its field asks for {shown(given['interpolation'], 20)} interpolation; only linear "
+                f"its field asks for {printable(given['interpolation'], 20)} interpolation; only linear "
                 "interpolation is computed here.",
             )
         array, spacing, first = self._array(given.get("path"))
@@ -268,16 +269,16 @@ class _Reader:
 
         ``name`` is of an array, whose image is the group that lists it, or of an image.
         """
-        place = self._below(name)
+        place = self._path_inside(name)
         group, inside = place, ""
         while _level(group, inside) is None:
             if group == self.path:
-                raise fail(self.path, f"no image lists the field {shown(name, 60)}.")
+                raise fail(self.path, f"no image lists the field {printable(name, 60)}.")
             inside = posixpath.join(group.name, inside) if inside else group.name
             group = group.parent
         level = _level(group, inside)
         assert level is not None
-        place = self._below(posixpath.join(group.relative_to(self.path).as_posix(), str(level.get("path"))))
+        place = self._path_inside(posixpath.join(group.relative_to(self.path).as_posix(), str(level.get("path"))))
         spacing, first = np.ones(4), np.zeros(4)
         for one in self._levels(level):
             kind = one.get("type")
@@ -287,7 +288,7 @@ class _Reader:
             elif kind == "translation":
                 first = first + self._numbers(one.get("translation"), (4,), "translation")
             elif kind != "identity":
-                raise fail(self.path, f"a field has a scale and a translation, not {shown(kind, 30)}.")
+                raise fail(self.path, f"a field has a scale and a translation, not {printable(kind, 30)}.")
         if (spacing <= 0).any():
             raise fail(self.path, "the scale of a field must be positive.")
         return self._read(place), spacing[1:], first[1:]
@@ -295,18 +296,18 @@ class _Reader:
     def _levels(self, level: dict[str, Any]) -> list[dict[str, Any]]:
         given = level.get("coordinateTransformations")
         flat = list[Any]()
-        for one in _listed(given):
+        for one in _as_list(given):
             inner = one.get("transformations") if isinstance(one, dict) else None
             flat += inner if isinstance(inner, list) else [one]
         return [one if isinstance(one, dict) else {} for one in flat]
 
-    def _below(self, name: Any) -> Path:
+    def _path_inside(self, name: Any) -> Path:
         """A place in the folder; nothing outside it is read."""
         if not isinstance(name, str) or not name or "\0" in name or "\\" in name:
-            raise fail(self.path, f"a field has no usable path: {shown(name, 60)}.")
+            raise fail(self.path, f"a field has no usable path: {printable(name, 60)}.")
         place = (self.path / name.lstrip("/")).resolve()
         if not place.is_relative_to(self.path.resolve()):
-            raise fail(self.path, f"the path {shown(name, 60)} leads out of it and is not read.")
+            raise fail(self.path, f"the path {printable(name, 60)} leads out of it and is not read.")
         return self.path / place.relative_to(self.path.resolve())
 
     def _read(self, place: Path) -> NDArray[Any]:
@@ -316,13 +317,13 @@ class _Reader:
             array = zarr.open_array(str(place), mode="r")
             shape, dtype, chunks = array.shape, array.dtype, array.chunks
         except Exception as error:  # zarr and its codecs raise of every kind
-            why = shown(error, 100)
-            raise fail(self.path, f"the field {shown(place.name, 40)} is no Zarr array ({why}).") from None
+            why = printable(error, 100)
+            raise fail(self.path, f"the field {printable(place.name, 40)} is no Zarr array ({why}).") from None
         if len(shape) != 4 or shape[0] != 3 or min(shape) < 1 or dtype.kind not in "fiu":
             raise fail(
                 self.path,
                 f"a field has three components over three axes, and this array has the shape "
-                f"{shown(shape, 60)} of {shown(dtype, 20)}.",
+                f"{printable(shape, 60)} of {printable(dtype, 20)}.",
             )
         need = math.prod(shape) * 8 + math.prod(chunks) * dtype.itemsize
         if need > available_memory() // 3:
@@ -335,14 +336,14 @@ class _Reader:
         if count > _MOST_CHUNKS:
             raise fail(
                 self.path,
-                f"its field {shown(place.name, 40)} lies in {count} chunks, and at most "
+                f"its field {printable(place.name, 40)} lies in {count} chunks, and at most "
                 f"{_MOST_CHUNKS} are read; save it in larger ones.",
             )
         _check_chunks(self.path, place)
         if _attributes(self.path, self.path).get("deformnb_transform") and array.nchunks_initialized < count:
             raise fail(
                 self.path,
-                f"of the {count} chunks of its field {shown(place.name, 40)}, "
+                f"of the {count} chunks of its field {printable(place.name, 40)}, "
                 f"{count - array.nchunks_initialized} are missing; it was not copied as a whole.",
             )
         with unpacking(self.path):
@@ -353,10 +354,10 @@ def _check_chunks(path: Path, place: Path) -> None:
     """Refuse what is neither a file nor a folder: a pipe would wait for ever, a link leads elsewhere."""
     for entry in place.rglob("*"):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
-            raise fail(path, f"{shown(entry.name, 40)} in it is no plain file; it is not read.")
+            raise fail(path, f"{printable(entry.name, 40)} in it is no plain file; it is not read.")
 
 
-def _on_turned_grids(parts: list[AbstractField]) -> list[AbstractField]:
+def _split_by_axes(parts: list[AbstractField]) -> list[AbstractField]:
     """The parts, in the order in which places are looked up; fields between maps to the axes of a grid are one part."""
     out = list[AbstractField]()
     for part in parts:

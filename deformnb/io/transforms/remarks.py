@@ -7,7 +7,7 @@ import re
 import zlib
 from pathlib import Path
 
-from deformnb.io.files.errors import shown
+from deformnb.io.files.errors import printable
 
 BACKWARD = "backward: from places of the result to places of the input, LPS"
 FORWARD = "forward: from places of the input to places of the result, LPS"
@@ -37,4 +37,4 @@ def stated_remark(path: Path) -> str:
             found = _STATED.search(file.read(_START))
     except (OSError, EOFError, zlib.error):
         return ""
-    return shown(found[0].decode("ascii", "replace").strip().removesuffix("-->").strip(), 200) if found else ""
+    return printable(found[0].decode("ascii", "replace").strip().removesuffix("-->").strip(), 200) if found else ""

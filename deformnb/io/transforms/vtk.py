@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from deformnb._typing import Progress
-from deformnb.io.transforms.displacement_images import checked_displacements
+from deformnb.io.transforms.displacement_images import check_displacements
 from deformnb.io.volumes.vti import read_vectors, write_vectors
 from deformnb.rbf.fields import AbstractField, HasField, as_transform_field, convert_unit
 from deformnb.volume.volume import IDENTITY, Grid, VolumeLike, as_grid, optional_package
@@ -76,7 +76,7 @@ def to_vtk_transform(transform: AbstractField | HasField, grid: Grid | VolumeLik
 
 def read_vti_field(path: Path, _grid: Grid | None) -> AbstractField:
     """The field of the vectors at the points of a VTI file."""
-    return checked_displacements(path, *read_vectors(path))
+    return check_displacements(path, *read_vectors(path))
 
 
 def write_vti_field(

@@ -25,7 +25,7 @@ from deformnb._typing import Float3
 from deformnb.errors import DeformError, MissingPackageError, VolumeFileError
 from deformnb.io.files.codecs import unpack_picture
 from deformnb.io.files.detached import MOST_FILES
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import Header, triple, volume_shape
 from deformnb.volume.volume import Matrix3
 
@@ -201,7 +201,7 @@ def read_header(path: Path, series: str | int | None = None, uneven_slices: str 
     uneven_slices : one of :data:`UNEVEN`.
     """
     if uneven_slices not in UNEVEN:
-        raise DeformError(f"uneven_slices is one of {', '.join(UNEVEN)}, got {shown(uneven_slices, 60)}.")
+        raise DeformError(f"uneven_slices is one of {', '.join(UNEVEN)}, got {printable(uneven_slices, 60)}.")
     files = dicom_files(path) if path.is_dir() else [path]
     groups = _groups(path, [one for file in files for one in _read_slices(file)])
     slices, notes = _unique(path, _select(path, groups, series))
@@ -231,7 +231,7 @@ def _read(path: Path, *, pixels: bool) -> Any:
                 )
             return data
     except Exception as error:  # pydicom raises some dozen types on damaged files
-        why = shown(error) or type(error).__name__
+        why = printable(error) or type(error).__name__
         raise fail(path, f"this is not a DICOM file or it is damaged ({why}).") from error
 
 
@@ -245,7 +245,7 @@ def _read_slices(path: Path) -> list[_Slice]:
     except VolumeFileError:
         raise
     except Exception as error:  # a field may hold anything: text for a number, a list for one value
-        raise fail(path, f"a field of its header is damaged ({shown(error) or type(error).__name__}).") from error
+        raise fail(path, f"a field of its header is damaged ({printable(error) or type(error).__name__}).") from error
 
 
 def _number(path: Path, data: Any, name: str, missing: float | None = None) -> float:
@@ -264,7 +264,7 @@ def _numbers(path: Path, data: Any, name: str, count: int) -> NDArray[np.float64
     value = data.get(name)
     array = np.array([float(v) for v in value] if value is not None and not isinstance(value, str) else [])
     if array.shape != (count,) or not np.isfinite(array).all():
-        raise fail(path, f"the field {name} should be {count} numbers but is {shown(value)}.")
+        raise fail(path, f"the field {name} should be {count} numbers but is {printable(value)}.")
     return array
 
 
@@ -272,7 +272,7 @@ def _slice(path: Path, data: Any) -> _Slice:
     samples = int(_number(path, data, "SamplesPerPixel", 1))
     photometric = str(data.get("PhotometricInterpretation", "MONOCHROME2"))
     if samples != 1 or photometric not in ("MONOCHROME1", "MONOCHROME2"):
-        raise fail(path, f"its pixels are colours ({shown(photometric)}, {samples} samples); save one channel.")
+        raise fail(path, f"its pixels are colours ({printable(photometric)}, {samples} samples); save one channel.")
     bits = int(_number(path, data, "BitsAllocated"))
     stored, high = int(_number(path, data, "BitsStored", bits)), int(_number(path, data, "HighBit", -1))
     if bits not in (8, 16, 32) or not 1 <= stored <= bits or high not in (-1, stored - 1):
@@ -399,11 +399,11 @@ def _select(path: Path, groups: dict[str, list[_Slice]], series: str | int | Non
     if series is not None and len(matches) == 1:
         return matches[0]
     kinds = "; ".join(
-        f"series={shown(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
-        f"'{shown(part[0].series.description, 40)}'"
+        f"series={printable(label)!r}: {len(part)} slices of {part[0].shape[1]} x {part[0].shape[0]}, "
+        f"'{printable(part[0].series.description, 40)}'"
         for label, part in list(groups.items())[:20]
     )
-    why = "it holds several series or geometries" if series is None else f"there is no one series {shown(chosen)!r}"
+    why = "it holds several series or geometries" if series is None else f"there is no one series {printable(chosen)!r}"
     raise fail(path, f"{why}; choose one: {kinds}.")
 
 
@@ -419,15 +419,15 @@ def _unique(path: Path, slices: list[_Slice]) -> tuple[list[_Slice], tuple[str, 
         elif not one.uid or one.uid != kept[-1].uid:
             raise fail(
                 path,
-                f"{_called(kept[-1])} and {_called(one)} lie at the same place ({_place(one)}): several "
+                f"{_label(kept[-1])} and {_label(one)} lie at the same place ({_place(one)}): several "
                 "times, echoes or reconstructions are mixed. Keep one of them.",
             )
     dropped = len(slices) - len(kept)
     return kept, (f"{dropped} files that repeat another were left out",) if dropped else ()
 
 
-def _called(one: _Slice) -> str:
-    return shown(one.path.name) + (f" frame {one.frame + 1}" if one.frames > 1 else "")
+def _label(one: _Slice) -> str:
+    return printable(one.path.name) + (f" frame {one.frame + 1}" if one.frames > 1 else "")
 
 
 def _place(one: _Slice) -> str:
@@ -452,7 +452,7 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
         notes += (f"{len(slices)} uneven or leaning slices were resampled linearly to {count}, {step:.4g} apart",)
 
     def blocks() -> Iterator[NDArray[Any]]:
-        return _resampled(slices, dtype, depths, step, count) if why else _blocks(slices, dtype)
+        return _resample(slices, dtype, depths, step, count) if why else _blocks(slices, dtype)
 
     return Header(
         path,
@@ -505,7 +505,7 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
             depths,
             (
                 f"its slices are unevenly spaced: {uneven.size} of {gaps.size} gaps differ from {middle:g}; the first, "
-                f"after {_called(slices[index])}, is {gaps[index]:g}{missing}. Add the missing files or "
+                f"after {_label(slices[index])}, is {gaps[index]:g}{missing}. Add the missing files or "
                 "take out the extra ones."
             ),
         )
@@ -527,18 +527,18 @@ def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
             step,
             depths,
             (
-                f"its slices lie on no straight line: {_called(slices[int(aside.argmax())])} is {aside.max():g} beside "
+                f"its slices lie on no straight line: {_label(slices[int(aside.argmax())])} is {aside.max():g} beside "
                 "that of the first and the last."
             ),
         )
     return step, depths, ""
 
 
-def _resampled(
+def _resample(
     slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np.float64], step: float, count: int
 ) -> Iterator[NDArray[Any]]:
     """Slices of a straight, even grid: between two neighbours linearly in depth, and within each plane by its shift."""
-    planes = _straightened(slices, dtype, depths)
+    planes = _straighten(slices, dtype, depths)
     below, above, at = next(planes), next(planes, None), 0
     for number in range(count):
         depth = number * step
@@ -551,7 +551,7 @@ def _resampled(
         yield (np.rint(plane) if dtype.kind in "iu" else plane).astype(dtype)[None]
 
 
-def _straightened(slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np.float64]) -> Iterator[NDArray[Any]]:
+def _straighten(slices: list[_Slice], dtype: np.dtype[Any], depths: NDArray[np.float64]) -> Iterator[NDArray[Any]]:
     """The slices, each moved within its plane to where the line along the normal through the first one meets it."""
     first = slices[0]
     for one, depth, block in zip(slices, depths, _blocks(slices, dtype), strict=True):
@@ -611,7 +611,9 @@ def _pixels(one: _Slice) -> Callable[[int], NDArray[Any]]:
         syntax = data.file_meta.TransferSyntaxUID
         compressed, present = syntax.is_compressed, len(data.PixelData)
     except Exception as error:  # as above: anything may be missing
-        raise fail(one.path, f"it has no pixels, or does not state how they are packed ({shown(error)}).") from error
+        raise fail(
+            one.path, f"it has no pixels, or does not state how they are packed ({printable(error)})."
+        ) from error
     if not compressed and present not in (expected, expected + expected % 2):  # an odd length is padded to even
         raise fail(
             one.path,
@@ -640,8 +642,8 @@ def _unpacking(one: _Slice, syntax: Any) -> Iterator[None]:
     except (MissingPackageError, VolumeFileError):
         raise
     except Exception as error:
-        name = shown(getattr(syntax, "name", "unknown"), 60)
-        raise fail(one.path, f"its pixels ({name}) could not be unpacked: {shown(error, 400)}") from error
+        name = printable(getattr(syntax, "name", "unknown"), 60)
+        raise fail(one.path, f"its pixels ({name}) could not be unpacked: {printable(error, 400)}") from error
 
 
 def _pictures(one: _Slice, data: Any, codec: str) -> Callable[[int], NDArray[Any]]:
@@ -653,7 +655,7 @@ def _pictures(one: _Slice, data: Any, codec: str) -> Callable[[int], NDArray[Any
 
     def frame(number: int) -> NDArray[Any]:
         with _unpacking(one, data.file_meta.TransferSyntaxUID):
-            return _signed(one, _picture(one, codec, bytes(coded[number])))
+            return _sign_extend(one, _picture(one, codec, bytes(coded[number])))
 
     return frame
 
@@ -673,7 +675,7 @@ def _picture(one: _Slice, codec: str, coded: bytes) -> NDArray[Any]:
     raise why
 
 
-def _signed(one: _Slice, pixels: NDArray[Any]) -> NDArray[Any]:
+def _sign_extend(one: _Slice, pixels: NDArray[Any]) -> NDArray[Any]:
     """Pixels in the type of the header: codecs without a sign keep the lower bits of numbers that have one."""
     found = pixels.astype(one.dtype)
     if one.dtype.kind == "u" or pixels.dtype.kind == "i":

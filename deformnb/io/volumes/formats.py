@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Float3, Progress, Spacing
-from deformnb.checks import is_finite, shown_value
+from deformnb.checks import is_finite, short_value
 from deformnb.errors import DeformError, UnknownKindError, VolumeFileError
 from deformnb.io.files.atomic import check_target
-from deformnb.io.files.errors import Damage, fail, human_bytes, shown
+from deformnb.io.files.errors import Damage, fail, human_bytes, printable
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.volumes import dicom, images, metaimage, nifti, nrrd, ome_zarr, raw, tiff, vti
@@ -178,7 +178,7 @@ class FileDescription:
         return {**table, **{f"note {k + 1}": note for k, note in enumerate(self.notes)}}
 
 
-def supported() -> str:
+def supported_suffixes() -> str:
     """The suffixes that can be read, for messages."""
     return ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
 
@@ -204,7 +204,7 @@ def format_of(path: Path, *, writing: bool = False) -> tuple[str, Format]:
     with regular_file(path).open("rb") as file:
         start = file.read(64).lstrip()
     likely = next((name for mark, name in _MARKS.items() if start.startswith(mark)), None)
-    why = f"this is no known kind of volume file; known are {supported()} and folders of slices."
+    why = f"this is no known kind of volume file; known are {supported_suffixes()} and folders of slices."
     if likely is not None:
         why += f" It looks like {FORMATS[likely].description}: rename it to end in {FORMATS[likely].suffixes[0]}."
     raise UnknownKindError(str(fail(path, why)))
@@ -214,15 +214,15 @@ def _writable() -> str:
     return ", ".join(suffix for entry in FORMATS.values() if entry.write for suffix in entry.suffixes)
 
 
-def located(path: str | os.PathLike[str]) -> Path:
+def existing_path(path: str | os.PathLike[str]) -> Path:
     """The path of a file or a folder that is there; VolumeFileError else."""
     place = as_path(path)
     try:
         place.stat()
     except FileNotFoundError as error:
-        raise fail(place, f"there is no such file in {shown(place.absolute().parent)}.") from error
+        raise fail(place, f"there is no such file in {printable(place.absolute().parent)}.") from error
     except (OSError, ValueError, RuntimeError) as error:  # permissions, a NUL, a name too long, a loop of links
-        raise VolumeFileError(f"{shown(path)}: it cannot be opened ({shown(error)}).") from error
+        raise VolumeFileError(f"{printable(path)}: it cannot be opened ({printable(error)}).") from error
     return place
 
 
@@ -292,13 +292,13 @@ def read_volume(
     >>> read_volume(folder / "a.nrrd").grid.spacing
     (1.0, 2.0, 3.0)
     """
-    place = located(path)
-    step = _checked_stride(stride)
-    spacing = _checked_spacing(spacing)
+    place = existing_path(path)
+    step = _check_stride(stride)
+    spacing = _check_spacing(spacing)
     given_unit = None if unit is None else check_unit(unit)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series, uneven_slices)
-        header = header if given_unit is None else in_given_unit(header, given_unit)
+        header = header if given_unit is None else with_given_unit(header, given_unit)
         if header.layout.frames == 1 and header.layout.kind != "channels":
             header = grey_header(header)
         if not header.layout.is_single:
@@ -307,8 +307,8 @@ def read_volume(
                 f"a volume is one channel at one moment, and this file holds {header.layout}. "
                 "dn.io.read_channels(path) reads them, and deformnb warp deforms them all.",
             )
-        number = _chosen_level(header, level, step, max_bytes)
-        pyramid, header = header.levels, _of_level(header, number, level is None)
+        number = _choose_level(header, level, step, max_bytes)
+        pyramid, header = header.levels, _level_header(header, number, level is None)
         grid, notes = header.grid(spacing)
         _check_memory(header, step, max_bytes)
         labels = header.is_labels if is_labels is None else is_labels
@@ -390,7 +390,7 @@ def describe_file(
     >>> describe_file(file).grid.shape
     (2, 3, 4)
     """
-    place = located(path)
+    place = existing_path(path)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series)
         grid, notes = _right_spacing(*header.grid(), header)
@@ -401,7 +401,7 @@ def describe_file(
     notes += () if layout.is_single else (f"the file holds {layout}, each as large as stated here",)
     dtype = volume.dtype if volume else header.loaded_dtype
     return FileDescription(
-        shown(place.name),
+        printable(place.name),
         FORMATS[kind].description,
         grid,
         dtype,
@@ -413,7 +413,7 @@ def describe_file(
     )
 
 
-def in_given_unit(header: Header, unit: str) -> Header:
+def with_given_unit(header: Header, unit: str) -> Header:
     """The header with the same numbers in another unit."""
     return replace(header, unit=unit, levels=tuple(replace(level, unit=unit) for level in header.levels))
 
@@ -453,41 +453,41 @@ def plain_name(path: Path, kind: str) -> str:
     return path.name[: len(path.name) - len(suffix)] or path.name
 
 
-def _checked_stride(stride: int) -> int:
+def _check_stride(stride: int) -> int:
     if isinstance(stride, bool) or not isinstance(stride, (int, np.integer)) or not 1 <= stride < 2**63:
-        raise DeformError(f"stride must be a whole number from 1 on, got {shown_value(stride)}.")
+        raise DeformError(f"stride must be a whole number from 1 on, got {short_value(stride)}.")
     return int(stride)
 
 
-def _checked_spacing(spacing: Spacing | None) -> Float3 | None:
+def _check_spacing(spacing: Spacing | None) -> Float3 | None:
     # An override is the caller's own: a negative one is a mistake, not a flipped file.
     return None if spacing is None else Grid((1, 1, 1), as_spacing(spacing)).spacing
 
 
-def _kept(shape: tuple[int, int, int], stride: int) -> tuple[int, int, int]:
+def _strided_shape(shape: tuple[int, int, int], stride: int) -> tuple[int, int, int]:
     return (-(-shape[0] // stride), -(-shape[1] // stride), -(-shape[2] // stride))
 
 
 def _memory(header: Header, stride: int) -> int:
-    nz, ny, nx = _kept(header.shape, stride)
+    nz, ny, nx = _strided_shape(header.shape, stride)
     dtype = header.loaded_dtype
     # These are cast after loading: the old and the new array exist at once.
     per_voxel = dtype.itemsize + {"int64": 8, "uint64": 8, "uint32": 8, "float16": 4}.get(dtype.name, 0)
     return nz * ny * nx * per_voxel + header.working_bytes
 
 
-def _chosen_level(header: Header, level: int | None, stride: int, max_bytes: int | None) -> int:
+def _choose_level(header: Header, level: int | None, stride: int, max_bytes: int | None) -> int:
     """The number of the level of a pyramid that is read, by default of the finest that fits; 0 of other files."""
     last = len(header.levels) - 1
     if level is not None:
         if isinstance(level, bool) or not isinstance(level, int | np.integer) or not 0 <= level <= max(0, last):
-            raise fail(header.path, f"it has the levels 0 to {max(0, last)}, got level={shown_value(level)}.")
+            raise fail(header.path, f"it has the levels 0 to {max(0, last)}, got level={short_value(level)}.")
         return int(level)
     limit = _limit(max_bytes)
     return next((k for k, one in enumerate(header.levels) if _memory(one, stride) <= limit), 0)
 
 
-def _of_level(header: Header, number: int, is_noted: bool) -> Header:
+def _level_header(header: Header, number: int, is_noted: bool) -> Header:
     """The header of one level of a pyramid, with a note if it is a coarser one; of other files the header itself."""
     chosen = header.levels[number] if header.levels else header
     if not (number and is_noted):
@@ -504,7 +504,7 @@ def _of_level(header: Header, number: int, is_noted: bool) -> Header:
 
 def _limit(max_bytes: int | None) -> int:
     if max_bytes is not None and not is_finite(max_bytes):
-        raise DeformError(f"max_bytes must be a number of bytes, got {shown_value(max_bytes)}.")
+        raise DeformError(f"max_bytes must be a number of bytes, got {short_value(max_bytes)}.")
     return default_limit() if max_bytes is None else int(max_bytes)
 
 
@@ -524,7 +524,7 @@ def _check_memory(header: Header, stride: int, max_bytes: int | None) -> None:
 def _load(header: Header, stride: int, progress: Progress | None) -> NDArray[Any]:
     """The voxels [z, y, x], scaled, every ``stride``-th along each axis."""
     shape = header.shape[::-1] if header.transposed else header.shape
-    out = np.empty(_kept(shape, stride), header.loaded_dtype)
+    out = np.empty(_strided_shape(shape, stride), header.loaded_dtype)
     start = 0
     with closing(header.blocks()) as blocks:  # type: ignore[type-var]  # generators can be closed
         for block in blocks:

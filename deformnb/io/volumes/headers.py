@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Float3
 from deformnb.errors import DeformError
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.volume.volume import IDENTITY, Grid, Matrix3
 
 HEADER_BYTES = 2**20
@@ -94,7 +94,7 @@ def described_layout(layout: Layout, text: str) -> Layout:
     try:
         found = json.loads(text) if text else {}
         colours = tuple(triple([min(1.0, max(0.0, float(part))) for part in colour]) for colour in found["colours"])
-        names = tuple(shown(name) for name in found["names"])
+        names = tuple(printable(name) for name in found["names"])
         if layout.channels == {"rgb": 3, "rgba": 4}.get(
             found["kind"], layout.channels if found["kind"] == "channels" else 0
         ):
@@ -108,7 +108,7 @@ def described_layout(layout: Layout, text: str) -> Layout:
     )
 
 
-def checked_layout(path: Path, layout: Layout) -> Layout:
+def check_layout(path: Path, layout: Layout) -> Layout:
     """The layout, if its numbers can be; VolumeFileError else."""
     if not (1 <= layout.channels <= _MOST_CHANNELS and 1 <= layout.frames <= MOST_MOMENTS):
         raise fail(

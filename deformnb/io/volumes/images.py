@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import Header, Layout
 from deformnb.volume.channels import Channels
 from deformnb.volume.volume import Volume
@@ -29,7 +29,7 @@ _DEEP = {"I;16", "I;16B", "I;16L", "I;16N"}
 
 def read_header(path: Path) -> Header:
     """The header of a picture: its colours become grey values (ITU-R 601), and it is turned as its camera says."""
-    with _opened(path) as picture:
+    with _open(path) as picture:
         sideways = picture.getexif().get(0x0112, 1) in (5, 6, 7, 8)
         width, height = reversed(picture.size) if sideways else picture.size
         deep = picture.mode in _DEEP
@@ -52,7 +52,7 @@ def read_header(path: Path) -> Header:
 def read_colour_header(path: Path) -> Header:
     """The header of a picture in its colours; that of :func:`read_header` for one that has none."""
     grey = read_header(path)
-    with _opened(path) as picture:
+    with _open(path) as picture:
         if picture.mode in (*_DEEP, "L", "1", "I", "F"):
             return grey
         kind = "rgba" if picture.has_transparency_data else "rgb"
@@ -98,7 +98,7 @@ def _save(values: NDArray[Any], path: Path, overwrite: bool) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open(path: Path) -> Iterator[Any]:
     """The picture, not decoded yet; VolumeFileError for what is none, or is larger than any picture."""
     from PIL import Image, UnidentifiedImageError
 
@@ -110,19 +110,19 @@ def _opened(path: Path) -> Iterator[Any]:
     except UnidentifiedImageError:
         raise fail(path, "it is cut short or no picture.") from None
     except (Image.DecompressionBombError, SyntaxError) as error:
-        raise fail(path, f"it cannot be read as a picture ({shown(error)}).") from None
+        raise fail(path, f"it cannot be read as a picture ({printable(error)}).") from None
 
 
 def _colour_blocks(path: Path, mode: str) -> Iterator[NDArray[Any]]:
     from PIL import ImageOps
 
-    with _opened(path) as picture:
+    with _open(path) as picture:
         yield np.asarray(ImageOps.exif_transpose(picture).convert(mode), dtype=np.uint8)[None]
 
 
 def _blocks(path: Path, dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
     from PIL import ImageOps
 
-    with _opened(path) as picture:
+    with _open(path) as picture:
         upright = ImageOps.exif_transpose(picture)
         yield np.asarray(upright if dtype.itemsize == 2 else upright.convert("L"), dtype=dtype)[None]

@@ -15,7 +15,7 @@ from deformnb.errors import VolumeFileError
 from deformnb.io.files.atomic import check_target
 from deformnb.io.files.errors import fail
 from deformnb.io.files.paths import as_path
-from deformnb.io.files.texts import decoded
+from deformnb.io.files.texts import decode_text
 from deformnb.io.volumes import nrrd
 from deformnb.io.volumes.nrrd import segment_keys, segment_names
 from deformnb.volume.volume import VolumeLike, as_volume
@@ -88,7 +88,7 @@ def read_label_table(path: str | Path) -> dict[int, str]:
     try:
         if not is_label_table(path.name) or not path.is_file() or path.stat().st_size > _LONGEST:
             return {}
-        return _table(decoded(path, path.read_bytes())[0])
+        return _table(decode_text(path, path.read_bytes())[0])
     except (VolumeFileError, csv.Error, OSError):  # the last of a name that is too long
         return {}
 

@@ -21,9 +21,9 @@ from deformnb.io.files.detached import (
     detached_proof,
     listed_names,
     numbered_names,
-    proven_crc,
+    stated_crc,
 )
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.volumes.headers import (
     HEADER_BYTES,
@@ -31,7 +31,7 @@ from deformnb.io.volumes.headers import (
     SINGLE,
     Header,
     Layout,
-    checked_layout,
+    check_layout,
     described_layout,
     layout_description,
     volume_shape,
@@ -39,7 +39,7 @@ from deformnb.io.volumes.headers import (
 from deformnb.io.volumes.voxels import (
     SeveralSources,
     Source,
-    checked_blocks,
+    check_blocks,
     layout_blocks,
     stored_dtype,
     write_packed,
@@ -94,7 +94,7 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
         key = name.strip().lower()
         if not equals or key in fields:
             why = "appears twice" if equals else "is not 'Name = value'"
-            raise fail(path, f"this is not a MetaImage file or damaged: the line '{shown(line)}' {why}.")
+            raise fail(path, f"this is not a MetaImage file or damaged: the line '{printable(line)}' {why}.")
         fields[key] = value.strip()
         if key == "elementdatafile":
             return fields, start
@@ -118,7 +118,7 @@ def _flag(path: Path, fields: dict[str, str], name: str, missing: bool) -> bool:
     if value is None:
         return missing
     if value.lower() not in ("true", "false", "1", "0"):
-        raise fail(path, f"the field '{name}' should be True or False but is '{shown(value)}'.")
+        raise fail(path, f"the field '{name}' should be True or False but is '{printable(value)}'.")
     return value.lower() in ("true", "1")
 
 
@@ -130,7 +130,7 @@ def read_header(path: Path) -> Header:
             raise fail(path, f"its header lacks the field '{name}'.")
     kind = fields.get("objecttype", "Image")
     if kind.lower() != "image":
-        raise fail(path, f"its ObjectType is '{shown(kind)}', and a volume is an Image.")
+        raise fail(path, f"its ObjectType is '{printable(kind)}', and a volume is an Image.")
     dimension = integers(path, "NDims", fields["ndims"], 1)[0]
     if not 1 <= dimension <= 10:
         raise fail(path, f"the field 'NDims' is {dimension}; a volume has 3.")
@@ -146,7 +146,7 @@ def read_header(path: Path) -> Header:
         if (dimension > 3 and "elementspacing" in fields)
         else 0.0
     )
-    layout = checked_layout(
+    layout = check_layout(
         path,
         Layout(
             (*sizes[3:4], 1)[0],
@@ -162,8 +162,8 @@ def read_header(path: Path) -> Header:
     # ITK, whose format this is, means millimetres and never writes the field.
     unit, unit_notes = parse_unit(fields.get("distanceunits", "mm"))
     notes += unit_notes
-    crc = proven_crc(comment, fields["elementdatafile"])
-    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
+    crc = stated_crc(comment, fields["elementdatafile"])
+    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: check_blocks(s, whole, dtype, crc, path))
     return Header(
         path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout, unit=unit
     )
@@ -172,7 +172,7 @@ def read_header(path: Path) -> Header:
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     name = fields["elementtype"].upper()
     if name not in _TYPES:
-        raise fail(path, f"the ElementType '{shown(name)}' is not supported; save one number per voxel.")
+        raise fail(path, f"the ElementType '{printable(name)}' is not supported; save one number per voxel.")
     big = _flag(path, fields, "BinaryDataByteOrderMSB", _flag(path, fields, "ElementByteOrderMSB", False))
     return np.dtype(_TYPES[name]).newbyteorder(">" if big else "<")
 

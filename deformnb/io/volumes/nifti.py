@@ -22,7 +22,7 @@ from deformnb._typing import Float3, Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.errors import fail
 from deformnb.io.files.streams import take
-from deformnb.io.volumes.headers import SINGLE, Header, Layout, checked_layout, triple, volume_shape
+from deformnb.io.volumes.headers import SINGLE, Header, Layout, check_layout, triple, volume_shape
 from deformnb.io.volumes.voxels import Source, layout_blocks, write_packed
 from deformnb.volume.volume import IDENTITY, LPS_TO_RAS, NIFTI_UNITS, Grid, Matrix3, Volume
 
@@ -206,9 +206,9 @@ def _layout(path: Path, sizes: list[int], colours: str | None, fields: _Fields) 
         volume_shape(path, sizes, 1)  # which lists the axes
     duration = fields.pixdim[4] if len(fields.pixdim) > 4 and math.isfinite(fields.pixdim[4]) else 0.0
     if colours:
-        return checked_layout(path, Layout(frames, len(colours), colours, interleaved=True, duration=duration))
+        return check_layout(path, Layout(frames, len(colours), colours, interleaved=True, duration=duration))
     is_vector = channels > 1 and fields.intent in _VECTOR_INTENTS and fields.intent_name != _CHANNELS_NAME
-    return checked_layout(path, Layout(frames, channels, duration=duration, is_vector=is_vector))
+    return check_layout(path, Layout(frames, channels, duration=duration, is_vector=is_vector))
 
 
 def _offset(path: Path, offset: float) -> int:
@@ -259,7 +259,7 @@ def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str
     """A remark on what the file says of the place beside its sform, if that is something else."""
     if fields.codes[0] <= 0:
         same = np.allclose(np.linalg.norm(affine[:3, :3], axis=0), fields.pixdim[1:4], rtol=1e-3)
-        sizes = _listed(fields.pixdim[1:4])
+        sizes = _number_list(fields.pixdim[1:4])
         return "" if same else f"the voxel sizes {sizes} are not those of the sform, which is used"
     try:
         direction, origin = _qform(path, fields)
@@ -272,7 +272,7 @@ def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str
     return "" if same else "the file holds two different places (qform and sform); the sform is used"
 
 
-def _listed(numbers: tuple[float, ...]) -> str:
+def _number_list(numbers: tuple[float, ...]) -> str:
     return ", ".join(f"{number:g}" for number in numbers)
 
 

@@ -24,9 +24,9 @@ from deformnb.io.files.detached import (
     detached_proof,
     listed_names,
     numbered_names,
-    proven_crc,
+    stated_crc,
 )
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.volumes.headers import (
     HEADER_BYTES,
@@ -34,7 +34,7 @@ from deformnb.io.volumes.headers import (
     SINGLE,
     Header,
     Layout,
-    checked_layout,
+    check_layout,
     described_layout,
     layout_description,
     triple,
@@ -43,7 +43,7 @@ from deformnb.io.volumes.headers import (
 from deformnb.io.volumes.voxels import (
     SeveralSources,
     Source,
-    checked_blocks,
+    check_blocks,
     layout_blocks,
     stored_dtype,
     write_packed,
@@ -120,7 +120,7 @@ def _fields(path: Path) -> _Text:
     if end is None and (len(data) == HEADER_BYTES or path.suffix.lower() != ".nhdr"):
         raise fail(path, "its header has no end (an empty line); it is cut short or damaged.")
     text = data[: end.start() if end else len(data)].decode("utf-8", "replace")
-    text, files = _listed(text)
+    text, files = _split_file_list(text)
     fields: dict[str, str] = {}
     keys: dict[str, str] = {}
     comments: list[str] = []
@@ -137,12 +137,12 @@ def _fields(path: Path) -> _Text:
         name = name.strip().lower().replace(" ", "")
         if not colon or name in fields:
             why = "appears twice" if colon else "is neither 'field: value' nor 'key:=value'"
-            raise fail(path, f"the header's line '{shown(line)}' {why}.")
+            raise fail(path, f"the header's line '{printable(line)}' {why}.")
         fields[name] = value.strip()
     return _Text(fields, keys, "\n".join(comments), end.end() if end else len(data), files)
 
 
-def _listed(text: str) -> tuple[str, str]:
+def _split_file_list(text: str) -> tuple[str, str]:
     """A header up to a list of data files, and the list."""
     found = re.search(r"^data ?file:\s*LIST\b[^\n]*\n?", text, re.MULTILINE | re.IGNORECASE)
     return (text[: found.end()], text[found.end() :]) if found else (text, "")
@@ -172,7 +172,7 @@ def read_header(path: Path) -> Header:
         raise fail(path, f"the field 'dimension' is {dimension}; a volume has 3.")
     sizes = integers(path, "sizes", fields["sizes"], dimension)
     axes, layout = _places(path, fields, sizes)
-    layout = checked_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
+    layout = check_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
     source = _source(path, fields, end, files, sizes, dtype)
     unit, factors, unit_notes = _unit(path, fields, axes)
@@ -180,8 +180,8 @@ def read_header(path: Path) -> Header:
     notes += affine.pop("notes", ())
     # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
-    crc = proven_crc(comments, fields.get("datafile", ""))
-    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: checked_blocks(s, whole, dtype, crc, path))
+    crc = stated_crc(comments, fields.get("datafile", ""))
+    blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: check_blocks(s, whole, dtype, crc, path))
     return Header(
         path, shape, dtype, blocks, is_labels=labels, notes=notes + unit_notes, layout=layout, unit=unit, **affine
     )
@@ -210,12 +210,14 @@ def segment_names(path: Path) -> dict[int, str]:
 def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
     name = " ".join(fields["type"].lower().split())
     if name not in _DTYPES:
-        raise fail(path, f"the voxel type '{shown(fields['type'])}' is not supported; save one number per voxel.")
+        raise fail(path, f"the voxel type '{printable(fields['type'])}' is not supported; save one number per voxel.")
     dtype = np.dtype(_DTYPES[name])
     endian = fields.get("endian", "").lower()
     is_text = _ENCODINGS.get(fields["encoding"].lower()) == "text"
     if dtype.itemsize > 1 and not is_text and endian not in ("little", "big"):
-        raise fail(path, f"the field 'endian' is '{shown(endian)}' but must be little or big for {dtype.name} voxels.")
+        raise fail(
+            path, f"the field 'endian' is '{printable(endian)}' but must be little or big for {dtype.name} voxels."
+        )
     return dtype.newbyteorder(">" if endian == "big" else "<")
 
 
@@ -246,7 +248,7 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
         volume_shape(path, sizes, 1)  # which refuses it
     is_series = last not in real or last == 0 or kinds[last] in _PLACES | {"time", "list"}
     if not set(real) <= {0, last} or not is_series:
-        axes = ", ".join(f"{shown(kind)}: {size}" for kind, size in zip(kinds, sizes, strict=True))
+        axes = ", ".join(f"{printable(kind)}: {size}" for kind, size in zip(kinds, sizes, strict=True))
         raise fail(
             path,
             f"a volume has three axes in space but this file has ({axes}). Save one channel or one time "
@@ -262,7 +264,7 @@ def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[
 def _vectors(path: Path, field: str, text: str) -> list[list[float] | None]:
     words = re.findall(r"none|\([^()]*\)", text, re.IGNORECASE)
     if re.sub(r"none|\([^()]*\)|\s", "", text, flags=re.IGNORECASE):
-        raise fail(path, f"the field '{field}' should be vectors like (1,0,0) but is '{shown(text)}'.")
+        raise fail(path, f"the field '{field}' should be vectors like (1,0,0) but is '{printable(text)}'.")
     return [None if word[0] != "(" else floats(path, field, word[1:-1].replace(",", " ")) for word in words]
 
 
@@ -271,7 +273,7 @@ def _source(
 ) -> Source | SeveralSources:
     encoding = _ENCODINGS.get(fields["encoding"].lower())
     if encoding is None:
-        raise fail(path, f"the encoding '{shown(fields['encoding'])}' is not supported; save it as raw or gzip.")
+        raise fail(path, f"the encoding '{printable(fields['encoding'])}' is not supported; save it as raw or gzip.")
     lines = integers(path, "line skip", fields.get("lineskip", "0"), 1)[0]
     skip = integers(path, "byte skip", fields.get("byteskip", "0"), 1)[0]
     if not (0 <= lines <= HEADER_BYTES and -1 <= skip <= MOST_SKIPPED) or (skip == -1 and encoding != "raw"):
@@ -305,7 +307,7 @@ def _part(
     path: Path, target: Path, offset: int, encoding: str, lines: int, skip: int, expected: int, dtype: np.dtype[Any]
 ) -> Source:
     """The voxels in one file; lines and bytes to skip are those of each file of a set."""
-    offset += _skipped_lines(path, target, offset, lines)
+    offset += _skip_lines(path, target, offset, lines)
     if skip == -1:  # the voxels are the last bytes of the file
         offset, skip = max(offset, target.stat().st_size - expected), 0
     if encoding in ("text", "hex"):
@@ -313,7 +315,7 @@ def _part(
     return Source(target, offset, encoding, skip, dtype if encoding == "text" else None)
 
 
-def _skipped_lines(path: Path, target: Path, offset: int, lines: int) -> int:
+def _skip_lines(path: Path, target: Path, offset: int, lines: int) -> int:
     if not lines:
         return 0
     with target.open("rb") as file:
@@ -355,7 +357,7 @@ def _affine(
     """Geometry of the header, as arguments of Header."""
     space = fields.get("space", "").lower()
     if space and space not in _SPACES:
-        raise fail(path, f"the space '{shown(space)}' is not supported; save it in left-posterior-superior.")
+        raise fail(path, f"the space '{printable(space)}' is not supported; save it in left-posterior-superior.")
     signs = np.array(_SPACES.get(space, (1.0, 1.0, 1.0))) * factors
     origin = _vectors(path, "space origin", fields["spaceorigin"])[:1] if "spaceorigin" in fields else []
     corner = _three(path, "space origin", origin[0] if origin else [0.0, 0.0, 0.0])
@@ -393,7 +395,8 @@ def _spacings(
     centres = fields.get("centers", fields.get("centerings", "")).lower().split()
     if centres and (len(centres) != dimension or not set(centres) <= {"cell", "node", "none", "???"}):
         raise fail(
-            path, f"the field 'centers' should be {dimension} words, cell or node, but is '{shown(' '.join(centres))}'."
+            path,
+            f"the field 'centers' should be {dimension} words, cell or node, but is '{printable(' '.join(centres))}'.",
         )
     # "axis min" is the border of a cell, or the place of a node.
     first = [

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.atomic import atomic_folder
-from deformnb.io.files.errors import fail, shown, unpacking
-from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Header, Layout, checked_layout, volume_shape
+from deformnb.io.files.errors import fail, printable, unpacking
+from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Header, Layout, check_layout, volume_shape
 from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
@@ -180,11 +180,11 @@ def open_pyramid(path: Path) -> Pyramid:
             level, layout = _level(path, node, _plain_axes(path, node), None, None, {})
             note = "a Zarr array without the metadata of OME-Zarr has no spacing: 1 along each axis"
             return Pyramid((level,), None, (note,), layout)
-        return _of_group(path, node)
+        return _from_group(path, node)
     except (DeformError, MemoryError):
         raise
     except Exception as error:  # a parser of others: damaged metadata raise anything
-        raise fail(path, f"it cannot be read as Zarr: {shown(error)}.") from error
+        raise fail(path, f"it cannot be read as Zarr: {printable(error)}.") from error
 
 
 def _node(path: Path) -> Any:
@@ -242,15 +242,15 @@ def _check_metadata(path: Path) -> None:
     folders = [path, *(entry for entry in path.iterdir() if entry.is_dir())]
     for file in (folder / name for folder in folders for name in _META_FILES):
         if file.is_file() and file.stat().st_size > HEADER_BYTES:
-            raise fail(path, f"its metadata {shown(file.name)} are longer than {HEADER_BYTES} bytes.")
+            raise fail(path, f"its metadata {printable(file.name)} are longer than {HEADER_BYTES} bytes.")
 
 
-def _of_group(path: Path, group: zarr.Group) -> Pyramid:
+def _from_group(path: Path, group: zarr.Group) -> Pyramid:
     attributes = dict(group.attrs)
     ome = _mapping(path, attributes.get("ome", attributes), "its metadata")
     scales = ome.get("multiscales")
     if not isinstance(scales, list) or not scales:
-        return _of_set(path, group, ome)
+        return _from_image_set(path, group, ome)
     about = _mapping(path, scales[0], "multiscales[0]")
     notes: tuple[str, ...] = (f"of its {len(scales)} multiscale images the first was read",) if len(scales) > 1 else ()
     axes = _axes(path, about, str(about.get("version", ome.get("version", ""))))
@@ -265,7 +265,7 @@ def _of_group(path: Path, group: zarr.Group) -> Pyramid:
         dataset = _mapping(path, entry, f"datasets[{k}]")
         array = _array(path, group, dataset.get("path"))
         level, layout = _level(path, array, names, about, dataset, attributes)
-        levels.append(replace(level, grid=_in_one_unit(path, level.grid, unit, factors)))
+        levels.append(replace(level, grid=_to_common_unit(path, level.grid, unit, factors)))
         layouts.append(layout)
     sizes = [level.grid.size for level in levels]
     if sorted(sizes, reverse=True) != sizes or len({level.array.dtype for level in levels}) > 1:
@@ -279,7 +279,7 @@ def _of_group(path: Path, group: zarr.Group) -> Pyramid:
     return Pyramid(tuple(levels), labels, notes, _named_layout(layouts[0], ome, attributes, axes))
 
 
-def _of_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
+def _from_image_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
     """The one image of a group of images; of several the names, to choose from."""
     if "plate" in ome or "well" in ome:
         kind = "plate" if "plate" in ome else "well"
@@ -290,14 +290,14 @@ def _of_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
         raise fail(
             path,
             f"it is a {kind} of {len(names)} {'wells' if kind == 'plate' else 'images'}, and a volume is "
-            f"one image: name it, such as {shown(path.name)}/{shown((names or ['A/1'])[0], 40)}{inner}.",
+            f"one image: name it, such as {printable(path.name)}/{printable((names or ['A/1'])[0], 40)}{inner}.",
         )
     if isinstance(ome.get("labels"), list):
         names = [str(name) for name in ome["labels"]]
         raise fail(
             path,
-            f"it lists the labels {shown(', '.join(names))}; name one, such as {shown(path.name)}/"
-            f"{shown((names or ['cells'])[0], 40)}.",
+            f"it lists the labels {printable(', '.join(names))}; name one, such as {printable(path.name)}/"
+            f"{printable((names or ['cells'])[0], 40)}.",
         )
     if "bioformats2raw.layout" in ome:
         images = sorted((entry.name for entry in path.iterdir() if entry.name.isdecimal() and is_zarr(entry)), key=int)
@@ -305,7 +305,7 @@ def _of_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Pyramid:
             raise fail(
                 path,
                 f"it is a set of {len(images)} images ({', '.join(images[:8])}); name one, such as "
-                f"{shown(path.name)}/{(images or ['0'])[0]}.",
+                f"{printable(path.name)}/{(images or ['0'])[0]}.",
             )
         found = open_pyramid(path / images[0])
         return replace(found, notes=(*found.notes, f"the image {images[0]} of the set was read"))
@@ -322,7 +322,7 @@ def _axes(path: Path, about: Mapping[str, Any], version: str) -> list[Mapping[st
     if axes is None and version in _OLD_AXES and "coordinateSystems" not in about:
         axes = list("tczyx")
     if not isinstance(axes, list) or not 2 <= len(axes) <= 5:
-        raise fail(path, f"its axes should be 2 to 5, got {shown(axes)}.")
+        raise fail(path, f"its axes should be 2 to 5, got {printable(axes)}.")
     found = [axis if isinstance(axis, Mapping) else {"name": axis} for axis in axes]
     names = [axis.get("name") for axis in found]
     kinds = {"t": "time", "c": "channel", "z": "space", "y": "space", "x": "space"}
@@ -334,7 +334,9 @@ def _axes(path: Path, about: Mapping[str, Any], version: str) -> list[Mapping[st
             or axis.get("type", kinds.get(name)) != kinds.get(name, axis.get("type"))
             or (axis.get("type") == "space" and name not in kinds)
         ):
-            raise fail(path, f"its axes should be z, y, x in space, t in time and c of channels; one is {shown(axis)}.")
+            raise fail(
+                path, f"its axes should be z, y, x in space, t in time and c of channels; one is {printable(axis)}."
+            )
     return found
 
 
@@ -350,7 +352,7 @@ def _named_layout(
     known = [one for one in channels if isinstance(one, Mapping)] if isinstance(channels, list) else []
     if len(known) != layout.channels or layout.channels == 1:
         return layout
-    names = tuple(shown(one.get("label", "")) for one in known)
+    names = tuple(printable(one.get("label", "")) for one in known)
     codes = [str(one.get("color", "")) for one in known]
     colours = tuple(
         (int(code[:2], 16) / 255, int(code[2:4], 16) / 255, int(code[4:], 16) / 255)
@@ -388,7 +390,7 @@ def _unit(axes: list[Mapping[str, Any]]) -> tuple[str, tuple[float, ...], tuple[
     return unit, factors, tuple(dict.fromkeys(note for _, one in stated for note in one)) + notes
 
 
-def _in_one_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) -> Grid:
+def _to_common_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) -> Grid:
     """The grid with its lengths along x, y and z brought to one unit."""
     lengths = np.asarray(grid.spacing) * factors
     place = np.asarray(grid.direction) @ (np.asarray(grid.direction).T @ np.asarray(grid.origin) * factors)
@@ -397,30 +399,30 @@ def _in_one_unit(path: Path, grid: Grid, unit: str, factors: tuple[float, ...]) 
             grid, spacing=tuple(lengths), origin=tuple(place) if len(set(factors)) > 1 else grid.origin, unit=unit
         )
     except DeformError as error:
-        raise fail(path, f"its coordinates are unusable: {shown(error, 200)}") from error
+        raise fail(path, f"its coordinates are unusable: {printable(error, 200)}") from error
 
 
 def _mapping(path: Path, value: Any, what: str) -> Mapping[str, Any]:
     if not isinstance(value, Mapping):
-        raise fail(path, f"{what} should be an object of JSON, got {shown(value)}.")
+        raise fail(path, f"{what} should be an object of JSON, got {printable(value)}.")
     return value
 
 
 def _array(path: Path, group: zarr.Group, name: Any) -> zarr.Array[Any]:
     parts = name.split("/") if isinstance(name, str) else [".."]
     if any(part in ("", ".", "..") or "\\" in part or ":" in part for part in parts):
-        raise fail(path, f"its dataset {shown(name)} is not in its own folder, so it is not read.")
+        raise fail(path, f"its dataset {printable(name)} is not in its own folder, so it is not read.")
     try:
         inside = path.joinpath(*parts).resolve().is_relative_to(path.resolve())
     except (OSError, ValueError):
         inside = False
     if not inside:
-        raise fail(path, f"its dataset {shown(name)} is a link out of its own folder; it is not read.")
+        raise fail(path, f"its dataset {printable(name)} is a link out of its own folder; it is not read.")
     zarr = zarr_package()
     _check_metadata(path.joinpath(*parts).parent)
     array = group[name]
     if not isinstance(array, zarr.Array):
-        raise fail(path, f"its dataset {shown(name)} is no array.")
+        raise fail(path, f"its dataset {printable(name)} is no array.")
     return array
 
 
@@ -434,7 +436,7 @@ def _level(
 ) -> tuple[Level, Layout]:
     """One resolution, and its moments and channels."""
     if array.ndim != len(names):
-        raise fail(path, f"its array {shown(array.path)} has {array.ndim} axes and its metadata name {len(names)}.")
+        raise fail(path, f"its array {printable(array.path)} has {array.ndim} axes and its metadata name {len(names)}.")
     dtype = array.dtype
     if dtype.kind not in "biuf":
         raise fail(path, f"voxels of type {dtype} are no numbers that can be deformed.")
@@ -442,14 +444,14 @@ def _level(
     others = {name: n for name, n in size.items() if name not in ("t", "c", "z", "y", "x") and n != 1}
     if not {"y", "x"} <= set(names) or others:
         axes = ", ".join(f"{name}: {n}" for name, n in size.items())
-        raise fail(path, f"a volume has the axes z, y, x, and this pyramid has {shown(axes)}.")
+        raise fail(path, f"a volume has the axes z, y, x, and this pyramid has {printable(axes)}.")
     shape, _ = volume_shape(path, [size["x"], size["y"], size.get("z", 1)], dtype.itemsize)
-    layout = checked_layout(path, Layout(size.get("t", 1), size.get("c", 1)))
+    layout = check_layout(path, Layout(size.get("t", 1), size.get("c", 1)))
     _check_chunks(path, array)
     scale, shift = np.ones(len(names)), np.zeros(len(names))
     for part in (dataset, about):
         for one in (part or {}).get("coordinateTransformations") or []:
-            scale, shift = _transformed(path, _mapping(path, one, "a transformation"), scale, shift)
+            scale, shift = _apply_transformation(path, _mapping(path, one, "a transformation"), scale, shift)
     spacing, origin = (
         np.array([dict(zip(names, numbers, strict=True)).get(axis, missing) for axis in "xyz"])
         for numbers, missing in ((scale, 1.0), (shift, 0.0))
@@ -461,7 +463,7 @@ def _level(
         place = np.asarray(frame.direction) @ origin
         grid = Grid(shape, tuple(spacing), tuple(place), frame.direction)
     except (DeformError, TypeError, ValueError) as error:
-        raise fail(path, f"its coordinates are unusable: {shown(error, 200)}") from error
+        raise fail(path, f"its coordinates are unusable: {printable(error, 200)}") from error
     index = tuple(name if name in ("z", "y", "x") else 0 for name in names)
     duration = float(scale[names.index("t")]) if layout.frames > 1 else 0.0
     others_in_order = tuple(name for name in names if name not in ("z", "y", "x"))
@@ -475,26 +477,28 @@ def _check_chunks(path: Path, array: zarr.Array[Any]) -> None:
         size = " x ".join(map(str, array.chunks))
         raise fail(
             path,
-            f"its array {shown(array.path)} lies in {count} chunks of {size} numbers, which would be read "
+            f"its array {printable(array.path)} lies in {count} chunks of {size} numbers, which would be read "
             "for hours; save it in chunks such as 64 x 128 x 128.",
         )
 
 
-def _transformed(
+def _apply_transformation(
     path: Path, one: Mapping[str, Any], scale: NDArray[np.float64], shift: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     kind = one.get("type")
     if kind == "identity":
         return scale, shift
     if kind not in ("scale", "translation"):
-        raise fail(path, f"its coordinate transformation {shown(kind)} is not supported; scale and translation are.")
+        raise fail(
+            path, f"its coordinate transformation {printable(kind)} is not supported; scale and translation are."
+        )
     numbers = one.get(kind)
     if (
         not isinstance(numbers, list)
         or len(numbers) != len(scale)
         or not all(isinstance(n, int | float) and not isinstance(n, bool) and abs(n) < 1e300 for n in numbers)
     ):
-        raise fail(path, f"its {kind} should be {len(scale)} numbers, got {shown(numbers)}.")
+        raise fail(path, f"its {kind} should be {len(scale)} numbers, got {printable(numbers)}.")
     given = np.array(numbers, dtype=np.float64)
     return (scale * given, shift * given) if kind == "scale" else (scale, shift + given)
 
@@ -586,16 +590,16 @@ def level_grids(grid: Grid, levels: int | None = None) -> list[Grid]:
     return found
 
 
-def halved(values: NDArray[Any], *, discrete: bool) -> NDArray[Any]:
+def halve(values: NDArray[Any], *, discrete: bool) -> NDArray[Any]:
     """Voxels [z, y, x] of the next level: the mean of each cell, whole numbers rounded, halves up; of labels the mode.
 
     A cell at an odd end has fewer voxels. Of labels that are equally frequent in a cell the first in memory is taken.
 
     Examples
     --------
-    >>> halved(np.array([[[1, 2], [4, 4]]], np.uint8), discrete=False).tolist()
+    >>> halve(np.array([[[1, 2], [4, 4]]], np.uint8), discrete=False).tolist()
     [[[3]]]
-    >>> halved(np.array([[[7, 2], [2, 9]]], np.uint8), discrete=True).tolist()
+    >>> halve(np.array([[[7, 2], [2, 9]]], np.uint8), discrete=True).tolist()
     [[[2]]]
     """
     padded = np.pad(values, [(0, n % 2 if n > 1 else 0) for n in values.shape], mode="edge")
@@ -639,7 +643,7 @@ def create_pyramid(
     """
     zarr = zarr_package()
     if version not in VERSIONS:
-        raise DeformError(f"unknown version {shown(version)} of OME-Zarr; choose one of {', '.join(VERSIONS)}.")
+        raise DeformError(f"unknown version {printable(version)} of OME-Zarr; choose one of {', '.join(VERSIONS)}.")
     about = _metadata(grids, name, is_labels)
     attributes: dict[str, Any]
     if version == "0.5":
@@ -694,7 +698,7 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
         total, done = sum(grid.size for grid in grids), 0
         values = np.asarray(volume.values)
         for array, grid in zip(arrays, grids, strict=True):
-            values = values if array is arrays[0] else _halved_in_slabs(values, discrete)
+            values = values if array is arrays[0] else _halve_in_slabs(values, discrete)
             for corner in product(*(range(0, n, size) for n, size in zip(grid.shape, array.chunks, strict=True))):
                 part = tuple(slice(start, start + size) for start, size in zip(corner, array.chunks, strict=True))
                 array[part] = values[part]
@@ -703,6 +707,6 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
                     progress(done / total)
 
 
-def _halved_in_slabs(values: NDArray[Any], discrete: bool) -> NDArray[Any]:
-    """:func:`halved` with little memory beside the result."""
-    return np.concatenate([halved(values[k : k + 16], discrete=discrete) for k in range(0, len(values), 16)])
+def _halve_in_slabs(values: NDArray[Any], discrete: bool) -> NDArray[Any]:
+    """:func:`halve` with little memory beside the result."""
+    return np.concatenate([halve(values[k : k + 16], discrete=discrete) for k in range(0, len(values), 16)])

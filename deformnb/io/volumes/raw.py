@@ -28,9 +28,9 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import Header, VoxelBlocks, volume_shape
-from deformnb.io.volumes.voxels import Source, checked_bytes, slabs_of_bytes
+from deformnb.io.volumes.voxels import Source, check_bytes, slabs_of_bytes
 from deformnb.volume.units import parse_unit
 from deformnb.volume.volume import Volume, cast
 
@@ -64,7 +64,7 @@ def _side_file(path: Path) -> dict[str, Any] | None:
     try:
         fields = json.loads(data.decode("utf-8"), parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise fail(side, f"this side file is not JSON ({shown(error)}).") from error
+        raise fail(side, f"this side file is not JSON ({printable(error)}).") from error
     if not isinstance(fields, dict):
         raise fail(side, f"this side file should look like {_EXAMPLE}.")
     version = fields.get("version", _VERSION)
@@ -81,7 +81,7 @@ def _numbers(side: Path, fields: dict[str, Any], name: str, shape: tuple[int, ..
         return array.astype(np.float64).tolist()
     except (ValueError, OverflowError, RecursionError) as error:
         many = " x ".join(map(str, shape))
-        raise fail(side, f"the field '{name}' should be {many} numbers but is {shown(fields[name])}.") from error
+        raise fail(side, f"the field '{name}' should be {many} numbers but is {printable(fields[name])}.") from error
 
 
 def _geometry(side: Path, fields: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
@@ -103,7 +103,7 @@ def _shape(side: Path, fields: dict[str, Any]) -> list[int]:
     shape = fields.get("shape")
     whole = isinstance(shape, list) and all(isinstance(n, int) and not isinstance(n, bool) for n in shape)
     if not isinstance(shape, list) or not whole or not 1 <= len(shape) <= 8:
-        raise fail(side, f"the field 'shape' should be [nz, ny, nx] but is {shown(shape)}.")
+        raise fail(side, f"the field 'shape' should be [nz, ny, nx] but is {printable(shape)}.")
     return shape
 
 
@@ -113,37 +113,38 @@ def read_raw_header(path: Path) -> Header:
     fields = _side_file(path)
     if fields is None:
         raise fail(
-            path, f"raw voxels need a file {shown(side.name)} next to them that describes them, for example {_EXAMPLE}."
+            path,
+            f"raw voxels need a file {printable(side.name)} next to them that describes them, for example {_EXAMPLE}.",
         )
     sizes = _shape(side, fields)[::-1]
     name, order = fields.get("dtype"), fields.get("byte_order")
     if not isinstance(name, str) or not _TYPE.fullmatch(name):
-        raise fail(side, f"the field 'dtype' should be a type such as uint8 or float32 but is {shown(name)}.")
+        raise fail(side, f"the field 'dtype' should be a type such as uint8 or float32 but is {printable(name)}.")
     dtype = np.dtype(name)
     if order not in ("little", "big") and (dtype.itemsize > 1 or order is not None):
-        raise fail(side, f'the field \'byte_order\' should be "little" or "big" but is {shown(order)}.')
+        raise fail(side, f'the field \'byte_order\' should be "little" or "big" but is {printable(order)}.')
     offset = fields.get("offset", 0)
     if not isinstance(offset, int) or isinstance(offset, bool) or offset < 0:
-        raise fail(side, f"the field 'offset' should be a number of bytes but is {shown(offset)}.")
+        raise fail(side, f"the field 'offset' should be a number of bytes but is {printable(offset)}.")
     shape, notes = volume_shape(side, sizes, dtype.itemsize)
     dtype = dtype.newbyteorder(">" if order == "big" else "<")
-    blocks = _checked(path, fields, Source(path, offset).blocks(shape, dtype))
+    blocks = _verify(path, fields, Source(path, offset).blocks(shape, dtype))
     known, unit_notes = _geometry(side, fields)
     return Header(path, shape, dtype, blocks, notes=notes + unit_notes, **known)
 
 
-def _checked(path: Path, fields: dict[str, Any], blocks: VoxelBlocks) -> VoxelBlocks:
+def _verify(path: Path, fields: dict[str, Any], blocks: VoxelBlocks) -> VoxelBlocks:
     """The same blocks; at their end their CRC must be that of the side file, if it has one."""
     if "crc32" not in fields:
         return blocks
 
-    return checked_bytes(
+    return check_bytes(
         blocks,
         fields["crc32"],
         lambda crc: fail(
             path,
-            f"its voxels are not those that {shown(_side_path(path).name)} describes (CRC {crc}, "
-            f"expected {shown(fields['crc32'])}). Write both anew, or remove the line crc32.",
+            f"its voxels are not those that {printable(_side_path(path).name)} describes (CRC {crc}, "
+            f"expected {printable(fields['crc32'])}). Write both anew, or remove the line crc32.",
         ),
     )
 
@@ -174,18 +175,18 @@ def read_npy_header(path: Path) -> Header:
     if "shape" in fields and _shape(side, fields) != list(shape):
         raise fail(
             path,
-            f"it has shape {shape} but its side file {shown(side.name)} has {_shape(side, fields)}. "
+            f"it has shape {shape} but its side file {printable(side.name)} has {_shape(side, fields)}. "
             "Remove the side file if the array is new.",
         )
     if fields.get("dtype", dtype.name) != dtype.name or fields.get("byte_order", "little") not in ("little", "big"):
         raise fail(
             path,
-            f"its voxels are {dtype.name}, but its side file {shown(side.name)} has dtype "
-            f"{shown(fields.get('dtype'), 40)} and byte_order {shown(fields.get('byte_order'), 40)}. "
+            f"its voxels are {dtype.name}, but its side file {printable(side.name)} has dtype "
+            f"{printable(fields.get('dtype'), 40)} and byte_order {printable(fields.get('byte_order'), 40)}. "
             "Remove the side file if the array is new.",
         )
     known, unit_notes = _geometry(side, fields)
-    return replace(header, blocks=_checked(path, fields, blocks), notes=notes + unit_notes, **known)
+    return replace(header, blocks=_verify(path, fields, blocks), notes=notes + unit_notes, **known)
 
 
 def _npy_fields(path: Path, text: bytes) -> tuple[np.dtype[Any], bool, list[int]]:
@@ -195,15 +196,17 @@ def _npy_fields(path: Path, text: bytes) -> tuple[np.dtype[Any], bool, list[int]
     except (ValueError, SyntaxError, KeyError, TypeError, IndexError, RecursionError, MemoryError) as error:
         raise fail(path, "its header is not that of a NumPy file; it is damaged.") from error
     if not isinstance(descr, str) or not _DESCRIPTION.fullmatch(descr):
-        raise fail(path, f"structured voxels ({shown(descr)}) are not supported; save one field of the array.")
+        raise fail(path, f"structured voxels ({printable(descr)}) are not supported; save one field of the array.")
     whole = isinstance(shape, tuple) and all(isinstance(n, int) and not isinstance(n, bool) for n in shape)
     if not isinstance(fortran, bool) or not whole:
-        raise fail(path, f"its header is damaged: shape {shown(shape)}, fortran_order {shown(fortran)}.")
+        raise fail(path, f"its header is damaged: shape {printable(shape)}, fortran_order {printable(fortran)}.")
     try:
         dtype = np.dtype(descr)
         cast(np.zeros((1, 1, 1), dtype))  # complex, object and text are refused by name, before anything is read
     except (TypeError, DeformError) as error:
-        raise fail(path, str(error) if isinstance(error, DeformError) else f"unknown type {shown(descr)}.") from error
+        raise fail(
+            path, str(error) if isinstance(error, DeformError) else f"unknown type {printable(descr)}."
+        ) from error
     if len(shape) < 2:
         raise fail(path, f"a volume has three axes [z, y, x] but this array has shape {shape}; reshape it first.")
     return dtype, fortran, list(shape)

@@ -16,15 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb._typing import Progress, Spacing
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import Damage, fail, human_bytes
 from deformnb.io.files.memory import default_limit
 from deformnb.io.files.paths import as_path
-from deformnb.io.files.streams import packed
+from deformnb.io.files.streams import compress
 from deformnb.io.volumes import images, metaimage, nifti, nrrd, ome_zarr, tiff
-from deformnb.io.volumes.formats import format_of, in_given_unit, located, plain_name, read_any_header, write_volume
+from deformnb.io.volumes.formats import (
+    existing_path,
+    format_of,
+    plain_name,
+    read_any_header,
+    with_given_unit,
+    write_volume,
+)
 from deformnb.io.volumes.headers import MOST_MOMENTS, Header, Layout
 from deformnb.io.volumes.voxels import stored_dtype
 from deformnb.volume.channels import Channels, ChannelsLike, as_channels, usual_names
@@ -123,14 +130,14 @@ def open_series(
     >>> [float(channels[0].values.max()) for channels in open_series(path)]
     [0.0, 1.0, 2.0, 3.0]
     """
-    place = located(path)
+    place = existing_path(path)
     with Damage(place, "close other programs"):
         kind, header = read_any_header(place)
         if kind == "image":
             header = images.read_colour_header(place)
-        header = header if unit is None else in_given_unit(header, check_unit(unit))
+        header = header if unit is None else with_given_unit(header, check_unit(unit))
         grid, notes = header.grid(None if spacing is None else as_spacing(spacing))
-        dtype = _kept_type(header)
+        dtype = _storable_type(header)
         needed = grid.size * dtype.itemsize * header.layout.channels + header.working_bytes
         limit = default_limit() if max_bytes is None else max_bytes
         if needed > limit:
@@ -240,17 +247,17 @@ def write_series(
     kind, entry = format_of(target, writing=True)
     check_target(target, overwrite=overwrite)
     if isinstance(moments, Volume | Channels | str | os.PathLike) or not isinstance(moments, Iterable):
-        raise DeformError(f"moments are a list of channels, got {shown_value(moments)}; write_channels writes one.")
+        raise DeformError(f"moments are a list of channels, got {short_value(moments)}; write_channels writes one.")
 
-    def in_written_unit(moment: ChannelsLike) -> Channels:
+    def convert_unit(moment: ChannelsLike) -> Channels:
         channels = as_channels(moment)
         return channels.in_unit(entry.written_unit(channels.grid.unit))
 
-    queue: Iterator[Channels] = map(in_written_unit, moments)
+    queue: Iterator[Channels] = map(convert_unit, moments)
     first = next(queue, None)
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or not 1 <= count <= MOST_MOMENTS:
         raise DeformError(
-            f"count is the number of moments, a whole number from 1 to {MOST_MOMENTS}, got {shown_value(count)}."
+            f"count is the number of moments, a whole number from 1 to {MOST_MOMENTS}, got {short_value(count)}."
         )
     if first is None:
         raise DeformError("there is no moment to write.")
@@ -269,7 +276,7 @@ def write_series(
         return
     if kind == "tiff":
         _write_tiff(
-            _put_back([first], queue),
+            _chain_items([first], queue),
             target,
             first,
             Layout(count, len(first), first.kind, first.names, first.colours, duration=duration),
@@ -284,15 +291,15 @@ def write_series(
     encoding = "gzip" if target.name.lower().endswith((".nrrd", ".gz")) else "raw"
     interleaved = len(first) > 1 and (kind in _INTERLEAVED or first.kind != "channels")
     size = first.grid.size * stored_dtype(first[0]).itemsize * len(first) * count
-    queue = _put_back([first], queue)
+    queue = _chain_items([first], queue)
     del first
     with atomic_write(target, overwrite=overwrite, needed=size if encoding == "raw" else size // 4) as file:
         pieces = _pieces(queue, count, interleaved, progress)
         if kind == "nrrd":
             file.write(header)
         else:
-            pieces = _after(header, pieces)
-        for piece in packed(pieces, encoding):
+            pieces = _prepend_header(header, pieces)
+        for piece in compress(pieces, encoding):
             file.write(piece)
 
 
@@ -312,12 +319,12 @@ def _write_tiff(
     tiff.write_pages(pages(), target, like, layout, overwrite=overwrite)
 
 
-def _after(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:
+def _prepend_header(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:
     yield memoryview(header)
     yield from pieces
 
 
-def _put_back(taken: list[Channels], queue: Iterator[Channels]) -> Iterator[Channels]:
+def _chain_items(taken: list[Channels], queue: Iterator[Channels]) -> Iterator[Channels]:
     """Yield the items taken and then the rest; ``itertools.chain`` would hold the former until the end."""
     yield taken.pop()
     yield from queue
@@ -352,7 +359,7 @@ def _pieces(
     _refuse_more(queue, count)
 
 
-def _kept_type(header: Header) -> np.dtype[Any]:
+def _storable_type(header: Header) -> np.dtype[Any]:
     """The type of voxels that a volume keeps and the file's values fit, without looking at them."""
     dtype = header.loaded_dtype
     larger = {"float16": "float32", "uint32": "float64", "int64": "float64", "uint64": "float64"}.get(dtype.name)
@@ -369,7 +376,7 @@ def _stacks(header: Header) -> Iterator[NDArray[Any]]:
     layout, (nz, ny, nx) = header.layout, header.shape
     inner = layout.channels if layout.interleaved else 1
     outer = layout.channels // inner
-    dtype = _kept_type(header)
+    dtype = _storable_type(header)
     per_frame = outer * nz
     done = 0
     out = np.empty((layout.channels, nz, ny, nx), dtype)
@@ -404,7 +411,7 @@ def is_series(path: str | os.PathLike[str]) -> bool:
     >>> is_series(file)
     True
     """
-    place = located(path)
+    place = existing_path(path)
     if place.is_dir() and not ome_zarr.is_zarr(place):
         return False
     with Damage(place, "close other programs"):

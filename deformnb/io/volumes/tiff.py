@@ -28,9 +28,9 @@ from numpy.typing import NDArray
 from deformnb._typing import Float3, Progress
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import regular_file
-from deformnb.io.volumes.headers import SINGLE, Header, Layout, VoxelBlocks, checked_layout, volume_shape
+from deformnb.io.volumes.headers import SINGLE, Header, Layout, VoxelBlocks, check_layout, volume_shape
 from deformnb.io.volumes.tiff_pages import (
     DESCRIPTION,
     HEIGHT,
@@ -63,7 +63,7 @@ def read_header(path: Path) -> Header:
     """Geometry and type of a TIFF file with one or many pages."""
     text, found = _description(path)
     header = _header(path, lambda: _pages(path, found), found)
-    return _annotated(header, text) if "<OME" in text[:2000] else header
+    return _annotate(header, text) if "<OME" in text[:2000] else header
 
 
 def slices_of(path: Path) -> list[Page]:
@@ -74,7 +74,7 @@ def slices_of(path: Path) -> list[Page]:
             if page is None:
                 continue
             found.append(page)
-            _require_like(path, page, found[0], len(found) - 1)
+            _require_same(path, page, found[0], len(found) - 1)
             tables += page.offsets.nbytes + page.counts.nbytes
             if tables > _MOST_TABLES:
                 raise fail(path, f"the tables of its pages take more than {_MOST_TABLES} bytes; save it uncompressed.")
@@ -87,14 +87,14 @@ def _description(path: Path) -> tuple[str, _Described]:
         _, tags = next(directories(path, file))
     description = tags.get(DESCRIPTION, b"")
     text = description.split(b"\0")[0].decode("utf-8", "replace") if isinstance(description, bytes) else ""
-    return text, _described(path, text, tags)
+    return text, _describe(path, text, tags)
 
 
 def read_folder_header(folder: Path) -> Header:
     """Geometry and type of a folder of TIFF files with one page each."""
     found = (file for file in folder.iterdir() if file.suffix.lower() in TIFF_SUFFIXES)
     files = [regular_file(file) for file in sorted(found, key=_natural)]  # a pipe in the place of a slice is no slice
-    order = f"{len(files)} files in the order {shown(files[0].name, 40)} ... {shown(files[-1].name, 40)}"
+    order = f"{len(files)} files in the order {printable(files[0].name, 40)} ... {printable(files[-1].name, 40)}"
     return _header(folder, lambda: _single_pages(files), _Described(notes=(order,)))
 
 
@@ -121,7 +121,7 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
             previews += 1
             continue
         first = first or page
-        _require_like(path, page, first, count)
+        _require_same(path, page, first, count)
         count, working_bytes = count + 1, max(working_bytes, page.working_bytes)
     if first is None:
         raise fail(path, "it has no pages.")
@@ -172,8 +172,8 @@ def _check_plane(path: Path, found: _Described, page: Page) -> None:
     if states != has:
         raise fail(
             path,
-            f"its description states {' x '.join(shown(n, 20) for n in states[:2])} pixels of "
-            f"{shown(states[2], 20)}, and its pages have {' x '.join(has[:2])} of {has[2]}.",
+            f"its description states {' x '.join(printable(n, 20) for n in states[:2])} pixels of "
+            f"{printable(states[2], 20)}, and its pages have {' x '.join(has[:2])} of {has[2]}.",
         )
 
 
@@ -188,7 +188,7 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
         named = layout if kind == "channels" and planes == samples else replace(layout, names=(), colours=())
         layout = replace(named, channels=samples, kind=kind, interleaved=True)
         planes = 1
-    layout = checked_layout(path, layout)
+    layout = check_layout(path, layout)
     slices, rest = divmod(count, planes * layout.frames)
     if rest or not slices or found.slices not in (None, slices):
         depth = "" if found.slices is None else f" of {found.slices} slices"
@@ -233,7 +233,7 @@ def _sorted_blocks(path: Path, pages: _Pages, order: str, counts: tuple[int, int
             yield found[at].read(file)[None]
 
 
-def _require_like(path: Path, page: Page, first: Page, number: int) -> None:
+def _require_same(path: Path, page: Page, first: Page, number: int) -> None:
     if (page.shape, page.dtype, page.samples, page.codec.photometric) != (
         first.shape,
         first.dtype,
@@ -253,7 +253,7 @@ def _blocks(path: Path, pages: _Pages, first: Page, count: int) -> Iterator[NDAr
         for page, file in pages:
             if page is None:
                 continue
-            _require_like(path, page, first, number)
+            _require_same(path, page, first, number)
             yield page.read(file)[None]
             number += 1
     if number != count:
@@ -335,14 +335,14 @@ _ATTRIBUTE = re.compile(r'([A-Za-z]+)="([^"]{0,60})"')
 _NO_DISTANCE = "the file does not state the distance of slices; spacing 1 was taken"
 
 
-def _described(path: Path, text: str, tags: Tags) -> _Described:
+def _describe(path: Path, text: str, tags: Tags) -> _Described:
     """Spacing, number of slices, channels, moments and remarks of the description in the first page."""
     if text.startswith("ImageJ="):
-        return _of_imagej(path, text, tags)
+        return _from_imagej(path, text, tags)
     if "<OME" in text[:2000]:
-        return _of_ome(path, text)
+        return _from_ome(path, text)
     if text.lstrip()[:1] == "{" and '"shape"' in text:
-        return _of_tifffile(path, text, tags)
+        return _from_tifffile(path, text, tags)
     return _Described(notes=_unused_resolution(path, tags))
 
 
@@ -373,12 +373,12 @@ def _counts(path: Path, fields: Mapping[str, Any], names: tuple[str, ...]) -> li
     for name in names:
         text = str(fields.get(name, "1")).strip()
         if not (text.isascii() and text.isdecimal() and len(text) < 10 and int(text) > 0):
-            raise fail(path, f"its description has '{name}' = '{shown(text, 40)}', which is no number of pages.")
+            raise fail(path, f"its description has '{name}' = '{printable(text, 40)}', which is no number of pages.")
         found.append(int(text))
     return found
 
 
-def _of_imagej(path: Path, text: str, tags: Tags) -> _Described:
+def _from_imagej(path: Path, text: str, tags: Tags) -> _Described:
     fields = {key.strip(): value for key, value in (line.split("=", 1) for line in text.splitlines() if "=" in line)}
     images, channels, slices, frames = _counts(path, fields, ("images", "channels", "slices", "frames"))
     named = {"channels", "slices", "frames"} & fields.keys()
@@ -391,7 +391,7 @@ def _of_imagej(path: Path, text: str, tags: Tags) -> _Described:
     notes: tuple[str, ...] = ()
     duration = _number(fields.get("finterval", ""))
     if "finterval" in fields and (duration is None or duration < 0) and frames > 1:
-        notes += (f"its finterval '{shown(fields['finterval'], 20)}' is no time between moments, and is not used",)
+        notes += (f"its finterval '{printable(fields['finterval'], 20)}' is no time between moments, and is not used",)
     # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
     layout = Layout(frames, channels, duration=max(0.0, duration or 0.0))
     spacing, unit, more = _imagej_lengths(path, fields, tags)
@@ -399,13 +399,13 @@ def _of_imagej(path: Path, text: str, tags: Tags) -> _Described:
     return _Described(spacing, unit, count, notes + more, layout, "CZT", slices if named else None)
 
 
-def _of_ome(path: Path, text: str) -> _Described:
+def _from_ome(path: Path, text: str) -> _Described:
     pixels = re.search(r"<Pixels[^>]*>", text)
     found = dict(_ATTRIBUTE.findall(pixels[0])) if pixels else {}
     layout, notes = _ome_layout(path, found, text)
     order = found.get("DimensionOrder", "XYZCT")[2:]
     if sorted(order) != ["C", "T", "Z"] or found.get("DimensionOrder", "XY")[:2] != "XY":
-        raise fail(path, f"its DimensionOrder is {shown(found['DimensionOrder'], 20)}, which OME does not define.")
+        raise fail(path, f"its DimensionOrder is {printable(found['DimensionOrder'], 20)}, which OME does not define.")
     slices, channels, frames = _counts(path, found, ("SizeZ", "SizeC", "SizeT"))
     known = {"SizeZ", "SizeC", "SizeT"} & found.keys()
     spacing, unit, more = _ome_lengths(found)
@@ -428,15 +428,19 @@ def _ome_lengths(pixels: dict[str, str]) -> tuple[Float3 | None, str, tuple[str,
     stated = {axis: pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"}
     if not any(value is not None for value in stated.values()):
         alone = {value for axis in "XYZ" if (value := pixels.get(f"PhysicalSize{axis}Unit"))}
-        return None, "", tuple(f"the file states the unit {shown(unit, 20)} and no length" for unit in sorted(alone))
+        return (
+            None,
+            "",
+            tuple(f"the file states the unit {printable(unit, 20)} and no length" for unit in sorted(alone)),
+        )
     units = [html.unescape(pixels.get(f"PhysicalSize{axis}Unit", "\u00b5m")) for axis in "XYZ"]
-    lengths, notes = _taken({axis.lower(): value for axis, value in stated.items()})
+    lengths, notes = _usable_lengths({axis.lower(): value for axis, value in stated.items()})
     used = [unit if _number(value or "") else units[0] for unit, value in zip(units, stated.values(), strict=True)]
-    spacing, unit, more = _in_one_unit(lengths, used)
+    spacing, unit, more = _to_common_unit(lengths, used)
     return spacing, unit, notes + more
 
 
-def _taken(stated: dict[str, str | None]) -> tuple[Float3, tuple[str, ...]]:
+def _usable_lengths(stated: dict[str, str | None]) -> tuple[Float3, tuple[str, ...]]:
     """Lengths along x, y and z of what a file states; with notes for each that is turned, or made up."""
     lengths, notes = [], []
     for axis, text in stated.items():
@@ -444,16 +448,16 @@ def _taken(stated: dict[str, str | None]) -> tuple[Float3, tuple[str, ...]]:
         if number:
             lengths.append(abs(number))
             if number < 0:
-                notes.append(f"the length {shown(text, 20)} along {axis} is negative in the file; its size is used")
+                notes.append(f"the length {printable(text, 20)} along {axis} is negative in the file; its size is used")
             continue
         lengths.append(lengths[0] if axis == "y" and lengths else 1.0)
         named = "distance of slices" if axis == "z" else f"length of pixels along {axis}"
-        why = "does not state" if text is None else f"has '{shown(text, 20)}' for"
+        why = "does not state" if text is None else f"has '{printable(text, 20)}' for"
         notes.append(f"the file {why} the {named}; spacing {lengths[-1]:g} was taken")
     return (lengths[0], lengths[1], lengths[2]), tuple(notes)
 
 
-def _of_tifffile(path: Path, text: str, tags: Tags) -> _Described:
+def _from_tifffile(path: Path, text: str, tags: Tags) -> _Described:
     """The description of tifffile: the shape of the array, and perhaps the names of its axes."""
     try:
         found = json.loads(text)
@@ -508,7 +512,7 @@ def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[st
         guessed = guessed or not known
     axes = [axis for axis, _ in found]
     if len(set(axes)) < len(axes):
-        raise fail(path, f"its description names the axes {shown(names, 20)}; one of Z, C and T is there twice.")
+        raise fail(path, f"its description names the axes {printable(names, 20)}; one of Z, C and T is there twice.")
     taken = {"Z": "slices", "C": "channels", "T": "moments"}
     if not guessed or len(real) < 2:
         return found[::-1], ()
@@ -516,7 +520,7 @@ def _pages_axes(path: Path, sizes: list[int], names: str) -> tuple[list[tuple[st
     return found[::-1], (f"its axes of {sizes_of} pages, of no name, were taken as {words}",)
 
 
-def _in_one_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[str, ...]]:
+def _to_common_unit(lengths: Float3, units: list[str]) -> tuple[Float3, str, tuple[str, ...]]:
     """Lengths along x, y and z in the unit of x, with that unit and notes."""
     stated = [parse_unit(unit) for unit in units]
     unit, (a, b, c), notes = common_unit([one for one, _ in stated])
@@ -528,7 +532,7 @@ def _ome_layout(path: Path, pixels: dict[str, str], text: str) -> tuple[Layout, 
     """Channels with their names and colours (red, green, blue, alpha in 32 bits, with a sign) and moments of OME."""
     frames, size = _counts(path, pixels, ("SizeT", "SizeC"))
     channels = [dict(_ATTRIBUTE.findall(found)) for found in _CHANNEL.findall(text.partition("</Pixels>")[0])]
-    names = tuple(shown(html.unescape(channel.get("Name", ""))) for channel in channels)
+    names = tuple(printable(html.unescape(channel.get("Name", ""))) for channel in channels)
     codes = [channel.get("Color", "") for channel in channels]
     colours = tuple(
         ((int(code) >> 24 & 255) / 255, (int(code) >> 16 & 255) / 255, (int(code) >> 8 & 255) / 255)
@@ -538,7 +542,7 @@ def _ome_layout(path: Path, pixels: dict[str, str], text: str) -> tuple[Layout, 
     increment = pixels.get("TimeIncrement", "0")
     duration, notes = _number(increment), tuple[str, ...]()
     if frames > 1 and (duration is None or duration < 0):
-        notes = (f"its TimeIncrement '{shown(increment, 20)}' is no time between moments, and is not used",)
+        notes = (f"its TimeIncrement '{printable(increment, 20)}' is no time between moments, and is not used",)
     return Layout(
         frames,
         size,
@@ -551,7 +555,7 @@ def _ome_layout(path: Path, pixels: dict[str, str], text: str) -> tuple[Layout, 
 _ANNOTATION = re.compile(r'<M K="deformnb ([a-z]+)">([^<]{1,400})</M>')
 
 
-def _annotated(header: Header, text: str) -> Header:
+def _annotate(header: Header, text: str) -> Header:
     """The header with origin, directions and labels of our own annotations, where :func:`write` has left them."""
     found = {key: value.split() for key, value in _ANNOTATION.findall(text)}
     try:
@@ -559,7 +563,7 @@ def _annotated(header: Header, text: str) -> Header:
         rows = np.reshape(list(map(float, found["direction"])), (3, 3)).tolist() if "direction" in found else IDENTITY
         frame = Grid((1, 1, 1), (1.0, 1.0, 1.0), origin, rows)  # type: ignore[arg-type]
     except (DeformError, ValueError) as error:
-        raise fail(header.path, f"its annotations of deformnb are damaged: {shown(error, 200)}") from error
+        raise fail(header.path, f"its annotations of deformnb are damaged: {printable(error, 200)}") from error
     return replace(
         header,
         origin=frame.origin,
@@ -584,10 +588,10 @@ def _imagej_lengths(path: Path, fields: dict[str, str], tags: Tags) -> tuple[Flo
         return None, "", _unused_resolution(path, tags)
     across, down = _ratio(tags, XRES), _ratio(tags, YRES)
     depth = fields.get("spacing") or None
-    lengths, notes = _taken(
+    lengths, notes = _usable_lengths(
         {"x": None if across is None else repr(across), "y": None if down is None else repr(down), "z": depth}
     )
-    spacing, unit, more = _in_one_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
+    spacing, unit, more = _to_common_unit(lengths, [unit, fields.get("yunit", unit), fields.get("zunit", unit)])
     return spacing, unit, notes + more
 
 

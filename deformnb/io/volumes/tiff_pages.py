@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from deformnb.errors import MissingPackageError
 from deformnb.io.files.codecs import unpack_bytes, unpack_picture
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.volumes.headers import volume_shape
 from deformnb.volume.volume import optional_package
 
@@ -164,11 +164,11 @@ class PageCodec:
                 return self._fax(data, rows)
             return self._numbers(unpack_bytes(_BYTES[self.compression], data, expected), rows)
         except MissingPackageError as error:
-            raise MissingPackageError(f"{shown(self.path.name)}: {error}") from error
+            raise MissingPackageError(f"{printable(self.path.name)}: {error}") from error
         except (ValueError, RuntimeError) as error:
             raise fail(
                 self.path,
-                f"a part of a page should have {expected} bytes but {shown(error).rstrip('.')}: the "
+                f"a part of a page should have {expected} bytes but {printable(error).rstrip('.')}: the "
                 "file is cut short or damaged.",
             ) from error
 
@@ -373,7 +373,7 @@ def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
     if (value != value[0]).any() or value.size not in (1, most):
         raise fail(
             path,
-            f"the field {tag} should be one number but is {shown(value.tolist(), 60)}; the file is "
+            f"the field {tag} should be one number but is {printable(value.tolist(), 60)}; the file is "
             "damaged, or its samples are of several types, which is not supported.",
         )
     return int(value[0])

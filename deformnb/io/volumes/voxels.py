@@ -20,16 +20,16 @@ from deformnb._typing import Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.atomic import atomic_write, check_target, flush_folder, sweep
 from deformnb.io.files.detached import detached_name, is_detached_name
-from deformnb.io.files.errors import fail, shown
+from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.streams import (
     CHUNK,
     ENCODINGS,
     Pieces,
     Stream,
     checksum,
+    compress,
     file_chunks,
     from_text,
-    packed,
     packed_bytes,
     take,
     write_all,
@@ -133,9 +133,9 @@ class SeveralSources:
         for part in self.parts:
             part.blocks((1, 1, share), dtype)
         size = share * dtype.itemsize
-        return lambda: stream_blocks(self.path, lambda: Pieces(self._joined(size), lambda: None), shape, dtype)
+        return lambda: stream_blocks(self.path, lambda: Pieces(self._join(size), lambda: None), shape, dtype)
 
-    def _joined(self, size: int) -> Iterator[bytes]:
+    def _join(self, size: int) -> Iterator[bytes]:
         for part in self.parts:
             with closing(part.open()) as stream:
                 left = size
@@ -202,7 +202,7 @@ def stream_blocks(
             )
 
 
-def checked_bytes(blocks: VoxelBlocks, crc32: object, error: Callable[[int], Exception]) -> VoxelBlocks:
+def check_bytes(blocks: VoxelBlocks, crc32: object, error: Callable[[int], Exception]) -> VoxelBlocks:
     """The same blocks; at their end their CRC-32 must be this, or the error made of the one found is raised."""
 
     def checked() -> Iterator[NDArray[Any]]:
@@ -216,19 +216,19 @@ def checked_bytes(blocks: VoxelBlocks, crc32: object, error: Callable[[int], Exc
     return checked
 
 
-def checked_blocks(
+def check_blocks(
     source: Source | SeveralSources, shape: tuple[int, int, int], dtype: np.dtype[Any], crc32: int | None, header: Path
 ) -> VoxelBlocks:
     """The blocks of a detached data file, which must have the checksum in its header, if there is one."""
     blocks = source.blocks(shape, dtype)
     if crc32 is None:
         return blocks
-    return checked_bytes(
+    return check_bytes(
         blocks,
         crc32,
         lambda crc: fail(
             source.path,
-            f"its voxels are not those that the header {shown(header.name)} was written for (CRC {crc:08x}, "
+            f"its voxels are not those that the header {printable(header.name)} was written for (CRC {crc:08x}, "
             f"expected {crc32:08x}): one of the two was changed or copied without the other. Take both from "
             f"one copy, or remove 'deformnb data crc32 {crc32:08x}' from the header to read it all the same.",
         ),
@@ -256,7 +256,7 @@ def slabs_of_bytes(
             progress(min(1.0, (start + rows) / nz))
 
 
-def needed_bytes(volume: Volume, encoding: str) -> int:
+def required_bytes(volume: Volume, encoding: str) -> int:
     """Free space that is required before a file is begun."""
     size = volume.grid.size * stored_dtype(volume).itemsize
     return size if encoding == "raw" else packed_bytes(size)
@@ -273,13 +273,13 @@ def write_packed(
     header_outside: bool = False,
 ) -> None:
     """A header and the voxels in one file; ``header_outside`` leaves the header itself uncompressed."""
-    with atomic_write(path, overwrite=overwrite, needed=needed_bytes(volume, encoding)) as file:
+    with atomic_write(path, overwrite=overwrite, needed=required_bytes(volume, encoding)) as file:
         pieces = slabs_of_bytes(volume.values, stored_dtype(volume), progress)
         if header_outside:
             file.write(header)
-            write_all(file, packed(pieces, encoding))
+            write_all(file, compress(pieces, encoding))
         else:
-            write_all(file, packed(_with_header(header, pieces), encoding))
+            write_all(file, compress(_with_header(header, pieces), encoding))
 
 
 def write_pair(
@@ -303,7 +303,7 @@ def write_pair(
     check_target(path, overwrite=overwrite)
     crc = checksum(slabs_of_bytes(volume.values, stored_dtype(volume)))
     data = path.with_name(detached_name(path, crc))
-    before = _named(path, named)
+    before = _data_file_name(path, named)
     was_there = data.exists()
 
     @contextmanager
@@ -318,18 +318,18 @@ def write_pair(
                 data.unlink(missing_ok=True)
             raise
 
-    with atomic_write(data, needed=needed_bytes(volume, "raw"), replacing=with_header) as voxels:
+    with atomic_write(data, needed=required_bytes(volume, "raw"), replacing=with_header) as voxels:
         write_all(voxels, slabs_of_bytes(volume.values, stored_dtype(volume), progress))
-    _remove_unnamed(path, before, named)
+    _remove_unused(path, before, named)
 
 
-def _named(header: Path, named: Callable[[Path], str | None]) -> str | None:
+def _data_file_name(header: Path, named: Callable[[Path], str | None]) -> str | None:
     with suppress(OSError, VolumeFileError):
         return named(header)
     return None
 
 
-def _remove_unnamed(header: Path, before: str | None, named: Callable[[Path], str | None]) -> None:
+def _remove_unused(header: Path, before: str | None, named: Callable[[Path], str | None]) -> None:
     """Remove the data files of earlier versions, also those whose writer was killed before it wrote the header.
 
     What this package has not named is not removed, nor what another process is just writing. The header is read when
@@ -338,7 +338,7 @@ def _remove_unnamed(header: Path, before: str | None, named: Callable[[Path], st
     with suppress(OSError):
         for file in list(header.parent.iterdir()):
             if is_detached_name(header, file.name) or file.name == before == f"{header.name}.raw":  # up to 1.4
-                sweep(file, unless=lambda name=file.name: _named(header, named) in (name, None))  # type: ignore[misc]
+                sweep(file, unless=lambda name=file.name: _data_file_name(header, named) in (name, None))  # type: ignore[misc]
 
 
 def _with_header(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from deformnb._typing import Progress
 from deformnb.io.files.atomic import atomic_write
-from deformnb.io.files.errors import fail, human_bytes, shown
+from deformnb.io.files.errors import fail, human_bytes, printable
 from deformnb.io.files.memory import available_memory
 from deformnb.io.files.streams import LEVEL, packed_bytes
 from deformnb.io.files.texts import floats, integers
@@ -40,7 +40,7 @@ def read_header(path: Path) -> Header:
         raise fail(path, "its array has several components (colours or vectors); save one component.")
     dtype = file.dtype(array)
     extent, geometry = _geometry(file)
-    cells = array.within("CellData")
+    cells = array.is_inside("CellData")
     sizes = [
         high - low + (0 if cells and high > low else 1) for low, high in zip(extent[::2], extent[1::2], strict=True)
     ]
@@ -51,7 +51,7 @@ def read_header(path: Path) -> Header:
         geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ corner).tolist())
     if cells:
         notes += ("the values belong to cells: voxels lie at the cells' centres",)
-    voxels = file.stored(array, math.prod(shape))
+    voxels = file.locate_array(array, math.prod(shape))
     labels = True if array.attributes.get("Name") == _LABELS else None
     return Header(
         path,
@@ -68,17 +68,17 @@ def read_header(path: Path) -> Header:
 def _choose(file: VtkXml) -> tuple[Tag, tuple[str, ...]]:
     """The array of voxels: the active scalars of the points, or the only or first array."""
     for parent in ("PointData", "CellData"):
-        arrays = [tag for tag in file.tags if tag.name == "DataArray" and tag.within(parent)]
+        arrays = [tag for tag in file.tags if tag.name == "DataArray" and tag.is_inside(parent)]
         if not arrays:
             continue
         owner = file.first(parent)
         active = owner.attributes.get("Scalars") if owner else None
         chosen = next((tag for tag in arrays if active is not None and tag.attributes.get("Name") == active), arrays[0])
-        others = ", ".join(shown(tag.attributes.get("Name", "?"), 30) for tag in arrays[:10] if tag is not chosen)
-        taken = shown(chosen.attributes.get("Name", "?"), 30)
+        others = ", ".join(printable(tag.attributes.get("Name", "?"), 30) for tag in arrays[:10] if tag is not chosen)
+        taken = printable(chosen.attributes.get("Name", "?"), 30)
         notes: tuple[str, ...] = (f"of several arrays '{taken}' was taken; the others are: {others}",) if others else ()
         if active is not None and chosen.attributes.get("Name") != active:
-            notes += (f"its active scalars '{shown(active, 30)}' are not there; '{taken}' was taken",)
+            notes += (f"its active scalars '{printable(active, 30)}' are not there; '{taken}' was taken",)
         return chosen, notes
     raise fail(file.path, "it has no array of points or cells, so there are no voxels.")
 
@@ -128,7 +128,7 @@ def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     arrays = [
         tag
         for tag in file.tags
-        if tag.name == "DataArray" and tag.within("PointData") and tag.attributes.get("NumberOfComponents") == "3"
+        if tag.name == "DataArray" and tag.is_inside("PointData") and tag.attributes.get("NumberOfComponents") == "3"
     ]
     if not arrays:
         raise fail(path, "it has no array of three components at its points, so it is no displacement field.")
@@ -141,7 +141,7 @@ def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     axes = np.asarray(geometry["direction"]) * np.asarray(geometry["spacing"])
     geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ np.array(extent[::2], dtype=float)).tolist())
     grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), unit=_UNIT, **geometry).grid()
-    stored = file.stored(array, 3 * math.prod(shape))
+    stored = file.locate_array(array, 3 * math.prod(shape))
     if stored.size > available_memory() // 3:
         raise fail(path, f"its vectors take {human_bytes(stored.size)}, more than the memory here can hold.")
     return stored.values().reshape(*shape, 3).astype(stored.dtype.newbyteorder("=")), grid

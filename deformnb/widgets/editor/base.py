@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import traitlets
 from msgspec import structs
 
-from deformnb.checks import checked_window
+from deformnb.checks import check_window
 from deformnb.errors import DeformError
 from deformnb.rbf.fit_settings import SETTINGS, FitSettings
 from deformnb.rbf.points import ControlPoints
@@ -79,7 +79,7 @@ def _is_length(value: Any) -> bool:
 
 def _window(value: Any) -> None:
     if value != []:
-        checked_window(value)
+        check_window(value)
 
 
 def _number(value: Any) -> None:

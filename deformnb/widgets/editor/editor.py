@@ -20,7 +20,7 @@ import numpy as np
 import traitlets
 from numpy.typing import NDArray
 
-from deformnb.checks import checked_window
+from deformnb.checks import check_window
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
 from deformnb.imaging.preview import draw_marked
@@ -293,7 +293,7 @@ class Editor(EditedPoints):
             return self._picture
         if not self.window and self.colour_map == self._picture.colour_map:
             return self._picture
-        window = checked_window(self.window) if self.window else self._picture.window
+        window = check_window(self.window) if self.window else self._picture.window
         return replace(self._picture, window=window, colour_map=self.colour_map)
 
     @picture.setter

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deformnb.analysis.folds import Folds, folds_of
-from deformnb.checks import checked_window
+from deformnb.checks import check_window
 from deformnb.document.deformation import Step
 from deformnb.imaging.projection import project
 from deformnb.rbf.fields import AbstractField, Identity
@@ -61,7 +61,7 @@ class Pane:
     @classmethod
     def of(cls, grid: Grid, view: str) -> Pane:
         """The picture of a volume seen along one of its axes."""
-        plane = Plane.along(grid, view, depth=0.0)
+        plane = Plane.from_view(grid, view, depth=0.0)
         corners = plane.to_plane(grid.corners())
         low, high = corners.min(axis=0), corners.max(axis=0)
         axes = np.abs(plane.frame @ np.asarray(grid.direction)).argmax(axis=1)
@@ -159,7 +159,7 @@ class SpacePictures:
         self._colours = None if colour_map == COLOUR_MAPS[0] else colour_table(colour_map)
         self.volume, self.transfer = volume, transfer
         self.panes = tuple(Pane.of(volume.grid, view) for view in PANES)
-        self.window = _window(volume) if window is None else checked_window(window)
+        self.window = _window(volume) if window is None else check_window(window)
         self._coarser: dict[int, Volume] = {}
         self._projected: tuple[Any, dict[int, Shown]] = ((), {})
 

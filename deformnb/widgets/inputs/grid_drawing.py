@@ -14,8 +14,8 @@ import numpy as np
 import traitlets
 from numpy.typing import ArrayLike, NDArray
 
-from deformnb.checks import shown_value
-from deformnb.datasets.darcy import ThompsonGrid, own_grid
+from deformnb.checks import short_value
+from deformnb.datasets.darcy import ThompsonGrid, custom_grid
 from deformnb.errors import DeformError
 from deformnb.imaging.demo import subject_box
 from deformnb.volume.plane import Picture
@@ -84,8 +84,8 @@ class GridDrawing(AbstractEdited):
         self._picture = picture
         for what, count in (("rows", rows), ("columns", columns)):
             if not is_whole(count) or not 2 <= count <= MOST_LINES:
-                raise DeformError(f"a grid has 2 to {MOST_LINES} {what}, got {shown_value(count)}.")
-        begin = _regular(picture, rows, columns) if nodes is None else own_grid(nodes).nodes
+                raise DeformError(f"a grid has 2 to {MOST_LINES} {what}, got {short_value(count)}.")
+        begin = _regular(picture, rows, columns) if nodes is None else custom_grid(nodes).nodes
         traits = {"label": "Grid on the drawing", **traits}
         super().__init__(nodes=begin, image=_png(picture), box=[float(edge) for edge in picture.raster.box], **traits)
         self._show()
@@ -103,7 +103,7 @@ class GridDrawing(AbstractEdited):
         DeformError
             If a cell is flat or turned over.
         """
-        return own_grid(self.nodes, name)
+        return custom_grid(self.nodes, name)
 
     def set_lines(self, rows: int, columns: int) -> None:
         """Change the number of lines; the new nodes lie on the grid that is there, and count as placed by nobody."""

@@ -19,7 +19,7 @@ import ipywidgets as ipw
 import numpy as np
 import traitlets
 
-from deformnb._progress import time_left
+from deformnb._progress import remaining_time
 from deformnb.rbf.kernels import KERNELS
 from deformnb.rbf.support import lone_support
 from deformnb.rbf.trends import TRENDS
@@ -360,7 +360,7 @@ class PicturePanel(Panel):
             self._held_depth,
             lambda value: session.pictures.set_trait("depth", value),
         )
-        hold = action_button("hold_outline", lambda: guard(session.hold_outline))
+        hold = action_button("hold_outline", lambda: guard(session.fix_outline))
         shows_grids = action_button("thompson", lambda: guard(show_grids))
         self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
         self._step = basic.HTML("")
@@ -664,7 +664,7 @@ class ProgressBar:
         """Show the finished share, and return in words how long the rest takes."""
         if abs(share - self.bar.value) > _SHOWN_SHARE or share == 1:  # a message for each would flood the front end
             self.bar.value = share
-        return time_left(time.monotonic() - self._begun, share)
+        return remaining_time(time.monotonic() - self._begun, share)
 
     def cancel(self) -> None:
         """Stop the work."""

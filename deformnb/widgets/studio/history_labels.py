@@ -10,7 +10,7 @@ import numpy as np
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.autosave import Recovery
-from deformnb.session.autosave_store import SavedSession, counted
+from deformnb.session.autosave_store import SavedSession, count_text
 from deformnb.session.history import HistoryNode
 from deformnb.session.session import Session
 
@@ -118,7 +118,7 @@ def history_rows(
 
 
 def _earlier_row(k: int, entry: SavedSession) -> dict[str, Any]:
-    words = f"an earlier session, not saved: {counted(entry.points, 'point')}, {counted(entry.steps, 'step')}"
+    words = f"an earlier session, not saved: {count_text(entry.points, 'point')}, {count_text(entry.steps, 'step')}"
     return {
         "title": words,
         "id": -1 - k,

@@ -22,9 +22,9 @@ from deformnb.document.step_checks import (
     LEAST,
     best_prediction,
     picture_raster,
+    required_stages,
     safe_points,
     safe_strength,
-    stages_needed,
     step_folds,
     step_quality,
     step_uncertainty,
@@ -430,7 +430,7 @@ class FoldActions:
             If no number of stages does.
         """
         session, step = self._session, self._session.editing.step
-        count = stages_needed(step, session.editing.grid, is_tissue=tissue_of(session))
+        count = required_stages(step, session.editing.grid, is_tissue=tissue_of(session))
         if count == step.stages:
             self._report("Nothing folds here." if count == 1 else f"Nothing folds in {count} stages.")
             return
@@ -491,7 +491,7 @@ class FoldActions:
         session = self._session
         index, step = session.editing.index, session.editing.step
         try:
-            count = stages_needed(step, session.editing.grid, is_tissue=tissue_of(session))
+            count = required_stages(step, session.editing.grid, is_tissue=tissue_of(session))
         except DeformError as error:
             self._report(str(error))
             return False

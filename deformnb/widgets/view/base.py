@@ -17,7 +17,7 @@ import traitlets
 from numpy.typing import ArrayLike
 
 from deformnb._typing import Image
-from deformnb.checks import shown_value
+from deformnb.checks import short_value
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
 from deformnb.imaging.display import DisplaySettings
@@ -154,7 +154,7 @@ class AbstractView(ABC):
         2.0
         """
         if not (isinstance(other, traitlets.HasTraits) and other.has_trait("camera")) or other is self:
-            raise DeformError(f"cameras link two views, got {shown_value(other)} for the other one.")
+            raise DeformError(f"cameras link two views, got {short_value(other)} for the other one.")
         return traitlets.link((self, "camera"), (other, "camera"))
 
     def set_clip(

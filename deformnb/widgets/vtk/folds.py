@@ -217,7 +217,7 @@ def pressed() -> tuple[Volume, AbstractField]:
     """A block whose right half is mirrored, and so turned over."""
     grid = Grid((8, 16, 16))
     volume = Volume(np.full(grid.shape, 200, np.uint8), grid)
-    plane = Plane.along(grid, "+z")
+    plane = Plane.from_view(grid, "+z")
     raster = Raster((2, 3), (8.0, 16.0), (float(plane.to_plane(grid.corners())[:, 0].min()), 0.0))
     samples = np.zeros((2, 3, 2))
     samples[:, 2, 0] = -16.0

@@ -22,11 +22,18 @@ from numpy.typing import NDArray
 
 from deformnb._deferred import ndimage
 from deformnb._typing import Floats, Image
-from deformnb.checks import one_of
+from deformnb.checks import check_choice
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.camera import checked_size
-from deformnb.imaging.vtk_volume import VolumeWindow, check_gl, clipped_for, for_vtk, mark_modified, straight_image
+from deformnb.imaging.camera import check_size
+from deformnb.imaging.vtk_volume import (
+    VolumeWindow,
+    check_gl,
+    clip_outliers,
+    mark_modified,
+    prepare_for_vtk,
+    straight_image,
+)
 from deformnb.io.files.errors import human_bytes
 from deformnb.io.files.memory import available_memory
 from deformnb.rbf.cuts import Decoupled
@@ -100,7 +107,7 @@ class SceneVoxels:
 
     def __init__(self, volume: Volume, output: Grid | None) -> None:
         around, start = covering(volume, output)
-        ready = for_vtk(around)
+        ready = prepare_for_vtk(around)
         self.volume, self.output = volume, output
         self.lattice, self.first = ready.grid, start + 1
         self.image: Any = straight_image(ready)
@@ -219,7 +226,7 @@ def probe() -> tuple[Volume, AbstractField]:
     bar = np.maximum(np.abs(i - 0.5) / 0.3, np.maximum(np.abs(j - 0.45) / 0.16, np.abs(k - 0.55) / 0.2))
     ball = np.sqrt((i - 0.35) ** 2 + (j - 0.6) ** 2 + (k - 0.35) ** 2) / 0.22
     volume = Volume((np.clip(4 * (1.2 - np.minimum(bar, ball)), 0, 1) * 200).astype(np.uint8), grid)
-    plane = Plane.through(grid.center, (1.0, 2.0, -0.7))
+    plane = Plane.from_normal(grid.center, (1.0, 2.0, -0.7))
     ripple = np.array(
         [
             [[2.0, 0.0], [-3.0, 2.0], [0.0, 3.0]],
@@ -239,7 +246,7 @@ def cut_probe() -> tuple[Volume, AbstractField]:
     """The same bar, cut along two lines and pulled apart, more at one end than at the other."""
     volume, moved = probe()
     grid = volume.grid
-    plane = Plane.through(grid.center, (0.3, 2.0, -0.5))
+    plane = Plane.from_normal(grid.center, (0.3, 2.0, -0.5))
     lines = (Line(((-2.0, -9.0), (3.0, 9.0))), Line(((-9.0, 1.0), (9.0, 3.0))))
     sides = ((False, False), (False, True), (True, False))
     pulls = ((4.0, -2.0), (3.0, 3.0), (-3.0, -2.0))
@@ -375,7 +382,7 @@ class VtkScene:
         self.set_size(size)
         self.set_shows("deformed")
         self.set_background(background)
-        self._projection = one_of(projection, VOLUME_PROJECTIONS, "projection")
+        self._projection = check_choice(projection, VOLUME_PROJECTIONS, "projection")
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
@@ -431,7 +438,7 @@ class VtkScene:
         """Show with other colours and opacities: a transfer function, or the name of a preset."""
         self._wanted_transfer = transfer
         self._transfer = as_transfer(transfer, self._volume)
-        if clipped_for(self._volume, self._transfer).value_range != self.voxels.volume.value_range:
+        if clip_outliers(self._volume, self._transfer).value_range != self.voxels.volume.value_range:
             self._load(self.voxels.output)
             if self._field is not None:
                 self.set_field(self._field, self.voxels.output)
@@ -439,12 +446,12 @@ class VtkScene:
 
     def set_projection(self, projection: str) -> None:
         """Show "shaded", as "composite" without shading, or the largest value of each ray, "mip"."""
-        self._projection = one_of(projection, VOLUME_PROJECTIONS, "projection")
+        self._projection = check_choice(projection, VOLUME_PROJECTIONS, "projection")
         self._apply_looks()
 
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
-        self._background = one_of(background, BACKGROUNDS, "background")
+        self._background = check_choice(background, BACKGROUNDS, "background")
         self._shown.set_background(BACKGROUNDS[background])
         self._apply_looks()
 
@@ -459,11 +466,11 @@ class VtkScene:
 
     def set_shows(self, shows: str) -> None:
         """Set the display mode, a name of :data:`SHOWS`; a picture of "flicker" is the deformed one."""
-        self._shows = one_of(shows, SHOWS, "kind of picture")
+        self._shows = check_choice(shows, SHOWS, "kind of picture")
 
     def set_size(self, size: tuple[int, int]) -> None:
         """Another (width, height) of the picture in pixels."""
-        self._size = checked_size(size)
+        self._size = check_size(size)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -494,7 +501,7 @@ class VtkScene:
         progress : called after each part with the finished share; what it raises ends the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
-        kind = self._shows if shows is None else one_of(shows, SHOWS, "kind of picture")
+        kind = self._shows if shows is None else check_choice(shows, SHOWS, "kind of picture")
         if kind not in ("side_by_side", *COMPARISONS):
             return self._picture((width, height), kind != "original", coarseness, bands, interrupted, progress)
         widths = (width, width) if kind in COMPARISONS else (width // 2, width - width // 2)
@@ -534,7 +541,7 @@ class VtkScene:
     def _load(self, output: Grid | None) -> None:
         """Voxels that reach as far as what can be seen, in a new actor."""
         assert self._transfer is not None
-        self.voxels = SceneVoxels(clipped_for(self._volume, self._transfer), output)
+        self.voxels = SceneVoxels(clip_outliers(self._volume, self._transfer), output)
         self.shader.close()
         window = self._shown
         window.load(self.voxels.image, self.voxels.lattice)
@@ -607,7 +614,7 @@ def folds_work() -> bool:
     volume, field = pressed()
     scene = VtkScene(volume, (64, 64), transfer="surface", method="texture", projection="composite")
     try:
-        plane = Plane.along(volume.grid, "+z")
+        plane = Plane.from_view(volume.grid, "+z")
         scene.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
         scene.set_field(field)
         plain = scene.render()

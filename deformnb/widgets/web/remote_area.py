@@ -190,7 +190,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
     if way == "move":
         right, above = camera["pan"]
         return {**camera, "pan": [right - dx * seen, above - dy * seen]}
-    plane = Plane.through((0, 0, 0), camera["direction"], camera["up"])
+    plane = Plane.from_normal((0, 0, 0), camera["direction"], camera["up"])
     right, up, ahead = np.asarray(plane.u), -np.asarray(plane.v), np.asarray(plane.normal)
     # What is in front follows the pointer: the viewer goes the other way, and looks more to where the pointer goes.
     ahead, right = _turned(ahead, right, dx * _TURN)

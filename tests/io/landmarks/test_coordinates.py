@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deformnb.errors import VolumeFileError
-from deformnb.io.files.texts import WESTERN, decoded
+from deformnb.io.files.texts import WESTERN, decode_text
 from deformnb.io.landmarks.coordinates import is_missing
 from deformnb.io.landmarks.formats import LANDMARK_FORMATS, read_landmarks, write_landmarks
 from deformnb.warping.points import Landmarks
@@ -241,7 +241,7 @@ def test_text_is_decoded_in_one_way_for_all(kind: str, end: str, encoding: str, 
 @given(st.binary(max_size=60))
 def test_bytes_are_text_or_one_sentence_without_the_name_of_a_codec(data: bytes) -> None:
     try:
-        text, notes = decoded(Path("a.csv"), data)
+        text, notes = decode_text(Path("a.csv"), data)
     except VolumeFileError as error:
         text, notes = str(error), ()
         text = text.replace("codec", "\r").replace("can't", "\r")

@@ -181,7 +181,7 @@ def test_landmarks_follow_a_deformation() -> None:
         [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [5, 5, 5]],
         [[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [7, 5, 6]],
     )
-    field = Deformation.in_space(points, kernel="thin_plate").field(Grid((4, 4, 4)))
+    field = Deformation.from_space_points(points, kernel="thin_plate").field(Grid((4, 4, 4)))
     moved = warp_landmarks(Landmarks([[5, 5, 5], [10, 0, 0]], ("a", "b")), field)
     assert_close(moved.points, [[7, 5, 6], [10, 0, 0]], atol=1e-4)
     assert moved.names == ("a", "b")

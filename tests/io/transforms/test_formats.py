@@ -390,7 +390,7 @@ def test_the_command_writes_a_transform_and_its_inverse_and_warp_applies_it(tmp_
     )
     dn.write_volume(VOLUME, volume)
     points = dn.ControlPoints.from_arrays([[9.0, -20.0, 20.0]], [[10.0, -19.0, 21.0]])
-    document = dn.Deformation.in_space(points)
+    document = dn.Deformation.from_space_points(points)
     dn.write_deformation(document, session)
     assert main(["transform", session, volume, out, "--inverse", back]) == 0
     field = document.field(GRID)

@@ -155,12 +155,12 @@ def test_a_header_that_cannot_be_written_leaves_the_pair_of_before(
 
 @pytest.mark.parametrize("suffix", PAIRS)
 def test_a_data_file_that_another_process_writes_is_left_alone(suffix: str, tmp_path: Path) -> None:
-    from deformnb.io.files.atomic import hold
+    from deformnb.io.files.atomic import create_locked
 
     path = tmp_path / f"a{suffix}"
     write_volume(made(), path)
     theirs = tmp_path / f"{path.name}.0123abcd.raw"
-    descriptor = hold(theirs)  # in its place, and its header is not written yet
+    descriptor = create_locked(theirs)  # in its place, and its header is not written yet
     assert descriptor is not None
     write_volume(made(1), path)
     assert theirs.exists()

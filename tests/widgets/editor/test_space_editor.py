@@ -316,7 +316,7 @@ def test_parts_and_cuts_are_marked_where_they_are_on_a_slice(volume: Volume, poi
     ground = RigidPart(HalfSpace((0.0, 0.0, 16.0), (0.0, 0.0, 1.0)))
     away = RigidPart(HalfSpace((8.0, 0.0, 0.0), (1.0, 0.0, 0.0)), RigidMotion(np.eye(3), np.array([4.0, 0, 0])))
     cut = Cut(HalfSpace((0.0, 20.0, 0.0), (0.0, 1.0, 0.0)))
-    step = Deformation.in_space(points).steps[0]
+    step = Deformation.from_space_points(points).steps[0]
     axial, coronal, _ = (Pane.of(volume.grid, view) for view in PANES)
     assert shapes_on(axial, 0.0, step) is None
     assert shapes_on(axial, 0.0, replace(step, parts=(replace(ground, enabled=False),))) is None

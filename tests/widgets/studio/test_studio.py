@@ -77,7 +77,9 @@ def test_an_edit_of_the_page_becomes_a_document(studio: Studio) -> None:
     drag(studio, points)
     assert studio.deformation.steps[0].points == points
     assert seen == [studio.deformation]
-    expected = Deformation.on_picture(studio.volume.grid, studio.session.steps.view or "", points).apply(studio.volume)
+    expected = Deformation.from_picture_points(studio.volume.grid, studio.session.steps.view or "", points).apply(
+        studio.volume
+    )
     assert_array_equal(studio.result().values, expected.values)
     assert not np.array_equal(studio.result().values, studio.volume.values)
     assert studio.stats()["edits"] == 1
@@ -197,7 +199,7 @@ def test_a_document_can_be_set_and_undone(studio: Studio, tmp_path: Path) -> Non
     studio.load(tmp_path / "kept.json")
     assert studio.deformation.steps == kept.steps
     with pytest.raises(DeformError):
-        studio.deformation = Deformation.in_space(studio.editor.points)
+        studio.deformation = Deformation.from_space_points(studio.editor.points)
 
 
 def test_a_studio_opens_arrays_files_and_documents(tmp_path: Path, studio: Studio) -> None:

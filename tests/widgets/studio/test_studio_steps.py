@@ -299,7 +299,7 @@ def test_a_step_in_space_has_an_editor_of_its_own(studio: Studio) -> None:
 
 def test_a_studio_opens_with_a_step_in_space(tmp_path: Path) -> None:
     points = ControlPoints.from_arrays([[2, 2, 2], [20, 3, 3], [4, 15, 4], [5, 5, 12]]).move(3, [5, 6, 12])
-    made = Studio(a_volume(), Deformation.in_space(points), folder=tmp_path)
+    made = Studio(a_volume(), Deformation.from_space_points(points), folder=tmp_path)
     made.wait()
     assert made.editor.points == points
     assert made.still(200).shape[1] == 200

@@ -28,7 +28,7 @@ from deformnb.widgets.synced import ViewMeta
 from deformnb.widgets.view.base import AbstractView
 
 GRID = Grid((10, 20, 12))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 
 
 class Mine(AbstractView, ipw.HTML, metaclass=ViewMeta):  # type: ignore[misc]  # ipywidgets has no types
@@ -73,7 +73,7 @@ def points(moved: float = 0.0) -> ControlPoints:
 
 
 def extrusion(moved: float) -> Extrusion:
-    made = Deformation.on_picture(GRID, PLANE, points(moved)).field(GRID)
+    made = Deformation.from_picture_points(GRID, PLANE, points(moved)).field(GRID)
     assert isinstance(made, Extrusion)
     return made
 

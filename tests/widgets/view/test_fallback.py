@@ -21,7 +21,7 @@ from deformnb.widgets.messages.editors import PointsEdit
 from deformnb.widgets.view.live_view import LiveView
 
 GRID = Grid((20, 20, 20))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 
 
 class Recorded(LiveView):
@@ -105,7 +105,7 @@ def test_what_a_page_turns_and_what_python_shows_is_drawn_soon(view: Recorded) -
     assert column(image) > 0.55
     view.camera = {**camera, "pan": [0.0, 0.0]}
     view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, moved(4.0), trend="translation"))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, moved(4.0), trend="translation"))
     view.seen(lambda content, image: column(image) > 0.56)
     view.shows = "original"
     view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
@@ -115,7 +115,7 @@ def test_what_a_page_turns_and_what_python_shows_is_drawn_soon(view: Recorded) -
 
 
 def test_a_page_knows_the_box_that_its_pictures_show(view: Recorded) -> None:
-    away = Deformation.on_picture(GRID, PLANE, moved(4.0), trend="translation")
+    away = Deformation.from_picture_points(GRID, PLANE, moved(4.0), trend="translation")
     view.show_deformation(away, output=GRID.crop((0, 0, 0), (20, 20, 28)))
     drawn_for(view)
     (told,) = [content["info"]["box"] for content, _ in view.__dict__["out"] if content["type"] == "drawn"]
@@ -127,7 +127,7 @@ def test_a_page_knows_the_box_that_its_pictures_show(view: Recorded) -> None:
 
 def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
     editor = Editor(None, moved(0.0), trend="translation")
-    view.follow(editor, Deformation.on_picture(GRID, PLANE, moved(0.0), trend="translation").field(GRID))
+    view.follow(editor, Deformation.from_picture_points(GRID, PLANE, moved(0.0), trend="translation").field(GRID))
     assert not editor.live  # the page would follow by itself
     drawn_for(view)
     assert editor.live
@@ -141,7 +141,7 @@ def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
 
 def test_it_ends_with_its_last_page(view: Recorded) -> None:
     editor = Editor(None, moved(0.0), trend="translation")
-    view.follow(editor, Deformation.on_picture(GRID, PLANE, moved(0.0), trend="translation").field(GRID))
+    view.follow(editor, Deformation.from_picture_points(GRID, PLANE, moved(0.0), trend="translation").field(GRID))
     drawn_for(view)
     view.draws(type="bye")
     assert not editor.live

@@ -103,8 +103,8 @@ def test_a_saved_notebook_holds_no_voxels_and_no_maps() -> None:
     rng = np.random.default_rng(0)
     volume = Volume(rng.integers(0, 255, (64, 64, 64)).astype(np.uint8), Grid((64, 64, 64)))
     view = Recorded(volume)
-    plane = Plane.along(volume.grid, "+y")
-    view.show_deformation(Deformation.on_picture(volume.grid, plane, points(volume.grid, plane)))
+    plane = Plane.from_view(volume.grid, "+y")
+    view.show_deformation(Deformation.from_picture_points(volume.grid, plane, points(volume.grid, plane)))
     state = {k: v for k, v in view.get_state().items() if k not in ("_esm", "_css")}
     size = sum(len(v) if isinstance(v, bytes) else len(json.dumps(v, default=str)) for v in state.values())
     assert size < 12_000  # of which the table of colours is 4096; the voxels are 262144
@@ -112,7 +112,7 @@ def test_a_saved_notebook_holds_no_voxels_and_no_maps() -> None:
 
 def test_a_page_that_comes_late_gets_the_deformation() -> None:
     view = Recorded(ball())
-    field = Deformation.on_picture(GRID, "+y", points(GRID, Plane.along(GRID, "+y")))
+    field = Deformation.from_picture_points(GRID, "+y", points(GRID, Plane.from_view(GRID, "+y")))
     view.show_deformation(field)
     ((content, buffers),) = view.say({"type": "hello", "view": "b", "largest": 2048, "renderer": "", "software": True})
     assert content["type"] == "field"
@@ -218,8 +218,10 @@ def test_what_a_page_measured_is_kept_where_it_is_a_number() -> None:
 def test_a_smaller_card_gets_a_smaller_volume() -> None:
     view = Recorded(ball(Grid((4, 300, 5))))
     view.show_deformation(
-        Deformation.on_picture(
-            view.source.volume.grid, "+z", points(view.source.volume.grid, Plane.along(view.source.volume.grid, "+z"))
+        Deformation.from_picture_points(
+            view.source.volume.grid,
+            "+z",
+            points(view.source.volume.grid, Plane.from_view(view.source.volume.grid, "+z")),
         )
     )
     answers = view.say({"type": "hello", "view": "a", "largest": 128, "renderer": "", "software": True})
@@ -231,8 +233,10 @@ def test_a_smaller_card_gets_a_smaller_volume() -> None:
 def test_a_card_with_too_little_memory_gets_fewer_voxels_and_the_same_deformation() -> None:
     view = Recorded(ball(Grid((20, 30, 40))))
     view.show_deformation(
-        Deformation.on_picture(
-            view.source.volume.grid, "+z", points(view.source.volume.grid, Plane.along(view.source.volume.grid, "+z"))
+        Deformation.from_picture_points(
+            view.source.volume.grid,
+            "+z",
+            points(view.source.volume.grid, Plane.from_view(view.source.volume.grid, "+z")),
         )
     )
     view.say({"type": "hello", "view": "a", "largest": 2048})
@@ -323,7 +327,7 @@ def _at(content: Any, maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("rule", ["replicate", "modulate", "interpolate"])
 def test_the_card_knows_the_displacement_of_an_extrusion(view: str, rule: str) -> None:
     shown = packed_volume(ball(), 10**6, 2048)
-    plane = Plane.through(GRID.center, (1, 2, -0.7)) if view == "oblique" else Plane.along(GRID, view)
+    plane = Plane.from_normal(GRID.center, (1, 2, -0.7)) if view == "oblique" else Plane.from_view(GRID, view)
     sets = tuple(points(GRID, plane, seed) for seed in range(3 if rule == "interpolate" else 1))
     of_rule: dict[str, Any] = {"modulate": {"curve": "sin(pi*z)"}, "interpolate": {"knots": (0.0, 0.3, 1.0)}}
     options = of_rule.get(rule, {})
@@ -357,8 +361,8 @@ def test_what_is_no_extrusion_is_sampled_in_space() -> None:
 
 @pytest.mark.nightly
 def test_of_a_composition_the_last_extrusion_stays_one() -> None:
-    shown, plane = packed_volume(ball(), 10**6, 2048), Plane.along(GRID, "+y")
-    steps = [Deformation.on_picture(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
+    shown, plane = packed_volume(ball(), 10**6, 2048), Plane.from_view(GRID, "+y")
+    steps = [Deformation.from_picture_points(GRID, plane, points(GRID, plane, k)).field(GRID) for k in (1, 2)]
     both = field_textures(compose(*steps), shown, None, 64, 16)
     assert both.content.planar is not None
     assert both.content.space is not None
@@ -372,11 +376,11 @@ def test_of_a_composition_the_last_extrusion_stays_one() -> None:
 
 
 def test_only_fields_in_space_and_extrusions_to_be_edited() -> None:
-    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
-    fit = Deformation.on_picture(GRID, plane, points(GRID, plane)).steps[0].fits(GRID)[0]
+    view, plane = Recorded(ball()), Plane.from_view(GRID, "+y")
+    fit = Deformation.from_picture_points(GRID, plane, points(GRID, plane)).steps[0].fits(GRID)[0]
     with pytest.raises(DeformError, match="extrude"):
         view.show_deformation(fit)
-    field = Deformation.on_picture(GRID, plane, points(GRID, plane)).field(GRID)
+    field = Deformation.from_picture_points(GRID, plane, points(GRID, plane)).field(GRID)
     assert isinstance(field, Extrusion)
     with pytest.raises(DeformError, match="no map 1"):
         view.follow(None, field, 1)
@@ -451,9 +455,9 @@ def test_colours_that_change_while_the_levels_do_are_those_of_the_new_levels(mon
 def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view = Recorded(ramp(), transfer=NARROW)
     assert view.source.shown.window == pytest.approx((970, 1630))  # type: ignore[union-attr]
-    plane = Plane.along(view.source.volume.grid, "+y")
+    plane = Plane.from_view(view.source.volume.grid, "+y")
     view.show_deformation(
-        Deformation.on_picture(view.source.volume.grid, plane, points(view.source.volume.grid, plane))
+        Deformation.from_picture_points(view.source.volume.grid, plane, points(view.source.volume.grid, plane))
     )
     field = view.fields.shown.field
     view.projection = "mip"  # which shows all values
@@ -506,9 +510,9 @@ def test_a_still_shows_the_deformed_volume_from_the_camera() -> None:
 
     before = middle()
     np.testing.assert_allclose(before, [49.5, 39.5], atol=0.6)  # pixels, of a ball on a lattice
-    plane = Plane.along(Grid((24, 24, 24)), "+y")
+    plane = Plane.from_view(Grid((24, 24, 24)), "+y")
     moved = ControlPoints.from_arrays([[12.0, 12.0]], [[16.0, 9.0]])  # to the right and up
-    view.show_deformation(Deformation.on_picture(view.source.volume.grid, plane, moved, trend="translation"))
+    view.show_deformation(Deformation.from_picture_points(view.source.volume.grid, plane, moved, trend="translation"))
     right, down = middle() - before
     assert right > 5
     assert down < -4
@@ -542,7 +546,7 @@ def test_a_screenshot_of_a_page_arrives() -> None:
 
 
 def bent(view: LiveView) -> Deformation:
-    return Deformation.on_picture(
+    return Deformation.from_picture_points(
         view.source.volume.grid, "+y", ControlPoints.from_arrays([[12.0, 12.0]], [[17.0, 9.0]]), trend="translation"
     )
 
@@ -686,7 +690,9 @@ def fields_of(view: Recorded) -> list[dict[str, Any]]:
 def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
     view = Recorded(ball())
     view.fields.pacer.patience = 60.0
-    fields = [Deformation.on_picture(GRID, "+y", points(GRID, Plane.along(GRID, "+y"), k)) for k in range(6)]
+    fields = [
+        Deformation.from_picture_points(GRID, "+y", points(GRID, Plane.from_view(GRID, "+y"), k)) for k in range(6)
+    ]
     view.show_deformation(fields[0])
     assert fields_of(view) == []  # no page has asked yet
     view.say({"type": "hello", "view": "a", "largest": 2048})
@@ -734,10 +740,10 @@ def test_what_waits_is_not_sent_once_its_widget_is_closed() -> None:
 
 
 def test_a_field_says_which_points_its_maps_are_of() -> None:
-    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
+    view, plane = Recorded(ball()), Plane.from_view(GRID, "+y")
     given = points(GRID, plane)
     editor = Editor(None, given)
-    field = Deformation.on_picture(GRID, plane, given).field(GRID)
+    field = Deformation.from_picture_points(GRID, plane, given).field(GRID)
     view.follow(editor, field)
     ((content, _),) = view.say({"type": "hello", "view": "a", "largest": 2048})
     assert content["follow"]["index"] == 0
@@ -754,8 +760,8 @@ def test_a_field_says_which_points_its_maps_are_of() -> None:
 
 
 def test_what_cannot_be_followed_changes_nothing() -> None:
-    view, plane = Recorded(ball()), Plane.along(GRID, "+y")
-    field = Deformation.on_picture(GRID, plane, points(GRID, plane)).field(GRID)
+    view, plane = Recorded(ball()), Plane.from_view(GRID, "+y")
+    field = Deformation.from_picture_points(GRID, plane, points(GRID, plane)).field(GRID)
     view.show_deformation(field)
     with pytest.raises(DeformError, match="no map 1"):
         view.follow(Editor(), field, 1)
@@ -849,19 +855,19 @@ def test_no_cell_is_thought_emptier_than_the_places_that_its_own_come_from(
     name: str, is_largest: bool, voxels: int
 ) -> None:
     grid = Grid((40, 44, 36), (1.5, 1.0, 2.0))
-    plane, oblique = Plane.along(grid, "+y"), Plane.through(grid.center, (1, 2, -0.7))
+    plane, oblique = Plane.from_view(grid, "+y"), Plane.from_normal(grid.center, (1, 2, -0.7))
     rng = np.random.default_rng(11)
     source = grid.index_to_point(rng.uniform(6, 30, (6, 3)))
-    twice = Deformation.on_picture(grid, plane, points(grid, plane, size=3.0))
+    twice = Deformation.from_picture_points(grid, plane, points(grid, plane, size=3.0))
     field = {
         "replicate": twice,
-        "modulate": Deformation.on_picture(
+        "modulate": Deformation.from_picture_points(
             grid, plane, points(grid, plane, size=4.0), extrusion="modulate", curve="sin(pi*z)"
         ),
-        "oblique": Deformation.on_picture(grid, oblique, points(grid, oblique, size=3.0)),
-        "in space": Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
+        "oblique": Deformation.from_picture_points(grid, oblique, points(grid, oblique, size=3.0)),
+        "in space": Deformation.from_space_points(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))),
         "two planes": twice.then(
-            Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))).steps[0]
+            Deformation.from_space_points(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3)))).steps[0]
         ),
     }[name].field(grid)
     values = np.zeros(grid.shape, np.uint8)

@@ -115,7 +115,7 @@ def test_what_cannot_be_fitted_leaves_the_last_picture(
 
 
 def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
-    first = Step((ControlPoints.from_arrays([[5.0, 5]], [[9.0, 5]]),), Plane.along(GRID, "+y"))
+    first = Step((ControlPoints.from_arrays([[5.0, 5]], [[9.0, 5]]),), Plane.from_view(GRID, "+y"))
     document = Deformation((first, editor.step()))
     view, _ = opened(volume)
 
@@ -358,7 +358,7 @@ def page_body(volume: Volume, field: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize("kind", ["space", "replicated", "interpolated", "both"])
 def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPoints, kind: str) -> None:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     flat = [
         fit_rbf(ControlPoints.from_arrays([[10, 8], [30, 9], [20, 20.0]], [[10 + k, 8], [30, 9 - k], [20, 22.0]]))
         for k in (1, 3)

@@ -36,7 +36,7 @@ from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.view.volume_view import TRANSPORTS, VolumeView
 
 GRID = Grid((10, 20, 12), (1.5, 1.0, 2.0), (5.0, -7.0, 30.0))
-PLANE = Plane.along(GRID, "+y")
+PLANE = Plane.from_view(GRID, "+y")
 PAGE = {"width": 96, "height": 72, "background": "dark"}
 
 
@@ -136,7 +136,7 @@ def test_a_page_gets_quick_and_full_pictures_of_its_size_and_of_the_deformation(
     view.set_camera((0, 1, 0))
     view.see_all()
     before = middle(picture(view.frames[-1][1][0]))
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, points(3.0)))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, points(3.0)))
     view.see_all()
     assert middle(picture(view.frames[-1][1][0])) > before + 4  # three lengths of two pixels and more
     view.say(type="size", **{**PAGE, "width": 120})
@@ -224,7 +224,7 @@ def test_an_editor_moves_the_picture_with_every_movement(opened: Any) -> None:
     view = opened()
     view.set_camera((0, 1, 0))
     editor = Editor(None, points())
-    field = Deformation.on_picture(GRID, PLANE, points()).field(GRID)
+    field = Deformation.from_picture_points(GRID, PLANE, points()).field(GRID)
     view.follow(editor, field)
     assert editor.live
     view.say(type="hello", **PAGE)
@@ -247,7 +247,7 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
     view, editor = opened(method="core"), Editor(None, points())
 
     def answer(moved: float, **options: Any) -> Extrusion:
-        made = Deformation.on_picture(GRID, PLANE, points(moved), **options).field(GRID)
+        made = Deformation.from_picture_points(GRID, PLANE, points(moved), **options).field(GRID)
         assert isinstance(made, Extrusion)
         return made
 
@@ -474,7 +474,7 @@ def test_stills_screenshots_and_previews_need_no_page(opened: Any) -> None:
     assert png.shape == (420, 560, 3)
     assert (png.max(axis=2) > 64).sum() > 5000
     view.shows = "side_by_side"
-    view.show_deformation(Deformation.on_picture(GRID, PLANE, points(4.0)))
+    view.show_deformation(Deformation.from_picture_points(GRID, PLANE, points(4.0)))
     both = view.still((120, 60))
     assert np.abs(both[:, :60].astype(int) - both[:, 60:]).mean() > 5
     view.say(type="hello", **PAGE)
@@ -489,7 +489,7 @@ def folding(by: float) -> Deformation:
     """A point that is taken to the right, past one that stays."""
     source = np.array([[1.0, 1.0], [20.0, 1.0], [1.0, 17.0], [20.0, 17.0], [7.0, 9.0], [13.0, 9.0]])
     moved = source + by * np.eye(6)[:, 4:5] * np.array([1.0, 0.0])
-    return Deformation.on_picture(GRID, PLANE, ControlPoints.from_arrays(source, moved))
+    return Deformation.from_picture_points(GRID, PLANE, ControlPoints.from_arrays(source, moved))
 
 
 def red(image: np.ndarray) -> int:

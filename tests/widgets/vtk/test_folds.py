@@ -28,7 +28,7 @@ from deformnb.widgets.vtk.folds import RED, UNSEEN, Folding, maps_fold
 from deformnb.widgets.vtk.scene import VtkScene, folds_work, frame_of
 
 GRID = Grid((24, 40, 48), (1.5, 1.5, 1.5), (3.0, -8.0, 20.0))
-PLANE = Plane.along(GRID, "-z")
+PLANE = Plane.from_view(GRID, "-z")
 SIZE = (144, 120)
 FACING = {"direction": PLANE.normal, "up": [-c for c in PLANE.v]}
 FAR, SHORT = 0.45, 0.08
@@ -56,26 +56,26 @@ def pulled(by: float, row: float = 0.45) -> ControlPoints:
 
 def field_of(name: str, by: float = FAR) -> AbstractField:
     """A deformation that folds if it goes far enough."""
-    flat = Deformation.on_picture(GRID, PLANE, pulled(by))
+    flat = Deformation.from_picture_points(GRID, PLANE, pulled(by))
     if name == "modulate":
-        flat = Deformation.on_picture(GRID, PLANE, pulled(by), extrusion="modulate", curve="0.6 + 0.4*z")
+        flat = Deformation.from_picture_points(GRID, PLANE, pulled(by), extrusion="modulate", curve="0.6 + 0.4*z")
     elif name == "interpolate":
         maps = (pulled(by), pulled(by, 0.55), pulled(by, 0.5))
         flat = Deformation((Step(maps, PLANE, extrusion="interpolate", knots=(0.0, 0.3, 1.0)),))
     elif name == "oblique":
-        grown = Plane.through(GRID.center, (0.1, 0.2, -1.0), (0.0, 1.0, 0.0))
+        grown = Plane.from_normal(GRID.center, (0.1, 0.2, -1.0), (0.0, 1.0, 0.0))
         source = grown.to_plane(PLANE.from_plane(pulled(by).source))[:, :2]
         target = grown.to_plane(PLANE.from_plane(pulled(by).target))[:, :2]
-        flat = Deformation.on_picture(GRID, grown, ControlPoints.from_arrays(source, target))
+        flat = Deformation.from_picture_points(GRID, grown, ControlPoints.from_arrays(source, target))
     elif name == "after another":
-        side = Plane.along(GRID, "+y")
+        side = Plane.from_view(GRID, "+y")
         corners = side.to_plane(GRID.corners())[:, :2]
         nudge = ControlPoints.from_arrays(corners.mean(axis=0)[None], corners.mean(axis=0)[None] + [[1.0, 1.0]])
-        flat = Deformation.on_picture(GRID, side, nudge).then(flat.steps[0])
+        flat = Deformation.from_picture_points(GRID, side, nudge).then(flat.steps[0])
     elif name == "in space":
         source = PLANE.from_plane(np.concatenate([pulled(by).source, np.zeros((6, 1))], axis=1))
         target = PLANE.from_plane(np.concatenate([pulled(by).target, np.zeros((6, 1))], axis=1))
-        flat = Deformation.in_space(ControlPoints.from_arrays(source, target))
+        flat = Deformation.from_space_points(ControlPoints.from_arrays(source, target))
     elif name == "cut":
         a, b = PLANE.to_plane(GRID.center)[:2]
         cut = Cut(Line(((a + 25.0, b - 40.0), (a + 25.0, b + 40.0))))
@@ -113,7 +113,7 @@ def places(depth: float = 0.0) -> NDArray[np.float64]:
     """What each pixel looks at in space, as deep behind the middle of the volume as that."""
     step = seen_height(GRID, FACING["direction"], FACING["up"], SIZE[0] / SIZE[1]) / SIZE[1]
     a, b = np.meshgrid(*((np.arange(n) + 0.5 - n / 2) * step for n in SIZE))
-    return Plane.through(GRID.center, PLANE.normal, FACING["up"]).from_plane(
+    return Plane.from_normal(GRID.center, PLANE.normal, FACING["up"]).from_plane(
         np.stack([a, b, np.full(a.shape, depth)], axis=-1)
     )
 
@@ -204,7 +204,7 @@ def test_stages_take_the_red_away(scene: Any) -> None:
 @pytest.mark.needs_gl
 def test_only_the_depths_where_the_weight_folds_are_red(scene: Any) -> None:
     one = scene()
-    deformation = Deformation.on_picture(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="z")
+    deformation = Deformation.from_picture_points(GRID, PLANE, pulled(FAR), extrusion="modulate", curve="z")
     one.set_field(deformation)
     near = red(one.render())
     one.set_camera({**FACING, "direction": [-c for c in PLANE.normal]})
@@ -304,7 +304,7 @@ def test_weights_between_the_ends_count(field: Any, folds: bool) -> None:
 
 
 def test_two_folds_one_after_the_other_are_found() -> None:
-    side = Plane.along(GRID, "+y")
+    side = Plane.from_view(GRID, "+y")
     flat = DisplacementField(np.zeros((2, 2, 2)), Raster((2, 2), (1.0, 1.0), (0.0, 0.0)))
     still = Extrusion(side, side.depth_range(GRID), (flat,), *replicate())
     for field in (compose(field_of("replicate"), still), compose(still, field_of("replicate"))):

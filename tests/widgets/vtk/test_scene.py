@@ -62,23 +62,25 @@ def drags(grid: Grid, plane: Plane, seed: int, size: float) -> ControlPoints:
 
 
 def deformation(name: str, grid: Grid) -> Deformation:
-    plane, other = Plane.along(grid, "+y"), Plane.along(grid, "-z")
+    plane, other = Plane.from_view(grid, "+y"), Plane.from_view(grid, "-z")
     if name == "replicate":
-        return Deformation.on_picture(grid, plane, drags(grid, plane, 1, 4.0))
+        return Deformation.from_picture_points(grid, plane, drags(grid, plane, 1, 4.0))
     if name == "oblique":
-        oblique = Plane.through(grid.center, (1, 2, -0.7))
-        return Deformation.on_picture(grid, oblique, drags(grid, oblique, 2, 4.0))
+        oblique = Plane.from_normal(grid.center, (1, 2, -0.7))
+        return Deformation.from_picture_points(grid, oblique, drags(grid, oblique, 2, 4.0))
     if name == "modulate":
-        return Deformation.on_picture(grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate", curve="sin(pi*z)")
+        return Deformation.from_picture_points(
+            grid, plane, drags(grid, plane, 3, 6.0), extrusion="modulate", curve="sin(pi*z)"
+        )
     if name == "interpolate":
         maps = tuple(drags(grid, plane, seed, 3.0) for seed in (4, 5, 6))
         return Deformation((Step(maps, plane, extrusion="interpolate", knots=(0.0, 0.3, 1.0)),))
     if name == "two planes":
-        first = Deformation.on_picture(grid, plane, drags(grid, plane, 7, 3.0))
-        return first.then(Deformation.on_picture(grid, other, drags(grid, other, 8, 3.0)).steps[0])
+        first = Deformation.from_picture_points(grid, plane, drags(grid, plane, 7, 3.0))
+        return first.then(Deformation.from_picture_points(grid, other, drags(grid, other, 8, 3.0)).steps[0])
     rng = np.random.default_rng(3)
     source = grid.corners().min(axis=0) + np.ptp(grid.corners(), axis=0) * rng.uniform(0.15, 0.85, (6, 3))
-    return Deformation.in_space(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3))))
+    return Deformation.from_space_points(ControlPoints.from_arrays(source, source + rng.normal(0, 3, (6, 3))))
 
 
 def shift(grid: Grid, plane: Plane, a: float, b: float) -> Extrusion:
@@ -132,7 +134,7 @@ def test_both_ways_show_what_the_core_has_warped(scene: Any, grid: Grid, name: s
 
 def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> Step:
     """The shape cut across, not quite upright, and pulled apart."""
-    plane = Plane.along(grid, "+y")
+    plane = Plane.from_view(grid, "+y")
     a, b = plane.to_plane(grid.center)[:2]
     source = np.array([[a - 8, b], [a - 5, b + 8], [a + 8, b], [a + 5, b - 8]])
     target = source + np.where(source[:, :1] < a, -gap / 2, gap / 2) * np.array([1.0, 0.1])
@@ -144,7 +146,7 @@ def cut_step(grid: Grid, gap: float, rule: str = "source", **options: Any) -> St
 
 def slit_step(grid: Grid, gap: float) -> Step:
     """An incision that stops inside the shape at both ends, opened in its middle."""
-    plane = Plane.along(grid, "+y")
+    plane = Plane.from_view(grid, "+y")
     a, b = plane.to_plane(grid.center)[:2]
     held = [[a - 14, b - 14], [a + 14, b - 14], [a - 14, b + 14], [a + 14, b + 14], [a - 12, b], [a + 12, b]]
     source = np.array([*held, [a - 2, b], [a + 2, b]])
@@ -199,7 +201,7 @@ def test_a_closed_cut_is_not_seen(scene: Any, rule: str) -> None:
 
 
 def test_a_maximum_projection_shows_nothing_in_a_gap(scene: Any) -> None:
-    one, plane = scene(shape_without_symmetry()), Plane.along(GRID, "+y")
+    one, plane = scene(shape_without_symmetry()), Plane.from_view(GRID, "+y")
     one.set_projection("mip")
     one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
     core = scene(warp(shape_without_symmetry(), deformed := Deformation((cut_step(GRID, 9.0),)).field(GRID)), "array")
@@ -234,7 +236,7 @@ def test_a_shader_that_fails_at_cuts_only_is_used_for_the_rest(monkeypatch: pyte
 @pytest.mark.parametrize("method", ["texture", "array"])
 @pytest.mark.parametrize("view", ["+y", "-x", "+z"])
 def test_what_goes_right_and_down_in_a_picture_does_so_on_the_screen(scene: Any, method: str, view: str) -> None:
-    plane = Plane.along(GRID, view)
+    plane = Plane.from_view(GRID, view)
     one = scene(shape_without_symmetry(), method)
     one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
     before = middle(one.render())
@@ -264,7 +266,7 @@ def test_slopes_are_those_of_the_deformed_body(scene: Any, monkeypatch: pytest.M
 def test_what_comes_from_outside_the_volume_is_background(scene: Any, method: str) -> None:
     full = Volume(np.full(GRID.shape, 200, np.uint8), GRID)
     full.values[0, 0, 0] = 0
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     one = scene(full, method, transfer=WHITE)
     one.set_camera({"direction": plane.normal, "up": [-c for c in plane.v]})
     before = (one.render().max(axis=2) > 64).sum(axis=1)
@@ -278,7 +280,7 @@ def test_what_comes_from_outside_the_volume_is_background(scene: Any, method: st
 
 @pytest.mark.parametrize("method", ["texture", "array"])
 def test_a_field_of_view_shows_what_has_left_the_box_and_hides_what_lies_outside(scene: Any, method: str) -> None:
-    volume, plane = shape_without_symmetry(), Plane.along(GRID, "+y")
+    volume, plane = shape_without_symmetry(), Plane.from_view(GRID, "+y")
     moved = shift(GRID, plane, 30.0, 0.0)
     corners = GRID.corners()
     larger = GRID.covering(np.concatenate([corners, corners + 32 * np.asarray(plane.u)]))
@@ -370,7 +372,7 @@ def test_any_volume_can_be_shown_and_deformed(scene: Any, values: Any) -> None:
     volume = Volume.from_array(values)
     for method in ("texture", "array"):
         one = scene(volume, method)
-        one.set_field(shift(volume.grid, Plane.along(volume.grid, "+y"), 0.5, 0.0))
+        one.set_field(shift(volume.grid, Plane.from_view(volume.grid, "+y"), 0.5, 0.0))
         for projection in ("shaded", "mip"):
             one.set_projection(projection)
             assert one.render().shape == (90, 120, 3)
@@ -431,7 +433,7 @@ def test_updates_from_many_threads_are_never_black() -> None:
 
     def edit(k: int) -> None:
         def work() -> None:
-            made[0].set_field(shift(GRID, Plane.along(GRID, "+y"), float(k % 3), 0.0))
+            made[0].set_field(shift(GRID, Plane.from_view(GRID, "+y"), float(k % 3), 0.0))
             images.append(made[0].render())
 
         thread.call(work).result(60)

@@ -32,7 +32,7 @@ def body() -> Volume:
 
 
 def bent() -> Step:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     corners = plane.to_plane(GRID.corners())[:, :2]
     source = corners.min(axis=0) + np.ptp(corners, axis=0) * np.array([[0.3, 0.3], [0.7, 0.3], [0.5, 0.8], [0.2, 0.7]])
     move = np.array([[3.0, 1.0], [-2.0, 2.0], [3.0, -2.0], [1.0, 3.0]])
@@ -40,7 +40,7 @@ def bent() -> Step:
 
 
 def parted() -> Step:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     a, b = plane.to_plane(GRID.center)[:2]
     source = np.array([[a - 6, b], [a - 4, b + 6], [a + 6, b], [a + 4, b - 6]])
     target = source + np.where(source[:, :1] < a, -2.0, 2.0) * np.array([1.0, 0.1])
@@ -152,7 +152,7 @@ def test_a_field_of_view_and_a_clip_go_together(scene: Any) -> None:
 
 @pytest.mark.needs_gl
 def test_folds_stay_red_where_they_are_left(scene: Any) -> None:
-    plane = Plane.along(GRID, "+y")
+    plane = Plane.from_view(GRID, "+y")
     a, b = plane.to_plane(GRID.center)[:2]
     points = ControlPoints.from_arrays([[a - 4, b], [a + 4, b]], [[a + 5, b], [a - 5, b]])
     one = scene("texture", projection="composite")

@@ -188,7 +188,7 @@ class AnimationPanel(Panel):
 
     def _act(self, what: str, index: int, _value: Any) -> None:
         edits: dict[str, tuple[str, Callable[[Deformation], Deformation]]] = {
-            "choose": (f"go to key frame {index + 1}", lambda d: key_frames.at_key(d, index)),
+            "choose": (f"go to key frame {index + 1}", lambda d: key_frames.document_at_key(d, index)),
             "double": ("repeat a key frame", lambda d: key_frames.repeat_key(d, index)),
             "remove": ("remove a key frame", lambda d: key_frames.remove_key(d, index)),
         }

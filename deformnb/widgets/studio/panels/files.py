@@ -22,18 +22,18 @@ from typing import Any
 
 import ipywidgets as ipw
 
-from deformnb._progress import time_left
+from deformnb._progress import remaining_time
 from deformnb._weak import weakly
 from deformnb.analysis.extent import padded
 from deformnb.document.deformation import Deformation
 from deformnb.document.script import VOLUME_LINE
 from deformnb.errors import Cancelled, DeformError, FileChangedError
-from deformnb.io.files.atomic import writing_held_by
+from deformnb.io.files.atomic import guard_writes
 from deformnb.io.files.errors import human_bytes
 from deformnb.session.exports import EXPORTS, Frozen, export, export_for
 from deformnb.session.session import Session
 from deformnb.volume.volume import Grid, Volume
-from deformnb.warping.foreground import cut_off_text, listed
+from deformnb.warping.foreground import cut_off_text, join_names
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
 from deformnb.widgets.inputs.file_transfer import FileTransfer
@@ -255,7 +255,7 @@ class FileWriting:
 
     def _do(self, job: Job) -> None:
         try:
-            with writing_held_by(job.landing):
+            with guard_writes(job.landing):
                 if job.path.name.lower().endswith(_PAGE):
                     self._write_page(
                         job.path, **job.page, overwrite=job.overwrite, progress=partial(self._progress, job)
@@ -286,7 +286,7 @@ class FileWriting:
             with self._ending:
                 if self._job is job:
                     self.bar.value = share
-                    left = time_left(time.monotonic() - job.begun, share)
+                    left = remaining_time(time.monotonic() - job.begun, share)
                     self.message.value = ", ".join(w for w in (f"Writing {job.path.name} ... {share:.0%}", left) if w)
 
     def _cancel(self) -> None:
@@ -567,5 +567,5 @@ class ResultBox(Panel):
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * self.session.volume.dtype.itemsize)}"]
         if self.check.sides:
-            facts.append(f"cut off at the {listed(self.check.sides)}")
+            facts.append(f"cut off at the {join_names(self.check.sides)}")
         self.words.value = "; ".join(facts)

@@ -12,7 +12,7 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.errors import DeformError
-from deformnb.io.volumes.formats import read_volume, supported
+from deformnb.io.volumes.formats import read_volume, supported_suffixes
 from deformnb.io.volumes.label_names import (
     LABEL_TABLES,
     is_label_table,
@@ -85,7 +85,7 @@ class LabelChooser(Panel):
             _check_name,
             label="Open label file",
             tip="Label volume of this scan from this computer, and a table of its names",
-            accept=",".join([supported().replace(" ", ""), *LABEL_TABLES]),
+            accept=",".join([supported_suffixes().replace(" ", ""), *LABEL_TABLES]),
         )
         self.list = basic.SelectMultiple(
             tooltip="Labels; Ctrl or Shift chooses several",
@@ -214,6 +214,6 @@ def _check_name(name: str) -> None:
     """DeformError for the name of a file that is no volume file and no table."""
     if not (is_volume_name(name) or is_label_table(name)):
         raise DeformError(
-            f"{name} is no kind of volume file; open {supported()}, or a table of label names "
+            f"{name} is no kind of volume file; open {supported_suffixes()}, or a table of label names "
             f"({', '.join(LABEL_TABLES)})."
         )

@@ -20,7 +20,7 @@ from deformnb.errors import DeformError, OtherVolumeError
 from deformnb.io.documents import read_document
 from deformnb.io.landmarks.formats import is_landmarks, landmark_suffixes
 from deformnb.io.transforms.formats import is_transform
-from deformnb.io.volumes.formats import supported
+from deformnb.io.volumes.formats import supported_suffixes
 from deformnb.io.volumes.label_names import (
     LABEL_TABLES,
     is_label_table,
@@ -41,7 +41,7 @@ from deformnb.widgets.studio.panels.shapes import ShapesPanel
 
 _SESSION = ".json"
 _KINDS = (
-    f"a volume or labels ({supported()}), names of labels ({', '.join(LABEL_TABLES)}), landmarks "
+    f"a volume or labels ({supported_suffixes()}), names of labels ({', '.join(LABEL_TABLES)}), landmarks "
     f"({landmark_suffixes()}) or a session ({_SESSION})"
 )
 

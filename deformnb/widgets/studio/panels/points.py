@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from deformnb._weak import weakly
 from deformnb.errors import DeformError
-from deformnb.io.landmarks.formats import parsed_number, points_from_csv
+from deformnb.io.landmarks.formats import parse_number, points_from_csv
 from deformnb.rbf.points import ControlPoints
 from deformnb.session.session import Session
 from deformnb.widgets.boxes import column
@@ -163,7 +163,7 @@ class PointsPanel(Panel):
         words = text.replace(";", " ").replace(",", " ").split()
         if len(words) != len(axes):
             raise DeformError(f"a new point needs {len(axes)} numbers, {', '.join(axes)}; got {len(words)}.")
-        place = np.array([parsed_number(w, f"{axis} of the new point") for w, axis in zip(words, axes, strict=True)])
+        place = np.array([parse_number(w, f"{axis} of the new point") for w, axis in zip(words, axes, strict=True)])
         new = points.next_id
         self._edit(points.add(self._source_of(place), place))
         self._editors.current.selected = [new]
@@ -229,7 +229,7 @@ def _with_cell(points: ControlPoints, point: int, act: PointsCommand) -> Control
 
 def _written(text: str, what: str) -> float:
     """A number as people write it, with a point or a comma."""
-    return parsed_number(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text, what)
+    return parse_number(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text, what)
 
 
 def _free(points: ControlPoints, ids: list[int], what: str) -> list[int]:

@@ -40,7 +40,7 @@ class Bench:
         volume = bar()
         self.said: list[str] = []
         points = ControlPoints.from_arrays([[4.0, 6.0], [4.0, 9.0], [15.0, 7.5], [28.0, 7.5]])
-        self.session = Session(volume, Deformation.on_picture(GRID, "+y", points))
+        self.session = Session(volume, Deformation.from_picture_points(GRID, "+y", points))
         self.view = view or LiveView(volume, width=64, height=64)
         self.panel = AnimationPanel(self.session, self.guard, self.view, folder)
         self.session.editing.observe(lambda _: self.panel.refresh(), "deformation")

@@ -74,7 +74,9 @@ def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
     points = ControlPoints.from_arrays(
         [[1, 1], [58, 1], [1, 38], [58, 38], [10, 20]], [[1, 1], [58, 1], [1, 38], [58, 38], [26, 20]]
     )
-    step = replace(Deformation.on_picture(Grid(values.shape), "+z", points).steps[0], support=14.0, trend="none")
+    step = replace(
+        Deformation.from_picture_points(Grid(values.shape), "+z", points).steps[0], support=14.0, trend="none"
+    )
     for shift, is_free in ((0, True), (-35, False)):
         volume = Volume(np.roll(values, shift, axis=2), Grid(values.shape))
         session = Session(volume, Deformation((step,)))
@@ -256,7 +258,7 @@ def test_the_uncertainty_overlay_is_made_when_it_is_looked_at(studio: Studio) ->
 
 def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
     points = ControlPoints.from_arrays([[2, 2, 2], [20, 2, 2], [2, 16, 2], [2, 2, 13], [12, 9, 8]])
-    studio.session.editing.deformation = Deformation.in_space(points.move(4, [14.0, 9.0, 8.0]))
+    studio.session.editing.deformation = Deformation.from_space_points(points.move(4, [14.0, 9.0, 8.0]))
     settle(studio)
     assert panel(studio, "Diagnostics").overlay.disabled
     assert "round trip" in status_of(studio)

@@ -276,7 +276,7 @@ def test_points_in_space_are_fitted_to_the_volume(tmp_path: Path) -> None:
     source = np.stack(np.meshgrid(*[[7.0, 16.0]] * 3), axis=-1).reshape(-1, 3)
     true = ControlPoints.from_arrays(source, source + np.array([1.5, -1.0, 0.5]))
     target = dn.warp(volume, dn.fit_rbf(true))
-    studio = Studio(volume, Deformation.in_space(true.reset()), target=target, folder=tmp_path)
+    studio = Studio(volume, Deformation.from_space_points(true.reset()), target=target, folder=tmp_path)
     fit = panel(studio, "Match to another picture")
     assert fit.choice.value == GIVEN
     assert fit.buttons["Points along the outline"].disabled
