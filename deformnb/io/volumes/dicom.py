@@ -173,8 +173,11 @@ def _begins_with_fields(start: bytes) -> bool:
     group, element, kind, length = struct.unpack_from("<HH2sH", start)
     if group not in _FIRST_GROUPS or element > _LAST_FIRST:
         return False
-    implicit = struct.unpack_from("<I", start, 4)[0]
-    return (kind in (b"UL", b"UI", b"CS", b"OB", b"SH", b"LO") and length <= 64) or (element == 0 and implicit == 4)
+    if kind in (b"UL", b"UI", b"CS", b"OB", b"SH", b"LO"):
+        return bool(length <= 64)
+    implicit = struct.unpack_from("<I", start, 4)[0]  # no kind is named: the length of a group, or a text
+    text = start[8 : 8 + min(implicit, 64)].rstrip(b"\0")
+    return (element == 0 and implicit == 4) or (0 < implicit <= 64 and text.isascii() and text.decode().isprintable())
 
 
 def dicom_files(folder: Path) -> list[Path]:
