@@ -97,7 +97,7 @@ def general(values: NDArray[Any], displacement: NDArray[Any], fill: float) -> Ca
 def sums(fit: RBFInterpolant, raster: Raster) -> Callable[[], NDArray[Any]]:
     """The displacement (2, rows, columns) of a solved fit of Wendland's C2 kernel on a raster."""
     n, call = int(fit.count), _library("uint8").sums  # type: ignore[union-attr]
-    trend = np.concatenate([np.asarray(fit.constant)[:, None], np.asarray(fit.linear)], axis=1)
+    trend = np.concatenate([np.asarray(fit.polynomial.constant)[:, None], np.asarray(fit.polynomial.linear)], axis=1)
     lines = [(line - o) / fit.support for line, o in zip((raster.rows, raster.columns), fit.origin[::-1], strict=True)]
     given = (np.asarray(fit.centers)[:n], np.asarray(fit.coefficients)[:n], trend, *lines)
     inputs = [np.ascontiguousarray(a, np.float32) for a in given]

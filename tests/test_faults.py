@@ -369,7 +369,7 @@ def test_a_cell_that_runs_again_and_again_keeps_nothing(monkeypatch: pytest.Monk
     threads = Threads()
     for run[0] in range(5):
         studio = Studio(a_volume(), side="+y")
-        assert studio.parts.bar.recovery.wait()
+        assert studio.parts.bar.recovery.ready.wait(PATIENCE)
         drag(studio, a_drag(studio, 1.0 + run[0]))
         studio.wait()
     wait_for(lambda: len(threads.begun) <= 2)  # its own and that which writes sessions

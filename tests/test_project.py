@@ -327,8 +327,6 @@ MOST_METHODS, MOST_ATTRIBUTES = 30, 15
 # Classes above that, with their methods and attributes, which may only fall: a class of them holds parts instead.
 LARGE_CLASSES = {
     "deformnb.io.volumes.headers.Header": (4, 17),
-    "deformnb.rbf.interpolant.RBFInterpolant": (29, 17),
-    "deformnb.widgets.editor.space_editor.SpaceEditor": (30, 21),
 }
 
 

@@ -213,7 +213,7 @@ def process_scale(system: FitSystem) -> float:
     if free <= 0 or system.has_own_radii:
         return float("nan")
     alpha = np.asarray(system.fit.coefficients)[: system.count] / system.fit.support
-    rest = system.d - system.x @ np.asarray(system.fit.linear).T / system.fit.support
+    rest = system.d - system.x @ np.asarray(system.fit.polynomial.linear).T / system.fit.support
     return float(system.fit.support * np.sqrt(max(float((alpha * rest).sum()), 0.0) / free))
 
 
@@ -377,7 +377,7 @@ def _generators(system: FitSystem) -> Floats:
     dim, basis = system.dim, system.ready.span.basis
     if system.ready.trend.startswith("affine"):
         return np.einsum("ma,kb->mbak", np.eye(dim), basis).reshape(-1, dim, dim)
-    linear = np.eye(dim) + np.asarray(system.fit.linear) / system.fit.support
+    linear = np.eye(dim) + np.asarray(system.fit.polynomial.linear) / system.fit.support
     pairs = [(a, b) for a in range(dim) for b in range(a)]
     skew = np.zeros((len(pairs), dim, dim))
     for m, (a, b) in enumerate(pairs):

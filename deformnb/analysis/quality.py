@@ -346,9 +346,13 @@ def _residual(system: FitSystem, active: ControlPoints) -> Floats:
     if system.count < len(active):
         return np.asarray(system.fit.displacement(active.target) - active.displacement)
     fit, n = system.fit, system.count
-    at_points = system.phi @ np.asarray(fit.coefficients)[:n] + system.x @ np.asarray(fit.linear).T + fit.constant
-    if fit.quadratic is not None:
-        at_points = at_points + np.einsum("nk,mkj,nj->nm", system.x, fit.quadratic, system.x)
+    at_points = (
+        system.phi @ np.asarray(fit.coefficients)[:n]
+        + system.x @ np.asarray(fit.polynomial.linear).T
+        + fit.polynomial.constant
+    )
+    if fit.polynomial.quadratic is not None:
+        at_points = at_points + np.einsum("nk,mkj,nj->nm", system.x, fit.polynomial.quadratic, system.x)
     return np.asarray(at_points - active.displacement)
 
 

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,18 +85,53 @@ _SLOPES = 1 / 3
 _STEEPEST_POWER = 5.0
 
 
+class Polynomial(NamedTuple):
+    """The trend of a displacement: ``linear @ p + constant + p @ quadratic @ p`` at relative coordinates p.
+
+    Parameters
+    ----------
+    linear, constant : (dim, dim) and (dim,), physical units.
+    quadratic : (dim, dim, dim) symmetric matrices, of the trend "quadratic"; None for the others.
+    """
+
+    linear: Any
+    constant: Any
+    quadratic: Any = None
+
+    @property
+    def is_zero(self) -> bool:
+        """True if it moves nothing."""
+        return not any(np.asarray(part).any() for part in self if part is not None)
+
+    def as_type(self, dtype: Any) -> Polynomial:
+        """Copies of the arrays in a type of numbers."""
+        return Polynomial(*(None if part is None else np.array(part, dtype=dtype) for part in self))
+
+    def rounding(self, reach: float) -> float:
+        """Estimated error of evaluating it in float32, up to ``reach`` from the origin."""
+        found = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * _ROUNDING_ERROR
+        if self.quadratic is not None:
+            found += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * _ROUNDING_ERROR
+        return float(found)
+
+    def slope_rounding(self, reach: float) -> float:
+        """Estimated error of its derivatives in float32, up to ``reach`` from the origin."""
+        found = np.abs(np.asarray(self.linear)).sum(axis=1).max() * _ROUNDING_ERROR
+        if self.quadratic is not None:
+            found += 2 * np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach * _ROUNDING_ERROR
+        return float(found)
+
+
 @pytree(
     data_fields=[
         "centers",
         "coefficients",
-        "linear",
-        "constant",
+        "polynomial",
         "origin",
         "support",
         "count",
         "scales",
         "nugget",
-        "quadratic",
         "largest",
         "missed",
     ],
@@ -110,7 +145,7 @@ class RBFInterpolant(AbstractField):
     ----------
     centers : (C, dim) targets as (x - origin) / support, zero beyond ``count``.
     coefficients : (C, dim) alpha_j in physical units, zero beyond ``count``.
-    linear, constant : A (dim, dim) and t (dim,) of the trend of D in relative coordinates, physical units.
+    polynomial : the trend of D in relative coordinates.
     origin, support : the relative coordinates.
     count : number of centres in use; C is one of :data:`CAPACITIES`.
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
@@ -118,8 +153,6 @@ class RBFInterpolant(AbstractField):
     ids : ids of the control points behind the centres, in order.
     scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
-    quadratic : (dim, dim, dim) symmetric matrices H_m of the trend "quadratic" in relative coordinates, physical
-        units; None for the others.
     largest : length of the largest displacement that the points were given, physical; None if that is not known.
     missed : by how much it may miss its targets, physical, besides what is promised of all maps.
     unit : of the points; "" where it is that of the volume on which they are used.
@@ -135,8 +168,7 @@ class RBFInterpolant(AbstractField):
 
     centers: Any
     coefficients: Any
-    linear: Any
-    constant: Any
+    polynomial: Polynomial
     origin: Any
     support: Any
     count: Any
@@ -146,7 +178,6 @@ class RBFInterpolant(AbstractField):
     ids: tuple[int, ...] = field(default=())
     scales: Any = None
     nugget: Any = None
-    quadratic: Any = None
     largest: Any = None
     missed: Any = 0.0
     unit: str = ""
@@ -169,8 +200,7 @@ class RBFInterpolant(AbstractField):
 
     @cached_property
     def is_identity(self) -> bool:
-        parts = (self.coefficients, self.linear, self.constant, self.quadratic)
-        return not any(np.asarray(part).any() for part in parts if part is not None)
+        return self.polynomial.is_zero and not np.asarray(self.coefficients).any()
 
     @cached_property
     def notes(self) -> tuple[str, ...]:
@@ -181,10 +211,7 @@ class RBFInterpolant(AbstractField):
     @cached_property
     def remarks(self) -> tuple[str, ...]:
         """Those of the :attr:`notes` that are known of the points and the trend, without looking at the map."""
-        coefficients = np.asarray(self.coefficients)
-        if not (coefficients.any() or np.asarray(self.linear).any() or np.asarray(self.constant).any()):
-            return self.of_points
-        return self.of_points + _warnings(self)
+        return self.of_points if self.is_identity else self.of_points + _warnings(self)
 
     def prescribed_displacements(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Targets (n, dim) of the points behind the centres, and the displacements that are prescribed there."""
@@ -200,8 +227,8 @@ class RBFInterpolant(AbstractField):
 
         Looked at are :meth:`steep_places`; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
         """
-        if not np.asarray(self.coefficients).any() and self.quadratic is None:
-            return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.linear) / self.support) <= 0)
+        if not np.asarray(self.coefficients).any() and self.polynomial.quadratic is None:
+            return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.polynomial.linear) / self.support) <= 0)
         return self.folds_at(self.steep_places())
 
     def folds_at(self, places: ArrayLike) -> bool:
@@ -283,8 +310,9 @@ class RBFInterpolant(AbstractField):
         p = (jnp.asarray(points) - self.origin) / self.support
         s = jnp.sum((p[..., None, :] - self.centers) ** 2, axis=-1)
         s = s if self.scales is None else s * jnp.asarray(self.scales) ** 2
-        plain = p @ jnp.asarray(self.linear).T + self.constant + self.kernel.of_square(s) @ self.coefficients
-        return plain if self.quadratic is None else plain + jnp.einsum("...k,mkj,...j->...m", p, self.quadratic, p)
+        linear, constant, bent = self.polynomial
+        plain = p @ jnp.asarray(linear).T + constant + self.kernel.of_square(s) @ self.coefficients
+        return plain if bent is None else plain + jnp.einsum("...k,mkj,...j->...m", p, bent, p)
 
     def displacement(self, points: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
         """Displacements at points (..., dim), computed in this type of numbers."""
@@ -368,10 +396,7 @@ class RBFInterpolant(AbstractField):
         # Places far away in units of the support are rounded too, and count by the kernel's slope.
         ends = np.abs(profile_of(np.array([0.0, (farthest / float(self.support)) ** 2]), self.kernel))
         largest = max(ends.max(), reach / 12 * self.kernel.steepest)
-        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * reach * _ROUNDING_ERROR
-        if self.quadratic is not None:
-            trend += np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach**2 * _ROUNDING_ERROR
-        return float(self._global_error * largest + trend)
+        return float(self._global_error * largest + self.polynomial.rounding(reach))
 
     @cached_property
     def _global_error(self) -> float:
@@ -388,9 +413,7 @@ class RBFInterpolant(AbstractField):
         far = float(np.abs(profile_of(np.array([farthest**2]), self.kernel))[0])
         # Places are rounded as for values; a slope changes by a few times itself over a support.
         largest = max(steepest, _STEEPEST_POWER * far / farthest, reach / 12 * 4 * steepest)
-        trend = np.abs(np.asarray(self.linear)).sum(axis=1).max() * _ROUNDING_ERROR
-        if self.quadratic is not None:
-            trend += 2 * np.abs(np.asarray(self.quadratic)).sum(axis=(1, 2)).max() * reach * _ROUNDING_ERROR
+        trend = self.polynomial.slope_rounding(reach)
         return float((_SLOPES * self._global_error * largest + trend) / float(self.support))
 
     def radial_sum(self, dtype: Any) -> RadialSum:
@@ -406,8 +429,7 @@ class RBFInterpolant(AbstractField):
         # bits ever after, and fails where a function was compiled for 64.
         centers, coefficients = (pad_centers(a, dtype) for a in (self.centers, self.coefficients))
         scales = None if self.scales is None else pad_centers(self.scales, dtype)
-        linear, constant = (np.array(a, dtype=dtype) for a in (self.linear, self.constant))
-        bent = None if self.quadratic is None else np.array(self.quadratic, dtype=dtype)
+        linear, constant, bent = self.polynomial.as_type(dtype)
         return Leaves(centers, coefficients, linear, constant, np.int32(self.count), scales, bent)
 
 
@@ -428,7 +450,7 @@ def group_by_shape(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]
                 fit.kernel,
                 np.shape(fit.centers),
                 fit.scales is None,
-                fit.quadratic is None,
+                fit.polynomial.quadratic is None,
                 fit.is_culled and id(fit),
             ),
         )
@@ -507,8 +529,7 @@ def solve_prepared(
         return RBFInterpolant(
             zero,
             zero,
-            np.zeros((dim, dim)),
-            np.zeros(dim),
+            Polynomial(np.zeros((dim, dim)), np.zeros(dim)),
             np.zeros(dim),
             1.0,
             0,
@@ -531,8 +552,7 @@ def solve_prepared(
         return RBFInterpolant(
             x,
             np.zeros((size, dim)),
-            zero,
-            zero[0],
+            Polynomial(zero, zero[0]),
             ready.origin,
             ready.support,
             n,
@@ -580,8 +600,7 @@ def solve_prepared(
     return RBFInterpolant(
         x,
         coefficients,
-        linear * r,
-        constant * r,
+        Polynomial(linear * r, constant * r, bent),
         origin,
         r,
         n,
@@ -591,7 +610,6 @@ def solve_prepared(
         ready.ids,
         scales,
         smoothed,
-        bent,
         float(np.linalg.norm(d, axis=1).max()) * r,
         missed,
     )
@@ -668,7 +686,7 @@ _COLLAPSES = {
 def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     """Notes on a fit that is valid but probably a mistake: collapsed trends and crossing points."""
     targets, displacements = fit.prescribed_displacements()
-    sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
+    sources, map_linear = targets + displacements, np.eye(fit.dim) + np.asarray(fit.polynomial.linear) / fit.support
     torn = torn_pairs(targets, sources, fit.ids)
     crossed = [
         pair
@@ -709,7 +727,7 @@ def _folds_between(fit: RBFInterpolant, first: NDArray[np.float64], second: NDAr
 
 def _rotation_of(fit: RBFInterpolant) -> NDArray[np.float64]:
     """The turn of a fit's trend, or no turn."""
-    m = np.eye(fit.dim) + np.asarray(fit.linear) / fit.support
+    m = np.eye(fit.dim) + np.asarray(fit.polynomial.linear) / fit.support
     u, _, vt = np.linalg.svd(m)
     r = u @ vt
     return r if np.linalg.det(r) > 0 else np.eye(fit.dim)

@@ -178,15 +178,13 @@ def _stack_fits(fits: tuple[RBFInterpolant, ...], dtype: Any) -> RBFInterpolant:
         return RBFInterpolant(
             centers,
             coefficients,
-            fit.linear,
-            fit.constant,
+            fit.polynomial,
             fit.origin,
             fit.support,
             fit.count,
             fit.kernel,
             fit.trend,
             scales=scales,
-            quadratic=fit.quadratic,
         )
 
     found: RBFInterpolant = jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves), dtype=dtype), *map(plain, fits))

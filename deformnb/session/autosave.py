@@ -117,11 +117,6 @@ class Autosave:
         weakref.finalize(session, job.end).atexit = False
 
     @property
-    def folder(self) -> Path:
-        """Folder of the autosaved sessions."""
-        return self._job.file.folder
-
-    @property
     def path(self) -> Path | None:
         """The session's file, once it was written."""
         entry = self._job.file.entry
@@ -484,6 +479,7 @@ class Recovery:
     autosave : what writes.
     lost : what is offered, the newest first.
     earlier : sessions on the volume that ended by themselves with edits that are in no file, the newest first.
+    ready : set once the lost sessions are known.
     written : when what is not saved was last written, for people; empty if there is nothing such.
 
     Examples
@@ -492,7 +488,7 @@ class Recovery:
     >>> recovery = Recovery(Session(PHANTOMS["bar"].make((8, 8, 8))))
     >>> recovery.offer
     ''
-    >>> recovery.close()
+    >>> recovery.autosave.close()
     """
 
     def __init__(
@@ -507,7 +503,7 @@ class Recovery:
         self.earlier: list[SavedSession] = []
         self.written = ""
         self._report, self._changed = report, changed
-        self._ready = threading.Event()
+        self.ready = threading.Event()
         self._differs = session.editing.deformation if session.editing.deformation.volume is not None else None
         self._folder = Path(options.pop("folder", None) or state_folder())
         self.autosave = Autosave(
@@ -573,14 +569,6 @@ class Recovery:
         index = entry.index if 0 <= entry.index < len(document.steps) else None
         self.session.editing.edit_document(document, f"go back to the edit of {moment(entry.edited)}", index=index)
 
-    def wait(self, timeout: float = 60.0) -> bool:
-        """Wait until the lost sessions are known; for scripts and tests."""
-        return self._ready.wait(timeout)
-
-    def close(self) -> None:
-        """End; see :meth:`Autosave.close <deformnb.session.autosave.Autosave.close>`."""
-        self.autosave.close()
-
     def _find_lost(self, reference: VolumeReference) -> None:
         try:
             found = saved_sessions(reference, self._folder, every=True)
@@ -591,7 +579,7 @@ class Recovery:
                 if difference:
                     self._report(difference)
         finally:
-            self._ready.set()
+            self.ready.set()
         if self.lost or self.earlier:
             self._changed()
 

@@ -141,8 +141,8 @@ class DisplacementBounds:
         slope, bend = bounds
         bent = (
             np.zeros((fit.dim, fit.dim))
-            if fit.quadratic is None
-            else np.abs(np.diagonal(np.asarray(fit.quadratic), axis1=1, axis2=2))
+            if fit.polynomial.quadratic is None
+            else np.abs(np.diagonal(np.asarray(fit.polynomial.quadratic), axis1=1, axis2=2))
         )
         for nodes in _NODES:
             h = (last - first) / (nodes - 1)

@@ -57,7 +57,7 @@ def dense(points: ControlPoints, places: np.ndarray, kernel: str, trend: str, sm
     dim, n, k = points.dim, len(points), KERNELS[kernel](SUPPORT)
     x = points.target
     fit = fit_rbf(points, kernel=kernel, trend=trend, support=SUPPORT, smoothing=smoothing)
-    functions = tangent(trend, np.eye(dim) + np.asarray(fit.linear) / SUPPORT)
+    functions = tangent(trend, np.eye(dim) + np.asarray(fit.polynomial.linear) / SUPPORT)
     distance = np.linalg.norm(x[:, None] - x[None], axis=-1)
     big = np.kron(k(distance) + np.diag(smoothing / points.weight), np.eye(dim))
     b = np.stack([f(x).ravel() for f in functions], axis=1) if functions else np.zeros((n * dim, 0))
@@ -69,7 +69,7 @@ def dense(points: ControlPoints, places: np.ndarray, kernel: str, trend: str, sm
         right = np.concatenate([to, at])
         out.append(np.trace(k(0.0) * np.eye(dim) - right.T @ np.linalg.solve(bordered, right)) / dim)
     alpha = np.asarray(fit.coefficients)[:n] / SUPPORT
-    rest = points.displacement - (x - fit.origin) @ np.asarray(fit.linear).T / SUPPORT
+    rest = points.displacement - (x - fit.origin) @ np.asarray(fit.polynomial.linear).T / SUPPORT
     sigma = np.sqrt((SUPPORT * alpha * rest).sum() / (n * dim - len(functions)))
     return np.array(out), sigma
 

@@ -268,8 +268,8 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     lets.set()
     page.wait(f"{PAGE}.parts.requests.shownCount > 0")
     page.wait(f"{said} === ''")
-    eventually(lambda: not editor.worker.is_wanted)  # finer ones may come later
-    editor.worker.call(lambda: None).result(60)
+    eventually(lambda: not editor.sender.worker.is_wanted)  # finer ones may come later
+    editor.sender.worker.call(lambda: None).result(60)
     page.answered()
     lets.clear()
     page.page.get_by_label("What the pictures show").select_option("mip")

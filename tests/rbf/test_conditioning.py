@@ -25,7 +25,7 @@ ROW = np.array([0.0, 20, 45, 60, 100])
 
 
 def linear_part(fit: RBFInterpolant) -> np.ndarray:
-    return np.eye(fit.dim) + fit.linear / fit.support
+    return np.eye(fit.dim) + fit.polynomial.linear / fit.support
 
 
 def turn(dim: int, degrees: float) -> np.ndarray:

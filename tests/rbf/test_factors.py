@@ -43,7 +43,11 @@ def rounding_of(fit: RBFInterpolant) -> float:
     n = int(fit.count)
     x, w = np.asarray(fit.centers)[:n], np.abs(np.asarray(fit.coefficients)[:n])
     kernel = np.abs(np.asarray(fit.kernel.profile(((x[:, None] - x) ** 2).sum(axis=-1))))
-    terms = kernel @ w + np.abs(x) @ np.abs(np.asarray(fit.linear)).T + np.abs(np.asarray(fit.constant))
+    terms = (
+        kernel @ w
+        + np.abs(x) @ np.abs(np.asarray(fit.polynomial.linear)).T
+        + np.abs(np.asarray(fit.polynomial.constant))
+    )
     return float(n * np.finfo(float).eps * terms.max())
 
 

@@ -88,7 +88,7 @@ def elsewhere(dim: int, n: int = 20) -> np.ndarray:
 
 def linear_part(fit: RBFInterpolant) -> np.ndarray:
     """M of T(x) = M x + ..., the trend's linear part."""
-    return np.eye(fit.dim) + fit.linear / fit.support
+    return np.eye(fit.dim) + fit.polynomial.linear / fit.support
 
 
 def turn(dim: int, angle: float = 0.7) -> np.ndarray:
@@ -375,7 +375,7 @@ def test_points_on_a_circle_leave_out_what_it_leaves_open(kernel: str) -> None:
     moved = x + drag(2, n=9)
     fit = fit_rbf(ControlPoints.from_arrays(moved, x), kernel=kernel, support=SUPPORT, trend="quadratic")
     oracle.assert_close(fit.displacement(x), moved - x, atol=CLOSE)
-    h = np.asarray(fit.quadratic)
+    h = np.asarray(fit.polynomial.quadratic)
     assert np.abs(np.trace(h, axis1=1, axis2=2)).max() < 1e-6 * np.abs(h).max()
     assert any("nearly on one conic" in note for note in fit.remarks)
 
@@ -512,7 +512,7 @@ def test_results_are_arrays_of_the_right_kind() -> None:
     assert fit.dim == 2
     with pytest.raises(DeformError, match=r"points must have shape \(\.\.\., 2\)"):
         fit.displacement(np.zeros((4, 3)))
-    for value in (fit.coefficients, fit.centers, fit.linear):
+    for value in (fit.coefficients, fit.centers, fit.polynomial.linear):
         assert value.dtype == np.float64
     oracle.assert_close(
         fit_rbf(points, kernel=WendlandC2(SUPPORT)).displacement(points.source), fit.displacement(points.source), atol=0

@@ -31,7 +31,7 @@ def random_set(seed: int, dim: int = 2, n: int = 7) -> ControlPoints:
 
 
 def linear_part(fit: RBFInterpolant) -> np.ndarray:
-    return np.eye(fit.dim) + fit.linear / fit.support
+    return np.eye(fit.dim) + fit.polynomial.linear / fit.support
 
 
 def planar_turn(degrees: float) -> np.ndarray:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from driven_studio import crash, wait_for
+from waiting import PATIENCE
 
 from deformnb.errors import DeformError
 from deformnb.session import autosave
@@ -34,7 +35,7 @@ def lose(strength: float = 0.5, points: int = 5) -> Session:
 
 def opened(session: Session | None = None, **options: Any) -> Recovery:
     made = Recovery(session or Session(a_volume()), **options)
-    assert made.wait()
+    assert made.ready.wait(PATIENCE)
     return made
 
 
@@ -45,7 +46,7 @@ def test_nothing_is_offered_where_nothing_was_lost() -> None:
         assert recovery.offer == ""
         recovery.act("restore")
         assert session.editing.history["undo"] == ""
-        recovery.close()
+        recovery.autosave.close()
 
 
 def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
@@ -69,7 +70,7 @@ def test_what_was_lost_comes_back_exactly_and_can_be_undone() -> None:
     crash(recovery.autosave)
     again = opened()
     assert len(again.lost) == 1  # the one that went on, and not the first one too
-    again.close()
+    again.autosave.close()
 
 
 def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> None:
@@ -83,14 +84,14 @@ def test_the_newest_is_offered_first_and_each_is_skipped_or_deleted_once() -> No
     recovery.act("delete")
     assert recovery.offer.endswith("(9 points, 2 steps).")
     assert len(changes) == 3
-    recovery.close()
+    recovery.autosave.close()
     again = opened()
     assert again.offer.endswith("(9 points, 2 steps).")
     again.act("delete")
     assert again.offer == ""
     with pytest.raises(DeformError, match="choose one of restore, skip, delete"):
         again.act("rm -rf")
-    again.close()
+    again.autosave.close()
 
 
 def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
@@ -104,7 +105,7 @@ def test_a_damaged_one_is_said_and_the_next_is_offered() -> None:
         recovery.act("restore")
     assert recovery.session.editing.deformation is before
     assert recovery.offer.endswith("(9 points, 2 steps).")
-    recovery.close()
+    recovery.autosave.close()
 
 
 def test_a_document_that_was_made_on_another_volume_is_spoken_of() -> None:
@@ -115,5 +116,5 @@ def test_a_document_that_was_made_on_another_volume_is_spoken_of() -> None:
     other = opened(Session(a_volume(1), document), report=told.append)
     wait_for(lambda: told)
     assert "another volume ('noise', 8 x 7 x 6 voxels)" in told[0]
-    fitting.close()
-    other.close()
+    fitting.autosave.close()
+    other.autosave.close()

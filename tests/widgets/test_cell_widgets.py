@@ -63,7 +63,7 @@ def a_live_view() -> LiveView:
 
 def a_space_editor() -> SpaceEditor:
     made = SpaceEditor(a_volume())
-    made.worker.call(lambda: None).result(PATIENCE)
+    made.sender.worker.call(lambda: None).result(PATIENCE)
     return made
 
 

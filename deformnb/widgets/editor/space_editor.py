@@ -10,6 +10,7 @@ import io
 import logging
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -51,6 +52,79 @@ _MOVING, _RESTING = 256, 512  # pixels along the longer side of a slice
 _SLOW, _FEWER = 0.07, 160  # seconds for the pictures of a movement, from which on they have fewer pixels
 _REST = 0.35  # seconds after the last movement
 _PREVIEW_DPI = 80
+
+
+class LastField:
+    """The last field that could be made, and the facts about the newest state; may be used by several threads."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._key: tuple[Any, ...] | None = None
+        self.field: AbstractField | None = None
+        self.facts: dict[str, Any] = {}
+
+    def of(self, key: tuple[Any, ...], make: Callable[[], AbstractField | None]) -> AbstractField | None:
+        """The field of a state, made if it is another one; the last good one where it cannot be made."""
+        with self._lock:
+            if self._key is None or any(a is not b and not _is_same(a, b) for a, b in zip(key, self._key, strict=True)):
+                try:
+                    self.field = make()
+                    self.facts = {"note": "; ".join(getattr(self.field, "notes", ())), "isBad": False}
+                except DeformError as error:
+                    self.facts = {"note": str(error), "isBad": True}
+                self._key = key
+            return self.field
+
+
+class PaneSender:
+    """Has pictures drawn in a thread as often as front ends show them: smaller while something moves, large at rest.
+
+    Parameters
+    ----------
+    draw : draws and sends the pictures: called with their number and with the front end that gets all, None for each.
+
+    Attributes
+    ----------
+    is_moving : True while something is dragged.
+    worker : the thread; pacer : which counts what front ends have shown.
+    sent : what was sent last for each pane.
+    """
+
+    def __init__(self, draw: Callable[[int, str | None], None]) -> None:
+        self._draw, self.is_moving = draw, False
+        self.sent: dict[int, Any] = {}
+        self._seconds = 0.0  # for the pictures of the last movements
+        self._has_front_end = False
+        self.worker = Worker("deformnb-space-editor")
+        self.pacer = Pacer(lambda number: self.worker.latest("pictures", partial(draw, number, None)))
+
+    def most(self, is_moving: bool) -> int:
+        """Pixels along the longer side of a slice."""
+        return _RESTING if not is_moving else _MOVING if self._seconds < _SLOW else _FEWER
+
+    def greet(self, view: str) -> None:
+        """Send a front end all pictures."""
+        self._has_front_end = True
+        self.worker.latest(f"hello {view}", partial(self._draw, 0, view))
+
+    def offer(self) -> None:
+        """Have the newest state drawn, soon."""
+        if self._has_front_end:  # a front end that comes later sends a request
+            self.pacer.offer()
+
+    def note(self, seconds: float) -> None:
+        """Note the time that pictures of a movement took, after which there will be a rest."""
+        self._seconds += 0.3 * (seconds - self._seconds)
+        self.worker.at_rest(_REST, self._rest)
+
+    def _rest(self) -> None:
+        self.is_moving = False
+        self.offer()
+
+    def close(self) -> None:
+        """End the thread."""
+        self.pacer.close()
+        self.worker.close()
 
 
 class SpaceEditor(EditedPoints):
@@ -118,16 +192,10 @@ class SpaceEditor(EditedPoints):
         self._lock = threading.RLock()  # callbacks run in another thread than cells
         self._window, self._transfer = window, transfer
         self._before, self._options = before, dict(options or {})
-        self._made: tuple[Any, AbstractField | None] = (None, None)
-        self._facts: dict[str, Any] = {}
+        self._last = LastField()
         self._moved: ControlPoints | None = None
-        self._is_moving = False
         self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
-        self._sent: dict[int, Any] = {}
-        self._pace = 0.0  # seconds for the pictures of the last movements
-        self._has_front_end = False
-        self.worker = Worker("deformnb-space-editor")
-        self._pacer = Pacer(self._request_pictures)
+        self.sender = PaneSender(weakly(self, SpaceEditor._draw))
         traits = self._of_volume(volume)
         super().__init__(
             **{**traits, "label": volume.name or "Volume", "height": 360, **settings},
@@ -142,7 +210,6 @@ class SpaceEditor(EditedPoints):
     def _of_volume(self, volume: Volume) -> dict[str, Any]:
         function = preset(self._transfer, volume) if isinstance(self._transfer, str) else self._transfer
         self._pictures = SpacePictures(volume, function, self._window)
-        self._sent = {}
         return {
             "panes": [pane.info() for pane in self._pictures.panes],
             "cursor": list(volume.grid.center),
@@ -175,7 +242,7 @@ class SpaceEditor(EditedPoints):
 
     def preview(self, field: AbstractField | None) -> None:
         """Show the deformation before this step as it is on its way: with fewer pixels, until it rests."""
-        self._is_moving = True
+        self.sender.is_moving = True
         self.before = field
 
     def set_look(self, window: tuple[float, float] | None, colour_map: str) -> None:
@@ -183,7 +250,7 @@ class SpaceEditor(EditedPoints):
         with self._lock:
             made = self._pictures
             self._pictures = SpacePictures(made.volume, made.transfer, window, colour_map)
-            self._window, self._sent = window, {}
+            self._window = window
         self.revision += 1
 
     @property
@@ -261,18 +328,16 @@ class SpaceEditor(EditedPoints):
 
     def take_message(self, message: Any, buffers: Any = ()) -> None:
         if isinstance(message, PicturesWanted):
-            self._has_front_end = True
-            view = message.view
-            self.worker.latest(f"hello {view}", partial(weakly(self, SpaceEditor._draw), 0, view))
+            self.sender.greet(message.view)
         elif isinstance(message, Seen):
-            self._pacer.seen(message.seq)
+            self.sender.pacer.seen(message.seq)
         elif isinstance(message, SlicesMoved):
             self._look(message)
         else:
             super().take_message(message, buffers)
 
     def _look(self, message: SlicesMoved) -> None:
-        self._is_moving = message.moving
+        self.sender.is_moving = message.moving
         for name, value in (
             ("cursor", message.cursor),
             ("projection", message.projection),
@@ -280,15 +345,15 @@ class SpaceEditor(EditedPoints):
         ):
             if value is not UNSET:
                 setattr(self, name, value)
-        self._offer()  # also where nothing has changed: it may have come to rest
+        self.sender.offer()  # also where nothing has changed: it may have come to rest
 
     def _take(self, message: FromWindow) -> None:
         if isinstance(message, PointsEdit):
             message = structs.replace(message, points=self._held(message.points))
-            self._is_moving = message.phase == "move"
-            if self._is_moving:
+            self.sender.is_moving = message.phase == "move"
+            if self.sender.is_moving:
                 self._moved = message.points
-                self._offer()
+                self.sender.offer()
         super()._take(message)
 
     def _held(self, points: ControlPoints) -> ControlPoints:
@@ -321,39 +386,19 @@ class SpaceEditor(EditedPoints):
 
     def _changed(self) -> None:
         self._moved = None
-        self._offer()
-
-    def _offer(self) -> None:
-        if self._has_front_end:  # a front end that comes later sends a request
-            self._pacer.offer()
-
-    def _request_pictures(self, number: int) -> None:
-        self.worker.latest("pictures", partial(weakly(self, SpaceEditor._draw), number, None))
-
-    def _rest(self) -> None:
-        self._is_moving = False
-        self._offer()
+        self.sender.offer()
 
     def _field(self, points: ControlPoints) -> AbstractField | None:
         """Field of these points; the last good one where they cannot be fitted, and the reason."""
         key = (points, self.volume, self._before, self._options, self.settings)
-        with self._lock:
-            held = self._made[0]
-            if held is None or any(a is not b and not _is_same(a, b) for a, b in zip(key, held, strict=True)):
-                try:
-                    field = self.field(points) if len(points) or self._before is not None else None
-                    facts = {"note": "; ".join(getattr(field, "notes", ())), "isBad": False}
-                except DeformError as error:
-                    field, facts = self._made[1], {"note": str(error), "isBad": True}
-                self._made, self._facts = (key, field), facts
-            return self._made[1]
+        return self._last.of(key, lambda: self.field(points) if len(points) or self._before is not None else None)
 
     def _draw(self, number: int, view: str | None) -> None:
-        points, is_moving, start = self._moved or self.points, self._is_moving, time.monotonic()
+        points, is_moving, start = self._moved or self.points, self.sender.is_moving, time.monotonic()
         try:
             field = self._field(points)
             images = self._images(None if self.shows_original else field, is_moving, all_of_them=view is not None)
-            facts = dict(self._facts)
+            facts = dict(self._last.facts)
             if not is_moving and field is not None:
                 found = folding(field, self.volume.grid)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
@@ -367,25 +412,24 @@ class SpaceEditor(EditedPoints):
             parts += buffers
         self.post(Pictures(seq=number, view=view, panes=descriptions, facts=facts), parts)
         if is_moving:
-            self._pace += 0.3 * (time.monotonic() - start - self._pace)
-            self.worker.at_rest(_REST, weakly(self, SpaceEditor._rest))
+            self.sender.note(time.monotonic() - start)
 
     def _images(self, field: AbstractField | None, is_moving: bool, *, all_of_them: bool) -> dict[int, Shown]:
         """The pictures that have changed since the last ones."""
         images = {}
         pictures, cursor, projection = self._pictures, self.cursor, self.projection
-        most = _RESTING if not is_moving else _MOVING if self._pace < _SLOW else _FEWER
+        most = self.sender.most(is_moving)
         for index, pane in enumerate(pictures.panes):
             depth = pane.depth_of(cursor) if projection == "slice" else None
             key = (pictures, field, projection, depth, most, self._options)
-            if key == self._sent.get(index) and not all_of_them:
+            if key == self.sender.sent.get(index) and not all_of_them:
                 continue
             if projection == "slice":
                 made = pictures.slice(index, field, cursor, most)
                 images[index] = replace(made, shapes=shapes_on(pane, pane.depth_of(cursor), self.step()))
             else:
                 images[index] = pictures.projection(index, field, projection, is_quick=is_moving)
-            self._sent[index] = key
+            self.sender.sent[index] = key
         return images
 
     # ---- traits and display -----------------------------------------------------------------------------------------
@@ -403,8 +447,7 @@ class SpaceEditor(EditedPoints):
 
     def close(self) -> None:
         """End the widget and its thread."""
-        self._pacer.close()
-        self.worker.close()
+        self.sender.close()
         super().close()
 
     def __repr__(self) -> str:

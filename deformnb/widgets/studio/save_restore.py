@@ -95,7 +95,7 @@ class RestoreBar(SyncedWidget):
     def close(self) -> None:
         """End; what was not saved stays in the history."""
         if self._recovery is not None:
-            self._recovery.close()
+            self._recovery.autosave.close()
         super().close()
 
 

@@ -61,7 +61,7 @@ class TrameFrames:
         """
         allowed = checked_origin(origin)
         with self._lock:
-            self.served = {name: one for name, one in self.served.items() if one.is_alive}
+            self.served = {name: one for name, one in self.served.items() if one.thread.is_alive()}
             view = self._view()
             if view is None:
                 return
@@ -92,12 +92,8 @@ class _Served:
         self._ready = threading.Event()
         self.server: PageServer | None = None
         self._is_closed = False
-        self._thread = threading.Thread(target=self._run, name="deformnb-trame", daemon=True)
-        self._thread.start()
-
-    @property
-    def is_alive(self) -> bool:
-        return self._thread.is_alive()
+        self.thread = threading.Thread(target=self._run, name="deformnb-trame", daemon=True)
+        self.thread.start()
 
     def _run(self) -> None:
         async def serve() -> None:
@@ -129,7 +125,7 @@ class _Served:
         self._is_closed = True  # if the server is not made yet
         if self.server is not None:
             self.server.stop()
-        self._thread.join(_LONGEST_END)
+        self.thread.join(_LONGEST_END)
 
 
 class _ViewArea:

@@ -202,8 +202,8 @@ def test_a_new_point_counts_strength(volume: Volume, points: ControlPoints) -> N
 
 def test_pictures_come_when_a_page_is_there_and_only_those_that_changed(editor: SpaceEditor) -> None:
     editor.points = editor.points.move(0, [20, 10, 20])
-    assert not editor.worker.is_wanted
-    editor.worker.call(lambda: None).result(PATIENCE)  # what the thread had begun is done
+    assert not editor.sender.worker.is_wanted
+    editor.sender.worker.call(lambda: None).result(PATIENCE)  # what the thread had begun is done
     assert editor.messages == []  # nobody looks
     receive(editor, {"type": "hello", "view": "v"})
     content, buffers = pictures(editor)

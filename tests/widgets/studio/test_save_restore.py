@@ -25,7 +25,7 @@ def _last_file_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def studio_of(volume: Volume | None = None, **options: Any) -> Studio:
     studio = Studio(volume or a_volume(), side="+y", **options)
-    assert studio.parts.bar.recovery.wait()
+    assert studio.parts.bar.recovery.ready.wait(PATIENCE)
     return studio
 
 
