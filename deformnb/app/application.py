@@ -27,7 +27,7 @@ from deformnb.session.session import Session
 from deformnb.volume.channels import ChannelsLike
 from deformnb.volume.plane import VIEWS
 from deformnb.volume.volume import Volume
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.studio.studio import Studio
 from deformnb.widgets.web.guard import checked_host, is_loopback
 from deformnb.widgets.web.server import PageServer
@@ -70,7 +70,7 @@ class Application:
         folder: str | PathLike[str] = ".",
         language: str | None = None,
     ) -> None:
-        with parts_of_another():
+        with owned_widgets():
             self.studio = Studio(volume, deformation, side=side, view=viewer, folder=folder, language=language)
         self.thread = Worker("deformnb-application")
 

@@ -33,7 +33,7 @@ _IS_PART = ContextVar("_IS_PART", default=False)
 
 
 @contextmanager
-def parts_of_another() -> Iterator[None]:
+def owned_widgets() -> Iterator[None]:
     """Context in which new widgets belong to a widget that closes them, and not to the cell that runs."""
     before = _IS_PART.set(True)
     try:
@@ -42,7 +42,7 @@ def parts_of_another() -> Iterator[None]:
         _IS_PART.reset(before)
 
 
-def leave_to_another(widget: Any) -> None:
+def transfer_ownership(widget: Any) -> None:
     """Transfer a widget that a cell has made to another one, which closes it."""
     for cell, (run, shown) in CELL_WIDGETS.items():
         CELL_WIDGETS[cell] = (run, [reference for reference in shown if reference() is not widget])
@@ -63,8 +63,8 @@ def close_earlier_of_this_cell(widget: Any) -> None:
         for reference in shown:
             earlier = reference()
             if earlier is not None:
-                if hasattr(earlier, "hand_on"):
-                    earlier.hand_on(widget)
+                if hasattr(earlier, "forward_view"):
+                    earlier.forward_view(widget)
                 earlier.close()
         shown = []
     CELL_WIDGETS[cell] = (run, [*shown, weakref.ref(widget)])

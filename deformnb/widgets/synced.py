@@ -26,7 +26,7 @@ from deformnb.widgets.basic_widgets import layout
 from deformnb.widgets.messages.record import Channel, Message, Refused
 from deformnb.words import language, word_table
 
-__all__ = ["LocalComm", "SyncedWidget", "worded_by_another"]
+__all__ = ["LocalComm", "SyncedWidget", "translated_by_owner"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,7 +34,7 @@ _IS_WORDED = ContextVar("_IS_WORDED", default=False)
 
 
 @contextmanager
-def worded_by_another() -> Iterator[None]:
+def translated_by_owner() -> Iterator[None]:
     """Context for the parts of another widget: it shows their words in its language too, and they share a layout."""
     before = _IS_WORDED.set(True)
     try:

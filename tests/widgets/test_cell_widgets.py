@@ -18,7 +18,7 @@ from deformnb.errors import DeformError
 from deformnb.session.autosave import restore, saved_sessions
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets import Studio, cell_widgets
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.volume_view import VolumeView
@@ -110,7 +110,7 @@ def test_who_cannot_have_a_new_view_keeps_the_one_of_before(cell: Cell) -> None:
 
 
 def test_parts_are_closed_by_their_owner_alone(cell: Cell) -> None:
-    with parts_of_another():
+    with owned_widgets():
         part = LiveView(a_volume())
     cell.again()
     own = LiveView(a_volume())

@@ -28,11 +28,11 @@ from deformnb.volume.channels import ChannelDisplay
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, line, row
-from deformnb.widgets.cell_widgets import close_all, parts_of_another
+from deformnb.widgets.cell_widgets import close_all, owned_widgets
 from deformnb.widgets.inputs.clip_controls import ClipControls
 from deformnb.widgets.inputs.transfer_editor import PresetMenu
 from deformnb.widgets.parameters import ACTIONS, OF_THE_FIT, PARAMETERS, Choice, Number, parameters
-from deformnb.widgets.synced import worded_by_another
+from deformnb.widgets.synced import translated_by_owner
 
 Guard = Callable[[Callable[[], None]], bool]
 """Runs an edit and shows its error; returns whether it was done."""
@@ -310,7 +310,7 @@ class LatePanel(Generic[_AnyPanel]):
         """Make the panel, if it has not been made."""
         with self._lock:
             if self.made is None:
-                with worded_by_another(), parts_of_another():
+                with translated_by_owner(), owned_widgets():
                     made = self._make()
                 self.box.children = (made.box,)
                 self.box.remove_class("dnb-late")

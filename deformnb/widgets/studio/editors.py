@@ -23,7 +23,7 @@ from deformnb.volume.plane import Picture
 from deformnb.warping.foreground import foreground_level
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import Box, row
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.studio.controls import button
@@ -152,7 +152,7 @@ class StudioEditors:
 
     def _make_space(self) -> SpaceEditor:
         session = self._session
-        with parts_of_another():
+        with owned_widgets():
             made = SpaceEditor(
                 session.volume,
                 session.editing.points,

@@ -13,7 +13,7 @@ from deformnb.errors import DeformError
 from deformnb.imaging.projection import project
 from deformnb.session.session import Session
 from deformnb.widgets import basic_widgets as basic
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.editor.editor import Editor
 from deformnb.widgets.editor.space_editor import SpaceEditor
 from deformnb.widgets.editor.space_slices import PANES
@@ -72,7 +72,7 @@ class StudioSlices:
         session = self._session
         windows = [project(session.volume, side, "slice").window for side in PANES]
         self._window = min(low for low, _ in windows), max(high for _, high in windows)
-        with parts_of_another():
+        with owned_widgets():
             made = SpaceEditor(
                 session.volume,
                 before=session.results.field(),

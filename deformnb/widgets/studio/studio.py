@@ -48,8 +48,8 @@ from deformnb.widgets.cell_widgets import (
     close_all,
     close_earlier_of_this_cell,
     closed_on_failure,
-    leave_to_another,
-    parts_of_another,
+    owned_widgets,
+    transfer_ownership,
     with_png,
 )
 from deformnb.widgets.editor.editor import Editor
@@ -65,7 +65,7 @@ from deformnb.widgets.studio.status import StudioStatus
 from deformnb.widgets.studio.step_diagnostics import warm_up
 from deformnb.widgets.studio.sync import StudioSync
 from deformnb.widgets.studio.view_sync import StudioLink, followed_step
-from deformnb.widgets.synced import worded_by_another
+from deformnb.widgets.synced import translated_by_owner
 from deformnb.widgets.view.base import AbstractView
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.worker import Worker
@@ -83,11 +83,11 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
                 f"a studio cannot show a {type(kind).__name__}; a view of your own must be a widget with "
                 "a trait named camera, deformnb.widgets.view.base.CameraTrait()."
             )
-        leave_to_another(kind)
+        transfer_ownership(kind)
         kind.show(volume)
         kind.set_transfer(transfer)
         return kind
-    with parts_of_another():
+    with owned_widgets():
         if kind == "live":
             return LiveView(volume, transfer=transfer, width=720, height=height)
         if kind == "vtk":
@@ -146,7 +146,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     whole.editing.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
     shown.density, shown.theme, shown.shows = editor.density, editor.theme, on_picture(view.shows)
-    with parts_of_another():
+    with owned_widgets():
         live = LiveView(whole.volume, transfer=pictures.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
     for name in ("projection", "background", "show_folds", "ambient_occlusion"):
@@ -323,7 +323,7 @@ class Studio(Boxes):
         is_whole = threading.Event()
         worker.call(is_whole.wait)  # nothing is done for half a studio
         try:
-            with closed_on_failure(lambda: end_all(ends)), worded_by_another():  # by the head
+            with closed_on_failure(lambda: end_all(ends)), translated_by_owner():  # by the head
                 parts = self._make(before, session, words, worker, ends, given)
                 self._show(parts, before)
         except BaseException:
@@ -411,7 +411,7 @@ class Studio(Boxes):
                 before.leave_view()
             open_former = _weakly_in_session(self, Studio._open_session, parts.worker)
             former = before.session
-            panels.history.when_made(lambda history: history.lead_back(former, open_former))
+            panels.history.when_made(lambda history: history.offer_return(former, open_former))
         parts.bar = RestoreBar(session, edits.edited, words.show)  # finds what that one has left
         recovery = parts.bar.recovery
         panels.history.when_made(lambda history: history.take_recovery(recovery))
@@ -539,7 +539,7 @@ class Studio(Boxes):
     def _open_session(self, session: Session) -> None:
         before = self.session
         self.parts.words.show(f"Opening {session.volume.name or 'the volume'} \u2026")
-        with parts_of_another():
+        with owned_widgets():
             self._begin(session)
         name = before.volume.name or "the volume before"
         self.session.editing.notice = f"{session.volume.name or 'The volume'} is open; History leads back to {name}."
@@ -660,7 +660,7 @@ class Studio(Boxes):
         else:
             self.warm_up()
 
-    def hand_on(self, other: Any) -> None:
+    def forward_view(self, other: Any) -> None:
         """Leave a view that another studio of the same cell was given as well to that one."""
         if getattr(other, "view", None) is self.view:
             self.parts.leave_view()

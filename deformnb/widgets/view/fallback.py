@@ -16,7 +16,7 @@ from deformnb._weak import weakly
 from deformnb.rbf.fields import AbstractField
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.cell_widgets import parts_of_another
+from deformnb.widgets.cell_widgets import owned_widgets
 from deformnb.widgets.messages.views import DrawnByPython, StillRequest, ToServerRenderer, VolumeInfo
 from deformnb.widgets.synced import LocalComm
 from deformnb.widgets.view.live_front_ends import Send
@@ -110,7 +110,7 @@ class FallbackHost:
         with self._lock:
             state = self._state()
             if self._view is None and state is not None:
-                with parts_of_another():
+                with owned_widgets():
                     comm = LocalComm(partial(_forward, self._send))
                     view = VolumeView(comm=comm, transfer=state.transfer, **state.looks, **self._options)
                 view.observe(lambda change: view.post(VolumeInfo(info=change["new"])), "volume_info")

@@ -14,7 +14,7 @@ from deformnb.session.session import Session
 from deformnb.volume.volume import Volume
 from deformnb.widgets import basic_widgets as basic
 from deformnb.widgets.boxes import column, row
-from deformnb.widgets.cell_widgets import close_all, parts_of_another
+from deformnb.widgets.cell_widgets import close_all, owned_widgets
 from deformnb.widgets.studio.controls import Guard, Panel, fill, menu, prose
 from deformnb.widgets.studio.panels.target import GIVEN, NO_TARGET, FitTarget
 from deformnb.widgets.studio.status import reason_of
@@ -112,7 +112,7 @@ class ComparePanel(Panel):
             self._follow_colours()
             return
         view = self._view
-        with parts_of_another():
+        with owned_widgets():
             made = LiveView(
                 volume, transfer=self.session.pictures.transfer, width=view.width, height=view.height, fill=True
             )

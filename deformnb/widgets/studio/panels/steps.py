@@ -136,7 +136,7 @@ class HistoryPanel(Panel):
         self._recovery = recovery
         self.refresh()
 
-    def lead_back(self, former: Session, open_session: Callable[[Session], None]) -> None:
+    def offer_return(self, former: Session, open_session: Callable[[Session], None]) -> None:
         """Offer to open the session of another volume again, as it was left."""
         name = former.volume.name or "the volume before"
         back = button(
