@@ -26,7 +26,7 @@ from deformnb.errors import DeformError, MissingPackageError, VolumeFileError
 from deformnb.io.files.codecs import unpack_picture
 from deformnb.io.files.detached import MOST_FILES
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.volumes.headers import Header, triple, volume_shape
+from deformnb.io.volumes.headers import Geometry, Header, triple, volume_shape
 from deformnb.volume.volume import Matrix3
 
 DICOM_SUFFIXES = (".dcm", ".dicom", ".ima")
@@ -462,9 +462,7 @@ def _series_header(path: Path, slices: list[_Slice], notes: tuple[str, ...], une
         shape,
         dtype,
         blocks,
-        spacing,
-        triple(first.place.position.tolist()),
-        rows,
+        Geometry(spacing, triple(first.place.position.tolist()), rows),
         notes=notes,
         unit="mm",
         working_bytes=max(2 * one.path.stat().st_size for one in slices) if first.frames > 1 else 0,

@@ -120,6 +120,21 @@ def check_layout(path: Path, layout: Layout) -> Layout:
 
 
 @dataclass(frozen=True)
+class Geometry:
+    """Place of the voxels as a file states it, in LPS; a spacing may be negative or wrong until :meth:`Header.grid`.
+
+    Parameters
+    ----------
+    affine : 4 x 4 LPS map of indices (i, j, k), for files that have one instead of the three.
+    """
+
+    spacing: Float3 = (1.0, 1.0, 1.0)
+    origin: Float3 = (0.0, 0.0, 0.0)
+    direction: Matrix3 = IDENTITY
+    affine: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True)
 class Header:
     """All that is known of a volume file without reading its voxels.
 
@@ -129,8 +144,7 @@ class Header:
     shape : (nz, ny, nx).
     dtype : voxel type as stored, byte order included.
     blocks : opens the file and yields the voxels in order, as arrays of whole slices in the stored type.
-    spacing, origin, direction : as in the file, in LPS; a spacing may be negative or wrong until :meth:`grid`.
-    affine : 4 x 4 LPS map of indices (i, j, k), for files that have one instead of the three.
+    geometry : where the voxels are, as the file states it.
     slope, intercept : voxels mean ``slope * stored + intercept``.
     transposed : blocks come along x, as [x, y, z].
     is_labels : as in the file, None if it is not stated.
@@ -145,10 +159,7 @@ class Header:
     shape: tuple[int, int, int]
     dtype: np.dtype[Any]
     blocks: VoxelBlocks
-    spacing: Float3 = (1.0, 1.0, 1.0)
-    origin: Float3 = (0.0, 0.0, 0.0)
-    direction: Matrix3 = IDENTITY
-    affine: NDArray[np.float64] | None = None
+    geometry: Geometry = Geometry()
     slope: float = 1.0
     intercept: float = 0.0
     transposed: bool = False
@@ -176,12 +187,13 @@ class Header:
     def grid(self, spacing: Float3 | None = None) -> tuple[Grid, tuple[str, ...]]:
         """Grid of the voxels, with another spacing if given, and remarks; a negative spacing flips its direction."""
         notes: tuple[str, ...] = ()
+        stated = self.geometry
         try:
-            if self.affine is not None:
-                grid = Grid.from_affine(self.shape, self.affine, self.unit)
+            if stated.affine is not None:
+                grid = Grid.from_affine(self.shape, stated.affine, self.unit)
                 return (grid if spacing is None else replace(grid, spacing=spacing)), notes
-            lengths, direction, notes = straighten(self.spacing if spacing is None else spacing, self.direction)
-            return Grid(self.shape, lengths, self.origin, direction, self.unit), notes
+            lengths, direction, notes = straighten(stated.spacing if spacing is None else spacing, stated.direction)
+            return Grid(self.shape, lengths, stated.origin, direction, self.unit), notes
         except DeformError as error:
             raise fail(self.path, str(error)) from error
 

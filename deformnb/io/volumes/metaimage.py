@@ -29,6 +29,7 @@ from deformnb.io.volumes.headers import (
     HEADER_BYTES,
     MOST_SKIPPED,
     SINGLE,
+    Geometry,
     Header,
     Layout,
     check_layout,
@@ -165,7 +166,15 @@ def read_header(path: Path) -> Header:
     crc = stated_crc(comment, fields["elementdatafile"])
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: check_blocks(s, whole, dtype, crc, path))
     return Header(
-        path, shape, dtype, blocks, spacing, origin, direction, is_labels=labels, notes=notes, layout=layout, unit=unit
+        path,
+        shape,
+        dtype,
+        blocks,
+        Geometry(spacing, origin, direction),
+        is_labels=labels,
+        notes=notes,
+        layout=layout,
+        unit=unit,
     )
 
 

@@ -22,7 +22,7 @@ from deformnb._typing import Float3, Progress
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.errors import fail
 from deformnb.io.files.streams import take
-from deformnb.io.volumes.headers import SINGLE, Header, Layout, check_layout, triple, volume_shape
+from deformnb.io.volumes.headers import SINGLE, Geometry, Header, Layout, check_layout, triple, volume_shape
 from deformnb.io.volumes.voxels import Source, layout_blocks, write_packed
 from deformnb.volume.volume import IDENTITY, LPS_TO_RAS, NIFTI_UNITS, Grid, Matrix3, Volume
 
@@ -178,10 +178,7 @@ def read_header(path: Path) -> Header:
         shape,
         dtype,
         blocks,
-        spacing,
-        origin,
-        direction,
-        affine,
+        Geometry(spacing, origin, direction, affine),
         slope,
         intercept,
         is_labels=True if fields.intent == LABEL_INTENT else None,

@@ -32,6 +32,7 @@ from deformnb.io.volumes.headers import (
     HEADER_BYTES,
     MOST_SKIPPED,
     SINGLE,
+    Geometry,
     Header,
     Layout,
     check_layout,
@@ -183,7 +184,15 @@ def read_header(path: Path) -> Header:
     crc = stated_crc(comments, fields.get("datafile", ""))
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: check_blocks(s, whole, dtype, crc, path))
     return Header(
-        path, shape, dtype, blocks, is_labels=labels, notes=notes + unit_notes, layout=layout, unit=unit, **affine
+        path,
+        shape,
+        dtype,
+        blocks,
+        is_labels=labels,
+        notes=notes + unit_notes,
+        layout=layout,
+        unit=unit,
+        geometry=Geometry(**affine),
     )
 
 
@@ -354,7 +363,7 @@ def _unit(path: Path, fields: dict[str, str], axes: list[int]) -> tuple[str, NDA
 def _affine(
     path: Path, fields: dict[str, str], axes: list[int], dimension: int, factors: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """Geometry of the header, as arguments of Header."""
+    """Arguments of :class:`~deformnb.io.volumes.headers.Geometry`, and remarks as "notes"."""
     space = fields.get("space", "").lower()
     if space and space not in _SPACES:
         raise fail(path, f"the space '{printable(space)}' is not supported; save it in left-posterior-superior.")

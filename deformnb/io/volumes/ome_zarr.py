@@ -26,7 +26,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError, MissingPackageError
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import fail, printable, unpacking
-from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Header, Layout, check_layout, volume_shape
+from deformnb.io.volumes.headers import HEADER_BYTES, SINGLE, Geometry, Header, Layout, check_layout, volume_shape
 from deformnb.volume.units import UNITS, common_unit, parse_unit
 from deformnb.volume.volume import IDENTITY, Grid, Volume, voxel_checksum
 
@@ -534,9 +534,7 @@ def _header(path: Path, level: Level, pyramid: Pyramid) -> Header:
         level.grid.shape,
         dtype,
         lambda: _blocks(parts, depth, found),
-        level.grid.spacing,
-        level.grid.origin,
-        level.grid.direction,
+        Geometry(level.grid.spacing, level.grid.origin, level.grid.direction),
         is_labels=pyramid.is_labels,
         notes=notes,
         unit=level.grid.unit,

@@ -29,7 +29,7 @@ from deformnb._typing import Progress
 from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write, check_target
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.volumes.headers import Header, VoxelBlocks, volume_shape
+from deformnb.io.volumes.headers import Geometry, Header, VoxelBlocks, volume_shape
 from deformnb.io.volumes.voxels import Source, check_bytes, slabs_of_bytes
 from deformnb.volume.units import parse_unit
 from deformnb.volume.volume import Volume, cast
@@ -87,16 +87,17 @@ def _numbers(side: Path, fields: dict[str, Any], name: str, shape: tuple[int, ..
 def _geometry(side: Path, fields: dict[str, Any]) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Entries of a side file beyond type and shape, as arguments of Header, and a note on an unknown unit."""
     known: dict[str, Any] = {}
+    place: dict[str, Any] = {}
     for name, shape in (("spacing", (3,)), ("origin", (3,)), ("direction", (3, 3))):
         if name in fields:
             rows = _numbers(side, fields, name, shape)
-            known[name] = tuple(tuple(row) if isinstance(row, list) else row for row in rows)
+            place[name] = tuple(tuple(row) if isinstance(row, list) else row for row in rows)
     if "is_labels" in fields:
         if not isinstance(fields["is_labels"], bool):
             raise fail(side, "the field 'is_labels' should be true or false.")
         known["is_labels"] = fields["is_labels"]
     unit, notes = parse_unit(fields.get("unit", ""))
-    return known | {"unit": unit}, notes
+    return known | {"geometry": Geometry(**place), "unit": unit}, notes
 
 
 def _shape(side: Path, fields: dict[str, Any]) -> list[int]:

@@ -30,7 +30,7 @@ from deformnb.errors import DeformError
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.files.paths import regular_file
-from deformnb.io.volumes.headers import SINGLE, Header, Layout, VoxelBlocks, check_layout, volume_shape
+from deformnb.io.volumes.headers import SINGLE, Geometry, Header, Layout, VoxelBlocks, check_layout, volume_shape
 from deformnb.io.volumes.tiff_pages import (
     DESCRIPTION,
     HEIGHT,
@@ -148,7 +148,7 @@ def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Heade
         shape,
         first.dtype,
         blocks,
-        spacing or (1.0, 1.0, 1.0),
+        Geometry(spacing or (1.0, 1.0, 1.0)),
         notes=notes,
         working_bytes=working_bytes,
         layout=layout,
@@ -566,8 +566,7 @@ def _annotate(header: Header, text: str) -> Header:
         raise fail(header.path, f"its annotations of deformnb are damaged: {printable(error, 200)}") from error
     return replace(
         header,
-        origin=frame.origin,
-        direction=frame.direction,
+        geometry=replace(header.geometry, origin=frame.origin, direction=frame.direction),
         is_labels=True if found.get("labels") == ["yes"] else header.is_labels,
     )
 

@@ -19,7 +19,7 @@ from deformnb.io.files.memory import available_memory
 from deformnb.io.files.streams import LEVEL, packed_bytes
 from deformnb.io.files.texts import floats, integers
 from deformnb.io.files.vtk_xml import TYPES, Tag, VtkXml
-from deformnb.io.volumes.headers import Header, triple, volume_shape
+from deformnb.io.volumes.headers import Geometry, Header, triple, volume_shape
 from deformnb.io.volumes.voxels import BLOCK_BYTES, slabs_of_bytes, stored_dtype, stream_blocks
 from deformnb.volume.volume import Grid, Matrix3, Volume
 
@@ -61,7 +61,7 @@ def read_header(path: Path) -> Header:
         is_labels=labels,
         notes=notes + more,
         unit=_UNIT,
-        **geometry,
+        geometry=Geometry(**geometry),
     )
 
 
@@ -140,7 +140,7 @@ def read_vectors(path: Path) -> tuple[NDArray[Any], Grid]:
     shape, _ = volume_shape(path, sizes, 3 * file.dtype(array).itemsize)
     axes = np.asarray(geometry["direction"]) * np.asarray(geometry["spacing"])
     geometry["origin"] = triple((np.asarray(geometry["origin"]) + axes @ np.array(extent[::2], dtype=float)).tolist())
-    grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), unit=_UNIT, **geometry).grid()
+    grid, _ = Header(path, shape, file.dtype(array), lambda: iter(()), unit=_UNIT, geometry=Geometry(**geometry)).grid()
     stored = file.locate_array(array, 3 * math.prod(shape))
     if stored.size > available_memory() // 3:
         raise fail(path, f"its vectors take {human_bytes(stored.size)}, more than the memory here can hold.")
