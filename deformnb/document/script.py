@@ -65,7 +65,8 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
     >>> points = ControlPoints.from_arrays([[0, 0], [9, 0]], [[0, 0], [9, 2.5]], names=["tail", "nose"])
     >>> grid = Grid((10, 10, 10))
     >>> print(as_python(Deformation.from_picture_points(grid, "+y", points), grid,
-    volume='dn.read_volume("ct.nii.gz")')) import deformnb as dn
+    ...                 volume='dn.read_volume("ct.nii.gz")'))
+    import deformnb as dn
     <BLANKLINE>
     volume = dn.read_volume("ct.nii.gz")
     <BLANKLINE>
