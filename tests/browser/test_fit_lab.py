@@ -109,8 +109,8 @@ def test_the_target_is_laid_over_the_picture(shown: tuple[Any, Any]) -> None:
     ghost.wait_for(timeout=60_000)
     page.wait_for_function("document.querySelector('img.dnb-ed-ghost').naturalWidth === 64")
     found = page.evaluate(f"""() => {{
-        const {{ view: {{ k, x, y }}, box, stage }} = {EDITOR}, [a0, a1, b0, b1] = box;
-        const at = stage.getBoundingClientRect(), ghost = document.querySelector('img.dnb-ed-ghost');
+        const editor = {EDITOR}, {{ k, x, y }} = editor.viewport.view, [a0, a1, b0, b1] = editor.picture.box;
+        const at = editor.stage.element.getBoundingClientRect(), ghost = document.querySelector('img.dnb-ed-ghost');
         const is = ghost.getBoundingClientRect();
         return [is.left - at.left - (k * a0 + x), is.top - at.top - (k * b0 + y), is.width - k * (a1 - a0),
                 is.height - k * (b1 - b0), Number(ghost.style.opacity)];

@@ -168,6 +168,7 @@ NEUTRAL = (
     ".points.csv",
     ".prm",
     ".tps",
+    ".tsv",
     ".txt",
     ".xyz",
     "null",

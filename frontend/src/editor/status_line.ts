@@ -135,7 +135,7 @@ export class StatusLine {
     setText(this.folds, hasPoints ? words : "");
     const inAir =
       air > 0
-        ? `. The map also folds in air, on ${(100 * air).toFixed(1)} % of the picture, where nothing is seen`
+        ? `\nThe map also folds in air, on ${(100 * air).toFixed(1)} % of the picture, where nothing is seen`
         : "";
     setAttributes(this.folds, { title: hasPoints ? `${value}: ${FOLD_TIP}${inAir}` : "" });
   }
