@@ -1,6 +1,6 @@
 """Web application without Jupyter, served by trame: ``deformnb app FILE SESSION``.
 
-A picture with points to drag, the volume beside it, and the settings of a session, served by trame to the
+A picture with points to drag, the volume next to it, and the settings of a session, served by trame to the
 browsers of this machine. The edits and the state are those of a :class:`Session`, as in a notebook.
 """
 

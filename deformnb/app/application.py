@@ -1,6 +1,6 @@
 """The application: a studio whose widgets are used in one thread, its page, and its start from the command line.
 
-An edit that takes a second so never keeps the server from answering.
+An edit that takes a second so never blocks the server.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ class Application:
 
     Parameters
     ----------
-    volume : what is deformed.
-    deformation : to go on with; default is none.
+    volume : the volume to deform.
+    deformation : the one to start from; default is none.
     side : of the first picture, a name of :data:`~deformnb.volume.plane.VIEWS`; default is the one that shows most.
-    viewer : "live" or "vtk": who draws the volume, see :data:`deformnb.app.VIEWERS`.
+    viewer : "live" or "vtk": the renderer of the volume, see :data:`deformnb.app.VIEWERS`.
     folder : where the controls save files.
     language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
 
     Attributes
     ----------
     studio : the same as in a notebook.
-    thread : where whatever a page requests is done.
+    thread : executes the requests of clients.
 
     Examples
     --------
@@ -80,13 +80,13 @@ class Application:
         return self.studio.session
 
     def close(self) -> None:
-        """End the threads; what was not saved stays in the history of who opens the volume again."""
+        """End the threads; unsaved edits stay in the history of the volume."""
         self.thread.close()
         self.studio.close()
 
 
 def check_app(host: str, port: int, side: str | None, idle: float = IDLE_MINUTES) -> str:
-    """The address to listen at, or what is wrong with the options, before a volume is read.
+    """The address to listen at, or the error in the options, before a volume is read.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def app_server(
 
 
 def _build_page(server: Any, app: Application) -> None:
-    """Give trame's server the page of an application.
+    """Register the client of an application with trame's server.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _build_page(server: Any, app: Application) -> None:
 
 
 def _name_page(server: Any, app: Application) -> None:
-    """Name the page after the volume that is open now; in the server's thread."""
+    """Set the title of the client to the name of the open volume; in the server's thread."""
     with server.state:
         server.state.trame__title = _title(app)
 
@@ -164,8 +164,8 @@ def open_app(
 
     Parameters
     ----------
-    volume : what is deformed.
-    deformation : to go on with.
+    volume : the volume to deform.
+    deformation : the one to start from.
     side : side of the first picture; default is the one that shows most.
     viewer : "live" or "vtk", see :data:`deformnb.app.VIEWERS`.
     host, port : where to listen; port 0 takes a free one.
@@ -208,7 +208,7 @@ def _print(text: str) -> None:
 
 def announce(url: str, idle: float, stack: contextlib.ExitStack | None) -> None:
     """Print where the page is, and open it in a browser until the stack ends."""
-    sys.stdout.write(f"{url}\n")  # once, and never into a log: whoever has it has the session
+    sys.stdout.write(f"{url}\n")  # once, and never into a log: anyone with it can open the session
     sys.stdout.flush()
     alone = f", and so do {idle:g} minutes without a page (--idle)" if idle else ""
     _print(f"open this address in a browser of this machine; Ctrl-C ends it{alone}.")

@@ -42,7 +42,7 @@ SETTABLE = {
     "DropdownModel": {"index"},
     "SelectMultipleModel": {"index"},
 }
-"""Traits of ipywidgets that a page may set, by the name of the model. Our own widgets check what they are sent."""
+"""Traits of ipywidgets that a client may set, by the name of the model. Our own widgets check what they are sent."""
 
 _LONGEST_NAME = 64
 _REFERENCE = "IPY_MODEL_"
@@ -56,7 +56,7 @@ class Bridge:
     Parameters
     ----------
     studio : is shown.
-    thread : where whatever a page requests is done.
+    thread : executes the requests of clients.
     server : sends to the pages.
     """
 
@@ -78,7 +78,7 @@ class Bridge:
         return ("app.js", "app.css")
 
     def left(self) -> None:
-        """A page has gone, and with it what its user was about to do."""
+        """Drop the unfinished gestures of a client that has disconnected."""
         self._thread.call(self._studio.show_session)
 
     def answers(self) -> dict[str, Answer]:
@@ -88,7 +88,7 @@ class Bridge:
     # -- to the pages --------------------------------------------------------------------------------------------------
 
     def _reach(self, widget: ipw.Widget) -> dict[str, dict[str, Any]]:
-        """Give comms to a widget and to all that its state refers to; returns the states of those that are new."""
+        """Open comms for a widget and all widgets of its state; returns the states of the new ones."""
         found: dict[str, dict[str, Any]] = {}
         waiting = [widget]
         with self._lock:

@@ -1,7 +1,7 @@
 """Blocks of a result: the part of the source that each one needs, and its voxels.
 
 All blocks have one shape, and so have the parts of the source that they are computed from, so that one compilation
-serves all: the last block along an axis begins earlier, and a smaller part lies in an array as large as the largest.
+serves all: the last block along an axis begins earlier, and a smaller part fills an array as large as the largest.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from deformnb.warping.warper import Warper
 
 Shape = tuple[int, int, int]
 
-# Bytes for each voxel of a block beside its own: displacements along x, y, z in float32, twice while they are handed
-# over, and as much again for what the fit needs on the way.
+# Bytes for each voxel of a block besides its own: displacements along x, y, z in float32, twice while they are passed
+# on, and as much again for the temporary arrays of the fit.
 _WORKING_BYTES = 48
 
-# Blocks are not made smaller than this to save memory: each one costs some milliseconds of its own.
+# Blocks are not made smaller than this to save memory: each one costs some milliseconds.
 _FEWEST_VOXELS = 2**12
 
 
@@ -152,14 +152,14 @@ def plan_blocks(
     processes: int = 1,
     progress: Progress | None = None,
 ) -> tuple[BlockWarp, int]:
-    """The blocks of a warp, and how many may be computed at once within the memory.
+    """The blocks of a warp, and how many may be computed concurrently within the memory.
 
     Parameters
     ----------
     block : the largest shape of a block; halved until one at a time fits.
     memory : bytes that all blocks in work may take together; what these leave is for chunks of the source that are
         read again for other blocks.
-    workers : blocks at once at most.
+    workers : maximum number of concurrent blocks.
     processes : that share the work and the memory.
 
     Raises
@@ -198,7 +198,7 @@ def _parts(
     for number in range(len(blocks)):
         part = blocks.part(number)
         first = [min(s.start, n - b) for s, n, b in zip(part, blocks.shape, blocks.block, strict=True)]
-        # All that is computed counts, also what the last block has in common with the one before.
+        # All computed voxels count, also those that the last block shares with the one before.
         found.append(find(output.crop((first[0], first[1], first[2]), blocks.block)))
         if progress is not None and number % 64 == 0:
             progress(0.0)

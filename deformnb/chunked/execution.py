@@ -17,7 +17,7 @@ _RETRIES = 3
 
 
 def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: int) -> Iterator[int]:
-    """Do all numbers, and yield each when it is done. Ending the loop early leaves out what has not begun."""
+    """Work on all numbers, and yield each finished one. Ending the loop early cancels those not begun."""
     with ThreadPoolExecutor(threads, thread_name_prefix="deformnb-block") as pool:
         waiting: set[Any] = set()
         following = iter(numbers)
@@ -41,7 +41,7 @@ def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: 
 def run_on_cluster(
     client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int, carried: int
 ) -> Iterator[int]:
-    """The same on the workers of a ``dask.distributed.Client``; a block whose worker dies is done by another one.
+    """The same on the workers of a ``dask.distributed.Client``; a block whose worker fails is done by another one.
 
     Parameters
     ----------
@@ -53,11 +53,11 @@ def run_on_cluster(
 
     if not numbers:
         return
-    # What is computed on a worker can be computed again if that dies; what is scattered lies on each of them.
+    # Results of a worker can be computed again if that fails; scattered data are on each of them.
     shared = (
         client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(_same, work, pure=False)
     )
-    # Neighbours read the same chunks, which each worker keeps for itself: each begins with a run of its own. Any other
+    # Neighbours read the same chunks, which each worker caches: each begins with a separate run. Any other
     # one may take a block over.
     slots = [address for address, threads in sorted(client.nthreads().items()) for _ in range(threads)]
     are_all = at_once >= len(slots)

@@ -36,7 +36,7 @@ from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, 
 # Types whose voxels become others where each value stays the same; what does not fit is refused when it is met.
 _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}
 
-# Voxels along each axis that are compared when a job goes on: each unpacks a chunk, some milliseconds.
+# Voxels along each axis that are compared when a job resumes: each unpacks a chunk, some milliseconds.
 _SAMPLES = 3
 
 # The part of a source that is read at once to find its smallest value.
@@ -65,7 +65,7 @@ class VoxelReader(Protocol):
         """Voxels of a part."""
 
     def identity(self) -> str:
-        """A text that is another one for other voxels, as far as can be told without reading them."""
+        """A text that differs for other voxels, as far as can be determined without reading them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +215,7 @@ class LargeVolume:
     Parameters
     ----------
     reader : reads the voxels.
-    grid : where they lie.
+    grid : of the voxels.
     name : shown to people.
     is_labels : voxels are names of regions.
     notes : remarks.
@@ -275,7 +275,7 @@ class LargeVolume:
 
     @property
     def discrete(self) -> bool:
-        """True if no value may be made up between two others."""
+        """Whether no value may be interpolated between two others."""
         return self.is_labels or self.dtype == np.bool_
 
     def read(self, part: VoxelSlices) -> NDArray[Any]:
@@ -311,8 +311,8 @@ class LargeVolume:
         return Volume(self.read((slice(None),) * 3), self.grid, self.name, self.is_labels, self.notes)
 
     def smallest(self, progress: Progress | None = None) -> float:
-        """The smallest finite value: what lies outside a volume. The whole source is read, or until a zero of a type
-        without negative values is found.
+        """The smallest finite value: the background outside a volume. The whole source is read, or until a zero of a
+        type without negative values is found.
         """
         depth = max(1, _SLAB_BYTES // (self.shape[1] * self.shape[2] * self.dtype.itemsize))
         rows = self.shape[1] if depth > 1 else max(1, _SLAB_BYTES // (self.shape[2] * self.dtype.itemsize))
@@ -334,7 +334,7 @@ class LargeVolume:
 
     @cached_property
     def fingerprint(self) -> str:
-        """:meth:`current_fingerprint` when it was first asked for."""
+        """:meth:`current_fingerprint` when it was first requested."""
         return self.current_fingerprint()
 
     def current_fingerprint(self) -> str:
@@ -349,13 +349,13 @@ class LargeVolume:
 
 
 class ChunkCache:
-    """Chunks of a source that were unpacked lately. Blocks of a result overlap in what they read, so that each chunk
+    """Cache of recently unpacked chunks of a source. Blocks of a result overlap in what they read, so that each chunk
     would be unpacked many times. May be read from several threads; another process begins with an empty one.
 
     Parameters
     ----------
     source : the volume to read.
-    limit : bytes of all chunks that are kept.
+    limit : maximum bytes of the cached chunks.
 
     Examples
     --------
@@ -376,7 +376,7 @@ class ChunkCache:
 
     @property
     def bytes(self) -> int:
-        """Bytes of the chunks that are kept now."""
+        """Bytes of the cached chunks."""
         return self._bytes
 
     def read_into(self, part: VoxelSlices, out: NDArray[Any]) -> None:
@@ -436,12 +436,12 @@ def open_volume(
     source : a :class:`Volume`; an array [z, y, x] of NumPy (memory maps included), dask, Zarr or h5py; or a path: a
         folder of Zarr or OME-Zarr, ``.h5``/``.hdf5`` (with "file.h5::dataset" where there are several), ``.tif``,
         ``.npy``, or any file that :func:`deformnb.read_volume` reads, which is then loaded.
-    grid : where the voxels lie, instead of what the source says; arrays have spacing 1 without it.
+    grid : of the voxels, instead of the one that the source states; arrays have spacing 1 without it.
     spacing : (x, y, z), instead of the source's.
     name : shown to people.
-    is_labels : voxels are names of regions; by default as the source says.
+    is_labels : voxels are names of regions; by default as the source states.
     level : of a pyramid, 0 for the finest.
-    unit : of lengths, where the source does not say it; its numbers stay as they are.
+    unit : of lengths, where the source does not state it; its numbers are not converted.
 
     Raises
     ------
@@ -489,7 +489,7 @@ def _open(source: Any, level: int) -> LargeVolume:
 
 
 def _from_labelled(given: Any) -> LargeVolume:
-    """The volume of an array of xarray, which may lie in chunks."""
+    """The volume of an array of xarray, which may be chunked."""
     array = one_array(given)
     axes = LabelledAxes.of(array)
     more = [dim for dim in axes.others if array.sizes[dim] > 1]

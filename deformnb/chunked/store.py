@@ -1,12 +1,12 @@
-"""The unfinished result of a job beside its target: which blocks are done, and of which job.
+"""The unfinished result of a job next to its target: which blocks are done, and of which job.
 
-A job writes into the folder ``.NAME.unfinished`` beside its target: the pyramid, ``job.json`` with a checksum of all
+A job writes into the folder ``.NAME.unfinished`` next to its target: the pyramid, ``job.json`` with a checksum of all
 that decides on its voxels, and ``done.txt`` with a line for each finished block: level, number, checksum of what is
 stored, and a checksum of the line itself. A block is on the disk before its line is.
 
-A job that was interrupted goes on from there and trusts nothing: what is in the folder is removed unless it is a block
-with the checksum of its line, or a page of metadata as this job writes it; what is missing then is computed anew. A job
-of another source, deformation or grid is refused. At the end the pyramid gets the name of the target.
+An interrupted job resumes from there and trusts nothing: the content of the folder is removed unless it is a block
+with the checksum of its line, or a document of metadata as this job writes it; missing blocks are then computed anew. A
+job of another source, deformation or grid is refused. At the end the pyramid gets the name of the target.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class UnfinishedStore:
     folder : of the unfinished job.
     mark : the checksum of the job.
     arrays : the levels as Zarr arrays, the finest first.
-    done : (level, block) of what is finished.
+    done : (level, block) of finished blocks.
     damaged : how many blocks were noted as finished, and were not there as they had been written.
     """
 
@@ -94,12 +94,12 @@ class UnfinishedStore:
         self.done.add((level, block))
 
     def _persist(self, file: Path) -> str:
-        """Have a file on the disk, and its name; returns the checksum of its bytes."""
+        """Flush a file, and its name, to the disk; returns the checksum of its bytes."""
         try:
             with file.open("rb") as stored:
                 found = hashlib.file_digest(stored, "sha256").hexdigest()
                 os.fsync(stored.fileno())
-        except FileNotFoundError:  # what is missing reads as the fill value
+        except FileNotFoundError:  # missing chunks read as the fill value
             return _EMPTY
         flush_folder(file.parent)
         for folder in file.parents[1:]:
@@ -134,8 +134,8 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
     Raises
     ------
     DeformError
-        If another process is writing it, an unfinished job of something else lies there, or what lies there is damaged
-        so that it cannot be told of which job it is.
+        If another process is writing it, an unfinished job of something else is there, or the folder is damaged
+        so that its job cannot be identified.
     VolumeFileError
         If the disk is full or cannot be written.
     """
@@ -184,7 +184,7 @@ def _open_lock(folder: Path) -> int | None:
 
 
 def discard_unfinished(target: Path) -> None:
-    """Remove what a job that was stopped has left beside its target, unless another process is writing it."""
+    """Remove the files that a stopped job has left next to its target, unless another process is writing it."""
     folder = _unfinished(target)
     with suppress(OSError):
         if folder.is_symlink() or not folder.is_dir():
@@ -249,7 +249,7 @@ def _job_of(folder: Path) -> str | None:
     Raises
     ------
     ValueError, OSError
-        If the file that says it is damaged.
+        If the file with the checksum is damaged.
     """
     job = folder / _JOB
     if not os.path.lexists(job):
@@ -331,7 +331,7 @@ def _digest(file: Path) -> str:
 
 
 def _flush(place: Path) -> None:
-    """Have a file or a folder on the disk, and its name."""
+    """Flush a file or a folder, and its name, to the disk."""
     if place.is_dir():
         flush_folder(place)
     else:
@@ -371,7 +371,7 @@ def _read_finished_blocks(folder: Path, mark: str) -> dict[tuple[int, int], str]
         words = text.split(" ")
         if proof == _checksum(mark, text) and len(words) == 3:
             done[int(words[0]), int(words[1])] = words[2]
-    # What a killed process has begun to write would be one line with the next; so the list is written anew.
+    # A line that a killed process has begun would merge with the next; so the list is written anew.
     with atomic_write(folder / _DONE) as file:
         for (level, block), stored in done.items():
             text = f"{level} {block} {stored}"

@@ -20,7 +20,7 @@ from deformnb.io.volumes.formats import existing_path, plain_name, read_any_head
 from deformnb.io.volumes.headers import Header
 from deformnb.volume.volume import as_spacing
 
-_SLABS = 2**27  # bytes of the slices that are held at once
+_SLABS = 2**27  # bytes of the slices that are in memory together
 
 
 def needs_unpacking(path: str | os.PathLike[str]) -> bool:

@@ -51,25 +51,25 @@ def warp(
     """The deformed volume, ``output(x) = input(x + D(x))``, computed block by block.
 
     Each block reads only the part of the source that its displacements can reach. The voxels are those of
-    :func:`deformnb.warp`, but for a rounding of grey values by 1 where a value lies at a half.
+    :func:`deformnb.warp`, but for a rounding of grey values by 1 where a value is at a half.
 
     Parameters
     ----------
     source : what :func:`open_volume` takes: a path (Zarr, OME-Zarr, HDF5, TIFF, ...), an array of dask, Zarr, h5py or
-        NumPy (memory maps included), a Volume; or what it returns, where grid, labels or level need to be stated.
+        NumPy (memory maps included), a Volume; or its result, where grid, labels or level need to be stated.
     deformation : a Deformation or a field in space.
     target : path of the OME-Zarr folder to be written, with coarser levels; None for a dask array that is computed when
-        it is asked for; the class :class:`~deformnb.Volume` for the result in memory.
+        it is requested; the class :class:`~deformnb.Volume` for the result in memory.
     output : the grid of the result; default is the deformation's own, or the source's.
     fill : value of places outside the source; default is the smallest value of the source, which is read once to find
         it, until a zero turns up in a type without negative values.
     method : "nearest", "linear" or "cubic"; default is linear, and nearest for labels and bool.
-    memory : bytes, or text such as "2 GB", that all blocks in work and the chunks of the source kept for the next ones
-        take at most together, beside what the process has anyway; default is 1 GiB, or 60 % of what is free if that is
-        less.
+    memory : bytes, or text such as "2 GB", that all blocks in work and the cached chunks of the source
+        take at most together, besides the memory of the process; default is 1 GiB, or 60 % of the free memory if that
+        is less.
     client : a ``dask.distributed.Client``, whose workers compute the blocks; they need the files of the source and the
         target under the same paths. Default is threads of this process.
-    workers : blocks at once at most; default is the number of processors.
+    workers : maximum number of concurrent blocks; default is the number of processors.
     chunks : (z, y, x) of the result and of the blocks; smaller where the memory does not suffice.
     levels : resolutions to be written; by default until the longest side is at most 256 voxels.
     version : of OME-Zarr: "0.5" (Zarr 3) or "0.4" (Zarr 2).
@@ -84,7 +84,7 @@ def warp(
     ------
     DeformError
         If the deformation does not fit the source, or the memory suffices for no block; if an unfinished result of
-        another job lies beside the target.
+        another job is next to the target.
     VolumeFileError
         If the source is damaged, or the target cannot be written.
     MissingPackageError
@@ -92,10 +92,10 @@ def warp(
 
     Notes
     -----
-    The result gets its name when it is complete. A job that was interrupted, cancelled or killed goes on when it is
-    called again: what is done is noted in a folder beside the target, with a checksum of each block, and only what was
-    in work, or is not any more as it was written, is computed anew. A source that was changed meanwhile is refused: of
-    files by their times, sizes and samples of the voxels, of arrays in memory by all voxels, of others by samples.
+    The result gets its name when it is complete. A job that was interrupted, cancelled or killed resumes when it is
+    called again: finished blocks are noted in a folder next to the target, with a checksum of each block, and only what
+    was in work, or is not any more as it was written, is computed anew. A source that was changed meanwhile is refused:
+    of files by their times, sizes and samples of the voxels, of arrays in memory by all voxels, of others by samples.
 
     Examples
     --------
@@ -210,7 +210,7 @@ def _lazy(job: BlockWarp) -> Any:
             "arrays of dask need the package dask, which is not installed: pip install "
             '"deformnb[large]"; or name a target'
         ) from error
-    # The array may live long after it was computed: it keeps no chunks of the source.
+    # The array may exist long after it was computed: it holds no chunks of the source.
     shared = delayed(replace(job, cache=ChunkCache(job.source, 0)), traverse=False)
     made = [
         dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Check:
-    """One line of the report: a part, whether it works, what was found, and what to do where it does not."""
+    """One line of the report: a part, whether it works, the finding, and the cure where it does not."""
 
     part: str
     works: bool
@@ -51,7 +51,7 @@ REQUIRED = (
 
 
 def doctor() -> list[Check]:
-    """Look at this machine; takes a few seconds and changes nothing.
+    """Check this machine; takes a few seconds and changes nothing.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """JupyterLab with the notebooks that come with the package, copied to a folder where they may be changed.
 
-This is the command ``deformnb lab``, a module of its own because it starts another program.
+This is the command ``deformnb lab``, a separate module because it starts another program.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def _lab(options: argparse.Namespace) -> None:
 
 
 def add_lab_options(parser: argparse.ArgumentParser) -> None:
-    """Add what is handed on to JupyterLab."""
+    """Add the options that are forwarded to JupyterLab."""
     parser.add_argument(
         "--no-browser", action="store_true", help="only print the address, on a machine without a screen"
     )
@@ -51,7 +51,7 @@ def add_lab_options(parser: argparse.ArgumentParser) -> None:
 def copy_and_open(
     sources: list[Path], folder: Path, options: argparse.Namespace, opener: Callable[..., None] | None = None
 ) -> None:
-    """Copy notebooks into a folder, say which are new, and open the first of them, in JupyterLab by default."""
+    """Copy notebooks into a folder, report the new ones, and open the first of them, in JupyterLab by default."""
     copy_and_list(sources, folder)
     sys.stdout.flush()  # Lab prints next, past our buffer
     chosen = {"--no-browser": options.no_browser, "--allow-root": options.allow_root}
@@ -59,7 +59,7 @@ def copy_and_open(
 
 
 def copy_and_list(sources: list[Path], folder: Path) -> None:
-    """Copy notebooks into a folder and say which are new."""
+    """Copy notebooks into a folder and report the new ones."""
     new, kept = copy_files(sources, folder)
     for what, paths in (("new", new), ("kept as it is", kept)):
         for path in paths:
@@ -98,7 +98,7 @@ def copy_notebooks(folder: Path) -> tuple[list[Path], list[Path]]:
     list of Path
         The new files.
     list of Path
-        Those that were there already and are kept as they are.
+        Those that existed already and are unchanged.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def open_lab(notebook: Path, *options: str) -> None:
 
     Parameters
     ----------
-    notebook : what it shows first.
+    notebook : the one that opens first.
     options : further options of ``jupyter lab``.
 
     Raises

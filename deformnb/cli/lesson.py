@@ -16,7 +16,7 @@ def add_lesson(commands: Any) -> None:
 
         command.add_lesson(commands)
         return
-    # No prefix of options: whatever follows, --help included, is answered by the sentence.
+    # No prefix of options: any argument, --help included, is answered by the sentence.
     p = commands.add_parser(
         "lesson", help="open a lesson for pupils (needs deformnb-lessons)", add_help=False, prefix_chars="\0"
     )

@@ -309,7 +309,7 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
         yield folder
     finally:
         if is_new:
-            with contextlib.suppress(OSError):  # not empty: what is there is whole
+            with contextlib.suppress(OSError):  # not empty: its files are complete
                 folder.rmdir()
 
 
@@ -333,7 +333,7 @@ def _describe_transform(path: Path) -> dict[str, str]:
 
 
 def _describe_other(path: Path, error: UnknownKindError) -> dict[str, str]:
-    """Describe a file that is no volume, as the error says."""
+    """Describe a file that is no volume, as the error suggests."""
     from deformnb.io.documents import describe_document
     from deformnb.io.landmarks.formats import describe_landmarks, is_landmarks, landmark_suffixes
     from deformnb.io.meshes.formats import describe_mesh, is_mesh, mesh_suffixes

@@ -185,7 +185,7 @@ def add_warp(commands: Any) -> None:
 
 
 def add_spacing(p: argparse.ArgumentParser) -> None:
-    """The option for what is wrong in many files."""
+    """The option for an error in many files."""
     p.add_argument(
         "--spacing",
         type=float,
@@ -387,7 +387,7 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
     given = Path(options.input.partition("::")[0])
     if not given.exists():
         return False
-    # The output that is no Zarr folder is held in memory, and the input beside it.
+    # An output that is no Zarr folder is held in memory, together with the input.
     needed = describe_file(given).memory_bytes if is_zarr(given) else 0
     if 2 * needed > default_limit():
         raise DeformError(
@@ -543,7 +543,7 @@ def _refuse_present(target: Path, *, force: bool) -> None:
 
 
 def _difference(document: Deformation, volume: Volume | Grid) -> Iterator[str]:
-    """Reasons why the result may differ from what the author of a session saw, and the option that may help."""
+    """Reasons why the result may differ from the one that the author of a session saw, and the option that may help."""
     from deformnb.volume.volume import as_grid
 
     found, made, grid = document.difference(volume), document.volume, document.own_grid(as_grid(volume))
@@ -554,7 +554,7 @@ def _difference(document: Deformation, volume: Volume | Grid) -> Iterator[str]:
 
 
 def _output_grid(document: Deformation, volume: Volume, options: argparse.Namespace) -> Grid | None:
-    """The grid that the options ask for, for which there is memory; None is the document's own."""
+    """The grid that the options request, for which there is memory; None is the document's own."""
     from deformnb.analysis.extent import MOST
     from deformnb.document.output_grid import output_grid
     from deformnb.io.files.memory import check_room
@@ -661,7 +661,7 @@ def _is_summary(path: Path) -> bool:
 
 
 def _provenance(options: argparse.Namespace, document: Deformation) -> dict[str, Any]:
-    """All that results depend on besides the document's steps and their inputs."""
+    """Dependencies of the results besides the document's steps and their inputs."""
     from deformnb.session.batch import stamp
 
     made = {name: getattr(options, name) for name in ("align", "method", "fill", "labels", "volume", "spacing")}
@@ -709,7 +709,7 @@ class _Work:
             return facts
         volume = read_input(str(path), self._options.spacing, self._stage, is_labels=self._options.labels or None)
         document = transplant(document, volume.grid, self._options.align)
-        # First: what is written must be remembered at once, or counts as foreign.
+        # First: a written file must be recorded immediately, or counts as foreign.
         facts = _facts(document, document.own_grid(volume.grid))
         self._write(document, volume, target)
         return facts

@@ -1,9 +1,9 @@
 """Sample data: procedural phantoms, downloads of real volumes, and D'Arcy Thompson's grids.
 
 - :data:`PHANTOMS` work without a network.
-- :data:`DATASETS`, :func:`fetch` and :func:`load` get real volumes of the paper once and keep them; :func:`find` takes
+- :data:`DATASETS`, :func:`fetch` and :func:`load` download real volumes of the paper once; :func:`find` takes
   the phantom where that fails.
-- :func:`thompson_map` has the points that turn the fish into other fishes, and :func:`thompson_score` says how near a
+- :func:`thompson_map` has the points that turn the fish into other fishes, and :func:`thompson_score` how near a
   deformation comes to them.
 """
 

@@ -39,7 +39,7 @@ class ThompsonGrid:
     species : the name Thompson prints.
     modern : the name in use today, with the English one.
     image : file name of the scan in Project Gutenberg's ebook 55264.
-    quality : what is uncertain about the nodes; empty where the usual 2 pixels hold.
+    quality : uncertainties of the nodes; empty where the usual 2 pixels hold.
     nodes : (rows, columns, 2) in pixels of the scan, x right and y down; rows from back to belly, columns from head to
         tail.
 
@@ -63,7 +63,7 @@ class ThompsonGrid:
 
 @dataclass(frozen=True, eq=False)
 class ThompsonMap:
-    """A pair of grids laid on a picture.
+    """A pair of grids placed on a picture.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def _scale_by_length(source: Floats, target: Floats, room: Floats) -> float:
 
 
 def _inside(source: Floats, target: Floats, room: Floats) -> float:
-    """As large as equal area, but no larger than what lets every node of the target stay in the frame."""
+    """Scale of equal area, limited so that every node of the target is in the frame."""
     ratio = room / np.ptp(target.reshape(-1, 2), axis=0)
     return min(_scale_by_area(source, target, room), float(ratio.min()))
 
@@ -171,8 +171,8 @@ SCALES: dict[str, Callable[[Floats, Floats, Floats], float]] = {
     "area": _scale_by_area,
     "length": _scale_by_length,
 }
-"""Scales of the target grid beside the source grid: a factor on Thompson's own drawing, from both grids and the width
-and height of the frame, in pixels of the source's drawing."""
+"""Scales of the target grid relative to the source grid: a factor on Thompson's own drawing, from both grids and the
+width and height of the frame, in pixels of the source's drawing."""
 
 CELLS = ("fill", "square")
 """Fits of the source grid to the box: stretched over it, or with the proportions of the drawing."""
@@ -184,7 +184,7 @@ HEADS = ("left", "right")
 def custom_grid(
     nodes: ArrayLike | Landmarks | str | os.PathLike[str], name: str = "own grid", rows: int | None = None
 ) -> ThompsonGrid:
-    """A grid of your own, as those of the book.
+    """A user's grid, as those of the book.
 
     Parameters
     ----------
@@ -278,11 +278,11 @@ def _least_corners(nodes: Floats) -> Floats:
 
 
 GridLike: TypeAlias = "str | os.PathLike[str] | int | ThompsonGrid | Landmarks | ArrayLike"
-"""A grid or its name: a species or figure of Thompson's, nodes or landmarks of your own, or a file of these."""
+"""A grid or its name: a species or figure of Thompson's, own nodes or landmarks, or a file of these."""
 
 
 def _grid_of(given: GridLike, name: str) -> ThompsonGrid:
-    """The grid that a name, a figure's number, nodes, landmarks or a file of them stand for."""
+    """The grid of a name, a figure's number, nodes, landmarks or a file of them."""
     if isinstance(given, ThompsonGrid):
         return given
     if isinstance(given, int | np.integer):
@@ -302,21 +302,21 @@ def thompson_map(
     cells: str = "fill",
     head: str = "left",
 ) -> ThompsonMap:
-    """Lay a pair of Thompson's grids, or of your own, on a picture.
+    """Place a pair of Thompson's grids, or own grids, on a picture.
 
     Parameters
     ----------
-    source, target : species (or the beginning of the name, or the figure number); nodes of your own as
+    source, target : species (or the beginning of the name, or the figure number); own nodes as
         (rows, columns, 2) places (x, y) on a drawing, x right and y down; landmarks that are named by row and column,
         or a file of them (:func:`custom_grid` has the rules, and names them). Both grids have equally many lines.
-    box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid is laid
-        over it, so that the fish is inscribed as Thompson's is.
+    box : (a_min, a_max, b_min, b_max) in picture coordinates, b downwards: the fish's own box. The source grid fills
+        it, so that the fish is inscribed as Thompson's is.
     frame : the box that ``scale="inside"`` respects, best that of the whole picture
         (:attr:`box`); default is ``box`` itself, which makes a deep fish small in a low box.
     scale : one of :data:`SCALES`. "inside": equal area, or less if the target grid would leave the frame. "area" and
-        "length" keep the area or the length of the fish; a slender fish that becomes a deep one then needs an output
-        grid with a margin above and below.
-    cells : "fill" stretches the source grid over the box, as the paper inscribes its carp; "square" keeps the
+        "length" preserve the area or the length of the fish; a slender fish that becomes a deep one then needs an
+        output grid with a margin above and below.
+    cells : "fill" stretches the source grid over the box, as the paper inscribes its carp; "square" preserves the
         proportions of the drawing: the grid is as long as the box and centred, and may reach beyond it up and down.
     head : where the head of the fish on the picture points. Thompson's point left; "right" mirrors both grids.
 
@@ -332,7 +332,7 @@ def thompson_map(
     2. It is moved so that its mean node falls on the source's mean node, which is the translation of least
        squares; under "inside" it is then pushed back into the frame, by as little as possible.
     3. One affine map, from the source grid's box to ``box``, then carries both grids to the picture. Because both are
-       carried alike, a species mapped to itself moves nothing, however far the box is stretched.
+       carried equally, a species mapped to itself moves nothing, however far the box is stretched.
 
     Raises
     ------
@@ -367,7 +367,7 @@ def thompson_map(
     factor = size / extent if cells == "fill" else np.full(2, size[0] / extent[0])
     shift = corner + size / 2 - factor * (low + extent / 2)
     frame_corner, frame_size = _check_box(box if frame is None else frame)
-    if head == "right":  # the grids are laid out for a head on the left and mirrored at the end; so must the frame be
+    if head == "right":  # the grids are defined for a head on the left and mirrored at the end; so must the frame be
         frame_corner = np.array([2 * corner[0] + size[0] - frame_corner[0] - frame_size[0], frame_corner[1]])
     goal = b.nodes * SCALES[scale](a.nodes, b.nodes, frame_size / factor)
     goal = (goal + (_mean(a.nodes) - _mean(goal))) * factor + shift

@@ -75,7 +75,7 @@ def thompson_score(
     ----------
     what : a deformation whose steps lie on one plane, one such step, a field of dimension 2, or (rows, columns, 2)
         places that the nodes of the source grid were moved to, in picture coordinates.
-    grids : the pair, laid on the same picture with :func:`thompson_map`.
+    grids : the pair, placed on the same picture with :func:`thompson_map`.
     grid : of the volume, from which the support radius of a step with a single dragged point is derived; default is the
         box of the source grid.
 

@@ -31,13 +31,13 @@ class Dataset:
 
     Parameters
     ----------
-    title : what it is.
+    title : short description.
     file : its name in the folder; the address may end otherwise.
     address : where it is downloaded from; None if it has to be put into the folder by hand, see ``source``.
     sha256, size : checksum and bytes of exactly that file, or of the download where ``variable`` is given; None where
         several versions are in circulation.
     credit : whom to name.
-    licence : what is known about the terms.
+    licence : known terms.
     source : where it comes from, in words.
     phantom : the phantom used offline, a name in PHANTOMS.
     spacing : (x, y, z) of the voxels, where files may come without one; None is what :func:`read_volume` finds.
@@ -205,7 +205,7 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
     name : a key of :data:`DATASETS`.
     progress : True for a bar, False for none, a function called with 0..1 (it may raise
         :class:`~deformnb.errors.Cancelled`); default is a bar where the error stream is a terminal.
-    folder : where to look and to keep it; default see :func:`data_folder`.
+    folder : where to look for it and to store it; default see :func:`data_folder`.
 
     Raises
     ------
@@ -281,7 +281,7 @@ def load(name: str, *, progress: bool | Progress | None = None, folder: str | os
 def find(
     name: str, shape: tuple[int, int, int] | None = None, *, folder: str | os.PathLike[str] | None = None
 ) -> tuple[Volume, bool]:
-    """A real volume where it can be had, else its phantom, and one printed line that says which.
+    """A real volume where it can be had, else its phantom, and one printed line that names it.
 
     The file in the folder is taken, else it is downloaded (with a bar in a terminal and in a notebook). Without a
     network, and for a row without an address, it is the phantom.
@@ -290,7 +290,7 @@ def find(
     ----------
     name : a key of :data:`DATASETS`.
     shape : of the phantom, voxels along z, y, x; default is its own.
-    folder : where to look and to keep it; default see :func:`data_folder`.
+    folder : where to look for it and to store it; default see :func:`data_folder`.
 
     Returns
     -------
@@ -389,7 +389,7 @@ def _make_room(place: Path, data: Dataset) -> None:
 
 
 def _download(data: Dataset, path: Path, progress: bool | Progress | None) -> None:
-    """Through pooch: into a temporary file beside the target, checked, then renamed; removed on any failure."""
+    """Through pooch: into a temporary file next to the target, checked, then renamed; removed on any failure."""
     import pooch
 
     # pooch reports each new file on a logger that prints by default; the caller has the bar, or the path.

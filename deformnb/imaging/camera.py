@@ -20,7 +20,7 @@ class Camera:
     Parameters
     ----------
     plane : of the picture; its origin is the middle of it, its u points right, its v down and its normal away.
-    height : length in space that the picture is high; in perspective, of what lies in the plane.
+    height : length in space that the picture is high; in perspective, of the scene in the plane.
     distance : of the viewer from the plane in perspective; None for a parallel projection.
     """
 

@@ -38,7 +38,7 @@ def draw_core(
     background : red, green and blue in [0, 1].
     projection : "shaded" or "composite".
     spacing : distance of samples; default is that of the camera.
-    part : what is not clipped; None for all.
+    part : the unclipped part; None for all.
     ambience : as for :func:`~deformnb.imaging.projection.project`.
 
     Returns

@@ -72,11 +72,11 @@ def _grey(picture: Picture) -> NDArray[np.float64]:
 
 
 def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.float64], ...]:
-    """The middle of what is bright on a picture, and half of its length and of its width along its principal axes.
+    """Centre of the foreground of a picture, and half of its length and of its width along its principal axes.
 
-    What is bright is above Otsu's threshold. The axes are the eigenvectors of the second moments of its pixels (M.-K.
-    Hu, IRE Trans. Information Theory 8 (1962) 179-187). Where these tell no direction, as of a disc, the axes are those
-    of the picture.
+    The foreground is above Otsu's threshold. The axes are the eigenvectors of the second moments of its pixels (M.-K.
+    Hu, IRE Trans. Information Theory 8 (1962) 179-187). Where these define no direction, as of a disc, the axes are
+    those of the picture.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.flo
     Raises
     ------
     DeformError
-        Where nothing is seen, or what is seen is too thin.
+        Where there is no foreground, or it is too thin.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.flo
     """
     a0, a1, b0, b1 = subject_box(picture, margin)  # whose errors are this function's too
     b, a = np.meshgrid(picture.raster.rows, picture.raster.columns, indexing="ij")
-    values = np.clip(_grey(picture), *picture.window)  # metal would be a class of its own
+    values = np.clip(_grey(picture), *picture.window)  # metal would be a separate class
     inside = (values > otsu_threshold(values)) & (a >= a0) & (a <= a1) & (b >= b0) & (b <= b1)
     places = np.stack([a[inside], b[inside]], axis=1)
     variances, vectors = np.linalg.eigh(np.cov(places.T))
@@ -115,7 +115,7 @@ def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.flo
 
 
 def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, float, float]:
-    """The box (a_min, a_max, b_min, b_max) around what is bright on a picture, grown by a share of its size."""
+    """The box (a_min, a_max, b_min, b_max) around the foreground of a picture, grown by a share of its size."""
     values = _grey(picture)
     bright = values > values.min() + _SUBJECT_LEVEL * np.ptp(values)
     edges = []
@@ -131,7 +131,7 @@ def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, f
 
 
 def source_of(species: str) -> str:
-    """The figure that Thompson drew beside a species, to go there from.
+    """The figure that Thompson drew next to a species, as the source of the map.
 
     Examples
     --------
@@ -157,13 +157,13 @@ def transform(
     Parameters
     ----------
     volume : a fish, or anything else, seen from the side along ``view``.
-    species, source : Thompson's names of the figures to go to and to start from; by default the one he drew beside it.
+    species, source : Thompson's names of the target and source figures; by default the one he drew next to it.
     view : direction of looking; head : where the head then points, "left" or "right".
     stage : announces each piece of work and takes its progress.
 
     Notes
     -----
-    The grid keeps its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
+    The grid preserves its area, as in Thompson's drawings; the field of view grows to hold it. The displacement of the
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
     plane = Plane.from_view(volume.grid, view)
@@ -196,7 +196,7 @@ def deformed_grid(
 
 
 def field_of_view(grid: Grid, plane: Plane, grids: ThompsonMap) -> Grid:
-    """The volume's grid with voxels added so that the whole target grid lies inside."""
+    """The volume's grid with voxels added so that the whole target grid is inside."""
     rim = np.zeros((grids.target_nodes.reshape(-1, 2).shape[0], 3))
     rim[:, :2] = grids.target_nodes.reshape(-1, 2)
     rim[:, 2] = plane.to_plane(grid.center)[2]
@@ -275,7 +275,7 @@ def run_demo(
         captions=captions,
         progress=stage("render both volumes"),
     )
-    write_deformation(result.deformation, session, overwrite=True)  # who calls it has looked at what is there
+    write_deformation(result.deformation, session, overwrite=True)  # the caller has checked the existing files
     if own:
         write_volume(volume, carp, progress=stage("write the carp"))
     write_volume(result.warped, warped, progress=stage("write the deformed volume"))
@@ -291,7 +291,7 @@ def run_demo(
 
 
 def _quarter_view(result: Transformation) -> tuple[Float3, Float3]:
-    """Direction and up: at the side of the picture, turned a little to the front and from above, to look solid."""
+    """Direction and up: at the side of the picture, turned a little to the front and from above, to show depth."""
     plane = result.deformation.steps[0].plane
     assert plane is not None
     u, v, n = plane.frame

@@ -19,13 +19,13 @@ class ViewRenderer(Protocol):
     """Renderer of a volume as a view shows it; used and closed by one thread."""
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown, in the box of a grid."""
+        """Deform the scene, in the box of a grid."""
 
     def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
         """The picture, (height, width, 3) uint8, in about so many parts; ``progress`` is called in between."""
 
     def close(self) -> None:
-        """Give back what it holds."""
+        """Release its resources."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class DisplaySettings:
     show_folds : whether tissue is red where the map folds.
     ambient_occlusion : whether hollows are darker, where the renderer has that: VTK does not.
     scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
-    still : makes what is quicker for a single picture, alike; None takes ``scene``.
+    still : makes an equal renderer that is faster for a single picture; None takes ``scene``.
     """
 
     camera: Mapping[str, Any] = field(default_factory=lambda: dict(_HOME))

@@ -30,7 +30,7 @@ SOURCE = "#0072B2"
 TARGET = "#D55E00"
 
 
-# Printed size of the longer side, inches; with 200 dots an inch a picture of 512 pixels keeps all of them.
+# Printed size of the longer side, inches; with 200 dots an inch a picture of 512 pixels loses none.
 _LONG_SIDE = 7.0
 _DPI = 200
 _HEAD = 0.3  # inches for a title
@@ -56,7 +56,7 @@ STYLES = {
     "paper": Style("#f6f0e1", "#2b2118", "#f6f0e1", "#2b2118", "#8c2f1b", _INK),
     "dark": Style("#101114", "#e8e6e3", "#101114", "#f5f2ea", "#f2b134"),
 }
-"""Looks by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
+"""Styles by name; "paper" prints the picture as ink on cream, like Thompson's plates."""
 
 
 def draw_pictures(
@@ -203,7 +203,7 @@ def _draw(
 
 
 def show_picture(axes: Axes, picture: Picture, colours: Style) -> None:
-    """Draw the pixels of a picture in a style, where they lie."""
+    """Draw the pixels of a picture in a style, at their places."""
     from matplotlib.colors import LinearSegmentedColormap, to_rgb
 
     if picture.values.ndim == 3 or picture.colour_map != "grey":

@@ -57,13 +57,13 @@ class Panel:
     ----------
     picture : a picture of a volume, an image (height, width, 3) uint8 such as a rendered volume, or None for an empty
         sheet with lines and points.
-    caption : what stands behind its letter.
+    caption : text after its letter.
     grid : polylines (n, 2) in picture coordinates.
     points : control points.
     at : a name of :data:`WHERE`.
     cuts : lines that are drawn yellow; the points on their sides are then red and green.
     parts : rigid parts, drawn as shaded places.
-    box : what is shown, (a_min, a_max, b_min, b_max); default is the picture and its grid.
+    box : the visible part, (a_min, a_max, b_min, b_max); default is the picture and its grid.
     """
 
     picture: Picture | NDArray[np.uint8] | None = None
@@ -187,7 +187,7 @@ def _fill(axes: Axes, panel: Panel, colours: Style) -> None:
 
 
 def _outline(axes: Axes, region: AbstractRegion, box: PictureBox, color: str, *, fill: bool) -> None:
-    """Zero contour of the signed distance of a region, whatever kind of region it is."""
+    """Zero contour of the signed distance of a region of any kind."""
     step = max(box[1] - box[0], box[3] - box[2]) / _FINE
     a, b = (np.linspace(low, high, max(2, round((high - low) / step))) for low, high in (box[:2], box[2:]))
     places = np.stack(np.meshgrid(a, b), axis=-1)
@@ -203,7 +203,7 @@ def _outline(axes: Axes, region: AbstractRegion, box: PictureBox, color: str, *,
 
 
 def _points(axes: Axes, points: ControlPoints, panel: Panel, colours: Style) -> None:
-    """Rings at sources, discs at targets; with cuts red or green by the side on which the source lies."""
+    """Rings at sources, discs at targets; with cuts red or green by the side of the source."""
     arrow: dict[str, Any] = {"arrowstyle": "-|>", "color": colours.ink, "linewidth": 0.8, "shrinkA": 3, "shrinkB": 3}
     moved = np.abs(points.source - points.target).max(axis=1) > 0
     inside = panel.cuts[0].region.signed_distance(points.source) < 0 if panel.cuts else moved
@@ -330,7 +330,7 @@ def _deform_piece(piece: NDArray[np.float64], field: Decoupled) -> Lines:
 
 
 def _follow_line(line: NDArray[np.float64], field: AbstractField) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Moved places of a line, and its segments that keep both ends: none that leaps over a fold."""
+    """Displaced places of a line, and its segments with both ends: none across a fold."""
     moved, found = warp_points(line, field)
     middle, expected = (moved[1:] + moved[:-1]) / 2, (line[1:] + line[:-1]) / 2
     off = np.linalg.norm(middle + field.displacement(middle) - expected, axis=1)
@@ -358,7 +358,7 @@ def trim(images: Sequence[NDArray[np.uint8]], margin: float = 0.03) -> list[NDAr
     Parameters
     ----------
     images : (height, width, 3) each; their first pixel is the background.
-    margin : share of the height that is left empty around what is seen.
+    margin : share of the height that is left empty around the foreground.
     """
     seen = [(np.abs(image.astype(int) - image[0, 0]) > 3).any(axis=2) for image in images]
     if len({image.shape[0] for image in images}) != 1 or not all(mask.any() for mask in seen):

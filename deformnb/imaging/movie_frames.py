@@ -69,15 +69,15 @@ def orbit(
     ----------
     direction : of the first frame.
     axis : to turn about; it should be what points up in the picture.
-    degrees : the whole angle; it is not reached, so that the movie goes on with its first frame.
+    degrees : the whole angle; it is not reached, so that the movie loops to its first frame.
 
     Examples
     --------
     >>> [tuple(round(c) for c in d) for d in orbit(4, (0, 1, 0))]
     [(0, 1, 0), (-1, 0, 0), (0, -1, 0), (1, 0, 0)]
     """
-    swing(count)  # refuses what is no number of frames
-    _, _, up = Plane.from_normal((0, 0, 0), axis).frame  # refuses what is no direction
+    swing(count)  # refuses an invalid number of frames
+    _, _, up = Plane.from_normal((0, 0, 0), axis).frame  # refuses an invalid direction
     turned = scipy.spatial.transform.Rotation.from_rotvec(
         np.radians(degrees * np.arange(count) / count)[:, None] * up
     ).apply(np.asarray(direction, dtype=float))
@@ -99,7 +99,7 @@ class Frames(Iterator[Image]):
         return self._left
 
     def close(self) -> None:
-        """Give back what the renderer holds, before the last frame too."""
+        """Release the resources of the renderer, before the last frame too."""
         close = getattr(self._images, "close", None)
         if close is not None:
             close()
@@ -128,13 +128,13 @@ def deformation_frames(
     deformation : or a single step.
     strengths : a strength for each frame, as in :meth:`scaled`; a number is that of
         the frames of a :func:`swing` from 0 to 1 and back.
-    directions : where the viewer looks, one for all frames or one for each (see :func:`orbit`). The scale is the same
+    directions : viewing direction, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
     up : what points up in the picture; default is +z, or -y for a view along z.
     size : (width, height) of a frame in pixels, of one half for "pair".
     transfer : colours and opacities, or the name of a preset of the volume before; default is "specimen".
     shows : one of :data:`FRAME_CONTENTS`.
-    output : the grid of what is shown (the field of view); default is the volume's.
+    output : the grid of the result (the field of view); default is the volume's.
     background : red, green and blue in [0, 1].
     backend : a name of :data:`~deformnb.imaging.render.RENDERERS`, or "auto".
 
@@ -146,7 +146,7 @@ def deformation_frames(
     Raises
     ------
     DeformError
-        At once if the lists do not fit together or a choice is unknown, later if the points cannot be fitted.
+        Immediately if the lists do not fit together or a choice is unknown, later if the points cannot be fitted.
 
     Examples
     --------
@@ -278,12 +278,12 @@ def _images(
 ) -> Iterator[Image]:
     height = max(fitting_height(grid, plane, size) for _, plane in views)
     warper, volumes = Warper(volume, output=grid), dict[float, Volume]()
-    # On the way back the same pictures come again, as long as the camera stands still.
+    # In the second half the same pictures come again, as long as the camera does not move.
     left, kept = Counter(views), dict[tuple[float, Plane], Image]()
 
     def deformed(moment: float) -> Volume:
         if moment not in volumes:
-            for other in [m for m in volumes if m != before]:  # kept are the last and the one that is not deformed
+            for other in [m for m in volumes if m != before]:  # cached are the last and the one that is not deformed
                 del volumes[other]
             volumes[moment] = warper(document(moment).field(volume.grid))
         return volumes[moment]
@@ -305,6 +305,6 @@ def _images(
             if is_pair:
                 yield np.concatenate([draw(before, plane), draw(moment, plane)], axis=1)
             else:
-                yield draw(moment, plane).copy()  # whoever paints on a frame must not paint on one to come
+                yield draw(moment, plane).copy()  # a caller that paints on a frame must not change a later one
     finally:
         renderer.close()

@@ -1,7 +1,7 @@
-"""Ambient occlusion: how much of the light from all around reaches a place between what is opaque beside it.
+"""Ambient occlusion: the share of the light from all around that reaches a place between its opaque neighbours.
 
 The live view takes it from a coarse grid that is computed once for the colours of a volume, and looks it up where
-matter comes from: it follows a deformation at the cost of one texture sample. The ray caster on the CPU does the same.
+tissue comes from: it follows a deformation at the cost of one texture sample. The ray caster on the CPU does the same.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def ambient_light(volume: Volume, transfer: TransferFunction) -> Volume:
     The mean opacities ``a`` of the near and of the far surroundings stop light: ``exp(-sum s a)`` is left. They are box
     filters over cells of 4 x 4 x 4 voxels, as in Diaz, Yela and Vazquez, "Vicinity Occlusion Maps" (2008), which take
     them instead of casting rays; here they are taken in front of a surface, on the side where opacity falls, so that a
-    hollow is darker than what is even or stands out.
+    hollow is darker than an even or convex place.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
     Parameters
     ----------
     lines : polylines (n, 2) in picture coordinates.
-    size : pixels of the longer side of what is drawn.
+    size : pixels of the longer side of the drawing.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
 
 
 def _inked(picture: Picture) -> Image:
-    """The pixels as drawings in the dark style have them."""
+    """The pixels as in drawings of the dark style."""
     dark, bright = (np.array(_bytes(c)) for c in (STYLES["dark"].dark, STYLES["dark"].bright))
     if picture.values.ndim == 3 or picture.colour_map != "grey":
         return picture.rgb8(tuple(dark / 255))

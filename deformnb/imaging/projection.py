@@ -43,7 +43,7 @@ class Projection:
     ----------
     name, title : in code and in menus.
     seen : rows [v, u] of a picture of layers; None for a slice, and where light passes through.
-    whole : all layers [depth, v, u] at once, faster.
+    whole : all layers [depth, v, u] in one array, faster.
     is_light : whether light passes through, in the colours of a transfer function.
     """
 
@@ -173,7 +173,7 @@ def project_channels(
     Raises
     ------
     DeformError
-        As :func:`project`, and for a method that has colours of its own.
+        As :func:`project`, and for a method that makes colours.
 
     Examples
     --------
@@ -198,10 +198,10 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     """The automatic window of a grey picture.
 
     Black is the 0.5 percentile of the pixels, white the 99.5 percentile of those brighter than black: where much of a
-    picture is background, white follows the subject alone. What lies outside of the volume's
+    picture is background, white follows the subject alone. Values outside of the volume's
     :func:`~deformnb.volume.transfer.typical_range` does not count, such as the padding of a scanner, nor in Hounsfield
-    units what is brighter than any tissue: an implant covers more of a projection than it has voxels. Of labels, and
-    where all pixels are alike, black is the smallest value of the volume.
+    units values brighter than any tissue: an implant covers more of a projection than it has voxels. Of labels, and
+    where all pixels are equal, black is the smallest value of the volume.
     """
     lowest, highest = typical_range(volume)
     if is_hounsfield(volume):
@@ -211,12 +211,12 @@ def _window(values: NDArray[Any], volume: Volume) -> tuple[float, float]:
     low = volume.background if is_even else float(np.quantile(shown, SATURATED))
     subject = shown[shown > low]
     high = float(np.quantile(subject, 1 - SATURATED)) if subject.size else low
-    # One grey level of the type, or one step of a float, where everything is alike: never a window without width.
+    # One grey level of the type, or one step of a float, where everything is equal: never a window without width.
     return low, high if high > low else low + max(1.0, abs(low)) * (1.0 if values.dtype.kind != "f" else 1e-6)
 
 
 def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
-    """Array axis and sign of depth, v and u if the plane lies along the voxel axes, else None."""
+    """Array axis and sign of depth, v and u if the plane is along the voxel axes, else None."""
     cosines = plane.frame[[2, 1, 0]] @ np.asarray(grid.direction)
     best = np.abs(cosines).argmax(axis=1)
     # Cosines near 1 do not resolve small turns (0.2 degrees: 1 - 6e-6, yet 2 voxels at the edge of 512), those near
@@ -250,7 +250,7 @@ def _project_voxels(
 
 
 def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
-    """The voxels along an array axis that a slice goes through; between two, the later ones, from both sides alike."""
+    """The voxels along an array axis that a slice goes through; between two, the later ones, from both sides."""
     at = float(grid.point_to_index(plane.from_plane([0.0, 0.0, depth]))[2 - axis])
     index, count = math.floor(at + 0.5 + 1e-9), grid.shape[axis]  # the middle between two is rarely met exactly
     if not 0 <= index < count:
@@ -259,7 +259,7 @@ def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
 
 
 def _in_rows(layers: Layers, seen: Callable[[Layers, slice], NDArray[Any]], progress: Progress | None) -> NDArray[Any]:
-    """A picture of layers, some rows after the others."""
+    """Render layers in blocks of rows."""
     tall, wide = layers.shape[1:]
     step = max(1, _PIXELS // wide)
     parts = [slice(k, min(k + step, tall)) for k in range(0, tall, step)]
@@ -314,7 +314,7 @@ def _project_lattice(
 
 
 def _rounded(values: NDArray[Any], volume: Volume, how: Projection) -> NDArray[Any]:
-    """Values in the type of the volume; means keep what is between whole numbers."""
+    """Values in the type of the volume; means are not rounded."""
     if how.name == "mean" or volume.dtype.kind == "f":
         return values
     return np.rint(values).astype(volume.dtype)

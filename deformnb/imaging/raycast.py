@@ -1,7 +1,7 @@
 """Ray casting by NumPy and SciPy: front-to-back compositing of layers, gradient shading, clipped faces, perspective.
 
 The layers are those that a viewer in front of a plane sees of a volume, one behind the other, clipped and in
-perspective. A perspective needs no ray of its own: a layer twice as far from the eye is looked up twice as wide, and
+perspective. A perspective needs no separate ray: a layer twice as far from the eye is looked up twice as wide, and
 the parallel composite of these layers is the picture that the eye sees. Most samples of a scan are air, and most rays
 end at a surface: colours, slopes and light are computed for the samples that a ray still sees, and for no others.
 """
@@ -35,7 +35,7 @@ LAMP = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
 """The direction to the lamp along u, v and n of a picture: above the viewer's left shoulder. Pure headlight looks flat,
 light from far aside leaves half in the dark."""
 
-_NEAREST = 0.02  # of the distance of the eye: what is nearer to it is not seen
+_NEAREST = 0.02  # of the distance of the eye: nearer places are not seen
 
 Samples = NDArray[np.floating]
 PlaneCoordinates = tuple[Samples, Samples, Samples]
@@ -47,8 +47,8 @@ class PerspectiveCamera:
 
     Parameters
     ----------
-    distance : from the plane; what lies in the plane has its true size.
-    width, height : lengths of what is seen of the plane.
+    distance : from the plane; objects in the plane have their true size.
+    width, height : lengths of the visible part of the plane.
     """
 
     distance: float
@@ -61,7 +61,7 @@ class PerspectiveCamera:
             raise DeformError(f"the distance, width and height of a camera are positive lengths, got {self}.")
 
     def lattice(self, grid: Grid, plane: Plane, spacing: float) -> Grid:
-        """Samples along a plane's axes as wide as what is seen of it, and as deep as ``grid`` before the eye."""
+        """Samples along a plane's axes as wide as its visible part, and as deep as ``grid`` before the eye."""
         depths = plane.to_plane(grid.corners())[:, 2]
         near, far = max(float(depths.min()), (_NEAREST - 1) * self.distance), float(depths.max())
         wide, tall, deep = (
@@ -185,14 +185,14 @@ class Look:
 
     @classmethod
     def of(cls, volume: Volume, transfer: TransferFunction, is_shaded: bool) -> Look:
-        """The look of a volume."""
+        """The appearance of a volume."""
         low, high = typical_range(volume)
         return cls(
             transfer, volume.background, (high - low) or max(1.0, abs(low)), is_shaded, compute_type(volume.dtype)
         )
 
     def seen_box(self, volume: Volume) -> NDArray[np.float64] | None:
-        """Corners (8, 3) of the part of a volume outside of which nothing is seen; None if nothing is at all."""
+        """Corners (8, 3) of the part of a volume outside of which all is transparent; None if nothing is at all."""
         first, last = self._limits
         # Between two voxels on one side of all opaque values there is none.
         if volume.background <= first:
@@ -212,7 +212,7 @@ class Look:
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
-        """All values that are not transparent lie between these two."""
+        """Bounds of all values that are not transparent."""
         at, rgba = self.transfer.knots()
         (opaque,) = np.nonzero(rgba[:, 3] > 0)
         if not len(opaque):
@@ -296,7 +296,7 @@ class Look:
 def _lit(normals: Samples, ambient: Samples | float = 1.0) -> Samples:
     """Brightness of surfaces with normals (..., 3) along u, v and n, lit from both sides by Blinn and Phong.
 
-    What ambient light does not reach the lamp reaches less, for it is no point; shares as in the live view's shader.
+    Places with less ambient light get less of the lamp, for it is no point; shares as in the live view's shader.
     """
     half = LAMP + np.array([0.0, 0.0, -1.0])
     half = half / np.linalg.norm(half)
@@ -346,7 +346,7 @@ class Faces:
 
 
 def light_at(light: Volume, plane: Plane) -> Callable[[PlaneCoordinates], Samples]:
-    """A function of places in a plane's coordinates that looks up ambient light.
+    """A function of places in a plane's coordinates that samples ambient light.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def render_volume(
     Parameters
     ----------
     transfer : colours and opacities, or the name of a preset; default is "specimen".
-    direction : where the viewer looks, any length.
+    direction : viewing direction, of any length.
     up : what points up in the picture; default is +z, or -y for a view along z.
     height : length in space that the picture is high; default shows the whole box.
     size : (width, height) in pixels.
@@ -65,7 +65,7 @@ def render_volume(
     Raises
     ------
     DeformError
-        If an argument is not what it must be, or VTK was chosen and cannot draw here.
+        If an argument is invalid, or VTK was chosen and cannot draw here.
 
     Examples
     --------
@@ -144,11 +144,11 @@ class CoreRenderer:
         return draw_core(volume, camera, self._size, self._transfer, self._background, progress=progress)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: no resources."""
 
 
 class VtkRenderer:
-    """Pictures of volumes by VTK, which keeps its window, shaders and memory of voxels from picture to picture.
+    """Pictures of volumes by VTK, whose window, shaders and textures of voxels are reused from picture to picture.
 
     All calls, and the last one to :meth:`close`, must come from one thread, which OpenGL requires. A picture after that
     opens another window.
@@ -193,7 +193,7 @@ class VtkRenderer:
         window.set_transfer(self._transfer, volume.value_range)
 
     def close(self) -> None:
-        """Give back what VTK holds."""
+        """Release the resources of VTK."""
         window, self._window = self._window, None
         self._values = self._ready = self._image = None
         if window is not None:
@@ -232,7 +232,7 @@ def render_pair(
     """Two volumes side by side, from the same side and to the same scale.
 
     ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
-    volume before, so that what is not changed looks the same.
+    volume before, so that unchanged parts look the same.
 
     Examples
     --------
@@ -272,7 +272,7 @@ def render_pair(
 
 
 def _trim(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
-    """The same part of all images: what is not empty in any of them, with a margin and room for a caption."""
+    """The same part of all images: the bounding box of the foregrounds, with a margin and room for a caption."""
     seen = np.any([(np.abs(i.astype(int) - bytes_of(background)) > 3).any(axis=2) for i in images], axis=0)
     if not seen.any():
         return images

@@ -3,7 +3,7 @@
 The module makes the grids as numbers (the regular one, the deformed positions of its lines and nodes, magnified drags)
 and draws them on a sheet: panels to one scale, grids, colours of areas, crosses of strain, captions.
 
-Area expansion and principal strains can be laid over the second grid. The figure is for print: saved as SVG or PDF the
+Area expansion and principal strains can be drawn over the second grid. The figure is for print: saved as SVG or PDF the
 grids, arrows and captions stay vectors and text, and only the pictures are pixels.
 """
 
@@ -142,13 +142,13 @@ class _Magnified(AbstractField):
 
 
 def _flat_grid(picture: Picture) -> Grid:
-    """A volume one voxel thick where the picture lies: its size is all that a fit requires."""
+    """A volume one voxel thick at the place of the picture: a fit requires only its size."""
     (nv, nu), (du, dv) = picture.raster.shape, picture.raster.spacing
     return Grid((1, nv, nu), (du, dv, min(du, dv)))
 
 
 def make_grids(field: AbstractField, picture: Picture, lines: int = 12) -> Grids:
-    """The grids of a picture and of what a field of dimension 2 makes of it; see :class:`Grids`."""
+    """The grids of a picture and of its image under a field of dimension 2; see :class:`Grids`."""
     if not (isinstance(lines, int | np.integer) and 1 <= lines <= MOST_GRID_LINES):
         raise DeformError(f"a grid has 1 to {MOST_GRID_LINES} cells along its longer side, got {lines!r}.")
     a0, a1, b0, b1 = box = picture.raster.box
@@ -198,7 +198,7 @@ FOLD_COLOUR = "#d32f2f"
 
 _INKS = {False: ("#762a83", "#1b7837"), True: ("#c9a3d6", "#7fd08a")}  # shrinks, grows; on light and on dark paper
 _AREAS = {
-    False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with what is below
+    False: ("#762a83", "#af8dc3", "#ffffff", "#7fbf7b", "#1b7837"),  # multiplied with the pixels below
     True: ("#b25fd0", "#7d4a90", "#000000", "#3f8a48", "#46c45a"),
 }  # added to it
 _FOLD_SHARE = 0.45
@@ -219,7 +219,7 @@ _PLAIN = (1.0, 2.0, 5.0, 10.0)
 
 @cache
 def _figure_class() -> type[Figure]:
-    """A figure whose words stay words in SVG and PDF, and whose pictures keep their pixels, however it is saved."""
+    """A figure whose words stay text in SVG and PDF, and whose pictures are not resampled, however it is saved."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
@@ -254,7 +254,7 @@ class Sheet:
         self.figure: Any = kind(facecolor=colours.paper)
         self.figure.grids = grids
 
-    # -- where everything lies ---
+    # -- layout ---
 
     def draw(self, points: ControlPoints | None, unit: str, magnify: float) -> None:
         """Both panels with all that belongs to them."""
@@ -310,7 +310,7 @@ class Sheet:
         return one, two
 
     def _enclosing_box(self, box: PictureBox, places: list[NDArray[np.float64]]) -> PictureBox:
-        """The box of the picture and of what is drawn on it, which may leave it, but not by far."""
+        """The box of the picture and of the drawing on it, which may leave it, but not by far."""
         (a0, b0), (a1, b1) = (
             reach(np.concatenate([*places, np.reshape(box, (2, 2)).T]), axis=0) for reach in (np.min, np.max)
         )
@@ -330,7 +330,7 @@ class Sheet:
         axes.set_axis_off()
         return _Place(axes, box, left, top - h, w, h)
 
-    # -- what is drawn ---
+    # -- drawing ---
 
     def _output(self, box: PictureBox) -> Raster:
         """Pixels as large as the picture's, or a part of them where it is coarse, over a box of its plane."""
@@ -480,7 +480,7 @@ class Sheet:
         self._text(left - 0.06, y, f"{length:g} {unit}".strip(), ha="right")
 
     def _area_key(self) -> None:
-        """A bar of the colours with the numbers that they stand for."""
+        """A bar of the colours with the numbers that they represent."""
         from matplotlib.patches import Rectangle
 
         cells, long, high = 48, 2.4, 0.1
@@ -532,7 +532,7 @@ class Sheet:
 
 
 class _Place:
-    """A panel: its axes, what it shows, and where it lies in inches."""
+    """A panel: its axes, its content, and its box in inches."""
 
     def __init__(self, axes: Axes, box: PictureBox, left: float, bottom: float, width: float, height: float) -> None:
         self.axes, self.box = axes, box
@@ -647,7 +647,7 @@ def draw_grids(
 
     Returns
     -------
-    matplotlib Figure, not registered with pyplot; its ``savefig`` keeps text as text. Its ``grids`` is a
+    matplotlib Figure, not registered with pyplot; its ``savefig`` stores text as text. Its ``grids`` is a
         :class:`~deformnb.imaging.thompson.Grids`, the numbers that are drawn.
 
     Raises

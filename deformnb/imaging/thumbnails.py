@@ -14,7 +14,7 @@ from deformnb.volume.transfer import PRESETS, levels, preset
 from deformnb.volume.volume import Volume, as_volume
 
 _VOXELS = 64  # along each axis of the coarse copy, up to half as many again
-_SEEN, _MARGIN = 0.02, 0.04  # what is cut out around the subject is empty, but for a margin
+_SEEN, _MARGIN = 0.02, 0.04  # the cropped border around the subject is empty, but for a margin
 
 
 def preset_thumbnails(
@@ -58,7 +58,7 @@ def preset_thumbnails(
 
 
 def _coarse(volume: Volume, low: float, high: float) -> Volume:
-    """A small copy of what lies between two values, from 0 to 255: means of eight places in each block of voxels.
+    """A small copy of the values in a window, from 0 to 255: means of eight places in each block of voxels.
 
     Of labels one place is taken.
     """

@@ -1,7 +1,7 @@
 """A volume in a window of VTK: one place for light, colours, camera, samples and read-back.
 
-Stills, frames of movies and the interactive views all draw with :class:`VolumeWindow`, so that what is exported looks
-like what was seen.
+Stills, frames of movies and the interactive views all draw with :class:`VolumeWindow`, so that exports look
+like the view on the screen.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def gl_status() -> tuple[bool, str, str]:
                 timeout=60,
                 check=False,
                 encoding="utf-8",
-                errors="replace",  # names of drivers, in whatever encoding
+                errors="replace",  # names of drivers, in any encoding
             )
         except (OSError, subprocess.TimeoutExpired):
             continue
@@ -62,13 +62,13 @@ def gl_status() -> tuple[bool, str, str]:
 
 
 def check_gl() -> None:
-    """Refuse to go on where VTK cannot draw; the DeformError names what to install."""
+    """Raise a DeformError that names the packages to install where VTK cannot draw."""
     works, found, remedy = gl_status()
     if not works:
         raise DeformError(f"{found}; {remedy}.")
 
 
-_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # what looks the same from any part of a camera
+_IN_SPACE = ("vtkActor", "vtkOpenGLActor")  # actors that look the same from any part of a camera
 _LEAST_ROWS = 8  # of a part of a picture
 
 
@@ -83,7 +83,7 @@ class VolumeWindow:
 
     Attributes
     ----------
-    plotter : the ``pyvista.Plotter``; what is added to it is drawn too.
+    plotter : the ``pyvista.Plotter``; actors that are added to it are drawn too.
     actor : of the volume; None before :meth:`load`.
     """
 
@@ -102,7 +102,7 @@ class VolumeWindow:
         self._range: tuple[float, float] | None = None  # the widest of the voxels in one actor
 
     def set_background(self, background: Sequence[float]) -> None:
-        """Set the colour where nothing is."""
+        """Set the background colour."""
         self.plotter.renderer.SetBackground(*background)
 
     def load(self, image: Any, grid: Grid) -> None:
@@ -141,7 +141,7 @@ class VolumeWindow:
 
         Parameters
         ----------
-        values : the smallest and the largest one of the volume. VTK makes its tables before it looks at voxels that
+        values : the smallest and the largest one of the volume. VTK makes its tables before it reads voxels that
             have been exchanged for others, so that the range of those before counts too: in a film's narrower range
             the nodes would be nearer than the tables are long.
         projection : "shaded", "composite" or "mip".
@@ -178,10 +178,10 @@ class VolumeWindow:
         ----------
         size : (width, height) in pixels.
         sample_distance : length between two samples along a ray.
-        bands : parts that are drawn one after the other, from above; one where something lies on the picture.
+        bands : parts that are drawn one after the other, from above; one where there is a 2D overlay.
         before : called before each part with the rows of the picture that are below it.
         interrupted : called between two parts; if it returns True, the work is dropped and None returned.
-        progress : called after each part with the finished share; what it raises ends the work.
+        progress : called after each part with the finished share; an exception of it ends the work.
         """
         self._aim(camera)
         self.actor.mapper.SetSampleDistance(sample_distance)
@@ -198,7 +198,7 @@ class VolumeWindow:
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
     def _aim(self, wanted: Camera) -> None:
-        """Put VTK's camera in its place."""
+        """Set the place of VTK's camera."""
         assert self._grid is not None
         plane, camera = wanted.plane, self.plotter.camera
         focus, n = np.asarray(plane.origin), np.asarray(plane.normal)
@@ -210,7 +210,7 @@ class VolumeWindow:
         self.plotter.renderer.ResetCameraClippingRange()
 
     def _band(self, wanted: Camera, size: tuple[int, int], top: int, bottom: int) -> Image:
-        """Some rows of the picture: what a window as high as they are sees through its own part of the camera."""
+        """A band of rows of the picture: the view of a window of their height through its own part of the camera."""
         window, camera = self.plotter.render_window, self.plotter.camera
         share = (bottom - top) / size[1]
         camera.SetWindowCenter(0.0, (1 - (top + bottom) / size[1]) / share)
@@ -222,9 +222,9 @@ class VolumeWindow:
         return _pixels(window)
 
     def _has_overlay(self) -> bool:
-        """Check whether something lies on the picture instead of in space: it would be drawn once in every part."""
+        """Check for 2D overlays: they would be drawn once in every part."""
         if self.plotter.render_window.GetRenderers().GetNumberOfItems() > self._renderers:
-            return True  # the corner with axes has one of its own
+            return True  # the corner with axes has a separate one
         return any(
             not prop.IsA("vtkVolume") and prop.GetClassName() not in _IN_SPACE
             for renderer in self.plotter.renderers
@@ -232,7 +232,7 @@ class VolumeWindow:
         )
 
     def close(self) -> None:
-        """Give back the window and all that is on the GPU."""
+        """Release the window and all memory of the GPU."""
         self.unload()
         self.plotter.close()
 
@@ -291,10 +291,10 @@ def placement(grid: Grid) -> NDArray[np.float64]:
 
 
 def clip_outliers(volume: Volume, transfer: TransferFunction) -> Volume:
-    """A volume without outliers that a transfer function cannot distinguish from the values beside them.
+    """A volume without outliers that a transfer function cannot distinguish from the values next to them.
 
     VTK tabulates colours and opacities over all values that it is given, in 16384 entries at most: one voxel of 1e6 in
-    a ramp of 0 to 100 would leave two of them to the ramp. What lies outside of the typical range and of the transfer
+    a ramp of 0 to 100 would leave two of them to the ramp. Values outside of the typical range and of the transfer
     function's window, where end values hold, is moved to the nearer end.
 
     Returns
@@ -326,7 +326,7 @@ _VTK_ENTRIES = 16000
 def _vtk_nodes(transfer: TransferFunction, low: float, high: float) -> list[tuple[float, NDArray[np.float64]]]:
     """Nodes (value, colour and alpha) for VTK, at least an entry of its tables apart, and the first two just that.
 
-    VTK reads its tables up to half an entry beside the value, and allows no two nodes at one value. So a jump ends two
+    VTK reads its tables up to half an entry off the value, and allows no two nodes at one value. So a jump ends two
     entries below its value, where what comes after it holds: at most 1/5000 of the range too early.
     """
     gap = ((high - low) or 1.0) / _VTK_ENTRIES
@@ -342,7 +342,7 @@ def _vtk_nodes(transfer: TransferFunction, low: float, high: float) -> list[tupl
 
 
 def _set_transfer(prop: Any, transfer: TransferFunction, values: tuple[float, float]) -> None:
-    """Give a volume's property in VTK the colours and opacities, and the light of all pictures.
+    """Set the colours and opacities of a volume's property in VTK, and the light of all pictures.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from deformnb.volume.volume import Grid, VolumeLike, as_grid, optional_package
 def to_sitk_transform(field: AbstractField | HasField, grid: Grid | VolumeLike) -> Any:
     """The ``SimpleITK.DisplacementFieldTransform`` of a deformation.
 
-    ITK's resampling looks up every voxel of the result in the input, so the transform is the backward map, as here.
+    ITK's resampling samples the input for every voxel of the result, so the transform is the backward map, as here.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Maps for ``skimage.transform.warp``: a callable for pictures, an array of coordinates for volumes.
 
-scikit-image looks every pixel of the result up in the input, as :mod:`deformnb.warping` does, so the map is the
+scikit-image samples the input for every pixel of the result, as :mod:`deformnb.warping` does, so the map is the
 backward one. Its callables take and give places as (column, row), its arrays of coordinates have the rows first.
 """
 
@@ -26,7 +26,7 @@ def skimage_map(
     Parameters
     ----------
     field : backward displacements on a plane, for a Raster; in space, or a Deformation, for a volume of one slice.
-    lattice : where the pixels of the picture lie: a Raster, or a volume of one slice (or its grid).
+    lattice : of the pixels of the picture: a Raster, or a volume of one slice (or its grid).
 
     Returns
     -------

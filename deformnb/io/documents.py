@@ -74,7 +74,7 @@ def write_deformation(
     Parameters
     ----------
     path : ends in ``.json`` or has no suffix; any other is that of another kind of file.
-    known : with ``overwrite=False``, files that may be replaced all the same while they hold what they held when they
+    known : with ``overwrite=False``, files that may still be replaced while their content is the one from when they
         were last read or written; default are those of :func:`read_deformation` and of this function in this process.
         This one is known afterwards.
     overwrite : whether an existing file may be replaced.

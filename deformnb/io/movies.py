@@ -29,7 +29,7 @@ from deformnb.io.files.paths import as_path
 
 FrameProgress = Callable[[int, int], None]
 
-_FASTEST_GIF = 50.0  # frames a second: what is shown for less than 0.02 s browsers show for 0.1 s
+_FASTEST_GIF = 50.0  # frames a second: browsers show frames shorter than 0.02 s for 0.1 s
 _LEVELS = 64  # of each of red, green and blue, distinguished when the colours of a GIF are chosen
 DISK_FULL = ("No space left", "Disk quota", "File too large")  # in the words of the system
 _FULL_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -166,13 +166,13 @@ class _Store:
 
 
 def _cells(image: Image) -> NDArray[np.int32]:
-    """The cell of the cube of colours that each pixel lies in."""
+    """The cell of the colour cube of each pixel."""
     r, g, b = np.moveaxis(image, -1, 0).astype(np.int32) * _LEVELS // 256
     return (r * _LEVELS + g) * _LEVELS + b
 
 
 def _colour_histogram(image: Image) -> NDArray[np.float64]:
-    """Of each cell of the cube of colours: how many pixels are in it, and the sums of their red, green and blue."""
+    """Counts of pixels in each cell of the colour cube, and the sums of their red, green and blue."""
     cells, channels = _cells(image).ravel(), image.reshape(-1, 3).T
     return np.stack(
         [
@@ -189,14 +189,14 @@ def _durations(count: int, fps: float, unit: float) -> list[int]:
 
 
 def _palette(histogram: NDArray[np.float64]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Up to 256 colours for all frames, and which of them each cell of the cube of colours gets."""
+    """Up to 256 colours for all frames, and the index of the one for each cell of the colour cube."""
     from PIL import Image as Pillow
 
     counts, *sums = histogram[:, histogram[0] > 0]
     means = np.stack(sums, axis=-1) / counts[:, None]
     colors = means.round().astype(np.uint8)
-    # What covers much of the pictures, such as the background, keeps its colour. The others are shared out by the roots
-    # of their numbers, so that something small has a colour of its own.
+    # A colour that covers much of the pictures, such as the background, is unchanged. The others are shared out by the
+    # roots of their numbers, so that small details have a separate colour.
     common = counts > 0.02 * counts.sum()
     weights = np.sqrt(counts)
     times = np.maximum(1, np.round(weights * min(1.0, 2**20 / weights.sum()))).astype(int)
@@ -215,7 +215,7 @@ def _write_gif(path: Path, frames: Iterator[Image], fps: float) -> None:
         raise DeformError(f"GIF has at most {_FASTEST_GIF:g} frames a second, got {fps:g}; choose fewer, or .mp4.")
 
     def to_palette(image: Image) -> Any:
-        # No dither: its grain would crawl over surfaces that stand still.
+        # No dither: its grain would crawl over static surfaces.
         made = Pillow.fromarray(nearest[_cells(image)])
         made.putpalette(palette.tobytes())
         return made
@@ -305,7 +305,7 @@ def _encoder_error(path: Path, words: str, code: int) -> Exception:
 
 
 def _even(image: Image) -> Image:
-    """With even sides, which the colours of H.264 need: the last row or column twice."""
+    """Pad to even sides, which the colours of H.264 need: the last row or column twice."""
     h, w, _ = image.shape
     return np.pad(image, ((0, h % 2), (0, w % 2), (0, 0)), mode="edge") if h % 2 or w % 2 else image
 
@@ -314,7 +314,7 @@ def _even(image: Image) -> Image:
 
 
 def _write_series(path: Path, frames: Iterator[Image], fps: float) -> None:
-    """Pictures in a folder; ``fps`` is for whoever plays them."""
+    """Pictures in a folder; ``fps`` is for their players."""
     is_folder = path.is_dir() or path.suffix.lower() != ".png"
     folder = path if is_folder else path.parent
     before, digits, after = _numbering("frame.png" if is_folder else path.name)

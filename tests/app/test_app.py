@@ -72,7 +72,7 @@ def test_a_page_gets_all_widgets_that_the_studio_refers_to(running: RunningApp) 
 
 
 def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
-    """Of each kind of input, what its front end saves; a new kind is missing here until it is thought of."""
+    """Traits saved by the front end, by kind of input; a new kind is missing here until it is added."""
 
     async def talk() -> Any:
         async with connected(running) as page:
@@ -151,7 +151,7 @@ def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: 
 
 def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
     points, before = _dragged_points(running), running.session.editing.points
-    points[0]["target"] = points[1]["target"]  # two features asked to be in one place
+    points[0]["target"] = points[1]["target"]  # two features at one target
 
     async def talk() -> Any:
         async with connected(running) as page:
@@ -166,7 +166,7 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
             )
 
     asyncio.run(talk())
-    running.settled()  # the reason is told before the points go back
+    running.settled()  # the reason is reported before the points go back
     assert running.session.editing.points == before
     assert running.studio.editor.points == before
 

@@ -1,4 +1,4 @@
-"""The folder of an unfinished job: whatever was done to it, the result is the right one, or a sentence says what to do.
+"""The folder of an unfinished job: after any change to it, the result is correct, or a sentence states the cure.
 
 States are made as an interrupted process leaves them: the job is stopped after some blocks, and the folder is changed.
 """
@@ -106,7 +106,7 @@ def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(
         found = warped(tmp_path / "a.zarr")
     except DeformError as error:
         said = str(error)
-        shutil.rmtree(folder)  # as it says
+        shutil.rmtree(folder)  # as the message states
         found = warped(tmp_path / "a.zarr")
     if said:
         assert file in ("job", "journal", "lock")
@@ -133,7 +133,7 @@ def test_what_is_done_is_not_done_again_at_any_moment(
 
 
 class Killed(BaseException):
-    """What ends a process in the middle: nothing below catches it, and no clean-up follows."""
+    """End of a process in the middle: nothing below catches it, and no clean-up follows."""
 
 
 @pytest.mark.parametrize("moment", ["chunk", "flush", "line", "metadata", "job", "publish", "swept"])

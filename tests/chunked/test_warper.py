@@ -1,4 +1,4 @@
-"""Warp of large volumes: the voxels are those of the warp in memory, whatever the source and whatever happens."""
+"""Warp of large volumes: the voxels are those of the warp in memory, for any source and after any failure."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def volume() -> Volume:
     return Volume.from_array(values, (1.0, 1.0, 1.5), (3.0, 4.0, 5.0))
 
 
-# No round numbers: a place on the border itself may lie on either side of it.
+# No round numbers: a place on the border itself may be on either side of it.
 POINTS = ControlPoints.from_arrays([[8, 8], [28, 28], [20, 10]], [[12.1, 8.2], [26.3, 31.1], [20, 16.2]])
 SPACE = Deformation.from_space_points(
     ControlPoints.from_arrays(
@@ -165,7 +165,7 @@ def test_a_cancelled_job_goes_on_with_what_is_missing(
         chunked.warp(volume, SPACE.scaled(0.5), target, chunks=CHUNKS)
     computed.clear()
     found = chunked.warp(volume, SPACE, target, chunks=CHUNKS, workers=1)
-    assert len(first & set(computed)) <= 1  # at most what was in work
+    assert len(first & set(computed)) <= 1  # at most the block in work
     assert first | set(computed) == set(range(18))
     assert_same(found, dn.warp(volume, SPACE))
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.zarr"]
@@ -174,7 +174,7 @@ def test_a_cancelled_job_goes_on_with_what_is_missing(
 
 
 class Counted:
-    """A source in chunks of 4 x 5 x 6 voxels that notes what is read of it."""
+    """A source in chunks of 4 x 5 x 6 voxels that records its reads."""
 
     shape, dtype, chunks = (11, 13, 17), np.dtype(np.uint8), (4, 5, 6)
 

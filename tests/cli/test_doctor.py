@@ -1,4 +1,4 @@
-"""The doctor's report: true on this machine, and printed whatever is broken."""
+"""The doctor's report: correct on this machine, and printed after any failure."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ module = importlib.import_module("deformnb.cli.doctor")  # the package's own nam
 
 @pytest.fixture
 def without(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A function that makes a package look as if it were not installed."""
+    """A function that hides an installed package."""
     real = importlib.metadata.version
 
     def hide(missing: str) -> None:

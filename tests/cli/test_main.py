@@ -1,4 +1,4 @@
-"""The command line: what it prints where, its exit codes, and one sentence for every mistake."""
+"""The command line: its output, its exit codes, and one sentence for every mistake."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def small(tmp_path: Path) -> Path:
 def test_demo_says_what_it_wrote_and_how_to_go_on(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
     lines = (place / "printed.txt").read_text(encoding="utf-8").splitlines()
     assert {Path(line.split()[-1]).name for line in lines[:-1]} == {p.name for p in (place / "out").iterdir()}
-    # What it proposes works, and shows the fish half way.
+    # The proposed command works, and shows the fish half way.
     command = shlex.split(lines[-1].removeprefix("half way there: "))
     assert command[0] == "deformnb"
     assert main(command[1:]) == 0

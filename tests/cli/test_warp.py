@@ -1,4 +1,4 @@
-"""The command "deformnb warp": what it writes, what it notes, and one sentence for every mistake of any command."""
+"""The command "deformnb warp": its files, its notes, and one sentence for every mistake of any command."""
 
 from __future__ import annotations
 
@@ -379,7 +379,7 @@ def test_labels_that_are_not_declared_are_asked_about(
     labels = PHANTOMS["knee"].labels((24, 24, 24))
     write_volume(Volume.from_array(labels.values, is_labels=False), small / "labels.nrrd")
     assert run(small, "warp pull.json labels.nrrd out.nrrd", monkeypatch) == 0
-    assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, said once"
+    assert remarks(capsys.readouterr().err).count("--labels in a command") == 1, "the result has it too, reported once"
     assert run(small, "warp pull.json labels.nrrd out.nrrd --labels --force", monkeypatch) == 0
     assert "--labels" not in remarks(capsys.readouterr().err)
     assert run(small, "info labels.nrrd", monkeypatch) == 0

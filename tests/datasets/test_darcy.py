@@ -1,4 +1,4 @@
-"""Thompson's grids: the numbers of the file, and the rules by which a pair is laid on a picture."""
+"""Thompson's grids: the numbers of the file, and the rules by which a pair is placed on a picture."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_area_and_length_are_kept(source, target):
     np.testing.assert_allclose(
         by_area.target_nodes.mean(axis=(0, 1)), by_area.source_nodes.mean(axis=(0, 1)), atol=1e-9
     )
-    # Lengths are compared before the stretch, so the grid keeps the proportions of the drawing here.
+    # Lengths are compared before the stretch, so the grid has the proportions of the drawing here.
     by_length = thompson_map(source, target, box=BOX, scale="length", cells="square")
     lengths = [
         np.linalg.norm(n[:, -1] - n[:, 0], axis=-1).mean() for n in (by_length.source_nodes, by_length.target_nodes)

@@ -1,4 +1,4 @@
-"""Score of a deformation against Thompson's nodes: its ends, its unit, where it is worst, and what it refuses."""
+"""Score of a deformation against Thompson's nodes: its ends, its unit, where it is worst, and its errors."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def test_fish_looks_left_in_its_default_view():
 
 def test_fish_is_symmetric_and_has_an_air_bladder():
     values = PHANTOMS["fish"].make((64, 128, 64), noise=0, dtype="float32").values
-    # The gut lies to one side and the ripple of the texture is not symmetric, hence the mean and not the maximum.
+    # The gut is on one side and the ripple of the texture is not symmetric, hence the mean and not the maximum.
     assert np.abs(values - values[:, :, ::-1]).mean() < 1.5
     middle = values[:, :, 32]
     assert middle[31, 80] == 0, "front chamber of the swim bladder"

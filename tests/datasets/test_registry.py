@@ -58,7 +58,7 @@ def server():
 
 @pytest.fixture
 def serve(server, monkeypatch, tmp_path, isolated_folders):
-    """Make "carp" the small file at a path of the local server, kept in an empty folder."""
+    """Make "carp" the small file at a path of the local server, stored in an empty folder."""
     for variable in ("http_proxy", "https_proxy", "all_proxy"):
         monkeypatch.delenv(variable, raising=False)
         monkeypatch.delenv(variable.upper(), raising=False)

@@ -52,7 +52,7 @@ def antigonia(fish: Volume) -> Transformation:
 
 @pytest.fixture(scope="module")
 def small() -> Volume:
-    """A fish for what is written and left behind: both renderings of it take a tenth of the time."""
+    """A fish for tests of written files and leftovers: both renderings of it take a tenth of the time."""
     return PHANTOMS["fish"].make((24, 48, 20))
 
 
@@ -63,7 +63,7 @@ def done(small: Volume, tmp_path_factory: pytest.TempPathFactory) -> tuple[Demon
 
 
 def inside(nodes: np.ndarray, raster: Raster) -> np.ndarray:
-    """Which pixels lie inside the outline of a grid (rows, columns, 2)."""
+    """Mask of the pixels inside the outline of a grid (rows, columns, 2)."""
     rim = np.concatenate([nodes[0], nodes[1:, -1], nodes[-1, -2::-1], nodes[-2:0:-1, 0]])
     return Outline(rim).contains_points(raster.points().reshape(-1, 2)).reshape(raster.shape)
 
@@ -118,7 +118,7 @@ def test_the_fish_became_deep_and_kept_its_area(antigonia: Transformation) -> No
     areas = [
         (p.grey() > 0.08).sum() * p.raster.spacing[0] * p.raster.spacing[1] for p in (antigonia.before, antigonia.after)
     ]
-    assert areas[1] == pytest.approx(areas[0], rel=0.2)  # the grid does so exactly, what is in it about
+    assert areas[1] == pytest.approx(areas[0], rel=0.2)  # the grid does so exactly, its content about
 
 
 def test_nothing_moves_along_the_direction_of_looking(antigonia: Transformation) -> None:

@@ -1,4 +1,4 @@
-"""Drawings: what is shown, where, and how it is written."""
+"""Drawings: their content, its places, and their files."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from deformnb.volume.volume import Grid
 
 GRID = Grid((4, 4, 20))
 PLANE = Plane.from_view(GRID, "+y")
-MIDDLE = Cut(Line([(10, 9), (10, 0)]))  # upwards: what is on its left is inside
+MIDDLE = Cut(Line([(10, 9), (10, 0)]))  # upwards: its left is inside
 PULL = ControlPoints.from_arrays([[2, 1], [2, 3], [17, 1], [17, 3]], [[1, 1], [1, 3], [19, 1], [19, 3]])
 
 

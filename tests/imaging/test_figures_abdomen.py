@@ -90,7 +90,7 @@ def test_the_gap_is_as_wide_as_the_edges_have_moved(height: float) -> None:
 
 
 def test_a_rigid_pull_opens_the_cut_by_the_drag() -> None:
-    """Where all points of a side move alike the edge moves with them: the gap is the drag, 2 x 30 mm."""
+    """The edge moves with equally displaced points of a side: the gap is the displacement, 2 x 30 mm."""
     pull = np.repeat([-30.0, 30.0], 5)[:, None] * [1, 0]
     sources = np.concatenate([lips(168), lips(192)])
     step = replace(STEP, maps=(ControlPoints.from_arrays(sources, sources + pull),), trend="translation")

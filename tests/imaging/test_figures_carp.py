@@ -24,7 +24,7 @@ SIDE = Plane.from_view(FISH.grid, "-x")
 
 
 def two_pixels(grids: object) -> float:
-    """What the nodes were read to, in millimetres of the picture: the smaller of both directions."""
+    """Reading precision of the nodes, in millimetres of the picture: the smaller of both directions."""
     size = [np.ptp(n.reshape(-1, 2), axis=0) for n in (grids.source_nodes, grids.source.nodes)]  # type: ignore[attr-defined]
     return float(2 * (size[0] / size[1]).min())
 
@@ -40,7 +40,7 @@ def test_the_nodes_land_on_thompsons(source: str, target: str) -> None:
 
 
 def deep_and_long(volume: Volume) -> tuple[float, float]:
-    """Height and length of what is brighter than half of soft tissue, on the picture from the side."""
+    """Height and length of the region brighter than half of soft tissue, on the picture from the side."""
     a0, a1, b0, b1 = subject_box(project(volume, Plane.from_view(volume.grid, "-x")), margin=0.0)
     return b1 - b0, a1 - a0
 

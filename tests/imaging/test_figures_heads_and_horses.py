@@ -68,7 +68,7 @@ def test_the_legs_of_the_horse_are_fixed(figure: dict[str, Any]) -> None:
     assert np.abs(field.displacement(legs)).max() == 0
     moved = figure["direct"].points - mesh.points
     assert_close(moved[mesh.points[:, 2] < knees], 0 * legs, atol=0.1 * voxel)
-    # In the volume too: below the plane each voxel is what it was.
+    # In the volume too: below the plane each voxel is unchanged.
     horse, raised = figure["horse"], figure["raised"]
     i, j, k = np.round(raised.grid.point_to_index(horse.grid.origin)).astype(int)
     nz, ny, nx = horse.shape

@@ -61,7 +61,7 @@ def rigid_step() -> Step:
 
 
 def shares(field: AbstractField) -> tuple[float, float, float]:
-    """Length and width of the shaft of the shin as shares of what they were, and the angle it has turned by."""
+    """Length and width of the shaft of the shin relative to those before, and the angle it has turned by."""
     (p, q, r, s), found = warp_points(np.concatenate([SHAFT, ACROSS]), field)
     assert found.all()
     return (
@@ -89,7 +89,7 @@ def test_affine_squashes_the_shin_and_rigid_does_so_less() -> None:
     assert width["affine"] > 1.5  # half as wide again: the paper's "unrealistic squashing"
     assert width["similarity"] < 1.3
     assert width["rigid"] <= width["similarity"]
-    assert width["rigid"] > 1.01  # a trend alone keeps no bone
+    assert width["rigid"] > 1.01  # a trend alone preserves no bone
 
 
 def test_how_far_the_shin_turns_depends_on_the_support() -> None:
@@ -227,7 +227,7 @@ def dragged(pairs: Any) -> ControlPoints:
 
 
 def motion(pairs: Any) -> RigidMotion:
-    """The rigid motion that fits landmarks best: what a strongly smoothed fit leaves is its trend."""
+    """The rigid motion that fits landmarks best: a strongly smoothed fit is its trend."""
     fit = fit_rbf(dragged(pairs), trend="rigid", smoothing=1e6, support=100.0)
     corners = np.array([[0.0, 0], [1, 0], [0, 1]])
     back = fit.displacement(corners) + corners

@@ -1,4 +1,4 @@
-"""Figure 5 of the paper: the lobster swims. The cells of the notebook are run here, and what they measure is held."""
+"""Figure 5 of the paper: the lobster swims. The cells of the notebook run here, and their measurements are tested."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def run_cells(folder: Path, monkeypatch: pytest.MonkeyPatch, *, real: bool = Fal
 
 
 def check(scope: dict[str, Any]) -> None:
-    # The tail, measured along joints that the fit bends smoothly, keeps its length to 3 % at every moment; straight
+    # The tail, measured along joints that the fit bends smoothly, preserves its length to 3 % at every moment; straight
     # ways of the same points leave (cos 16 + cos 33 + cos 49 + cos 65 degrees) / 4 = 0.72 of it.
     assert min(scope["solved"]) > 0.97
     assert max(scope["solved"]) < 1.01
     assert min(scope["blended"]) < 0.75
-    # Frames five degrees apart are read with an error far below what is seen.
+    # Frames five degrees apart are read with an error far below the visible one.
     assert scope["worst"] / min(scope["volume"].grid.spacing) < 0.1
     # Fixed points are fixed in every frame but for the raster, and the loop closes.
     assert scope["still"] < 0.1

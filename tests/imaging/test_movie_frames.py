@@ -1,4 +1,4 @@
-"""Movies: read back they hold the frames that went in, and what is stopped or goes wrong leaves nothing."""
+"""Movies: read back they hold the frames that were written, and a stop or a failure leaves no file."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def ball() -> tuple[Volume, Deformation]:
 
 
 def middle(image: np.ndarray) -> float:
-    """Mean column of what is bright."""
+    """Mean column of the foreground."""
     bright = image.max(axis=2) > 100
     return float(np.nonzero(bright)[1].mean())
 
 
 def shades(count: int, size: tuple[int, int] = (20, 12)) -> list[np.ndarray]:
-    """Frames of one grey each that can be told apart after any encoder, with a corner that stays red."""
+    """Frames of one grey each that can be distinguished after any encoder, with a red corner."""
     frames = []
     for k in range(count):
         frame = np.full((size[1], size[0], 3), 40 + 170 * k // max(1, count - 1), np.uint8)
@@ -382,7 +382,7 @@ def after_three(what: Callable[[], Any]) -> Iterator[np.ndarray]:
 
 @pytest.fixture(params=KINDS)
 def target(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    """A path whose older file must survive; nothing may be left beside it."""
+    """A path whose older file must survive; no file may be left next to it."""
     path = tmp_path / request.param
     old = not request.param.endswith("/") and path.suffix != ".png"
     if old:
@@ -508,7 +508,7 @@ def test_paths_that_cannot_be_written(name: str, match: str, tmp_path: Path) -> 
 
     with pytest.raises(DeformError, match=match):
         write_movie(f"{tmp_path}/{name}", frames())
-    assert asked == []  # said before any frame is made
+    assert asked == []  # raised before any frame is made
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,4 +1,4 @@
-"""Ambient light against its definition, cell by cell, and what the ray caster makes of it."""
+"""Ambient light against its definition, cell by cell, and its effect in the ray caster."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_ambient_light_is_what_the_mean_opacity_around_a_cell_leaves(kind: type)
     light = ambient_light(Volume(volume.values.astype(kind), volume.grid), SOLID)
     np.testing.assert_allclose(light.values, literal_light(volume, SOLID), atol=2e-6)  # float32
     assert light.values.min() < 0.9
-    # A cell lies in the middle of its voxels.
+    # A cell is in the middle of its voxels.
     np.testing.assert_allclose(light.grid.index_to_point([0, 0, 0]), volume.grid.index_to_point([1.5, 1.5, 1.5]))
 
 
@@ -89,7 +89,7 @@ def test_full_light_changes_no_picture_and_none_leaves_what_the_lamp_reaches() -
 
     np.testing.assert_array_equal(seen(1.0), seen(None))
     np.testing.assert_array_equal(seen(0.2, "composite"), seen(None, "composite"))  # which is not lit
-    # A slope along the ray: (0.35 + gloss) of its light is ambient, and 58 % of what the lamp gives, 0.75 cos.
+    # A slope along the ray: (0.35 + gloss) of its light is ambient, and 58 % of that of the lamp, 0.75 cos.
     lamp = 0.82 / np.linalg.norm([0.35, 0.45, 0.82])
     gloss = seen(None)[6, 6, 0] - 0.35 - 0.75 * lamp
     wanted = 0.4 * (0.35 + gloss) + (0.42 + 0.58 * 0.4) * 0.75 * lamp

@@ -1,4 +1,4 @@
-"""Previews of marked pictures: marks lie where points and lines are."""
+"""Previews of marked pictures: marks are at the places of points and lines."""
 
 from __future__ import annotations
 

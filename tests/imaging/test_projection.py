@@ -111,7 +111,7 @@ def test_a_hot_voxel_changes_no_other_pixel_of_any_transfer_function(
     wanted = composite(list(values), 1.0, function)
     near = np.abs(values[..., None] - function.knots()[0]).min(axis=-1)
     # Which side of a jump, or where in a ramp that is steeper, a value is cannot be said to less than its last digits;
-    # beside a node of opacity 1 the fourth root of the transparency, for a unit of 4, has more of them wrong.
+    # next to a node of opacity 1 the fourth root of the transparency, for a unit of 4, has more of them wrong.
     sure = (near > 1e-2) | ((near == 0) & (function.knots()[0] % 1 == 0).all())
     keep = sure.all(axis=0)
     oracle.assert_close(found[keep], wanted[keep], atol=5e-5)
@@ -532,7 +532,7 @@ def test_the_real_carp_looks_left_with_its_back_up(real_data: Any) -> None:
     assert bone[:, columns < middle].sum() > 3 * bone[:, columns >= middle].sum()
     mean = project(volume, "-x", "mean").values.sum(axis=0)
     assert mean @ columns / mean.sum() < middle - 40
-    # The spine lies above the middle of the trunk: of the columns there, the brightest row is in the upper half.
+    # The spine is above the middle of the trunk: of the columns there, the brightest row is in the upper half.
     trunk = (columns > middle - 120) & (columns < middle)
     spine = rows[grey[:, trunk].argmax(axis=0)]
     centre = np.array([rows[bright[:, k]].mean() for k in np.flatnonzero(trunk)])

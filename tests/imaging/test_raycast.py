@@ -1,4 +1,4 @@
-"""What a viewer sees: parts cut away on the right side and lit, and things larger that are nearer."""
+"""Rendering: parts are clipped on the right side and lit, and nearer objects are larger."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def part_of(axis: int, pair: tuple[float, float]) -> ClipBox:
 def test_the_largest_value_is_that_of_the_voxels_that_are_left(side: tuple[int, tuple[float, float]]) -> None:
     part = part_of(*side)
     for plane in (Plane.from_view(GRID, "+y"), Plane.from_view(GRID, "-x"), Plane.from_view(GRID, "+z")):
-        # Labels are not interpolated: between a voxel and an emptied one lies nothing.
+        # Labels are not interpolated: between a voxel and an emptied one there is no value.
         labels = replace(shape(), is_labels=True)
         cut = project(labels, plane, "mip", spacing=0.5, part=part).values
         assert (cut == project(part.mask_outside(labels), plane, "mip", spacing=0.5).values).all()
         assert (cut != project(labels, plane, "mip", spacing=0.5).values).any()
 
 
-@pytest.mark.filterwarnings("error::deformnb.errors.DeformWarning")  # nothing is deformed: there is nothing to tell
+@pytest.mark.filterwarnings("error::deformnb.errors.DeformWarning")  # nothing is deformed: there is nothing to report
 @pytest.mark.parametrize("method", ["slice", "mip", "composite", "shaded"])
 def test_a_picture_of_a_volume_warns_of_no_deformation(method: str) -> None:
     volume = Volume(np.full(GRID.shape, 200, np.uint8), GRID)  # its ambient light is all but the same everywhere
@@ -119,7 +119,7 @@ def test_what_is_nearer_looks_larger(method: str) -> None:
     bright = seen.values[..., -1] if seen.values.ndim == 3 else seen.values
     a, b = plane.to_plane([28.5, 20.0, 10.0])[:2]
     for depth in (4 - 20.0, 36 - 20.0):
-        # What lies `depth` behind the plane is seen that much nearer to the middle: Thales.
+        # A point `depth` behind the plane is seen that much nearer to the middle: Thales.
         wanted = np.array([a, b]) / (1 + depth / 60.0)
         off = np.abs(seen.raster.points() - wanted).max(axis=-1)
         assert bright[off < 0.6].max() > 0.3 * bright.max()
@@ -143,7 +143,7 @@ def test_a_far_eye_sees_in_parallel() -> None:
     near = project(volume, plane, "composite", transfer=SOLID, spacing=0.5)
     far = project(volume, plane, "composite", transfer=SOLID, spacing=0.5, eye=PerspectiveCamera(1e7, 40.0, 40.0))
     alpha = [p.values[..., 3].sum() for p in (near, far)]
-    assert alpha[0] == pytest.approx(alpha[1], rel=0.05)  # the lattices lie half a sample apart
+    assert alpha[0] == pytest.approx(alpha[1], rel=0.05)  # the lattices are half a sample apart
 
 
 @pytest.mark.parametrize("eye", [None, PerspectiveCamera(60.0, 41.0, 41.0)])

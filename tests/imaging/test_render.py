@@ -52,7 +52,7 @@ def brightness(image: np.ndarray) -> np.ndarray:
 
 
 def middle(image: np.ndarray) -> np.ndarray:
-    """Mean (column, row) of what is bright."""
+    """Mean (column, row) of the foreground."""
     weight = (brightness(image) > 40).astype(float)
     rows, columns = np.indices(weight.shape)
     return np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
@@ -116,7 +116,7 @@ def test_what_faces_the_viewer_is_bright_and_even(backend: str) -> None:
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("direction", ["RAS", "PIR"])
 def test_light_falls_on_matter_and_not_on_the_order_of_its_voxels(backend: str, direction: str) -> None:
-    """One body in space, stored along other axes, is lit alike: VTK does not turn slopes with an image's direction."""
+    """A body in space, stored along other axes, is equally lit: VTK does not turn slopes with an image's direction."""
 
     def seen(axes: np.ndarray) -> np.ndarray:
         grid = Grid((40, 40, 40), origin=tuple(axes @ np.full(3, -19.5)), direction=tuple(map(tuple, axes.tolist())))
@@ -265,7 +265,7 @@ def test_progress_ends_at_one(backend: str) -> None:
 
 @pytest.fixture
 def no_gl(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """A machine where the trial process dies, as VTK does without OpenGL."""
+    """A machine where the trial process crashes, as VTK does without OpenGL."""
     monkeypatch.setattr(module, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
     gl_status.cache_clear()
     yield

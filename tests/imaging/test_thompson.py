@@ -1,4 +1,4 @@
-"""Two grids side by side: the numbers that are drawn against known maps, and what the files hold."""
+"""Two grids side by side: the numbers that are drawn against known maps, and the content of the files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Thumbnails of presets: what they show, from which side, and that poor volumes have some."""
+"""Thumbnails of presets: their content, their side, and that poor volumes have some."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Maps for scikit-image: places of a shift by hand, and what has no map."""
+"""Maps for scikit-image: places of a literal shift, and fields that have no map."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No reader of another package opens a user's file but those that are listed here, with the checks that stand before.
+"""No reader of another package opens a user's file but those that are listed here, with the checks that precede them.
 
 A reader in C++ that crashes or hangs on a damaged file ends the kernel, and all work in it. SimpleITK, ITK, VTK and
 pyvista get numbers, never names of files.
@@ -69,7 +69,7 @@ def package_of(name: str) -> str | None:
 
 
 def bound_names(tree: ast.AST) -> Iterator[tuple[str, str]]:
-    """Names in a module, and the packages that they stand for."""
+    """Names in a module, and the packages that they denote."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for alias in node.names:

@@ -1,4 +1,4 @@
-"""Every public function of deformnb.io, given things of every other kind: it works, or a sentence says what it needs.
+"""Every public function of deformnb.io, given things of every other kind: it works, or a sentence states its need.
 
 A second test puts an error into the reader of each format that no reader foresees, which must end in a sentence too.
 """

@@ -26,7 +26,7 @@ FILES = [
 ]
 
 
-ANY = "."  # whatever the message: which field is found wrong first does not matter
+ANY = "."  # any message: which field is found wrong first does not matter
 
 
 def made(dtype: str = "int16") -> Volume:
@@ -163,7 +163,7 @@ def test_a_claim_that_deflate_cannot_meet_is_refused_before_memory_is_taken(tmp_
     refuse(path, "200000000000 bytes.*compressed")
 
 
-# -- rows 6, 10, 12-15: what headers may say -------------------------------------------------------------------------
+# -- rows 6, 10, 12-15: limits of headers -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,6 @@
 """Random damage to files of every format, in a child process with limits on memory and time.
 
-A reader that crashes, hangs or takes all memory ends the child, and the child's last line says which file did it.
+A reader that crashes, hangs or takes all memory ends the child, and the child's last line names the file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ for package in ("pydicom", "imagecodecs", "SimpleITK", "h5py", "zarr"):  # outsi
         pass
 
 folder, names, kind, seed, cases, seconds = Path(sys.argv[1]), sys.argv[2], sys.argv[3], *map(int, sys.argv[4:])
-names = names.split("|")  # of valid files, each in a folder of its own if there are several
+names = names.split("|")  # of valid files, each in a separate folder if there are several
 
 def read_a_volume():
     check(read_volume(folder / name, max_bytes=2**26))
@@ -325,7 +325,7 @@ def transform_seeds(folder: Path, kind: str) -> str:
             '(InitialTransformParameterFileName "first.txt")\n',
             encoding="utf-8",
         )
-    elif suffix in (".nhdr", ".mhd"):  # read with the file beside them, and written in one
+    elif suffix in (".nhdr", ".mhd"):  # read with the file next to them, and written in one
         SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / name))
     else:
         write_transform(compose(field, Affine(np.eye(3), np.ones(3))), folder / name, _GRID)

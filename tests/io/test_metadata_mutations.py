@@ -1,7 +1,7 @@
-"""Every field of the metadata of every format, dropped, negated, contradicted and changed to what it cannot be.
+"""Every field of the metadata of every format, dropped, negated, contradicted and changed to invalid values.
 
-A changed field either changes what is read, as it changes it for another program, or the file is refused, or a note
-says what was done: never is a number made up or dropped in silence.
+A changed field either changes the result, as it changes it for another program, or the file is refused, or a note
+states the change: never is a number made up or dropped in silence.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ LPS = np.diag([-1.0, -1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Kind:
-    """A format: its fields, what writes a file of them, and what the fields are that say nothing of voxels and places.
+    """A format: its fields, the writer of a file of them, and the fields that are irrelevant to voxels and places.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ PIXELS = np.random.default_rng(1).integers(-3000, 3000, (5, 6)).astype("<i2")
 
 
 def write_tags(folder: Path, fields: dict[str, Any]) -> Path:
-    """A page of two strips; every value lies behind the list of fields."""
+    """A page of two strips; every value follows the list of fields."""
     present = {name: value for name, value in fields.items() if value is not None}
     start = 8 + PIXELS.nbytes
     end, entries, extra = start + 2 + 12 * len(present) + 4, b"", b""
@@ -335,7 +335,7 @@ def placed(values: np.ndarray, spacing: Any, origin: Any, direction: Any = None)
 
 
 def side_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What the JSON says, read literally."""
+    """Content of the JSON, read literally."""
     about = json.loads(path.with_name(f"{path.name}.json").read_text(encoding="utf-8"))
     if path.suffix == ".npy":
         values = np.load(path)
@@ -347,7 +347,7 @@ def side_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def vti_peer(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """What the XML says, read literally."""
+    """Content of the XML, read literally."""
     root = ElementTree.parse(path).getroot()
     image, array = root[0], root.find(".//DataArray")
     extent = [int(word) for word in image.get("WholeExtent", "").split()]
@@ -405,7 +405,7 @@ SFORM = {
     "srow_z": (0.0, 0.0, 2.5, 9.0),
 }
 _CHANGES = ("negate", "zero", "contradict", "huge", "nan")
-# Fields of time, of display and of statistics; the code says which space it is; sizes and lengths of axes beyond
+# Fields of time, of display and of statistics; the code names the space; sizes and lengths of axes beyond
 # dim[0], and a fourth axis of one voxel.
 _NIFTI_SILENT = (
     "intent_p",
@@ -652,7 +652,7 @@ KINDS |= {
 
 
 def found_in(path: Path) -> tuple[Any, tuple[str, ...]]:
-    """All that is read of a file, as something that can be compared, and the notes."""
+    """Content of a file in a comparable form, and the notes."""
     series = open_series(path, max_bytes=2**26)
     moments = [channels.values for channels in series]
     state = (
@@ -666,7 +666,7 @@ def found_in(path: Path) -> tuple[Any, tuple[str, ...]]:
 
 
 def outcome(kind: Kind, folder: Path, name: str, change: Any) -> str:
-    """What became of a file with a changed field: "refused", "noted", "changed", "same" or "unwritable"."""
+    """Outcome for a file with a changed field: "refused", "noted", "changed", "same" or "unwritable"."""
     (good, _, _), notes = found_in(kind.write(folder, kind.fields))
     try:
         path = kind.write(folder, {**kind.fields, name: change})
@@ -689,7 +689,7 @@ def _compare_with_peer(kind: Kind, path: Path, moments: list[np.ndarray], grid: 
         return
     try:
         values, affine = kind.peer(path)
-    except Exception:  # whatever another program raises, it does not read the file
+    except Exception:  # after any exception the other program does not read the file
         return
     assert len(moments) == 1
     np.testing.assert_allclose(np.squeeze(moments[0]), np.squeeze(values), rtol=1e-6)

@@ -1,6 +1,6 @@
 """Files of ITK, ANTs, elastix, ngff-zarr and others: each program applies the other's to the same voxels or points.
 
-Large programs run in processes of their own: ``tests/peer_programs.py``.
+Large programs run in separate processes: ``tests/peer_programs.py``.
 """
 
 from __future__ import annotations

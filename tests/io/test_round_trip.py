@@ -1,4 +1,4 @@
-"""What is written is read back, here and by other packages, at the same places."""
+"""Written files are read back, here and by other packages, at the same places."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FILES = [
     for s in entry.suffixes
 ]
 
-# NIfTI-1 stores places as float32; the others store what is needed to get the same float64 back, but for one product
+# NIfTI-1 stores places as float32; the others store enough digits to get the same float64 back, but for one product
 # and quotient of spacing and direction.
 TOLERANCE = {".nii": 1e-6, ".nii.gz": 1e-6}
 KEEPS_BOOL = {".npy", ".raw", ".zarr"}
@@ -175,7 +175,7 @@ def test_fortran_order_numpy_files_are_read_without_turning(tmp_path: Path) -> N
     np.testing.assert_array_equal(read_volume(tmp_path / "b.npy").values, values[:1])
 
 
-# -- other packages read what is written here ------------------------------------------------------------------------
+# -- other packages read our files ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -259,7 +259,7 @@ def test_files_of_simpleitk(suffix: str, dtype: str, compressed: bool, tmp_path:
 
 
 def test_simpleitk_reads_and_writes_the_same_raw_voxels(tmp_path: Path) -> None:
-    """By a header of MetaImage beside them, which is text that anybody can write."""
+    """Read them by a MetaImage header next to them, which is text."""
     sitk = pytest.importorskip("SimpleITK")
     volume = make()
     write_volume(volume, tmp_path / "ours.raw")
@@ -408,7 +408,7 @@ def test_the_carp_and_its_spacing(real_data) -> None:
 def test_real_files_as_simpleitk_reads_them(name: str, real_data) -> None:
     sitk = pytest.importorskip("SimpleITK")
     image = sitk.ReadImage(str(real_data(name)))
-    read = read_volume(real_data(name), spacing=image.GetSpacing())  # as the file says, the carp's wrong one too
+    read = read_volume(real_data(name), spacing=image.GetSpacing())  # as in the file, the carp's wrong one too
     np.testing.assert_array_equal(read.values, sitk.GetArrayViewFromImage(image))
     last = np.array(image.GetSize()) - 1
     for index in (np.zeros(3, int), last):

@@ -35,12 +35,12 @@ class Phantom:
 
     Parameters
     ----------
-    scene : function of what is drawn.
+    scene : function of the scene.
     title : for a menu.
-    figure : the figures of the paper it stands in for.
+    figure : the figures of the paper that it replaces.
     view : the picture plane that shows it best, one of :data:`deformnb.volume.plane.VIEWS`.
     projection : what makes that picture readable, "mip" or "slice".
-    axes : what the x, y and z axes mean.
+    axes : meaning of the x, y and z axes.
 
     Examples
     --------

@@ -40,7 +40,7 @@ def scene() -> PhantomScene:
 
 
 def _checks(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
-    """Light and dark cubes; the sine keeps the borders anti-aliased at any voxel size."""
+    """Light and dark cubes; the sine anti-aliases the borders at any voxel size."""
     wave = 1.0
     for p, start in ((x, LOW[0]), (y, LOW[1]), (z, LOW[2])):
         wave = wave * np.clip(4 * np.sin(np.float32(np.pi / CELL) * (p - np.float32(start + 1e-3))), -1, 1)

@@ -1,7 +1,7 @@
 """A carp, after the outline and the skeleton of the paper's own CT scan (figure 3).
 
 The voxel axes are x across (symmetry plane at 50), y from tail to head, z from belly to back, in mm. Numbers were read
-from the side picture of that scan. The grid has its box and, like its file, RAS axes: in space (LPS) the head looks
+from the side picture of that scan. The grid has its box and, like its file, RAS axes: in space (LPS) the head points
 towards -y. So both give the same picture under the same view, and take the same control points.
 """
 

@@ -196,7 +196,7 @@ def _cells(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
 
 
 def _cortex(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
-    """Grey matter with water in the folds: level lines of a wandering sine, not straight stripes."""
+    """Grey matter with water in the folds: level lines of a modulated sine, not straight stripes."""
     a = 0.34 * x + 1.6 * np.sin(0.11 * y + 0.07 * z)
     b = 0.3 * z + 1.4 * np.sin(0.13 * y - 0.05 * x)
     fold = np.sin(a) * np.cos(b) + np.sin(0.31 * y + 1.2 * np.sin(0.1 * z) + 0.9 * np.sin(0.09 * x))

@@ -14,7 +14,7 @@ from deformnb.datasets.phantoms.shapes import Blend, Block, Both, Ellipsoid, Sol
 
 _MIDDLE, GROUND = 40.0, 6.0
 
-# Legs: (x from the middle, y, z, radius) from shoulder or hip to hoof; no two stand alike, as in the paper's horse.
+# Legs: (x from the middle, y, z, radius) from shoulder or hip to hoof; all in different poses, as in the paper's horse.
 _LEGS = (
     (
         (-13, 147, 96, 13.0),

@@ -53,7 +53,7 @@ def scene() -> PhantomScene:
 
 
 def _spongy(x: Float32s, y: Float32s, z: Float32s) -> Float32s:
-    """Trabecular bone: a fine net, denser towards the joint at z = 132."""
+    """Trabecular bone: a fine lattice, denser towards the joint at z = 132."""
     near = np.exp(-np.square((z - np.float32(132)) / np.float32(45)))
     net = np.sin(1.1 * x + 0.4 * z + 0.9 * np.sin(0.5 * y)) * np.sin(0.9 * z - 0.3 * x)
     net = net + np.sin(1.0 * y - 0.5 * x + np.sin(0.6 * z))

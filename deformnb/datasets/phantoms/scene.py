@@ -61,7 +61,7 @@ class PhantomScene:
 
 
 def scene_grid(scene: PhantomScene, shape: tuple[int, int, int] | None) -> Grid:
-    """The grid of ``shape`` that fills the scene's box, whose corner lies at 0: anatomy stays put at any resolution."""
+    """The grid of ``shape`` that fills the scene's box, whose corner is at 0: anatomy is independent of it."""
     size = scene.shape if shape is None else tuple(int(n) for n in shape)
     if len(size) != 3 or min(size) < 1:
         raise DeformError(f"the shape of a phantom is (nz, ny, nx), each at least 1, got {shape!r}.")
@@ -88,7 +88,7 @@ def render(
     ----------
     scene : what to draw.
     shape : (nz, ny, nx), default the scene's own; the box in space is the same for every shape.
-    dtype : voxel type; integers are rounded, floats keep the fraction. Values run from 0 (air) to 255.
+    dtype : voxel type; integers are rounded, floats are not. Values run from 0 (air) to 255.
     noise : standard deviation of the noise inside tissue, in grey values; default the scene's own.
     progress : called with 0..1 after each slab.
     """
@@ -127,7 +127,7 @@ def render_labels(
 
 def _slabs(grid: Grid) -> list[tuple[slice, Float32s, Float32s, Float32s]]:
     nz, ny, nx = grid.shape
-    # Where along its own axes a voxel lies: solids know nothing of the direction.
+    # Coordinates of voxels along their own axes: solids are independent of the direction.
     x, y, z = (
         np.float32(s) * (np.arange(n, dtype=np.float32) + np.float32(0.5))
         for s, n in zip(grid.spacing, (nx, ny, nz), strict=True)

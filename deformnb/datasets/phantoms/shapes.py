@@ -94,7 +94,7 @@ class Ellipsoid:
         unit = [p * w for p, w in zip(local, inverse, strict=True)]
         rho = np.sqrt(unit[0] ** 2 + unit[1] ** 2 + unit[2] ** 2 + np.float32(1e-8))
         slope = [u * w for u, w in zip(unit, inverse, strict=True)]
-        tiny = np.float32(1e-8 * float(np.mean(np.square(inverse))))  # keeps the very centre inside
+        tiny = np.float32(1e-8 * float(np.mean(np.square(inverse))))  # for the centre to be inside
         return np.asarray(rho * (rho - 1) / np.sqrt(slope[0] ** 2 + slope[1] ** 2 + slope[2] ** 2 + tiny))
 
 

@@ -1,1 +1,1 @@
-"""Shared by all formats: paths, atomic writing, memory checks, errors, streams, and decoding of text and pictures."""
+"""Utilities of all formats: paths, atomic writing, memory checks, errors, streams, and decoding of text and pictures."""

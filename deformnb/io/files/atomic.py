@@ -2,15 +2,15 @@
 
 A write either finishes or leaves no trace.
 
-A lock is a file that belongs to a process for as long as it lives: the system releases it when its holder dies. A
+A lock is a file that belongs to a process for as long as that runs: the system releases it when its holder ends. A
 process id in a file's name is a weaker sign: it is given to another process one day, and means nothing on another
 machine.
 
-The rule of replacing, for everything that writes: a function that is called ``write_...`` or ``draw_...`` replaces
-what is there, atomically, as writers of NumPy, nibabel and SimpleITK do; ``overwrite=False`` has it refuse. Everything
-else that writes (a session's documents and exports, ``replay``, ``warp_series``, ``deformnb.chunked``, the commands)
-refuses unless permission is given: ``overwrite=True``, ``--force``, or an answer in the front end. A session replaces a
-document that it has itself opened or written, as long as nobody else has changed it.
+The rule of replacing, for everything that writes: a function named ``write_...`` or ``draw_...`` replaces
+an existing file, atomically, as writers of NumPy, nibabel and SimpleITK do; ``overwrite=False`` has it refuse.
+Everything else that writes (a session's documents and exports, ``replay``, ``warp_series``, ``deformnb.chunked``, the
+commands) refuses unless permission is given: ``overwrite=True``, ``--force``, or an answer in the front end. A session
+replaces a document that it has itself opened or written, as long as nobody else has changed it.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def try_lock(descriptor: int) -> bool | None:
 
 
 def create_locked(path: Path) -> int | None:
-    """Make a file and keep it locked; returns its descriptor, which lets go when it is closed.
+    """Create a locked file; returns its descriptor, whose closing releases the lock.
 
     None if it was swept away as a dead process's in the moment between the two; make another one.
 
@@ -98,7 +98,7 @@ def _is_at(path: Path, descriptor: int) -> bool:
 
 
 def is_abandoned(path: Path) -> bool:
-    """True if nobody holds this file: whoever made it has died or let go. A file that is gone is abandoned.
+    """Check whether no process holds the lock of this file. A missing file is abandoned.
 
     Where locks do not work nothing counts as abandoned.
     """
@@ -161,11 +161,11 @@ _last_doubts: ContextVar[Callable[[], AbstractContextManager[Any]]] = ContextVar
 
 @contextmanager
 def guard_writes(doubts: Callable[[], AbstractContextManager[Any]]) -> Iterator[None]:
-    """Within this block, in this thread, files take their places only within a context of their own.
+    """Enter a context for each renaming of a file into place within this block, in this thread.
 
     Parameters
     ----------
-    doubts : makes the context, when all is written; what it raises on entering keeps the old file.
+    doubts : makes the context, when all is written; an exception on entering preserves the old file.
 
     Examples
     --------
@@ -247,14 +247,14 @@ def atomic_write(
 
     It is written next to its target, so that the final rename stays on one disk, and flushed to the disk before: after
     a crash there is the old file or the new one. An exception (a full disk, :class:`~deformnb.errors.Cancelled`)
-    leaves the old file and no litter; what a killed process has left is swept away by the next that writes into the
-    folder. The permissions of an existing file are kept.
+    leaves the old file and no temporary ones; those of a killed process are removed by the next that writes into the
+    folder. The permissions of an existing file are preserved.
 
     Parameters
     ----------
     path, overwrite, needed : see :func:`check_target`.
     replacing : makes the context, from the real path, in which the old file is replaced when all is written; what it
-        raises keeps the old file.
+        raises preserves the old file.
 
     Raises
     ------
@@ -341,14 +341,14 @@ def atomic_folder(
 
 
 def write_error(target: Path, error: OSError, rest: str) -> VolumeFileError:
-    """The error that says why the system did not write a file or folder, and what is left.
+    """The error that states why the system did not write a file or folder, and which file remains.
 
     Examples
     --------
     >>> str(write_error(Path("a.zarr"), OSError(errno.ENOSPC, "no space"), "an older one is untouched"))
     'a.zarr: was not written, the disk (or your share of it) is full; an older one is untouched.'
     """
-    # NumPy's tofile, which tifffile uses, counts what it wrote and gives no number of an error.
+    # NumPy's tofile, which tifffile uses, counts the bytes written and gives no number of an error.
     is_short = error.errno is None and "requested and" in str(error)
     full = is_short or error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     why = (
@@ -360,7 +360,7 @@ def write_error(target: Path, error: OSError, rest: str) -> VolumeFileError:
 
 
 def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
-    """Give a finished folder its name; an older one is removed afterwards."""
+    """Rename a finished folder into place; an older one is removed afterwards."""
     old = target.with_name(temporary_name())
     with _last_doubts.get()():
         if target.exists():
@@ -378,7 +378,7 @@ def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
 
 
 def _take_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
-    """Give a file its name; where it must be a new one, also another process that does the same is not replaced."""
+    """Rename a file into place; where it must be new, a file of a concurrent process is not replaced."""
     if overwrite:
         temporary.replace(target)
         return
@@ -397,12 +397,12 @@ def _changed_error(target: Path) -> FileChangedError:
 
 
 def temporary_name() -> str:
-    """A name for what is not finished, of at most 255 bytes, the limit of common file systems."""
+    """A name for an unfinished file, of at most 255 bytes, the limit of common file systems."""
     return f".{_HERE}-{secrets.token_hex(8)}{_SUFFIX}"
 
 
 def _open_temporary(target: Path) -> tuple[Path, BinaryIO, int | None]:
-    """A fresh file beside the target, and a lock on it that outlives the file's closing."""
+    """A new file next to the target, and a lock on it that outlives the file's closing."""
     while True:
         temporary = target.with_name(temporary_name())
         file = temporary.open("xb")
@@ -423,8 +423,8 @@ def sweep_folder(folder: Path) -> None:
 
 
 def flush_folder(folder: Path) -> None:
-    """Have the names in a folder on the disk, where the system can."""
-    # The rename itself lives in the folder. Windows cannot open folders, network drives may refuse: the file is whole.
+    """Flush the names in a folder to the disk, where the system can."""
+    # The rename is data of the folder. Windows cannot open folders, network drives may refuse: the file is whole.
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -438,7 +438,7 @@ _PATIENCE = 2.0  # seconds for another writer's rename; a lock that never comes 
 
 
 class KnownFiles:
-    """Files by what was in them when they were last read or written here; times do not count.
+    """Checksums of files when they were last read or written here; times do not count.
 
     Examples
     --------
@@ -461,7 +461,7 @@ class KnownFiles:
         self._lock = threading.Lock()
 
     def remember(self, path: str | PathLike[str], content: bytes | None = None) -> None:
-        """Take the file for one's own, with this content or as it is now; what is no file is none."""
+        """Record the file as known, with this content or the present one; ignored if there is no file."""
         with suppress(OSError):
             digest = _digest(path) if content is None else hashlib.sha256(content).digest()
             with self._lock:
@@ -472,11 +472,11 @@ class KnownFiles:
                     del self._digests[next(iter(self._digests))]
 
     def has(self, path: str | PathLike[str]) -> bool:
-        """Check whether a file was opened or written here, whatever it holds now."""
+        """Check whether a file was opened or written here, with any present content."""
         return _real(path) in self._digests
 
     def check(self, path: str | PathLike[str]) -> None:
-        """Refuse to write over what was neither opened nor written here.
+        """Refuse to overwrite a file that was neither opened nor written here.
 
         Raises
         ------
@@ -501,7 +501,7 @@ class KnownFiles:
 
     @contextmanager
     def writing(self, path: str | PathLike[str], *, overwrite: bool = False) -> Iterator[None]:
-        """The work that makes a file: checked before it begins, and one's own afterwards."""
+        """Context of writing a file: checked before it begins, and known afterwards."""
         if not overwrite:
             self.check(path)
         yield

@@ -1,4 +1,4 @@
-"""Unpacking of bytes and of coded pictures, which refuses whatever is not of the size that was expected.
+"""Unpacking of bytes and of coded pictures, which refuses data that are not of the expected size.
 
 A packed strip of a few bytes may unpack to gigabytes, and a coded picture states its own size, which need not be that
 of the header around it. So bytes are unpacked into one byte more than there should be, and a picture into an array of
@@ -91,7 +91,7 @@ def unpack_bytes(name: str, data: bytes, expected: int) -> bytes:
 
 def _jpeg_size(data: bytes) -> tuple[int, int, int]:
     """Rows, columns and components of a JPEG, lossless or JPEG-LS picture, of its frame header."""
-    if not data.rstrip(b"\0").endswith(b"\xff\xd9"):  # decoders fill what is missing with grey
+    if not data.rstrip(b"\0").endswith(b"\xff\xd9"):  # decoders fill missing data with grey
         raise ValueError("the data end before their end mark")
     at = 2
     while at + 9 < len(data) and data[at] == 0xFF:

@@ -12,7 +12,7 @@ from deformnb.io.files.paths import regular_file
 
 
 def detached_file(header: Path, name: str) -> Path:
-    """The data file that a header names, which must lie in the header's own folder or below it.
+    """The data file that a header names, which must be in the header's own folder or below it.
 
     Anything else is refused: a header from elsewhere could otherwise show any file of this machine as voxels.
     """
@@ -141,8 +141,8 @@ def detached_proof(crc: int) -> str:
 def stated_crc(comments: str, data_file: str) -> int | None:
     """The checksum of the data file in a header's comments; None if there is none.
 
-    A program that reads our header and writes other voxels may keep the comments, but gives the data file a name of
-    its own; so a check sum counts only for a file that has it in its name.
+    A program that reads our header and writes other voxels may copy the comments, but gives the data file another
+    name; so a check sum counts only for a file that has it in its name.
     """
     found = re.search(r"deformnb data crc32 ([0-9a-f]{8})\b", comments)
     return int(found[1], 16) if found is not None and data_file.endswith(f".{found[1]}.raw") else None

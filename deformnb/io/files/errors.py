@@ -55,7 +55,7 @@ UNFORESEEN = "for a reason that deformnb does not know"
 
 
 class Damage:
-    """Turns what the parsers of a file raise into the one error that names the file.
+    """Translate exceptions of the parsers of a file into the one error that names the file.
 
     Parameters
     ----------

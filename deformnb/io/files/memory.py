@@ -14,7 +14,7 @@ from deformnb.volume.volume import Grid, Volume
 # A warp holds its input and its output and some maps; a reader that took all of the free memory would leave no room.
 SHARE = 0.6
 
-# If the system does not report it: what a small laptop has free.
+# If the system does not report it: the free memory of a small laptop.
 _UNKNOWN = 4 * 2**30
 
 # By the type of file system of Linux control groups (version 2 and version 1): the files of a group that hold its limit
@@ -47,7 +47,7 @@ def check_room(volume: Volume, output: Grid | None) -> None:
     Raises
     ------
     DeformError
-        With what it takes and what is free.
+        With the required and the free bytes.
     """
     grid = output or volume.grid
     needed, free = grid.size * volume.dtype.itemsize, available_memory()

@@ -1,4 +1,4 @@
-"""Paths of files to read: what a name means, and plain files only."""
+"""Paths of files to read: expanded names, and plain files only."""
 
 from __future__ import annotations
 

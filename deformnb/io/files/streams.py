@@ -25,10 +25,10 @@ class Stream(Protocol):
     """Anything that gives up to ``size`` bytes, and none at its end."""
 
     def read(self, size: int, /) -> bytes:
-        """Up to ``size`` bytes."""
+        """Read up to ``size`` bytes."""
 
     def close(self) -> None:
-        """Give the file back."""
+        """Close the file."""
 
 
 class Inflate:
@@ -44,7 +44,7 @@ class Inflate:
         self._waiting = False  # the decoder still has output for input that it took
 
     def read(self, size: int, /) -> bytes:
-        """Up to ``size`` bytes, none at the end of the last member."""
+        """Read up to ``size`` bytes, none at the end of the last member."""
         while True:
             if not self._input and not self._waiting:
                 self._input = self._file.read(CHUNK)
@@ -77,7 +77,7 @@ class Pieces:
         self.close = close
 
     def read(self, size: int, /) -> bytes:
-        """Up to ``size`` bytes."""
+        """Read up to ``size`` bytes."""
         while not self._rest:
             piece = next(self._pieces, None)
             if piece is None:
@@ -162,7 +162,7 @@ ENCODINGS: dict[str, Callable[[BinaryIO], Stream]] = {
     "bzip2": _Bzip2,
     "hex": _hexadecimal,
 }
-"""Encodings of the bytes of voxels; beside them there is "text", which must know the type."""
+"""Encodings of the bytes of voxels; besides these there is "text", which requires the type."""
 
 
 def take(stream: Stream, size: int) -> bytes:

@@ -26,7 +26,7 @@ WESTERN = "its text is not UTF-8 and was read as Windows-1252 (Western European)
 def decode_text(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
     r"""The text of a file's bytes with ``\n`` at the ends of lines, and a note where the encoding was a guess.
 
-    A byte order mark names UTF-8, UTF-16 or UTF-32; without one the text is UTF-8, and what is none is Windows-1252.
+    A byte order mark names UTF-8, UTF-16 or UTF-32; without one the text is UTF-8, and any other text is Windows-1252.
 
     Raises
     ------

@@ -47,7 +47,7 @@ _MOST_BLOCK = 2**31
 
 @dataclass
 class Tag:
-    """One tag; its text lies from ``begin`` to ``end`` in the file, up to its first child."""
+    """One tag; its text is from ``begin`` to ``end`` in the file, up to its first child."""
 
     name: str
     attributes: dict[str, str]
@@ -56,7 +56,7 @@ class Tag:
     end: int = -1
 
     def is_inside(self, name: str) -> bool:
-        """True if the tag around it has this name."""
+        """Check the name of the tag around it."""
         return self.parent is not None and self.parent.name == name
 
 
@@ -310,7 +310,7 @@ class _Sections:
         raise NotImplementedError
 
     def may_end(self) -> None:
-        """Here one encoded part may end and the next begin."""
+        """Allow one encoded part to end here and the next to begin."""
 
 
 class _RawSections(_Sections):
@@ -324,7 +324,7 @@ class _RawSections(_Sections):
 
 
 class _Base64Sections(_Sections):
-    """Base64 text, in which white space may lie anywhere; a padding "=" ends a part."""
+    """Base64 text, in which white space may be anywhere; a padding "=" ends a part."""
 
     def __init__(self, file: BinaryIO, end: int) -> None:
         self._file, self._left = file, end - file.tell()

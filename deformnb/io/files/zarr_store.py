@@ -13,7 +13,7 @@ from deformnb.io.files.errors import fail
 
 
 class PlainFiles(LocalStore):
-    """A local store that refuses whatever is there and no plain file: a pipe in place of a chunk would wait for ever.
+    """A local store that refuses all but plain files: a pipe in place of a chunk would block for ever.
 
     Examples
     --------
@@ -25,7 +25,7 @@ class PlainFiles(LocalStore):
         path = self.root / key
         try:
             mode = path.stat().st_mode
-        except (OSError, ValueError):  # what is missing is the fill value; a name that is none is zarr's to refuse
+        except (OSError, ValueError):  # missing chunks are the fill value; zarr refuses invalid names
             return
         if not stat.S_ISREG(mode):
             raise fail(self.root, f"its {key} is no plain file but a folder, a pipe or a device; it is not read.")
@@ -33,14 +33,14 @@ class PlainFiles(LocalStore):
     async def get(
         self, key: str, prototype: BufferPrototype | None = None, byte_range: ByteRequest | None = None
     ) -> Buffer | None:
-        """As of LocalStore."""
+        """Same as of LocalStore."""
         self._check(key)
         return await super().get(key, prototype, byte_range)
 
     async def get_partial_values(
         self, prototype: BufferPrototype, key_ranges: Iterable[tuple[str, ByteRequest | None]]
     ) -> list[Buffer | None]:
-        """As of LocalStore."""
+        """Same as of LocalStore."""
         wanted = list(key_ranges)
         for key, _ in wanted:
             self._check(key)

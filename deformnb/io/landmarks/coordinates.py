@@ -53,7 +53,7 @@ _NAMED = 8  # numbers of landmarks in a note
 
 
 def is_missing(word: Any) -> bool:
-    """Check for a word, or a number, that stands for a coordinate that is not there.
+    """Check for a word, or a number, that represents a missing coordinate.
 
     Examples
     --------
@@ -74,11 +74,11 @@ def is_comment(line: str) -> bool:
 
 
 def coordinates(path: Path, words: Sequence[Any], which: str, column: int | None = None) -> list[float]:
-    """Numbers of words, NaN for those that stand for none; VolumeFileError that names the place of any other.
+    """Numbers of words, NaN for those that represent none; VolumeFileError that names the place of any other.
 
     Parameters
     ----------
-    which : what the words are of, such as "line 3".
+    which : origin of the words, such as "line 3".
     column : the number of the first word's column, from 1 on; without it no column is named.
     """
     return [
@@ -90,7 +90,7 @@ def coordinates(path: Path, words: Sequence[Any], which: str, column: int | None
 
 
 def finite_number(path: Path, word: Any, where: str) -> float:
-    """The finite number of a word; VolumeFileError that says where it stands otherwise."""
+    """The finite number of a word; VolumeFileError with its place otherwise."""
     try:
         value = float(word)
     except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float

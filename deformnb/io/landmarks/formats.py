@@ -83,7 +83,7 @@ class LandmarkFormat:
 
 
 def is_landmarks(path: str | os.PathLike[str]) -> bool:
-    """True if the end of a name is that of a landmark file, or for .json if the file that is there holds landmarks.
+    """Check for the suffix of a landmark file, or for .json that an existing file holds landmarks.
 
     Examples
     --------
@@ -142,7 +142,7 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
 def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write landmarks, whole or not at all; the end of the name chooses the format.
 
-    What a format has no room for is left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS and in
+    Data that a format cannot hold are left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS and in
     millimetres, lists of points of elastix too; in other formats, which state no unit, numbers stay as they are.
 
     Examples
@@ -296,7 +296,7 @@ LANDMARK_FORMATS: dict[str, LandmarkFormat] = {
 """All kinds of landmark files by name."""
 
 
-_LONGEST_ID = 15  # digits, which every program that reads tables keeps
+_LONGEST_ID = 15  # digits, which every program that reads tables preserves
 
 _AXES = {2: "ab", 3: "xyz"}
 _TRUE, _FALSE = ("true", "1", "yes", "on"), ("false", "0", "no", "off")
@@ -321,9 +321,9 @@ def points_from_csv(text: str, into: ControlPoints) -> ReadPoints:
 
     The text has a line of names, of which ``source_a`` and ``source_b`` (in space ``source_x``, ``_y``, ``_z``) must be
     among; ``target_...``, ``id``, ``name``, ``active``, ``locked``, ``weight`` and ``radius`` may be. A row with the id
-    of a point changes that point, any other row adds one; what a row leaves empty stays, or is as usual. Without a line
-    of names each row is a place, or a source and a target, or a row of BigWarp (name, true or false, moving, fixed).
-    Columns are separated by tabs, semicolons or commas.
+    of a point changes that point, any other row adds one; empty cells of a row change nothing, or are defaults. Without
+    a line of names each row is a place, or a source and a target, or a row of BigWarp (name, true or false, moving,
+    fixed). Columns are separated by tabs, semicolons or commas.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from deformnb.warping.points import Landmarks
 
 _RAS = {"RAS": True, "LPS": False, "0": True, "1": False}  # the numbers are those of old versions of Slicer
 _TO_LPS = np.array([-1.0, -1.0, 1.0])
-_START = 1 << 16  # bytes in which the names of a file's first keys stand
+_START = 1 << 16  # bytes that contain the names of a file's first keys
 
 
 def detect_landmarks(path: Path) -> str | None:
@@ -116,7 +116,7 @@ def write_bigwarp_json(landmarks: Landmarks) -> str:
 
 
 def is_ras(path: Path, word: Any) -> bool:
-    """True for RAS, False for LPS, as Slicer names coordinate systems."""
+    """Check for RAS, not LPS, as Slicer names coordinate systems."""
     if str(word) not in _RAS:
         raise fail(path, f"its coordinate system '{printable(word, 20)}' is neither LPS nor RAS.")
     return _RAS[str(word)]

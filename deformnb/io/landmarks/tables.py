@@ -54,7 +54,7 @@ _NAMES = (
 _ACTIVE = ("active", "selected", "enabled", "use")
 _VOXELS = {"px", "pixel", "pixels", "vx", "voxel", "voxels", "index"}
 _FALSE = ("false", "0", "no", "off")
-_HEAD_LENGTH = 1 << 12  # characters in which a line of names and the first rows stand
+_HEAD_LENGTH = 1 << 12  # characters that contain a line of names and the first rows
 
 
 def read_csv(path: Path, text: str) -> Landmarks:
@@ -105,7 +105,7 @@ def _is_number(word: str) -> bool:
 
 
 def _is_heading(row: list[str]) -> bool:
-    """True where not even the last two columns are numbers, or missing ones."""
+    """Check that not even the last two columns are numbers, or missing ones."""
     return not any(_is_number(cell) or (cell and is_missing(cell)) for cell in row[-2:])
 
 
@@ -289,7 +289,7 @@ def _read_nameless(path: Path, rows: TableRows) -> Landmarks:
 
 
 def write_tabs(landmarks: Landmarks) -> str:
-    """As :func:`write_table`, with tabs between the columns."""
+    """Write a table as :func:`write_table`, with tabs between the columns."""
     return write_table(landmarks, "\t")
 
 

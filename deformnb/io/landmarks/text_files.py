@@ -1,8 +1,8 @@
 """Landmark files of plain text: TPS, NTS, Morphologika, elastix, PyGeM, and lists of points of vedo and VTK.
 
-Files of geometric morphometrics hold specimens with the same landmarks. Of two specimens the second is what the first
-corresponds to, as the moving and fixed places of BigWarp; of more the first is read. None of these formats states the
-directions of its axes: coordinates are taken as they are.
+Files of geometric morphometrics hold specimens with the same landmarks. Of two specimens the second is the one that the
+first corresponds to, as the moving and fixed places of BigWarp; of more the first is read. None of these formats states
+the directions of its axes: coordinates are taken as they are.
 
 TPS: F. J. Rohlf, tpsDig. NTS: NTSYS-pc. Morphologika: P. O'Higgins, N. Jones. elastix: its manual, section 4.3.
 Lists of points: vtkSimplePointsReader, one place to a line; vtkParticleReader, with which vedo reads, has a value more.
@@ -132,7 +132,7 @@ def _scale(path: Path, value: str, line: int, notes: dict[str, None]) -> float:
 
 
 def write_tps(landmarks: Landmarks) -> str:
-    """One specimen, or two where there are fixed places; doubled and with a scale where one lies at -1 -1."""
+    """One specimen, or two where there are fixed places; doubled and with a scale where one is at -1 -1."""
     key = "LM3" if landmarks.points.shape[1] == 3 else "LM"
     factor = 1.0
     while any((factor * places == -1).all(axis=1).any() for _, places in _with_titles(landmarks)):
@@ -162,7 +162,7 @@ def _rows(places: NDArray[np.float64], separator: str = " ") -> str:
 
 
 def read_nts(path: Path, text: str) -> Landmarks:
-    """Landmarks of an NTS file: ``1 specimens numbers 0 dim=3``, or ``1 9999`` for the 0 where 9999 stands for none."""
+    """Landmarks of an NTS file: ``1 specimens numbers 0 dim=3``, or ``1 9999`` for the 0 where 9999 means missing."""
     lines = [(number, line) for number, line in _number_lines(text) if not line.lstrip().startswith(('"', "'"))]
     found = re.fullmatch(
         r"\s*1\s+(\d{1,6})(L?)\s+(\d{1,7})(L?)\s+(\d+)(?:\s+(\S+))?\s+dim\s*=\s*([23])\s*",
@@ -199,7 +199,7 @@ def write_nts(landmarks: Landmarks) -> str:
     titled, (count, dim) = _with_titles(landmarks), landmarks.points.shape
     values = np.concatenate([places for _, places in titled])
     missing = 9999
-    while (values == missing).any():  # which stands for a landmark that was not found
+    while (values == missing).any():  # the mark of a landmark that was not found
         missing = 10 * missing + 9
     rows = "".join(" ".join(map(repr, place)) + "\n" for place in values.tolist())
     titles = "".join(f"{title}\n" for title, _ in titled)
@@ -333,7 +333,7 @@ def read_prm(path: Path, text: str) -> Landmarks:
 def write_prm(landmarks: Landmarks) -> str:
     """Parameters of PyGeM for radial basis functions: places and fixed places, a thin-plate spline of radius 1.
 
-    PyGeM takes lines that do not begin with a space for keys of their own.
+    PyGeM takes lines that do not begin with a space for keys.
     """
     fixed = landmarks.points if landmarks.fixed is None else landmarks.fixed
     both = zip(_PRM_KEYS, (landmarks.points, fixed), strict=True)

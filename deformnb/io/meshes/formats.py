@@ -55,7 +55,7 @@ class MeshFormat:
 
 
 def is_mesh(path: str | os.PathLike[str]) -> bool:
-    """True if the end of a name is that of a surface file.
+    """Check for the suffix of a surface file.
 
     Examples
     --------
@@ -126,7 +126,7 @@ def describe_mesh(path: str | os.PathLike[str]) -> dict[str, str]:
 def write_mesh(mesh: MeshLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Write a surface; the suffix chooses the format. The file is complete at once or untouched.
 
-    PLY, OBJ and VTP keep all digits of the corners; STL rounds them to seven and writes each corner with each face.
+    PLY, OBJ and VTP store all digits of the corners; STL rounds them to seven and writes each corner with each face.
     None of them states a unit: where that of the mesh is known its lengths are written in millimetres.
 
     Raises

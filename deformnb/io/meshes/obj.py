@@ -44,7 +44,7 @@ def read_obj(path: Path) -> Polygons:
 
 
 def _lines(path: Path) -> Iterator[bytes]:
-    """Lines; a backslash at the end goes on with the next one."""
+    """Lines; a backslash at the end continues with the next one."""
     data = path.read_bytes()
     if b"\0" in data:
         raise fail(path, "this is no OBJ file: it is not text.")

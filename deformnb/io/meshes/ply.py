@@ -149,7 +149,7 @@ class _Binary:
     def lists(self, element: _Element, chosen: _Property) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """The lengths and the joined values of one list of an element."""
         begin = self._at
-        if len(element.properties) == 1 and element.size:  # mostly all are triangles, and read at once
+        if len(element.properties) == 1 and element.size:  # mostly all are triangles, and read in one call
             count = int(self._take(np.dtype(self._order + chosen.count), 1)[0])
             values = ("values", self._order + chosen.dtype, (max(count, 0),))
             row = np.dtype([("n", self._order + chosen.count), values])

@@ -110,6 +110,6 @@ def write_vtp(mesh: Mesh, file: BinaryIO) -> None:
     writer = vtkXMLPolyDataWriter()
     writer.SetInputData(mesh.to_pyvista())
     writer.WriteToOutputStringOn()
-    writer.SetDataModeToBinary()  # appended raw bytes would be no text, which is what VTK hands over
+    writer.SetDataModeToBinary()  # appended raw bytes would be no text, which is the form that VTK returns
     writer.Write()
     file.write(writer.GetOutputString().encode("ascii"))

@@ -1,6 +1,6 @@
 """Displacement fields as images of vectors: NRRD, NIfTI and MetaImage, read as volumes are, written by SimpleITK.
 
-ITK's components are x, y and z in LPS coordinates whatever the directions of the voxels, and so they are stored in NRRD
+ITK's components are x, y and z in LPS coordinates for all directions of the voxels, and so they are stored in NRRD
 and MetaImage. NIfTI stores them along its fifth axis; with the intent code 1007 (vector), which ITK and ANTs write,
 they are LPS as well, with 1006 (displacement vector) RAS as its axes are, and ITK turns them round.
 """
@@ -142,7 +142,7 @@ def write_by_name(
 
     Parameters
     ----------
-    head : what the first bytes become; the first line is among them.
+    head : decoder of the first bytes; the first line is among them.
     longest : bytes of a text that is not refused.
     """
     suffix = "".join(path.suffixes[-2:]) if path.name.lower().endswith(".nii.gz") else path.suffix
@@ -165,6 +165,6 @@ def write_by_name(
 
 
 def reason(error: RuntimeError) -> str:
-    """The last line of ITK's message, which is the one that says what is wrong."""
+    """The last line of ITK's message, which names the cause."""
     lines: Sequence[str] = [line.strip() for line in str(error).splitlines() if line.strip()]
     return printable(lines[-1] if lines else "no reason given", 200)

@@ -36,7 +36,7 @@ def is_elastix(text: str) -> bool:
 
 
 def read_elastix(path: Path, text: str, depth: int = 0) -> AbstractField:
-    """The field of a parameter file, after those of its initial transforms, which lie in the same folder."""
+    """The field of a parameter file, after those of its initial transforms, which are in the same folder."""
     values = dict[str, str]()
     for key, rest in _LINE.findall(text):
         if key in values:
@@ -57,7 +57,7 @@ def read_elastix(path: Path, text: str, depth: int = 0) -> AbstractField:
 
 
 def _neighbouring_file(path: Path, name: str) -> Path:
-    """The file that a parameter names, wherever it was when that was written: it lies beside this one now."""
+    """The file that a parameter names, from any former folder: it is next to this one now."""
     return detached_file(path, re.split(r"[/\\]", name)[-1])
 
 

@@ -3,7 +3,7 @@
 All of them are backward maps, as fields are here: a place of the result in LPS coordinates goes to the place of the
 input that is seen there, which is what ITK's resample filters, ``antsApplyTransforms``, transformix and vtkImageReslice
 expect. :func:`deformnb.invert` finds forward maps, which carry points the other way round. Each file that is written
-says in its header which of the two it holds, and how exact an inverse is.
+states in its header which of the two it holds, and how exact an inverse is.
 """
 
 from __future__ import annotations
@@ -97,7 +97,7 @@ TRANSFORM_FORMATS: dict[str, TransformFormat] = {
 }
 """All kinds of transform files by name."""
 
-_START = 1 << 12  # bytes in which a text says what it is
+_START = 1 << 12  # bytes in which a text states its kind
 
 TRANSFORM_SUFFIXES = tuple(suffix for row in TRANSFORM_FORMATS.values() for suffix in row.suffixes)
 """Endings of transform files."""
@@ -142,7 +142,7 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
 
     Returns
     -------
-    A field. Compositions keep their parts: ITK's first transform of a list is the one that is applied last.
+    A field. Compositions are read as their parts: ITK's first transform of a list is the one that is applied last.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def read_transform(path: str | os.PathLike[str], grid: Grid | VolumeLike | None 
 
     Notes
     -----
-    Beyond its samples a displacement field goes on as a constant here; in ITK the displacement is zero there. A
+    Beyond its samples a displacement field continues as a constant here; in ITK the displacement is zero there. A
     B-spline is the exact function of its coefficients, and zero outside its domain, as in ITK.
 
     Examples
@@ -281,13 +281,13 @@ def write_transform(
     ----------
     transform : a field in space, a Deformation of a volume on ``grid``, or the inverse that :func:`deformnb.invert`
         finds.
-    path : ends with the suffix of a writable row of :data:`TRANSFORM_FORMATS`. .tfm, .h5 and .zarr keep the parts of a
+    path : ends with the suffix of a writable row of :data:`TRANSFORM_FORMATS`. .tfm, .h5 and .zarr store the parts of a
         composition, linear ones as matrices; an image is the displacement of all of them.
     grid : whose voxels are the samples of the displacements, in float64 in .tfm, .h5 and .zarr and in float32 in
         images. Between them other programs interpolate linearly.
     inverse : where the inverse of the map on the same grid is written too, a forward map; its header has its residual.
     direction : of the map, which its header states: "forward" for one that carries points of the input to the result,
-        such as that of a file which says so. What :func:`deformnb.invert` finds is forward by itself.
+        such as that of a file which states it. The result of :func:`deformnb.invert` is known to be forward.
     overwrite : whether existing files may be replaced.
     progress : called with the finished share from 0 to 1.
 
@@ -296,7 +296,7 @@ def write_transform(
     VolumeFileError
         If the file cannot be written, or its name ends otherwise.
     DeformError
-        If the field is over a plane, or hides tissue along cuts, which no transform file can say: the message says so.
+        If the field is over a plane, or hides tissue along cuts: no transform file can represent that.
 
     Examples
     --------

@@ -42,7 +42,7 @@ def read_itk(path: Path, _grid: Grid | None) -> AbstractField:
 def write_itk(
     field: AbstractField, path: Path, grid: Grid, remark: str, overwrite: bool, progress: Progress | None
 ) -> None:
-    """Write a transform for ITK, of several parts a composite; the remark stands in a comment or a user block."""
+    """Write a transform for ITK, of several parts a composite; the remark is in a comment or a user block."""
     sitk = optional_package("SimpleITK")
     made = [_to_itk(sitk, part) for part in sampled_parts(field, grid, progress, exact=(BSplineField,))]
     whole = made[0] if len(made) == 1 else sitk.CompositeTransform(made[::-1])  # ITK begins with the last one

@@ -1,7 +1,7 @@
 """Files of ITK's transforms, read without ITK: text (.tfm, .txt), MATLAB's level 4 (.mat), HDF5 (.h5).
 
 Each is a list of transforms: the name of a class, its parameters and its fixed parameters. Sizes, counts and types are
-compared with what is there before any number is decoded.
+compared with the size of the data before any number is decoded.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ def _text(path: Path, dataset: Any) -> str:
 
 
 def _numbers(path: Path, dataset: Any, what: str) -> NDArray[np.float64]:
-    """The numbers of a dataset, after checks of type, count, memory and of what is stored."""
+    """The numbers of a dataset, after checks of type, count, memory and of the stored size."""
     if dataset.dtype.kind != "f" or dataset.dtype.itemsize not in (4, 8) or len(dataset.shape or ()) > 1:
         raise fail(
             path,
@@ -238,7 +238,7 @@ def _numbers(path: Path, dataset: Any, what: str) -> NDArray[np.float64]:
 
 
 def _check_stored(path: Path, dataset: Any, what: str) -> None:
-    """Refuse what lies in other files, needs other programs, or is not there: HDF5 fills that up with zeros."""
+    """Refuse data that are in other files, need other programs, or are missing: HDF5 fills that up with zeros."""
     if dataset.external or dataset.is_virtual:
         raise fail(path, f"its {what} lie in another file, which is not read.")
     plist = dataset.id.get_create_plist()

@@ -342,7 +342,7 @@ def _displacements(path: Path, given: ItkTransform) -> AbstractField:
             f"the grid of its {given.kind} has the spacing {printable(spacing.tolist(), 60)} and the axes "
             f"{printable(direction.tolist(), 80)}, which must be positive, and of length 1 at right angles.",
         )
-    # A raster has no directions: it lies along the axes of the grid, between the map to these and the one back.
+    # A raster has no directions: it is along the axes of the grid, between the map to these and the one back.
     flat = DisplacementField(values @ direction, Raster((size[1], size[0]), (spacing[0], spacing[1]), (0.0, 0.0)))
     return compose(Affine(direction, origin), flat, Affine(direction.T, -direction.T @ origin))
 
@@ -377,7 +377,7 @@ OTHERS: dict[str, OtherKind] = {
 
 
 def _check_counts(path: Path, given: ItkTransform) -> None:
-    """Refuse what has not as many numbers as its class; a grid is compared with what is there before it is made."""
+    """Refuse another count of numbers than the class has; a grid is compared with the data before it is made."""
     count, n = len(given.parameters), len(given.fixed)
     if given.kind == COMPOSITE:
         if count or n:

@@ -6,7 +6,7 @@ The i-th component of a field is along the i-th axis of its coordinate system, h
 stored along the axes of the grid, between two affine maps, because a scale and a translation are all that an image of
 NGFF may have. Source: https://ngff.openmicroscopy.org/0.6 and https://ngff.openmicroscopy.org/rfc/5.
 
-Read are scenes, and images which a transformation stands beside, as ngff-zarr writes them, in Zarr 2 and 3.
+Read are scenes, and images with a transformation next to them, as ngff-zarr writes them, in Zarr 2 and 3.
 """
 
 from __future__ import annotations
@@ -126,7 +126,7 @@ def _rows(matrix: NDArray[np.float64], offset: NDArray[np.float64]) -> list[list
 
 
 def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
-    """The one transformation of a scene, or beside an image."""
+    """The one transformation of a scene, or next to an image."""
     if not path.is_dir():
         raise fail(path, "it is no folder with a Zarr group.")
     ome = _attributes(path, path).get("ome")
@@ -351,7 +351,7 @@ class _Reader:
 
 
 def _check_chunks(path: Path, place: Path) -> None:
-    """Refuse what is neither a file nor a folder: a pipe would wait for ever, a link leads elsewhere."""
+    """Refuse all but files and folders: a pipe would block for ever, a link leads elsewhere."""
     for entry in place.rglob("*"):
         if entry.is_symlink() or not (entry.is_dir() or entry.is_file()):
             raise fail(path, f"{printable(entry.name, 40)} in it is no plain file; it is not read.")

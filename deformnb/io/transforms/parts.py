@@ -25,7 +25,7 @@ def sampled_parts(
 
     Parameters
     ----------
-    exact : kinds of fields that the file holds as they are, beside affine maps.
+    exact : kinds of fields that the file stores exactly, besides affine maps.
     """
     found = list[TransformPart]()
     reach = np.zeros(3)  # along the axes of the grid

@@ -14,7 +14,7 @@ FORWARD = "forward: from places of the input to places of the result, LPS"
 REMARKS = {"backward": BACKWARD, "forward": FORWARD}
 """Remarks by the direction of the map."""
 
-_START = 1 << 14  # bytes in which the header of each format ends, or the remark stands
+_START = 1 << 14  # bytes that contain the header of each format, or the remark
 _STATED = re.compile(rb"\b(?:backward|forward): from places of the [^\r\n\0\"<]{0,200}")
 
 

@@ -1,4 +1,4 @@
-"""DICOM series (read only): slices in files of their own or in frames, sorted by position along their common normal.
+"""DICOM series (read only): slices in separate files or in frames, sorted by position along their common normal.
 
 Nothing is guessed: several series, mixed geometry and double slices are named and refused; so are missing slices and
 tilted gantries, unless they are to be resampled (:data:`UNEVEN`). Source: DICOM PS3.3, sections C.7.6.2 (image plane),
@@ -83,17 +83,17 @@ _PICTURE_UID = "1.2.840.10008.1.2.4."
 _FIRST_GROUPS, _LAST_FIRST = (2, 8), 0x20
 _MOST_FRAMES = 100_000
 _DEFLATED = b"1.2.840.10008.1.2.1.99"
-_META_BYTES = 4096  # in which the field of the transfer syntax lies
+_META_BYTES = 4096  # that contain the field of the transfer syntax
 
 
 # Positions are printed with three to six decimals. One percent of a slice distance is beyond that rounding and far
-# below a missing slice; voxels then lie at most this much of a slice from where the scanner put them.
+# below a missing slice; voxels then are at most this much of a slice from their places in the scanner.
 _UNEVEN = 0.01
 
 # Orientation cosines are printed with at least four decimals; two slices of one series differ by no more.
 _COSINES = 1e-3
 
-# Rounding of positions to 0.001 along each axis, beside a line whose ends are rounded too.
+# Rounding of positions to 0.001 along each axis, relative to a line whose ends are rounded too.
 _ASIDE = 2e-3
 
 # The line of slice positions may lean against the normal by this tangent (0.06 degrees): the rounding of positions of
@@ -214,7 +214,7 @@ def read_header(path: Path, series: str | int | None = None, uneven_slices: str 
 
 
 def _read(path: Path, *, pixels: bool) -> Any:
-    """A pydicom data set; whatever pydicom raises on a damaged file is one error."""
+    """A pydicom data set; any exception of pydicom on a damaged file is one error."""
     pydicom = _pydicom()
     if not is_dicom(path):
         raise fail(path, "this is not a DICOM file: it lacks the mark DICM at byte 128.")
@@ -305,7 +305,7 @@ def _slice(path: Path, data: Any) -> _Slice:
     )
 
 
-# The fields of a frame and the functional group that holds each, of its own or shared by all.
+# The fields of a frame and the functional group that holds each, separate or shared by all.
 _GROUPS = {
     "ImagePositionPatient": "PlanePositionSequence",
     "ImageOrientationPatient": "PlaneOrientationSequence",
@@ -326,7 +326,7 @@ class _Frame:
         self._data = data
 
     def get(self, name: str, missing: Any = None) -> Any:
-        """As of a data set of pydicom."""
+        """Same as of a data set of pydicom."""
         for place in self._places if name in _GROUPS else ():
             items = place.get(_GROUPS[name])
             if items and items[0].get(name) is not None:
@@ -486,7 +486,7 @@ def _remarks(slices: list[_Slice]) -> tuple[str, ...]:
 
 
 def _step(slices: list[_Slice]) -> tuple[float, NDArray[np.float64], str]:
-    """Distance of slices, of uneven ones so that the first and the last keep their places; their depths from the first;
+    """Distance of slices, of uneven ones so that the first and the last do not move; their depths from the first;
     and why they form no straight grid, if they do not.
     """
     if len(slices) == 1:
@@ -677,7 +677,7 @@ def _picture(one: _Slice, codec: str, coded: bytes) -> NDArray[Any]:
 
 
 def _sign_extend(one: _Slice, pixels: NDArray[Any]) -> NDArray[Any]:
-    """Pixels in the type of the header: codecs without a sign keep the lower bits of numbers that have one."""
+    """Pixels in the type of the header: codecs without a sign store the lower bits of numbers that have one."""
     found = pixels.astype(one.dtype)
     if one.dtype.kind == "u" or pixels.dtype.kind == "i":
         return found

@@ -50,8 +50,8 @@ class Format:
     write : writes (volume, path, overwrite, progress), None where a format is only read.
     description : for people.
     folder_marks : for a format that is a folder: names of files of which each such folder has one.
-    units : of lengths in which it is written; None for any. What is in another one is written in millimetres, which
-        programs mean where a format has no room for a unit, or where they do not look at it (NRRD).
+    units : of lengths in which it is written; None for any. A volume in another one is written in millimetres, which
+        programs mean where a format has no room for a unit, or where they do not read it (NRRD).
 
     Examples
     --------
@@ -67,7 +67,7 @@ class Format:
     units: tuple[str, ...] | None = ("mm",)
 
     def written_unit(self, unit: str) -> str:
-        """The unit in which lengths of this one are written; what is not known stays so.
+        """The unit in which lengths of this one are written; an unknown unit stays unknown.
 
         Examples
         --------
@@ -267,8 +267,8 @@ def read_volume(
         it.
     is_labels : voxels are names of regions; by default as in the file, else only bool voxels are, and a note is added
         where whole numbers look like labels.
-    stride : keep every n-th voxel along each axis.
-    max_bytes : refuse a volume that takes more memory; by default 60 % of what is free here, containers included. Of a
+    stride : read every n-th voxel along each axis.
+    max_bytes : refuse a volume that takes more memory; by default 60 % of the free memory, in containers too. Of a
         pyramid (OME-Zarr) the finest level that takes no more is read, and a note names it.
     level : the level of a pyramid to be read, 0 for the finest; by default the finest that fits.
     uneven_slices : of a DICOM series: "refuse" one with missing or unevenly spaced slices or a tilted gantry, or
@@ -471,7 +471,7 @@ def _strided_shape(shape: tuple[int, int, int], stride: int) -> tuple[int, int, 
 def _memory(header: Header, stride: int) -> int:
     nz, ny, nx = _strided_shape(header.shape, stride)
     dtype = header.loaded_dtype
-    # These are cast after loading: the old and the new array exist at once.
+    # These are cast after loading: the old and the new array exist together.
     per_voxel = dtype.itemsize + {"int64": 8, "uint64": 8, "uint32": 8, "float16": 4}.get(dtype.name, 0)
     return nz * ny * nx * per_voxel + header.working_bytes
 

@@ -25,7 +25,7 @@ HEADER_BYTES = 2**20
 """Longest text header that is read. Real ones have a few kB; scanners' private fields stay below 100 kB."""
 
 MOST_SKIPPED = 2**26
-"""Bytes or lines before the voxels that a header may ask to skip."""
+"""Maximum of bytes or lines before the voxels that a header may skip."""
 
 # Sizes are Python integers, so nothing overflows; this many bytes no machine has (an exbibyte).
 _TOO_MANY_BYTES = 2**60
@@ -51,8 +51,8 @@ class Layout:
     colours : of the channels; empty where the file has none.
     interleaved : blocks come as [some z, y, x, channel], frame by frame; else as [some z, y, x], of each frame all
         slices of its first channel, then those of the second, and so on.
-    duration : from one frame to the next; 0 if the file does not say.
-    is_vector : the file says that its channels are the components of vectors.
+    duration : from one frame to the next; 0 if the file does not state it.
+    is_vector : the file states that its channels are the components of vectors.
     """
 
     frames: int = 1
@@ -66,7 +66,7 @@ class Layout:
 
     @property
     def is_single(self) -> bool:
-        """True for one volume."""
+        """Whether the file holds one volume."""
         return self.frames == 1 and self.channels == 1
 
     def __str__(self) -> str:
@@ -90,7 +90,7 @@ def layout_description(layout: Layout) -> str:
 
 
 def described_layout(layout: Layout, text: str) -> Layout:
-    """The layout with what such a line says of its channels, where it is one that fits; else as it is."""
+    """The layout with the channels of such a line, where it fits; else unchanged."""
     try:
         found = json.loads(text) if text else {}
         colours = tuple(triple([min(1.0, max(0.0, float(part))) for part in colour]) for colour in found["colours"])
@@ -136,7 +136,7 @@ class Geometry:
 
 @dataclass(frozen=True)
 class Header:
-    """All that is known of a volume file without reading its voxels.
+    """Description of a volume file, without its voxels.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ class Header:
     transposed : blocks come along x, as [x, y, z].
     is_labels : as in the file, None if it is not stated.
     notes : remarks for a status line.
-    working_bytes : memory that reading takes beside the voxels: a page, a packed and an unpacked strip or tile.
+    working_bytes : memory that reading takes besides the voxels: a page, a packed and an unpacked strip or tile.
     layout : channels and moments; the shape is that of one channel at one moment, the blocks are those of all.
     levels : headers of all resolutions of a pyramid, this one the first; empty for other files.
     unit : of lengths, a symbol of :data:`~deformnb.volume.units.UNITS`; "" where the file states none.
@@ -172,7 +172,7 @@ class Header:
 
     @property
     def is_scaled(self) -> bool:
-        """True if stored numbers differ from the values that they mean."""
+        """Whether stored numbers differ from the values that they encode."""
         return (self.slope, self.intercept) != (1.0, 0.0)
 
     @property

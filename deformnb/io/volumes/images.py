@@ -1,6 +1,6 @@
 """Pictures as volumes of one slice: PNG, JPEG and WebP, as grey values or in their colours.
 
-Rows of a picture run along y and columns along x, so that it stands upright when it is seen along z.
+Rows of a picture run along y and columns along x, so that it is upright when it is seen along z.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _DEEP = {"I;16", "I;16B", "I;16L", "I;16N"}
 
 
 def read_header(path: Path) -> Header:
-    """The header of a picture: its colours become grey values (ITU-R 601), and it is turned as its camera says."""
+    """The header of a picture: its colours become grey values (ITU-R 601), and its orientation tag is applied."""
     with _open(path) as picture:
         sideways = picture.getexif().get(0x0112, 1) in (5, 6, 7, 8)
         width, height = reversed(picture.size) if sideways else picture.size
@@ -99,7 +99,7 @@ def _save(values: NDArray[Any], path: Path, overwrite: bool) -> None:
 
 @contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    """The picture, not decoded yet; VolumeFileError for what is none, or is larger than any picture."""
+    """The picture, not decoded yet; VolumeFileError for no picture, or one larger than any picture."""
     from PIL import Image, UnidentifiedImageError
 
     try:

@@ -1,4 +1,4 @@
-"""Names of labels: of the segments in a file of 3D Slicer, or in a table that lies beside a label volume.
+"""Names of labels: of the segments in a file of 3D Slicer, or in a table next to a label volume.
 
 The segments of a file of 3D Slicer are written back with the labels that were deformed.
 """
@@ -39,7 +39,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     Parameters
     ----------
     path : of the volume. A segmentation of 3D Slicer (.seg.nrrd) names its segments itself. For any other file the
-        names are looked for in a table of the same name beside it, such as bones.csv beside bones.nii.gz: a .csv or
+        names are looked for in a table of the same name next to it, such as bones.csv for bones.nii.gz: a .csv or
         .tsv with columns "label" and "name", a colour table of 3D Slicer or FreeSurfer (.ctbl, .txt), or the label
         descriptions of ITK-SNAP (.label, .txt).
 
@@ -59,7 +59,7 @@ def read_label_names(path: str | Path) -> dict[int, str]:
     path = as_path(path)
     if path.suffix.lower() in (".nrrd", ".nhdr") and (own := segment_names(path)):
         return own
-    if not path.name:  # a folder without a name of its own, such as "."
+    if not path.name:  # a folder without a name, such as "."
         return {}
     stem = _VOLUMES.sub("", path.name)
     for ending in LABEL_TABLES:
@@ -152,7 +152,7 @@ def _table(text: str) -> dict[int, str]:
 
 
 def _columns(rows: list[list[str]]) -> dict[int, str]:
-    """Names by label of a table whose first row says which columns they are."""
+    """Names by label of a table whose first row names the columns."""
     head = [cell.strip().lower().replace(" ", "_") for cell in rows[0]]
     number = next((k for k, cell in enumerate(head) if cell in _NUMBERS), None)
     name = next((k for k, cell in enumerate(head) if cell in _NAMES), None)

@@ -103,7 +103,7 @@ def _fields(path: Path) -> tuple[dict[str, str], int]:
 
 
 def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must lie beside it; of a set the
+    """The file with the voxels: this one, or the one that its header names, which must be next to it; of a set the
     first.
     """
     fields, end = _fields(path)

@@ -46,13 +46,13 @@ _UNITS = {code: unit for unit, code in NIFTI_UNITS.items()}
 _LARGEST = 32767  # NIfTI-1 stores sizes in 16 bits
 FIRST_VOXEL = 352
 
-# Extensions (text of other programs) may lie before the voxels; more than this is no extension but a damaged header.
+# Extensions (text of other programs) may precede the voxels; more than this is no extension but a damaged header.
 MOST_EXTENSIONS = 2**26
 
 
 @dataclass(frozen=True)
 class _Fields:
-    """The fields that matter, of either version."""
+    """The fields in use, of either version."""
 
     dim: tuple[int, ...]
     pixdim: tuple[float, ...]
@@ -133,7 +133,7 @@ def _reader(data: bytes, order: str) -> Any:
 def _stored_fields(path: Path) -> tuple[_Fields, bool]:
     """The fields of a file, and whether it is packed."""
     with path.open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"  # what the file is counts, not what it is called
+        packed = file.read(2) == b"\x1f\x8b"  # the content of the file counts, not its name
     source = Source(path, encoding="gzip" if packed else "raw")
     with closing(source.open()) as stream:
         return _fields(path, take(stream, 544)), packed
@@ -227,7 +227,7 @@ def _scaling(path: Path, scaling: tuple[float, float]) -> tuple[float, float, tu
 
 
 def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
-    """The sform as an LPS affine if it counts, and remarks on where the volume lies."""
+    """The sform as an LPS affine if it counts, and remarks on the place of the volume."""
     qform_code, sform_code = fields.codes
     notes = tuple(
         f"the {name}_code {code} is none that NIfTI defines; it counts as {'a' if code > 0 else 'no'} place"
@@ -253,7 +253,7 @@ def _affine(path: Path, fields: _Fields) -> tuple[NDArray[np.float64] | None, tu
 
 
 def _difference(path: Path, fields: _Fields, affine: NDArray[np.float64]) -> str:
-    """A remark on what the file says of the place beside its sform, if that is something else."""
+    """A remark on other places that the file states besides its sform, if they differ."""
     if fields.codes[0] <= 0:
         same = np.allclose(np.linalg.norm(affine[:3, :3], axis=0), fields.pixdim[1:4], rtol=1e-3)
         sizes = _number_list(fields.pixdim[1:4])

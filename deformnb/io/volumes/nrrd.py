@@ -98,7 +98,7 @@ _SPACES_OF_PATIENTS = re.compile(r"anterior|posterior|^(lps|ras|las)$")
 _VECTORS = {"vector", "covariant-vector", "normal", "2-vector", "3-vector", "4-vector", "3-gradient", "3-normal"}
 _PLACES = {"domain", "space", "???", "none"}
 
-_LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of our own
+_LABELS_KEY = "deformnb_labels"  # NRRD has no field for voxels that are names of regions; hence a key of deformnb
 _CHANNELS_KEY = "deformnb_channels"  # nor for the names of channels
 
 
@@ -150,7 +150,7 @@ def _split_file_list(text: str) -> tuple[str, str]:
 
 
 def data_file(path: Path) -> Path:
-    """The file with the voxels: this one, or the one that its header names, which must lie beside it; of a set the
+    """The file with the voxels: this one, or the one that its header names, which must be next to it; of a set the
     first.
     """
     header = _fields(path)
@@ -179,7 +179,7 @@ def read_header(path: Path) -> Header:
     unit, factors, unit_notes = _unit(path, fields, axes)
     affine = _affine(path, fields, axes, dimension, factors)
     notes += affine.pop("notes", ())
-    # What 3D Slicer saves as a segmentation holds the numbers of segments, although no field of NRRD says so.
+    # A segmentation of 3D Slicer holds the numbers of segments, although no field of NRRD states it.
     labels = True if keys.get(_LABELS_KEY) == "yes" or "Segment0_LabelValue" in keys else None
     crc = stated_crc(comments, fields.get("datafile", ""))
     blocks = layout_blocks(source, shape, dtype, layout, lambda s, whole: check_blocks(s, whole, dtype, crc, path))
@@ -233,7 +233,7 @@ def _dtype(path: Path, fields: dict[str, str]) -> np.dtype[Any]:
 def _places(path: Path, fields: dict[str, str], sizes: list[int]) -> tuple[list[int], Layout]:
     """Indices of the axes x, y and z, and the channels and moments along the others.
 
-    The parts of a voxel lie along the first axis, moments along the last.
+    The parts of a voxel are along the first axis, moments along the last.
     """
     kinds = named = fields["kinds"].lower().split() if "kinds" in fields else ["domain"] * len(sizes)
     if "spacedirections" in fields:
@@ -340,7 +340,7 @@ def _unit(path: Path, fields: dict[str, str], axes: list[int]) -> tuple[str, NDA
     """The unit of lengths, by how much the numbers along the three axes are multiplied to be in it, and notes.
 
     Units of the space belong to its coordinates, others to the axes of the array. Where a file has neither, one that
-    lies in a patient is in millimetres, as ITK and 3D Slicer mean it.
+    is placed in a patient is in millimetres, as ITK and 3D Slicer mean it.
     """
     name = "spaceunits" if "spaceunits" in fields else "units"
     if name not in fields:
@@ -446,7 +446,7 @@ def write_segmentation(
 ) -> None:
     """Write labels with the keys of a segmentation of 3D Slicer (:func:`segment_keys`).
 
-    The box of each segment, which Slicer keeps beside its number, is found anew.
+    The box of each segment, which Slicer stores with its number, is computed anew.
     """
     known = {
         found[1]: int(value)
@@ -493,11 +493,11 @@ def _header_text(
         f"encoding: {encoding}",
         "space origin: (" + ",".join(map(repr, grid.origin)) + ")",
     ]
-    # In millimetres a file says nothing, as ITK and 3D Slicer write it: see _unit.
+    # In millimetres a file states no unit, as ITK and 3D Slicer write it: see _unit.
     lines += [] if grid.unit == "mm" else ["space units: " + " ".join([f'"{grid.unit}"'] * 3)]
     lines += [f"{_LABELS_KEY}:=yes"] if volume.is_labels and not keys else []
     lines += [f"{_CHANNELS_KEY}:={layout_description(layout)}"] if parts else []
     lines += [f"{key}:={value}" for key, value in keys.items()]
-    # The data file comes last: in some readers whatever follows a detached file's name is lost.
+    # The data file comes last: in some readers all fields after a detached file's name are lost.
     lines += [f"data file: {data_file}"] if data_file else []
     return ("\n".join(lines) + "\n\n").encode()

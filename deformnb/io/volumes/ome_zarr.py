@@ -1,11 +1,11 @@
 """OME-Zarr: a volume as a pyramid of arrays of chunks in a folder, versions 0.4 (Zarr 2) and 0.5 (Zarr 3).
 
 Specification: https://ngff.openmicroscopy.org/0.5/. zarr-python reads and writes the arrays. The metadata of a pyramid
-are a page of JSON, which is written and checked here: a job may write its levels block by block, and a reader must know
-all sizes before it takes memory.
+are a document of JSON, which is written and checked here: a job may write its levels block by block, and a reader must
+know all sizes before it takes memory.
 
 The format places axes by scale and translation only and knows no directions. Those of a grid whose axes are oblique are
-kept in attributes of our own ("deformnb"); other programs then see the volume along its own axes.
+stored in attributes named "deformnb"; other programs then see the volume along its own axes.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ ZARR_SUFFIX = ".zarr"
 VERSIONS = {"0.5": 3, "0.4": 2}
 """Versions of OME-Zarr that are written, the usual one first, and the version of Zarr that each one has."""
 
-# Levels are halved until the longest side is this long: a view of the whole that opens at once.
+# Levels are halved until the longest side is this long: an overview that opens immediately.
 _SMALLEST = 256
 _MOST_LEVELS = 32
 
@@ -48,7 +48,7 @@ _MOST_CHECKED = 2**32
 # Voxels along each axis of a chunk: 2^20 in all, the block that one call of the warp computes.
 CHUNK_SHAPE = (64, 128, 128)
 
-# zarr-python decodes up to this many chunks at once (its setting async.concurrency).
+# zarr-python decodes up to this many chunks concurrently (its setting async.concurrency).
 _AT_ONCE = 10
 
 MARKS = ("zarr.json", ".zgroup", ".zarray")
@@ -110,7 +110,7 @@ class Level:
 
     @property
     def chunk_bytes(self) -> int:
-        """Bytes of one chunk when it is unpacked; of one shard where chunks lie in shards."""
+        """Bytes of one chunk when it is unpacked; of one shard where chunks are in shards."""
         return math.prod(self.stored) * int(self.array.dtype.itemsize)
 
     @property
@@ -238,7 +238,7 @@ def checksum(path: Path) -> str:
 
 
 def _check_metadata(path: Path) -> None:
-    """Refuse metadata that are longer than any real ones, of the group and of what lies directly in it."""
+    """Refuse metadata that are longer than any real ones, of the group and of its direct members."""
     folders = [path, *(entry for entry in path.iterdir() if entry.is_dir())]
     for file in (folder / name for folder in folders for name in _META_FILES):
         if file.is_file() and file.stat().st_size > HEADER_BYTES:
@@ -312,7 +312,7 @@ def _from_image_set(path: Path, group: zarr.Group, ome: Mapping[str, Any]) -> Py
     raise fail(path, "this Zarr group has no multiscales and so is no OME-Zarr image; name one of its arrays.")
 
 
-# What the axes of a version without their names are.
+# Axes of a version without their names.
 _OLD_AXES = ("", "0.1", "0.2")
 
 
@@ -471,7 +471,7 @@ def _level(
 
 
 def _check_chunks(path: Path, array: zarr.Array[Any]) -> None:
-    """Refuse an array in so many small chunks that it would be read for hours; a page of metadata may claim them."""
+    """Refuse an array in so many small chunks that it would be read for hours; damaged metadata may claim them."""
     count = math.prod(-(-n // size) for n, size in zip(array.shape, array.chunks, strict=True))
     if count > _MOST_SMALL and math.prod(array.chunks) < _SMALL:
         size = " x ".join(map(str, array.chunks))
@@ -706,5 +706,5 @@ def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None
 
 
 def _halve_in_slabs(values: NDArray[Any], discrete: bool) -> NDArray[Any]:
-    """:func:`halve` with little memory beside the result."""
+    """:func:`halve` with little memory besides the result."""
     return np.concatenate([halve(values[k : k + 16], discrete=discrete) for k in range(0, len(values), 16)])

@@ -113,7 +113,7 @@ def open_series(
         one volume is a series of one.
     spacing : (x, y, z) instead of the file's.
     is_labels : voxels are names of regions; by default as in the file.
-    max_bytes : refuse a file one moment of which takes more memory; by default 60 % of what is free here.
+    max_bytes : refuse a file one moment of which takes more memory; by default 60 % of the free memory.
     unit : of the lengths, instead of the file's.
 
     Raises
@@ -218,7 +218,7 @@ def write_series(
 
     Parameters
     ----------
-    moments : the channels of each, alike in grid, type and number.
+    moments : the channels of each, equal in grid, type and number.
     path : ends in .nrrd, .nii.gz, .nii, .mha or .ome.tif; for one moment of colours in one slice also .png, .jpg or
         .webp; for one moment of one channel in any suffix of :data:`FORMATS` that is written.
     count : number of moments, which the header states before they are there.
@@ -306,7 +306,7 @@ def write_series(
 def _write_tiff(
     queue: Iterator[Channels], target: Path, first: Channels, layout: Layout, overwrite: bool, progress: Progress | None
 ) -> None:
-    """Write moments as the pages of an OME-TIFF file; their colours lie together in a page."""
+    """Write moments as the pages of an OME-TIFF file; their colours are together in a page."""
     is_colour = layout.kind != "channels"
     dtype, (_, ny, nx) = stored_dtype(first[0]), first.grid.shape
     page = (ny, nx, len(first)) if is_colour else (ny, nx)
@@ -360,7 +360,7 @@ def _pieces(
 
 
 def _storable_type(header: Header) -> np.dtype[Any]:
-    """The type of voxels that a volume keeps and the file's values fit, without looking at them."""
+    """The type of voxels that a volume stores and the file's values fit, without reading them."""
     dtype = header.loaded_dtype
     larger = {"float16": "float32", "uint32": "float64", "int64": "float64", "uint64": "float64"}.get(dtype.name)
     if dtype.name in ("int64", "uint64"):

@@ -1,7 +1,7 @@
 """TIFF stacks: a file of many pages, or a folder of single pages in the natural order of their names.
 
 Files are written as OME-TIFF by tifffile: axes, voxel size with its unit, names and colours of channels. OME has no
-place for the origin and the directions of a grid, nor for what is labels: these are annotations of our own, of the kind
+place for the origin and the directions of a grid, nor for labels: these are annotations of deformnb, of the kind
 that OME has for that (MapAnnotation), which other programs show as such.
 
 Pages are read by :mod:`deformnb.io.volumes.tiff_pages`. Source: the descriptions that ImageJ, OME and tifffile put into
@@ -82,7 +82,7 @@ def slices_of(path: Path) -> list[Page]:
 
 
 def _description(path: Path) -> tuple[str, _Described]:
-    """The text in the first page, and what it says."""
+    """The text in the first page, and its content."""
     with regular_file(path).open("rb") as file:
         _, tags = next(directories(path, file))
     description = tags.get(DESCRIPTION, b"")
@@ -114,7 +114,7 @@ def _natural(path: Path) -> tuple[list[Any], str]:
 
 
 def _header(path: Path, pages: Callable[[], _Pages], found: _Described) -> Header:
-    """Header common to all pages; only the first is kept, because each may have a table of half a million strips."""
+    """Header common to all pages; only the first is stored, because each may have a table of half a million strips."""
     first, count, previews, working_bytes = None, 0, 0, 0
     for page, _ in pages():
         if page is None:
@@ -203,7 +203,7 @@ def _layout(path: Path, found: _Described, page: Page, count: int) -> tuple[Layo
 
 
 def _sorted_blocks(path: Path, pages: _Pages, order: str, counts: tuple[int, int, int]) -> Iterator[NDArray[Any]]:
-    """The pages moment by moment, channel by channel and slice by slice, which may lie in another order.
+    """The pages moment by moment, channel by channel and slice by slice, which may be stored in another order.
 
     Parameters
     ----------
@@ -311,12 +311,12 @@ class _Described:
     Parameters
     ----------
     unit : of the spacing; "" where it is not known.
-    count : pages that the file has, which may lie one after another behind a single one; None if it is not stated.
+    count : pages that the file has, which may follow one another behind a single one; None if it is not stated.
     layout : its channels, still those in colours too, and moments.
     order : of the pages, the axis that changes fastest first.
     slices : number of slices; None if it is not stated.
     images : how many images the file has, of which the first is read.
-    plane : columns, rows and type of the pixels that OME states; None for what it does not.
+    plane : columns, rows and type of the pixels that OME states; None for those that it does not.
     """
 
     spacing: Float3 | None = None
@@ -392,7 +392,7 @@ def _from_imagej(path: Path, text: str, tags: Tags) -> _Described:
     duration = _number(fields.get("finterval", ""))
     if "finterval" in fields and (duration is None or duration < 0) and frames > 1:
         notes += (f"its finterval '{printable(fields['finterval'], 20)}' is no time between moments, and is not used",)
-    # ImageJ keeps colours of RGB in the pixels, and its other channels in pages that change fastest.
+    # ImageJ stores colours of RGB in the pixels, and its other channels in pages that change fastest.
     layout = Layout(frames, channels, duration=max(0.0, duration or 0.0))
     spacing, unit, more = _imagej_lengths(path, fields, tags)
     count = images if "images" in fields else channels * slices * frames if named else None
@@ -486,7 +486,7 @@ def _from_tifffile(path: Path, text: str, tags: Tags) -> _Described:
 
 
 def _planes(path: Path, shape: list[int], tags: Tags) -> list[int]:
-    """The sizes of the axes along which pages lie: those of a shape before the ones of a page."""
+    """The sizes of the axes of pages: those of a shape before the ones of a page."""
     (height,), (width,) = (whole_numbers(tags, tag)[:1].tolist() or [0] for tag in (HEIGHT, WIDTH_TAG))
     samples = (*whole_numbers(tags, SAMPLES)[:1].tolist(), 1)[0]
     for plane in ([height, width], [height, width, samples], [samples, height, width]):
@@ -556,7 +556,7 @@ _ANNOTATION = re.compile(r'<M K="deformnb ([a-z]+)">([^<]{1,400})</M>')
 
 
 def _annotate(header: Header, text: str) -> Header:
-    """The header with origin, directions and labels of our own annotations, where :func:`write` has left them."""
+    """The header with origin, directions and labels of the annotations of :func:`write`, where there are any."""
     found = {key: value.split() for key, value in _ANNOTATION.findall(text)}
     try:
         origin = tuple(map(float, found.get("origin", ("0", "0", "0"))))

@@ -126,7 +126,7 @@ class PageCodec:
     Parameters
     ----------
     width : pixels in a row of a part.
-    samples : numbers of a pixel that lie together; one where ``is_plane``, for then each part is of one plane.
+    samples : numbers of a pixel that are stored together; one where ``is_plane``, for then each part is of one plane.
     """
 
     path: Path
@@ -145,7 +145,7 @@ class PageCodec:
 
     @property
     def copies(self) -> int:
-        """Number of times that a part lies in memory while it is unpacked."""
+        """Number of copies of a part in memory while it is unpacked."""
         return 2 if self.predictor != 1 or self.compression in _PICTURES or self.bits % 8 else 1
 
     def packed_bytes(self, rows: int) -> int:
@@ -198,7 +198,7 @@ class PageCodec:
         return found[..., None]
 
     def _picture(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
-        """A coded picture; those of tiles at the border may leave out what lies beyond it."""
+        """A coded picture; those of tiles at the border may leave out pixels beyond it."""
         codec, parts = _PICTURES[self.compression], () if self.samples == 1 else (self.samples,)
         options = self._jpeg_options() if codec == "jpeg8" else {}
         whole = (rows, self.width)
@@ -223,12 +223,12 @@ class PageCodec:
 
 @dataclass(frozen=True)
 class Page:
-    """One picture of a file: its type, its size, and where its parts lie.
+    """One picture of a file: its type, its size, and the places of its parts.
 
     Parameters
     ----------
     part : rows and columns of a strip or a tile.
-    samples : numbers of a pixel, which lie together; or, if ``is_planar``, in a plane of parts each.
+    samples : numbers of a pixel, which are stored together; or, if ``is_planar``, in a plane of parts each.
     """
 
     path: Path
@@ -363,7 +363,7 @@ def whole_numbers(tags: Tags, tag: int) -> NDArray[Any]:
 
 
 def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
-    """The one whole number of a field; each sample may have its own, if all are alike."""
+    """The one whole number of a field; each sample may have its own, if all are equal."""
     if tag not in tags and missing is not None:
         return missing
     value = whole_numbers(tags, tag)
@@ -380,7 +380,7 @@ def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
 
 
 def page_of(path: Path, order: str, tags: Tags) -> Page:
-    """The page that fields describe, if its pixels can be read and all of its parts lie in the file."""
+    """The page that fields describe, if its pixels can be read and all of its parts are in the file."""
 
     def one(tag: int, missing: int | None = None) -> int:
         return _one(path, tags, tag, missing)
@@ -465,7 +465,7 @@ def _check_packing(page: Page, fill: int, planar: int) -> None:
 
 
 def _check_parts(page: Page) -> None:
-    """Refuse a page whose strips or tiles are too few or too many, or do not all lie in the file."""
+    """Refuse a page whose strips or tiles are too few or too many, or are not all in the file."""
     path, offsets, counts, (high, wide) = page.path, page.offsets, page.counts, page.part
     size = path.stat().st_size
     if min(high, wide) < 1 or high * wide * page.pixel_bytes > 2**40:

@@ -122,7 +122,7 @@ class SeveralSources:
     parts: tuple[Source, ...]
 
     def blocks(self, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> Callable[[], Iterator[NDArray[Any]]]:
-        """As :meth:`Source.blocks`; every file must hold its share of the voxels and no more."""
+        """Same as :meth:`Source.blocks`; every file must hold its share of the voxels and no more."""
         share, rest = divmod(math.prod(shape), len(self.parts))
         if rest:
             raise fail(
@@ -333,7 +333,7 @@ def _remove_unused(header: Path, before: str | None, named: Callable[[Path], str
     """Remove the data files of earlier versions, also those whose writer was killed before it wrote the header.
 
     What this package has not named is not removed, nor what another process is just writing. The header is read when
-    the lock of a data file is ours: by then whoever wrote that file has written its header too.
+    the lock of a data file is ours: by then the writer of that file has written its header too.
     """
     with suppress(OSError):
         for file in list(header.parent.iterdir()):

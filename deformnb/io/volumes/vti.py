@@ -25,10 +25,10 @@ from deformnb.volume.volume import Grid, Matrix3, Volume
 
 _NAMES = {dtype: name for name, dtype in TYPES.items()}
 
-# VTK has no units; in 3D Slicer, and beside the images of ITK, its lengths are millimetres.
+# VTK has no units; in 3D Slicer, and among the images of ITK, its lengths are millimetres.
 _UNIT = "mm"
 
-# An array of this name holds labels: VTI has no other place that VTK keeps.
+# An array of this name holds labels: VTI has no other place that VTK preserves.
 _LABELS = "labels"
 
 
@@ -100,7 +100,7 @@ def _geometry(file: VtkXml) -> tuple[list[int], dict[str, Any]]:
 
 
 def write(volume: Volume, path: Path, overwrite: bool, progress: Progress | None) -> None:
-    """Write VTI: appended raw zlib blocks of one MiB; bool becomes uint8, labels are called "labels"."""
+    """Write VTI: appended raw zlib blocks of one MiB; bool becomes uint8, labels are named "labels"."""
     name = "".join(c for c in volume.name if c.isprintable())
     name = _LABELS if volume.is_labels else name if name not in ("", _LABELS) else "values"
     dtype = stored_dtype(volume)

@@ -1,4 +1,4 @@
-"""A file is written whole or not at all, and what stands in the way is said before any work."""
+"""A file is written whole or not at all, and obstacles are reported before any work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How much memory there is: the limits of containers and of all groups around the process count."""
+"""Free memory: the limits of containers and of all groups around the process count."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ WRITTEN: dict[str, Callable[[Rows, Rows], str]] = {
     "elastix": lambda moving, _: f"point\n4\n{joined(moving)}",
     "pygem": prm,
 }
-"""A file of four landmarks as another program writes it, by format: written here by hand."""
+"""A file of four landmarks as another program writes it, by format: written literally here."""
 
 
 def test_every_format_is_written_by_hand_here() -> None:

@@ -72,7 +72,7 @@ BIGWARP = (
 )
 @pytest.mark.parametrize("name", ["a.json", "a.bigwarp.json"])
 def test_json_of_bigwarp(name: str, text: str, tmp_path: Path) -> None:
-    """By hand, after LandmarkTableModel.toJson of BigWarp 9: alone, in a transform and in a project."""
+    """Literally, after LandmarkTableModel.toJson of BigWarp 9: alone, in a transform and in a project."""
     (tmp_path / name).write_text(text, encoding="utf-8")
     assert is_landmarks(tmp_path / name)
     marks = read_landmarks(tmp_path / name)

@@ -1,4 +1,4 @@
-"""Control points from text: round trips, spreadsheets, BigWarp, and what is refused in words."""
+"""Control points from text: round trips, spreadsheets, BigWarp, and errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Landmarks in files that other programs have read and written again: tests/fixtures/landmarks/README.md says how."""
+"""Landmarks in files that other programs have read and written again: see tests/fixtures/landmarks/README.md."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_a_program_has_read_what_is_written_and_wrote_the_same(
 ) -> None:
     write_landmarks(LANDMARKS, tmp_path / ours)
     assert (tmp_path / ours).read_text(encoding="utf-8") == (FILES / ours).read_text(encoding="utf-8"), (
-        "what is written has changed: let the program read it again"
+        "the written file has changed: let the program read it again"
     )
     found = read_landmarks(FILES / theirs)
     assert np.abs(found.points - LANDMARKS.points).max() <= limit

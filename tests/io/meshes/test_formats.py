@@ -1,4 +1,4 @@
-"""Surface files: what is written is what is read, other programs' files, and damage of every kind."""
+"""Surface files: round trips, other programs' files, and damage of every kind."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_files_of_vtk_are_read(kind: str, binary: bool, ball: Mesh, tmp_path: Pa
 
 
 def test_polygons_become_triangles(tmp_path: Path) -> None:
-    # An arrowhead that is not convex: a fan from its first corner would cover what lies outside.
+    # An arrowhead that is not convex: a fan from its first corner would cover the outside.
     text = "v 0 0 0\nv 2 0 0\nv 2 2 0\nv 1.5 0.5 0\nf 4 1 2 3\nf 1 2 3\n"
     path = tmp_path / "arrow.obj"
     path.write_text(text, encoding="utf-8")
@@ -179,7 +179,7 @@ def test_damaged_files_are_refused_in_one_sentence(
         read_mesh(tmp_path / name)
     assert str(caught.value).isprintable()
     assert str(tmp_path) not in str(caught.value)
-    assert capfd.readouterr() == ("", "")  # VTK says nothing on its own
+    assert capfd.readouterr() == ("", "")  # VTK prints nothing by itself
 
 
 def test_no_file_and_no_place_to_write(tmp_path: Path) -> None:
@@ -212,7 +212,7 @@ from deformnb.io.meshes.formats import read_mesh
 warnings.simplefilter("error")
 path, cases = Path(sys.argv[1]), int(sys.argv[2])
 whole = path.read_bytes()
-faces = len(read_mesh(path).faces)  # what it imports is outside the limit
+faces = len(read_mesh(path).faces)  # its imports are outside the limit
 if sys.platform == "linux":
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, resource.RLIM_INFINITY))
@@ -232,7 +232,7 @@ for case in range(cases):
     except DeformError as error:
         assert str(error).startswith(path.name + ": "), case
     else:
-        assert case % 2 == 0 or len(mesh.faces) == faces, case  # what is cut short is seen
+        assert case % 2 == 0 or len(mesh.faces) == faces, case  # a file that is cut short is detected
     signal.alarm(0)
 print("all")
 """
@@ -242,7 +242,7 @@ print("all")
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of a process are POSIX")
 @pytest.mark.parametrize(
     ("kind", "binary"),
-    [  # an OBJ file of others does not say where it ends
+    [  # an OBJ file of others does not state its end
         (kind, binary) for kind in sorted(MESH_FORMATS) for binary in (True, False) if binary or kind != "obj"
     ],
 )

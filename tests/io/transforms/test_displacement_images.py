@@ -1,4 +1,4 @@
-"""Images of displacements: cut and damaged files are refused, and what is read is what nibabel and SimpleITK read."""
+"""Images of displacements: cut and damaged files are refused, and fields equal those of nibabel and SimpleITK."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def test_a_file_that_is_cut_short_is_refused(suffix: str, short: int, tmp_path: 
     data.write_bytes(data.read_bytes()[:-short])
     with pytest.raises(VolumeFileError, match=r"^a\."):
         read_transform(path)
-    if suffix.startswith(".nii") and short > 8:  # as nibabel does, which does not look at gzip's checksum at the end
+    if suffix.startswith(".nii") and short > 8:  # as nibabel does, which does not check gzip's checksum at the end
         with pytest.raises((OSError, EOFError, ValueError)):
             np.asarray(nibabel.load(path).dataobj)
 

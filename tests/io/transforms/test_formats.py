@@ -1,4 +1,4 @@
-"""Transform files: what SimpleITK reads of ours resamples to the same voxels, and what it writes is applied here."""
+"""Transform files: SimpleITK resamples with ours to the same voxels, and those that it writes are applied here."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def _resampled(transform: Any) -> np.ndarray:
 
 
 def _itk(path: Path) -> Any:
-    """What SimpleITK finds in a file, as a transform."""
+    """The transform that SimpleITK reads of a file."""
     if path.name.endswith((".tfm", ".h5")):
         return sitk.ReadTransform(str(path))
     return sitk.DisplacementFieldTransform(sitk.ReadImage(str(path), sitk.sitkVectorFloat64))
@@ -182,7 +182,7 @@ ELASTIX = {
 
 @pytest.mark.parametrize("kind", ELASTIX)
 def test_parameter_files_of_elastix(kind: str, tmp_path: Path) -> None:
-    """By hand here; those that elastix writes are read in test_peers.py. The initial transform is applied first."""
+    """Literal files; those that elastix writes are read in test_peers.py. The initial transform is applied first."""
     centre = (3.0, -20.0, 15.0)
     numbers, make = ELASTIX[kind]
     (tmp_path / "first.txt").write_text(
@@ -243,7 +243,7 @@ def test_a_spline_of_elastix_is_that_of_itk_with_the_columns_of_its_direction(tm
 
 
 def test_kernel_transforms_interpolate_the_landmarks_of_the_file(tmp_path: Path) -> None:
-    """The thin-plate spline of ITK in space: the kernel r and an affine part, solved here by hand."""
+    """The thin-plate spline of ITK in space: the kernel r and an affine part, solved here literally."""
     source, target = RANDOM.uniform(0, 20, (9, 3)), RANDOM.uniform(0, 20, (9, 3))
     path = tmp_path / "spline.tfm"
     lines = [" ".join(map(repr, places.ravel().tolist())) for places in (source, target)]
@@ -283,7 +283,7 @@ def test_a_file_is_described_with_the_direction_of_its_map(
     dn.write_volume(VOLUME, tmp_path / "v.nrrd")
     names = [tmp_path / f"{name}.{suffix}" for name in ("there", "back", "again")]
     write_transform(field, names[0], GRID, inverse=names[1])
-    assert main(["transform", str(names[1]), str(tmp_path / "v.nrrd"), str(names[2])]) == 0  # and stays what it is
+    assert main(["transform", str(names[1]), str(tmp_path / "v.nrrd"), str(names[2])]) == 0  # and stays unchanged
     assert "it maps forward, as its source says" in capsys.readouterr().err
     for path, direction in zip(names, ("backward", "forward", "forward"), strict=True):
         assert main(["info", str(path)]) == 0

@@ -54,7 +54,7 @@ def where(made: Any, places: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(("kind", "dim"), KINDS)
 def test_a_linear_transform_is_the_map_that_itk_makes_of_it(kind: str, dim: int, seed: int, tmp_path: Path) -> None:
     one = text(f"{kind}_double_{dim}_{dim}", *numbers_of(kind, dim))
-    # SimpleITK has no class of its own for some of ITK's, but all within a composite.
+    # SimpleITK has no class for some of ITK's, but all within a composite.
     whole = written(tmp_path / "a.tfm", text(f"CompositeTransform_double_{dim}_{dim}", [], []), one)
     known = where(sitk.ReadTransform(str(whole)), places := RANDOM.uniform(-50, 50, (20, dim)))
     for path in (whole, written(tmp_path / "b.tfm", one)):

@@ -1,4 +1,4 @@
-"""Deformations for VTK: its grid transform maps points alike, and image data hold the displacements."""
+"""Deformations for VTK: its grid transform maps points equally, and image data hold the displacements."""
 
 from __future__ import annotations
 

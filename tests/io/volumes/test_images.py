@@ -36,7 +36,7 @@ def test_grey_values_are_kept(name: str, picture: Image.Image, wanted: np.ndarra
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_vtk_agrees(dtype: type, tmp_path: Path) -> None:
-    """By its PNG files, whose rows it numbers from the bottom."""
+    """Compare with its PNG files, whose rows it numbers from the bottom."""
     known = GREY.astype(dtype) * (257 if dtype is np.uint16 else 1)
     dn.write_volume(dn.Volume(known[None], dn.Grid((1, *known.shape))), tmp_path / "ours.png")
     reader = vtkPNGReader()

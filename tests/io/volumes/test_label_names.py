@@ -1,4 +1,4 @@
-"""Names of labels: from the tables that other programs write beside their label volumes."""
+"""Names of labels: from the tables that other programs write next to their label volumes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NRRD and MetaImage whose voxels lie in several files or are written as text."""
+"""NRRD and MetaImage whose voxels are in several files or are written as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""OME-Zarr in the forms of its specification and of other writers, and folders that claim what is not there."""
+"""OME-Zarr in the forms of its specification and of other writers, and folders that claim missing data."""
 
 from __future__ import annotations
 
@@ -262,7 +262,7 @@ def test_a_claim_without_any_chunk_is_filled_and_not_looked_for(tmp_path: Path) 
     read = read_volume(tmp_path / "a.zarr")
     assert (read.values[6:] == 3).all()
     assert "2994 of 3000 chunks" in read.notes[0]
-    assert time.monotonic() - began < 20  # one after the other zarr looks for them for minutes
+    assert time.monotonic() - began < 20  # sequentially zarr searches them for minutes
 
 
 @pytest.mark.parametrize("what", ["chunk", "zarr.json", "0/zarr.json", "array"])

@@ -1,4 +1,4 @@
-"""Channels, colours and moments: what is written is read back, here and by SimpleITK, nibabel and pynrrd."""
+"""Channels, colours and moments: written files are read back, here and by SimpleITK, nibabel and pynrrd."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ def test_packing_without_its_package_is_named(tmp_path: Path, monkeypatch: pytes
 
 
 def field_place(data: bytes, tag: int) -> int:
-    """Where the entry of a field of the first page begins, in a little-endian file that is no BigTIFF."""
+    """Offset of the entry of a field of the first page, in a little-endian file that is no BigTIFF."""
     first = struct.unpack_from("<I", data, 4)[0]
     count = struct.unpack_from("<H", data, first)[0]
     places = range(first + 2, first + 2 + 12 * count, 12)

@@ -1,4 +1,4 @@
-"""Pixels of TIFF files in every packing that tifffile writes, as tifffile itself reads them, and what is refused."""
+"""Pixels of TIFF files in every packing that tifffile writes, as tifffile itself reads them, and errors."""
 
 from __future__ import annotations
 

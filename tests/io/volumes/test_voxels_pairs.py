@@ -111,7 +111,7 @@ def test_other_programs_read_the_header_with_its_check_sum(suffix: str, is_label
 @pytest.mark.parametrize("suffix", PAIRS)
 @pytest.mark.parametrize("place", ["a", "other"])
 def test_what_other_programs_make_of_it_is_read(suffix: str, place: str, tmp_path: Path) -> None:
-    """They pass on what a header says of other voxels; the check sum must not be among it."""
+    """Other programs copy the comments of a header for other voxels; the check sum must not be among it."""
     sitk, nrrd = pytest.importorskip("SimpleITK"), pytest.importorskip("nrrd")
     path, other = tmp_path / f"a{suffix}", tmp_path / f"{place}{suffix}"
     write_volume(made(), path)
@@ -173,7 +173,7 @@ def test_a_data_file_that_another_process_writes_is_left_alone(suffix: str, tmp_
 
 
 class Disk:
-    """What is made safe and renamed, in order; a flush counts only if all bytes were handed to the system before."""
+    """Flushed and renamed files, in order; a flush counts only if all bytes were passed to the system before."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.events: list[tuple[str, str, int]] = []
