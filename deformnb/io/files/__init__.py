@@ -1,1 +1,1 @@
-"""Utilities of all formats: paths, atomic writing, memory checks, errors, streams, and decoding of text and pictures."""
+"""Shared utilities: paths, atomic writing, memory checks, errors, streams, and decoding of text and pictures."""
