@@ -109,14 +109,14 @@ def app_server(
 
     def make(server: PageServer) -> Bridge:
         bridge = Bridge(app.studio, app.thread, server)
-        _build_page(server.trame, app)
-        app.studio.observe(lambda _change: server.in_loop(_name_page, server.trame, app), "children")
+        _build_client(server.trame, app)
+        app.studio.observe(lambda _change: server.in_loop(_set_title, server.trame, app), "children")
         return bridge
 
     return PageServer(make, host=host, port=port, idle=idle)
 
 
-def _build_page(server: Any, app: Application) -> None:
+def _build_client(server: Any, app: Application) -> None:
     """Register the client of an application with trame's server.
 
     Parameters
@@ -133,7 +133,7 @@ def _build_page(server: Any, app: Application) -> None:
         AbstractElement("deformnb-studio")
 
 
-def _name_page(server: Any, app: Application) -> None:
+def _set_title(server: Any, app: Application) -> None:
     """Set the title of the client to the name of the open volume; in the server's thread."""
     with server.state:
         server.state.trame__title = _title(app)

@@ -77,7 +77,7 @@ class Bridge:
         """Script and styles of the page; those of widgets come with their states."""
         return ("app.js", "app.css")
 
-    def left(self) -> None:
+    def disconnect(self) -> None:
         """Drop the unfinished gestures of a client that has disconnected."""
         self._thread.call(self._studio.show_session)
 
@@ -100,7 +100,7 @@ class Bridge:
                 self._widgets[name] = new
                 new.comm = LocalComm(partial(self._publish, name), comm_id=name)
                 found[name] = new.get_state()
-                waiting += [_widget_of(reference) for reference in _references(found[name])]
+                waiting += [_find_widget(reference) for reference in _references(found[name])]
         return found
 
     def _publish(self, name: str, data: dict[str, Any], buffers: list[bytes]) -> None:
@@ -110,7 +110,7 @@ class Bridge:
         with self._lock:
             opened: dict[str, Any] = {}
             for reference in _references(data.get("state", {})):
-                opened |= self._reach(_widget_of(reference))
+                opened |= self._reach(_find_widget(reference))
             if opened:
                 message["opened"] = opened
                 self._drop_closed()
@@ -203,5 +203,5 @@ def _references(state: Any) -> Iterator[str]:
             yield from _references(value)
 
 
-def _widget_of(reference: str) -> Any:
+def _find_widget(reference: str) -> Any:
     return ipw.widget_serialization["from_json"](reference, None)

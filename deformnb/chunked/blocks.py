@@ -62,7 +62,7 @@ class Blocks:
         return z, y, x
 
 
-def shape_of(part: VoxelSlices) -> Shape:
+def part_shape(part: VoxelSlices) -> Shape:
     """Voxels of a part along z, y, x."""
     z, y, x = (s.stop - s.start for s in part)
     return z, y, x
@@ -97,10 +97,10 @@ class BlockWarp:
         """The voxels of one block of the result."""
         wanted, part = self.blocks.part(number), self.parts[number]
         if part is None:
-            return np.full(shape_of(wanted), self.fill, self.source.dtype)
+            return np.full(part_shape(wanted), self.fill, self.source.dtype)
         start = [min(s.start, n - b) for s, n, b in zip(wanted, self.output.shape, self.blocks.block, strict=True)]
         grid = self.output.crop((start[0], start[1], start[2]), self.blocks.block)
-        warper = Warper(self.volume_around(part), output=grid, fill=self.fill, method=self.method)
+        warper = Warper(self.window_volume(part), output=grid, fill=self.fill, method=self.method)
         if isinstance(self.field, Extrusion) and self.field.is_replication:
             axis = shared_axis(self.field.plane, warper.volume.grid, grid)
             if axis is not None:  # two copies in another order, and still half the time
@@ -108,12 +108,12 @@ class BlockWarp:
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(wanted, start, strict=True))
         return np.ascontiguousarray(warper(self.field).values[inner])
 
-    def volume_around(self, part: VoxelSlices) -> Volume:
+    def window_volume(self, part: VoxelSlices) -> Volume:
         """A part of the source in an array as large as all have; it touches the source's border where that does."""
         z, y, x = (min(s.start, n - w) for s, n, w in zip(part, self.source.shape, self.window, strict=True))
         values = aligned_empty(self.window, self.source.dtype)
         inner = tuple(slice(s.start - first, s.stop - first) for s, first in zip(part, (z, y, x), strict=True))
-        if shape_of(part) != self.window:
+        if part_shape(part) != self.window:
             values[...] = 0  # never sampled
         self.cache.read_into(part, values[inner])
         if values.dtype.kind == "f":
@@ -121,7 +121,7 @@ class BlockWarp:
         return Volume(values, self.source.grid.crop((z, y, x), self.window), is_labels=self.source.is_labels)
 
     @property
-    def carried(self) -> int:
+    def nbytes(self) -> int:
         """Bytes of the arrays that it holds: a source in memory, the samples of a field."""
         leaves = [getattr(self.source.reader, "array", None), *jax.tree_util.tree_leaves(self.field)]
         return sum(leaf.nbytes for leaf in leaves if isinstance(leaf, np.ndarray | jax.Array))
@@ -173,7 +173,7 @@ def plan_blocks(
     while True:
         blocks = Blocks(output.shape, block)
         found = _parts(blocks, lambda grid: source_part(bounds, field, grid, source.grid, method), output, progress)
-        sizes = np.array([shape_of(part) for part in found if part is not None] or [(1, 1, 1)])
+        sizes = np.array([part_shape(part) for part in found if part is not None] or [(1, 1, 1)])
         window: Shape = tuple(int(n) for n in sizes.max(axis=0))  # type: ignore[assignment]
         needed = _bytes(source, method, block, window)
         if needed <= memory:

@@ -39,14 +39,14 @@ def run_on_threads(work: Callable[[int], Any], numbers: Sequence[int], threads: 
 
 
 def run_on_cluster(
-    client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int, carried: int
+    client: Any, work: Callable[[int], Any], numbers: Sequence[int], at_once: int, nbytes: int
 ) -> Iterator[int]:
     """The same on the workers of a ``dask.distributed.Client``; a block whose worker fails is done by another one.
 
     Parameters
     ----------
     at_once : so many are in work at a time, if the memory suffices for fewer than the workers have threads.
-    carried : bytes of the arrays that the work holds.
+    nbytes : bytes of the arrays that the work holds.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -55,7 +55,7 @@ def run_on_cluster(
         return
     # Results of a worker can be computed again if that fails; scattered data are on each of them.
     shared = (
-        client.scatter(work, broadcast=True, hash=False) if carried > _LARGE else client.submit(_same, work, pure=False)
+        client.scatter(work, broadcast=True, hash=False) if nbytes > _LARGE else client.submit(_same, work, pure=False)
     )
     # Neighbours read the same chunks, which each worker caches: each begins with a separate run. Any other
     # one may take a block over.
@@ -107,7 +107,7 @@ def _call(work: Callable[[int], Any], number: int) -> None:
     work(number)
 
 
-def threads_of(client: Any) -> int:
+def count_threads(client: Any) -> int:
     """Threads of all workers of a client.
 
     Raises

@@ -13,7 +13,7 @@ import numpy as np
 from deformnb._typing import Progress
 from deformnb.checks import is_finite, short_value, warn
 from deformnb.chunked import execution
-from deformnb.chunked.blocks import Blocks, BlockWarp, plan_blocks, shape_of
+from deformnb.chunked.blocks import Blocks, BlockWarp, part_shape, plan_blocks
 from deformnb.chunked.sources import ChunkCache, LargeVolume, open_volume
 from deformnb.chunked.store import UnfinishedStore, fingerprint, unfinished_store
 from deformnb.errors import DeformError, MissingPackageError
@@ -114,12 +114,12 @@ def warp(
     own = getattr(deformation, "output", None)
     grid = as_output(output if output is not None else own if isinstance(own, Grid) else volume.grid, volume.grid)
     method = check_method(method, discrete=volume.discrete)
-    allowed = execution.threads_of(client) if client is not None else processors()
+    allowed = execution.count_threads(client) if client is not None else processors()
     if workers is not None:
         if isinstance(workers, bool) or not isinstance(workers, int | np.integer) or workers < 1:
             raise DeformError(f"workers must be a whole number from 1 on, got {short_value(workers)}.")
         allowed = min(allowed, int(workers)) if client is not None else int(workers)
-    limit = bytes_of(memory)
+    limit = parse_bytes(memory)
     block = _check_chunk_shape(chunks)
     if target is Volume:
         _check_result(volume, grid)
@@ -166,12 +166,12 @@ def _cautions(deformation: Any, volume: LargeVolume, field: AbstractField, grid:
     return (*(known(own) if known else ()), *([fold] if fold else []))
 
 
-def bytes_of(memory: float | str | None) -> int:
+def parse_bytes(memory: float | str | None) -> int:
     """A number of bytes from a number or a text: "500 MB", "2 GiB"; the default for None.
 
     Examples
     --------
-    >>> bytes_of("2 GB"), bytes_of("1.5GiB")
+    >>> parse_bytes("2 GB"), parse_bytes("1.5GiB")
     (2000000000, 1610612736)
     """
     if memory is None:
@@ -213,7 +213,7 @@ def _lazy(job: BlockWarp) -> Any:
     # The array may exist long after it was computed: it holds no chunks of the source.
     shared = delayed(replace(job, cache=ChunkCache(job.source, 0)), traverse=False)
     made = [
-        dask.array.from_delayed(delayed(_block)(shared, k), shape_of(job.blocks.part(k)), job.source.dtype)
+        dask.array.from_delayed(delayed(_block)(shared, k), part_shape(job.blocks.part(k)), job.source.dtype)
         for k in range(len(job.blocks))
     ]
     nz, ny, nx = job.blocks.counts
@@ -304,7 +304,7 @@ def _write(
             for number in (
                 execution.run_on_threads(work, missing, at_once)
                 if client is None
-                else execution.run_on_cluster(client, work, missing, at_once, 0 if level else job.carried)
+                else execution.run_on_cluster(client, work, missing, at_once, 0 if level else job.nbytes)
             ):
                 store.mark_finished(level, number)
                 if progress is not None:

@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.print_help(sys.stderr)
         return EXIT_ERROR
     try:
-        options = parser.parse_args(_joined(given))
+        options = parser.parse_args(_join_negative_values(given))
     except SystemExit as end:  # --help, --version, or a mistake that argparse has named
         return int(end.code or 0)
     try:
@@ -87,7 +87,7 @@ class _Parser(argparse.ArgumentParser):
         self.exit(EXIT_ERROR, f"{self.prog}: {message} ({self.prog} --help shows how)\n")
 
 
-def _joined(arguments: list[str]) -> list[str]:
+def _join_negative_values(arguments: list[str]) -> list[str]:
     """``--view -x`` as ``--view=-x``: argparse would take -x, or -1e3, for an option."""
     out: list[str] = []
     for argument in arguments:

@@ -213,7 +213,7 @@ def custom_grid(
 
         nodes = read_landmarks(nodes)
     if _are_landmarks(nodes):
-        nodes = _rows_of(nodes, name, rows)
+        nodes = _arrange_rows(nodes, name, rows)
     given = real_array(nodes)
     form = f"the grid {name!r} must be an array of shape (rows, columns, 2): the places (x, y) of its nodes, row by row"
     if given is None:
@@ -242,7 +242,7 @@ def _are_landmarks(given: object) -> TypeGuard[Landmarks]:
     return hasattr(given, "points") and hasattr(given, "names")
 
 
-def _rows_of(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
+def _arrange_rows(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     """Landmarks as rows of nodes: by their names, or row by row."""
     places, count = np.asarray(landmarks.points, dtype=np.float64), len(landmarks.points)
     if places.shape[1] == 3 and np.ptp(places[:, 2]) > 0:
@@ -281,7 +281,7 @@ GridLike: TypeAlias = "str | os.PathLike[str] | int | ThompsonGrid | Landmarks |
 """A grid or its name: a species or figure of Thompson's, own nodes or landmarks, or a file of these."""
 
 
-def _grid_of(given: GridLike, name: str) -> ThompsonGrid:
+def _resolve_grid(given: GridLike, name: str) -> ThompsonGrid:
     """The grid of a name, a figure's number, nodes, landmarks or a file of them."""
     if isinstance(given, ThompsonGrid):
         return given
@@ -352,7 +352,7 @@ def thompson_map(
     >>> thompson_map(leaf, older, box=(0.0, 80.0, 0.0, 30.0)).points.names
     ('r0 c0', 'r0 c1', 'r0 c2', 'r1 c0', 'r1 c1', 'r1 c2')
     """
-    a, b = _grid_of(source, "source"), _grid_of(target, "target")
+    a, b = _resolve_grid(source, "source"), _resolve_grid(target, "target")
     if a.nodes.shape != b.nodes.shape:
         raise DeformError(
             f"the grids of {a.species} and {b.species} have {a.nodes.shape[:2]} and {b.nodes.shape[:2]} "

@@ -63,7 +63,7 @@ def draw_core(
         Pillow.Transform.AFFINE,
         _places(picture, camera, size),
         Pillow.Resampling.BICUBIC,
-        fillcolor=bytes_of(background),
+        fillcolor=color_bytes(background),
     )
     return np.asarray(drawn)
 
@@ -102,7 +102,7 @@ def draw_core_mip(
     return np.asarray(np.clip(color, 0, 1) * 255 + 0.5, dtype=np.uint8)
 
 
-def bytes_of(color: Float3) -> tuple[int, int, int]:
+def color_bytes(color: Float3) -> tuple[int, int, int]:
     """A colour in [0, 1] as numbers from 0 to 255."""
     r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in color)
     return r, g, b

@@ -130,12 +130,12 @@ def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, f
     return edges[0], edges[1], edges[2], edges[3]
 
 
-def source_of(species: str) -> str:
+def source_figure(species: str) -> str:
     """The figure that Thompson drew next to a species, as the source of the map.
 
     Examples
     --------
-    >>> source_of("Orthagoriscus")
+    >>> source_figure("Orthagoriscus")
     'Diodon'
     """
     name = thompson_grid(species).species
@@ -168,7 +168,7 @@ def transform(
     """
     plane = Plane.from_view(volume.grid, view)
     before = project(volume, plane, "mip", progress=stage("look at it from the side"))
-    source = source or source_of(species)
+    source = source or source_figure(species)
     grids = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
     deformation = Deformation.from_picture_points(volume.grid, plane, grids.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
@@ -222,7 +222,7 @@ def check_demo(species: str, view: str, renderer: str) -> None:
     """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
     from deformnb.imaging.render import find_renderer
 
-    thompson_map(source_of(species), species)
+    thompson_map(source_figure(species), species)
     Plane.from_view(Grid((1, 1, 1)), view)
     find_renderer(renderer)
 

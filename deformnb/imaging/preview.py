@@ -60,9 +60,7 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
 
     (left, top), (right, bottom) = at([[a0, b0], [a1, b1]])
     extent = max(1, round(right - left)), max(1, round(bottom - top))
-    canvas.paste(
-        Images.fromarray(_inked(picture)).resize(extent, Images.Resampling.BILINEAR), (round(left), round(top))
-    )
+    canvas.paste(Images.fromarray(_ink(picture)).resize(extent, Images.Resampling.BILINEAR), (round(left), round(top)))
     draw = ImageDraw.Draw(canvas)
     for line in lines:
         draw.line(at(line), fill=_bytes(colours.grid), width=_FINE, joint="curve")
@@ -77,7 +75,7 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
     return np.asarray(canvas.resize((width, height), Images.Resampling.BOX))
 
 
-def _inked(picture: Picture) -> Image:
+def _ink(picture: Picture) -> Image:
     """The pixels as in drawings of the dark style."""
     dark, bright = (np.array(_bytes(c)) for c in (STYLES["dark"].dark, STYLES["dark"].bright))
     if picture.values.ndim == 3 or picture.colour_map != "grey":

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Faces, Layers, Look, PerspectiveCamera, light_at
+from deformnb.imaging.raycast import Faces, Layers, PerspectiveCamera, Shader, light_at
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -140,11 +140,11 @@ def project(
             raise DeformError(f"{name} must be a {kind.__name__}, got {short_value(given)}.")
     depth = None if depth is None else finite_number(depth, "the depth of a slice must be a length")
     how = PROJECTIONS[method]
-    look = Look.of(volume, as_transfer(transfer, volume), method == "shaded") if how.is_light else None
+    shader = Shader.from_volume(volume, as_transfer(transfer, volume), method == "shaded") if how.is_light else None
     if spacing is None and part is None and eye is None and ambience is None and voxel_order(volume.grid, plane):
-        picture = _project_voxels(volume, plane, how, look, depth, progress)
+        picture = _project_voxels(volume, plane, how, shader, depth, progress)
     else:
-        picture = _project_lattice(volume, plane, how, look, depth, spacing, part, eye, light, progress)
+        picture = _project_lattice(volume, plane, how, shader, depth, spacing, part, eye, light, progress)
     if progress is not None:
         progress(1.0)
     if picture.values.ndim == 3:
@@ -229,7 +229,7 @@ def voxel_order(grid: Grid, plane: Plane) -> list[tuple[int, int]] | None:
 
 
 def _project_voxels(
-    volume: Volume, plane: Plane, how: Projection, look: Look | None, depth: float | None, progress: Progress | None
+    volume: Volume, plane: Plane, how: Projection, shader: Shader | None, depth: float | None, progress: Progress | None
 ) -> Picture:
     order = voxel_order(volume.grid, plane)
     assert order is not None
@@ -238,9 +238,9 @@ def _project_voxels(
     dn, dv, du = (volume.grid.spacing[2 - axis] for axis, _ in order)
     corner = plane.to_plane(volume.grid.corners(centres=True)).min(axis=0)
     raster = Raster((turned.shape[1], turned.shape[2]), (du, dv), (float(corner[0]), float(corner[1])))
-    if look is not None:
+    if shader is not None:
         layers = Layers(turned.shape, (dn, dv, du), lambda k, rows: turned[k, rows])
-        values = _in_rows(layers, look.composite, progress)
+        values = _render(layers, shader.composite, progress)
     elif how.whole is not None:
         values = how.whole(turned)
     else:
@@ -258,7 +258,7 @@ def _slice_number(grid: Grid, plane: Plane, axis: int, depth: float) -> int:
     return index
 
 
-def _in_rows(layers: Layers, seen: Callable[[Layers, slice], NDArray[Any]], progress: Progress | None) -> NDArray[Any]:
+def _render(layers: Layers, seen: Callable[[Layers, slice], NDArray[Any]], progress: Progress | None) -> NDArray[Any]:
     """Render layers in blocks of rows."""
     tall, wide = layers.shape[1:]
     step = max(1, _PIXELS // wide)
@@ -272,7 +272,7 @@ def _project_lattice(
     volume: Volume,
     plane: Plane,
     how: Projection,
-    look: Look | None,
+    shader: Shader | None,
     depth: float | None,
     spacing: float | None,
     part: ClipBox | None,
@@ -289,18 +289,18 @@ def _project_lattice(
     raster = Raster(lattice.shape[1:], (d, d), (float(low[0]), float(low[1])))
     whole = ClipBox.whole(volume.grid)
     held = (whole,) if part is None else (whole, part)
-    if look is not None:
+    if shader is not None:
         if part is None and voxel_order(volume.grid, plane) is None:
             part = whole  # where the volume ends slopes are a staircase, seen aslant
-        look = replace(
-            look,
-            faces=None if part is None else Faces.of(part, plane, d),
+        shader = replace(
+            shader,
+            faces=None if part is None else Faces.from_part(part, plane, d),
             ambience=None if ambience is None else light_at(ambience, plane),
         )
-        values = _light(volume, lattice, plane, look, eye, progress)
+        values = _light(volume, lattice, plane, shader, eye, progress)
     elif how.seen is not None:
-        layers = Layers.of_lattice(volume, lattice, plane, held=held, eye=eye)
-        values = _rounded(_in_rows(layers, how.seen, progress), volume, how)
+        layers = Layers.from_lattice(volume, lattice, plane, held=held, eye=eye)
+        values = _rounded(_render(layers, how.seen, progress), volume, how)
     else:
         depths = plane.to_plane(volume.grid.corners())[:, 2]
         near, far = float(depths.min()), float(depths.max())
@@ -308,7 +308,7 @@ def _project_lattice(
             raise DeformError(f"the slice at depth {depth or 0.0:g} is outside the volume ({near:g} to {far:g}).")
         at = tuple(plane.from_plane([low[0], low[1], depth or 0.0]))
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=at)
-        layers = Layers.of_lattice(volume if part is None else part.mask_outside(volume), one, plane, held=(whole,))
+        layers = Layers.from_lattice(volume if part is None else part.mask_outside(volume), one, plane, held=(whole,))
         values = _rounded(layers.values(0, slice(0, lattice.shape[1])), volume, how)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
@@ -321,11 +321,16 @@ def _rounded(values: NDArray[Any], volume: Volume, how: Projection) -> NDArray[A
 
 
 def _light(
-    volume: Volume, lattice: Grid, plane: Plane, look: Look, eye: PerspectiveCamera | None, progress: Progress | None
+    volume: Volume,
+    lattice: Grid,
+    plane: Plane,
+    shader: Shader,
+    eye: PerspectiveCamera | None,
+    progress: Progress | None,
 ) -> NDArray[np.float32]:
     """A picture by light, of which only the part is computed where something may be seen."""
     out = np.zeros((*lattice.shape[1:], 4), np.float32)
-    corners = look.seen_box(volume)
+    corners = shader.visible_box(volume)
     if corners is None:
         return out
     places = plane.to_plane(corners)
@@ -340,9 +345,9 @@ def _light(
     shape = n.stop - n.start, v.stop - v.start, u.stop - u.start
     if min(shape):
         seen = lattice.crop((n.start, v.start, u.start), shape)
-        held = (ClipBox.whole(volume.grid),) if look.faces is None else ()
-        layers = Layers.of_lattice(volume, seen, plane, held=held, eye=eye, is_smooth=True)
-        out[v, u] = _in_rows(layers, look.composite, progress)
+        held = (ClipBox.whole(volume.grid),) if shader.faces is None else ()
+        layers = Layers.from_lattice(volume, seen, plane, held=held, eye=eye, is_smooth=True)
+        out[v, u] = _render(layers, shader.composite, progress)
     return out
 
 

@@ -96,7 +96,7 @@ class Layers:
     places: Callable[[int, NDArray[np.intp], NDArray[np.intp]], PlaneCoordinates] | None = None
 
     @classmethod
-    def of_lattice(
+    def from_lattice(
         cls,
         volume: Volume,
         lattice: Grid,
@@ -161,7 +161,7 @@ def _indices(grid: Grid, plane: Plane) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 @dataclass(frozen=True)
-class Look:
+class Shader:
     """Colours, opacities and light of the samples of a volume.
 
     Parameters
@@ -184,14 +184,14 @@ class Look:
     ambience: Callable[[PlaneCoordinates], Samples] | None = None
 
     @classmethod
-    def of(cls, volume: Volume, transfer: TransferFunction, is_shaded: bool) -> Look:
-        """The appearance of a volume."""
+    def from_volume(cls, volume: Volume, transfer: TransferFunction, is_shaded: bool) -> Shader:
+        """The shader of a volume."""
         low, high = typical_range(volume)
         return cls(
             transfer, volume.background, (high - low) or max(1.0, abs(low)), is_shaded, compute_type(volume.dtype)
         )
 
-    def seen_box(self, volume: Volume) -> NDArray[np.float64] | None:
+    def visible_box(self, volume: Volume) -> NDArray[np.float64] | None:
         """Corners (8, 3) of the part of a volume outside of which all is transparent; None if nothing is at all."""
         first, last = self._limits
         # Between two voxels on one side of all opaque values there is none.
@@ -235,9 +235,9 @@ class Look:
         wide = shape[1] + 2  # with a sample of background around all
         color, passing = np.zeros((shape[0] * shape[1], 3)), np.ones(shape[0] * shape[1])
         power = layers.spacing[0] / self.transfer.unit
-        before, here, after = (self._bordered(layers, k, rows) for k in (-2, -1, 0))
+        before, here, after = (self._padded_rows(layers, k, rows) for k in (-2, -1, 0))
         for k in range(layers.shape[0]):
-            before, here, after = here, after, self._bordered(layers, k + 1, rows)
+            before, here, after = here, after, self._padded_rows(layers, k + 1, rows)
             inner = here[1:-1, 1:-1]
             at = np.flatnonzero((inner > first) & (inner < last) & (passing > _OPAQUE).reshape(shape))
             v, u = np.divmod(at, shape[1])
@@ -255,7 +255,7 @@ class Look:
                 ambient = 1.0 if self.ambience is None or places is None else self.ambience(places)
                 bright = self._brightness(slopes, layers.spacing, ambient)
             if self.faces is not None and places is not None:
-                held, bare, glow = self.faces.beside(places)
+                held, bare, glow = self.faces.sample(places)
                 alpha *= held
                 if self.is_shaded:
                     bright = bright + bare * (glow - bright)
@@ -265,7 +265,7 @@ class Look:
                 break
         return np.column_stack([color, 1 - passing]).astype(np.float32).reshape(*shape, 4)
 
-    def _bordered(self, layers: Layers, k: int, rows: slice) -> Samples:
+    def _padded_rows(self, layers: Layers, k: int, rows: slice) -> Samples:
         """Rows of a layer and those around them; outside of the layers is background.
 
         So a body is lit like any surface where it is cut off.
@@ -287,13 +287,13 @@ class Look:
         dn, dv, du = spacing
         g = np.stack([slopes[2] / du, slopes[1] / dv, slopes[0] / dn], axis=-1) / self.width
         size = np.sqrt((g * g).sum(axis=-1))
-        lit = _lit(g / np.maximum(size, 1e-30)[:, None], ambient)
+        lit = _shade(g / np.maximum(size, 1e-30)[:, None], ambient)
         # An even region has no surface: fade to plain colour where the slope is below a hundredth of the range a voxel.
         sure = np.clip(size * (min(spacing) / 0.02), 0, 1)
         return np.asarray(sure * lit + (1 - sure) * 0.8 * (0.3 + 0.7 * ambient))
 
 
-def _lit(normals: Samples, ambient: Samples | float = 1.0) -> Samples:
+def _shade(normals: Samples, ambient: Samples | float = 1.0) -> Samples:
     """Brightness of surfaces with normals (..., 3) along u, v and n, lit from both sides by Blinn and Phong.
 
     Places with less ambient light get less of the lamp, for it is no point; shares as in the live view's shader.
@@ -320,7 +320,7 @@ class Faces:
     glow: Samples
 
     @classmethod
-    def of(cls, part: ClipBox, plane: Plane, spacing: float) -> Faces:
+    def from_part(cls, part: ClipBox, plane: Plane, spacing: float) -> Faces:
         """The faces of a part, for samples so far apart."""
         points, inward = part.sides()
         normals = inward @ plane.frame.T
@@ -329,9 +329,9 @@ class Faces:
         # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
         slope = np.maximum(normals[:, 2], 0.0)
         nearness = np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0)
-        return cls(np.column_stack([normals, offsets]), nearness, _lit(normals))
+        return cls(np.column_stack([normals, offsets]), nearness, _shade(normals))
 
-    def beside(self, places: PlaneCoordinates) -> tuple[NDArray[np.bool_], Samples, Samples]:
+    def sample(self, places: PlaneCoordinates) -> tuple[NDArray[np.bool_], Samples, Samples]:
         """Masks of places (n,) within all faces, their nearness to a face that is seen, and the light of that face."""
         a, b, c = places
         held, bare, glow = np.ones(len(a), bool), np.zeros(len(a)), np.zeros(len(a))

@@ -13,7 +13,7 @@ from deformnb._typing import Image, Progress
 from deformnb.checks import finite_number, short_value
 from deformnb.errors import DeformError
 from deformnb.imaging.camera import Camera, check_color, check_size, fitting_height
-from deformnb.imaging.core_volume import bytes_of, draw_core
+from deformnb.imaging.core_volume import color_bytes, draw_core
 from deformnb.imaging.vtk_volume import (
     VolumeWindow,
     check_gl,
@@ -273,7 +273,7 @@ def render_pair(
 
 def _trim(images: list[Image], background: tuple[float, float, float], margin: float = 0.05) -> list[Image]:
     """The same part of all images: the bounding box of the foregrounds, with a margin and room for a caption."""
-    seen = np.any([(np.abs(i.astype(int) - bytes_of(background)) > 3).any(axis=2) for i in images], axis=0)
+    seen = np.any([(np.abs(i.astype(int) - color_bytes(background)) > 3).any(axis=2) for i in images], axis=0)
     if not seen.any():
         return images
     ranges = []

@@ -32,7 +32,7 @@ def running(tmp_path: Path) -> Iterator[RunningApp]:
         yield running
 
 
-def _dragged_points(running: RunningApp, by: float = 3.0) -> list[dict[str, Any]]:
+def _drag_points(running: RunningApp, by: float = 3.0) -> list[dict[str, Any]]:
     points = points_to_json(running.session.editing.points)
     points[0]["target"] = [points[0]["target"][0] + by, points[0]["target"][1]]
     return points
@@ -128,7 +128,7 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> N
 
 
 def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: RunningApp) -> None:
-    points, editor = _dragged_points(running), running.studio.editor.model_id
+    points, editor = _drag_points(running), running.studio.editor.model_id
 
     def is_update(message: dict[str, Any], trait: str) -> bool:
         result = message.get("result", {})
@@ -150,7 +150,7 @@ def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: 
 
 
 def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
-    points, before = _dragged_points(running), running.session.editing.points
+    points, before = _drag_points(running), running.session.editing.points
     points[0]["target"] = points[1]["target"]  # two features at one target
 
     async def talk() -> Any:

@@ -27,7 +27,7 @@ CHUNKS = (4, 8, 8)
 BLOCKS = 18
 
 
-def warped(target: Path, source: Any = None, **options: Any) -> Any:
+def warp_store(target: Path, source: Any = None, **options: Any) -> Any:
     return chunked.warp(
         Volume.from_array(VALUES) if source is None else source,
         SHIFT,
@@ -43,14 +43,14 @@ def warped(target: Path, source: Any = None, **options: Any) -> Any:
 @pytest.fixture(scope="module")
 def known(tmp_path_factory: pytest.TempPathFactory) -> list[np.ndarray]:
     """The levels of a result that nothing has interrupted."""
-    return levels(warped(tmp_path_factory.mktemp("known") / "a.zarr").path)
+    return levels(warp_store(tmp_path_factory.mktemp("known") / "a.zarr").path)
 
 
 def levels(path: Path) -> list[np.ndarray]:
     return [np.asarray(chunked.open_volume(path, level=k)) for k in range(2)]
 
 
-def stopped(target: Path, after: int = 11, source: Any = None) -> Path:
+def stop_job(target: Path, after: int = 11, source: Any = None) -> Path:
     """The folder of a job that was stopped after some blocks."""
     count = iter(range(10**6))
 
@@ -59,7 +59,7 @@ def stopped(target: Path, after: int = 11, source: Any = None) -> Path:
             raise Cancelled
 
     with pytest.raises(Cancelled):
-        warped(target, source, progress=stop)
+        warp_store(target, source, progress=stop)
     return target.with_name(f".{target.name}.unfinished")
 
 
@@ -96,18 +96,18 @@ FILES: dict[str, Callable[[Path], Path]] = {
 def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(
     file: str, damage: str, known: list[np.ndarray], tmp_path: Path
 ) -> None:
-    folder = stopped(tmp_path / "a.zarr")
+    folder = stop_job(tmp_path / "a.zarr")
     place = FILES[file](folder)
     if place.stat().st_size == 0 and damage in ("flip", "cut"):
         pytest.skip("an empty file cannot be damaged so")
     DAMAGE[damage](place)
     said = ""
     try:
-        found = warped(tmp_path / "a.zarr")
+        found = warp_store(tmp_path / "a.zarr")
     except DeformError as error:
         said = str(error)
         shutil.rmtree(folder)  # as the message states
-        found = warped(tmp_path / "a.zarr")
+        found = warp_store(tmp_path / "a.zarr")
     if said:
         assert file in ("job", "journal", "lock")
         assert folder.name in said
@@ -123,11 +123,11 @@ def test_damage_of_a_file_ends_in_the_right_result_or_one_sentence(
 def test_what_is_done_is_not_done_again_at_any_moment(
     after: int, known: list[np.ndarray], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stopped(tmp_path / "a.zarr", after)
+    stop_job(tmp_path / "a.zarr", after)
     computed: list[int] = []
     original = blocks.BlockWarp.__call__
     monkeypatch.setattr(blocks.BlockWarp, "__call__", lambda job, k: (computed.append(k), original(job, k))[1])
-    for mine, theirs in zip(levels(warped(tmp_path / "a.zarr").path), known, strict=True):
+    for mine, theirs in zip(levels(warp_store(tmp_path / "a.zarr").path), known, strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert len(computed) == max(0, BLOCKS - after)
 
@@ -163,12 +163,12 @@ def test_a_process_that_dies_at_any_moment_leaves_what_goes_on(
     }[moment]
     dies_before(place, name, at)
     with pytest.raises(Killed):
-        warped(target)
+        warp_store(target)
     monkeypatch.undo()
     if moment == "line":  # and half of the line is on the disk
         with (tmp_path / ".a.zarr.unfinished" / "done.txt").open("a") as log:
             log.write("0 4 0123456789abcdef")
-    found = warped(target, overwrite=moment == "swept")  # then the result is there already
+    found = warp_store(target, overwrite=moment == "swept")  # then the result is there already
     for mine, theirs in zip(levels(found.path), known, strict=True):
         np.testing.assert_array_equal(mine, theirs)
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.zarr"]
@@ -182,7 +182,7 @@ def test_a_line_is_on_the_disk_only_after_its_block(tmp_path: Path, monkeypatch:
     )
     if not Path("/proc/self/fd").exists():
         pytest.skip("open files have names under /proc on Linux")
-    folder = stopped(tmp_path / "a.zarr")
+    folder = stop_job(tmp_path / "a.zarr")
     lines = [k for k, name in enumerate(flushed) if name == str(folder / "done.txt")]
     stored = (folder / "done.txt").read_text(encoding="utf-8").splitlines()
     assert len(lines) == len(stored) == 11
@@ -217,7 +217,7 @@ def test_a_source_that_was_changed_in_between_is_refused(kind: str, tmp_path: Pa
         return name
 
     source = stored(VALUES)
-    stopped(tmp_path / "a.zarr", source=source)
+    stop_job(tmp_path / "a.zarr", source=source)
     other = VALUES.copy()
     other[5, 6, 7] += 1
     if kind == "zarr":  # one chunk alone is written anew
@@ -225,9 +225,9 @@ def test_a_source_that_was_changed_in_between_is_refused(kind: str, tmp_path: Pa
     else:
         source = stored(other)
     with pytest.raises(DeformError, match=r"another source, .* or the source was changed"):
-        warped(tmp_path / "a.zarr", source)
+        warp_store(tmp_path / "a.zarr", source)
     shutil.rmtree(tmp_path / ".a.zarr.unfinished")
-    assert levels(warped(tmp_path / "a.zarr", source).path)[0].any()
+    assert levels(warp_store(tmp_path / "a.zarr", source).path)[0].any()
 
 
 def test_a_source_that_is_changed_while_it_is_read_gives_no_mixture(tmp_path: Path) -> None:
@@ -239,7 +239,7 @@ def test_a_source_that_is_changed_while_it_is_read_gives_no_mixture(tmp_path: Pa
             np.save(tmp_path / "source.npy", VALUES[::-1])
 
     with pytest.raises(DeformError, match="was changed while it was read"):
-        warped(tmp_path / "a.zarr", tmp_path / "source.npy", progress=change)
+        warp_store(tmp_path / "a.zarr", tmp_path / "source.npy", progress=change)
     assert not (tmp_path / "a.zarr").exists()
 
 
@@ -258,10 +258,10 @@ def test_a_full_disk_is_one_sentence_and_the_job_goes_on_later(
     monkeypatch.setattr(zarr.storage.LocalStore, "set", full)
     if at < 20:
         with pytest.raises(VolumeFileError, match=r"a\.zarr: was not written, the disk .* is full; what is done stays"):
-            warped(tmp_path / "a.zarr")
+            warp_store(tmp_path / "a.zarr")
         assert not (tmp_path / "a.zarr").exists()
     monkeypatch.undo()
-    for mine, theirs in zip(levels(warped(tmp_path / "a.zarr").path), known, strict=True):
+    for mine, theirs in zip(levels(warp_store(tmp_path / "a.zarr").path), known, strict=True):
         np.testing.assert_array_equal(mine, theirs)
 
 
@@ -276,5 +276,5 @@ def test_what_has_the_name_of_the_folder_is_not_touched(what: str, tmp_path: Pat
         folder.write_text("mine", encoding="utf-8")
     for overwrite in (False, True):
         with pytest.raises(DeformError, match=r"it is no folder of its own\. Remove"):
-            warped(tmp_path / "a.zarr", overwrite=overwrite)
+            warp_store(tmp_path / "a.zarr", overwrite=overwrite)
     assert (other / "precious.txt").read_text(encoding="utf-8") == "mine"

@@ -14,7 +14,7 @@ import pytest
 import deformnb as dn
 from deformnb import Cancelled, ControlPoints, Cut, Deformation, DeformError, Grid, Line, Volume, chunked
 from deformnb.chunked import blocks, sources, warper
-from deformnb.chunked.warper import bytes_of
+from deformnb.chunked.warper import parse_bytes
 from deformnb.errors import VolumeFileError
 from deformnb.rbf.fields import Affine
 
@@ -96,7 +96,7 @@ def test_a_pyramid_of_labels_has_no_value_that_nobody_drew(tmp_path: Path) -> No
         assert set(np.unique(one.values)) <= {0, 7, 14}
 
 
-def written(kind: str, folder: Path, volume: Volume) -> Any:
+def write_source(kind: str, folder: Path, volume: Volume) -> Any:
     values = volume.values
     if kind == "npy":
         dn.write_volume(volume, folder / "a.npy")
@@ -121,7 +121,7 @@ def written(kind: str, folder: Path, volume: Volume) -> Any:
 
 @pytest.mark.parametrize("kind", ["npy", "memory map", "hdf5", "tiff", "dask", "zarr 2", "zarr 3"])
 def test_every_kind_of_source_is_read_in_parts(kind: str, volume: Volume, tmp_path: Path) -> None:
-    source = chunked.open_volume(written(kind, tmp_path, volume), grid=volume.grid)
+    source = chunked.open_volume(write_source(kind, tmp_path, volume), grid=volume.grid)
     assert (source.shape, source.dtype) == (SHAPE, np.uint8)
     part = (slice(3, 9), slice(11, 30), slice(0, 5))
     np.testing.assert_array_equal(source.read(part), volume.values[part])
@@ -197,7 +197,7 @@ def test_a_chunk_is_unpacked_once_while_it_is_kept(limit: int, most: int) -> Non
     for _ in range(60):
         ends = [np.sort(rng.choice(n + 1, 2, replace=False)) for n in reader.shape]
         part = tuple(slice(int(a), int(b)) for a, b in ends)
-        out = np.empty(blocks.shape_of(part), np.uint8)
+        out = np.empty(blocks.part_shape(part), np.uint8)
         cache.read_into(part, out)
         np.testing.assert_array_equal(out, reader.values[part])
         assert cache.bytes <= limit
@@ -230,9 +230,9 @@ def test_all_blocks_have_one_compiled_shape(volume: Volume) -> None:
         memory=2**30,
         workers=1,
     )
-    shapes = {job.volume_around(part).shape for part in job.parts if part is not None}
+    shapes = {job.window_volume(part).shape for part in job.parts if part is not None}
     assert shapes == {job.window}
-    assert len({blocks.shape_of(part) for part in job.parts if part is not None}) > 1
+    assert len({blocks.part_shape(part) for part in job.parts if part is not None}) > 1
 
 
 def test_blocks_become_smaller_where_the_memory_is_little(volume: Volume) -> None:
@@ -299,7 +299,7 @@ def test_options_that_fit_nothing_are_refused(
 
 
 def test_text_of_memory() -> None:
-    assert [bytes_of(text) for text in ("2 GB", "1GiB", "500mb", "7")] == [2 * 10**9, 2**30, 5 * 10**8, 7]
+    assert [parse_bytes(text) for text in ("2 GB", "1GiB", "500mb", "7")] == [2 * 10**9, 2**30, 5 * 10**8, 7]
 
 
 def test_a_dask_array_is_computed_when_it_is_asked_for(volume: Volume) -> None:

@@ -23,7 +23,7 @@ from deformnb.imaging.demo import (
     deformed_grid,
     field_of_view,
     run_demo,
-    source_of,
+    source_figure,
     subdivide,
     subject_box,
     transform,
@@ -341,7 +341,7 @@ def test_choices_are_checked_before_the_work(choices: tuple[str, str, str], matc
 @pytest.mark.parametrize("pair", thompson_pairs(), ids=lambda pair: pair[1])
 def test_every_species_starts_from_the_figure_beside_it(pair: tuple[str, str]) -> None:
     source, target = pair
-    assert source_of(target) == source
+    assert source_figure(target) == source
     check_demo(target.split()[0], "-x", "core")
 
 

@@ -35,7 +35,7 @@ def lips(a: float) -> np.ndarray:
     return np.column_stack([np.full(5, a), [100.0, 135, 170, 205, 240]])
 
 
-def opening(plane: Plane, wall: float, gone: float, thickness: float) -> Step:
+def open_cut(plane: Plane, wall: float, gone: float, thickness: float) -> Step:
     """Both lips of a cut pulled apart; whole down to ``wall`` behind the first slice, nothing ``gone`` behind that."""
     out = WIDTH[:, None] * [1, 0]
     points = ControlPoints.from_arrays(
@@ -54,7 +54,7 @@ def opening(plane: Plane, wall: float, gone: float, thickness: float) -> Step:
     )
 
 
-STEP = opening(FRONT, 52, 40, 264)
+STEP = open_cut(FRONT, 52, 40, 264)
 
 
 def decoupled(step: Step, volume: Volume) -> Decoupled:
@@ -152,7 +152,7 @@ def test_little_tissue_is_lost() -> None:
 @pytest.mark.nightly
 def test_the_real_abdomen_opens_too(real_data: Callable[[str], Path]) -> None:
     scan = load("abdomen_ct", folder=real_data("abdomen_ct.nii.gz").parent)
-    step = opening(Plane.from_view(scan.grid, "+y"), 75, 40, 300)
+    step = open_cut(Plane.from_view(scan.grid, "+y"), 75, 40, 300)
     opened = Deformation((step,)).apply(scan)
     assert opened.dtype == scan.dtype
     bone = scan.values > 300  # the spine, the ribs and the hips; in front there is none but the pubis, below the cut

@@ -68,7 +68,7 @@ def test_the_displacement_has_no_component_along_the_depth() -> None:
 # ---- figure 2 --------------------------------------------------------------------------------------------------------
 
 
-def pulled(left: float, right: float, **options: object) -> Step:
+def pull(left: float, right: float, **options: object) -> Step:
     goal = HANDS + np.array([left, left, right, right])[:, None] * [1, 0]
     return Step((ControlPoints.from_arrays(HANDS, goal),), PLANE, trend="translation", cuts=(CUT,), **options)  # type: ignore[arg-type]
 
@@ -83,18 +83,18 @@ def gaps(step: Step) -> np.ndarray:
 @pytest.mark.parametrize("rule", ["source", "paper"])
 @pytest.mark.parametrize("drag", [1.0, 5.3, 16.0, 25.0])
 def test_the_gap_is_as_wide_as_the_drag(rule: str, drag: float) -> None:
-    width = gaps(pulled(-drag / 2, drag / 2, cut_rule=rule))
+    width = gaps(pull(-drag / 2, drag / 2, cut_rule=rule))
     assert np.abs(width - drag / VOXEL).max() < 0.1
 
 
 def test_the_papers_rule_leaves_a_false_gap_when_both_halves_go_one_way() -> None:
-    assert np.abs(gaps(pulled(16, 16, cut_rule="paper")) - 8).max() < 0.1
-    assert np.abs(gaps(pulled(16, 16, cut_rule="source"))).max() < 0.02
+    assert np.abs(gaps(pull(16, 16, cut_rule="paper")) - 8).max() < 0.1
+    assert np.abs(gaps(pull(16, 16, cut_rule="source"))).max() < 0.02
 
 
 def test_a_cut_that_is_not_pulled_is_not_seen() -> None:
     for rule in ("source", "paper"):
-        same = Deformation((pulled(0, 0, cut_rule=rule),)).apply(BAR)
+        same = Deformation((pull(0, 0, cut_rule=rule),)).apply(BAR)
         assert np.abs(same.values.astype(int) - BAR.values).max() == 0
 
 
@@ -107,13 +107,13 @@ def test_a_cut_that_is_not_pulled_is_not_seen() -> None:
     ],
 )
 def test_modulated_the_gap_is_the_curve_times_the_drag(curve: object, f: object) -> None:
-    width = gaps(pulled(-8, 8, extrusion="modulate", curve=curve))
+    width = gaps(pull(-8, 8, extrusion="modulate", curve=curve))
     zeta = np.linspace(0, 1, BAR.shape[1])
     assert np.abs(width - 8 * f(zeta)).max() < 0.1  # type: ignore[operator]
 
 
 def test_the_halves_are_solved_for_without_each_other() -> None:
-    one, both = pulled(-8, 0), pulled(-8, 8)
+    one, both = pull(-8, 0), pull(-8, 8)
     there = np.array([[60.0, 90], [90, 100]])
     alone, together = (picture_field(step, BAR.grid).displacement(there) for step in (one, both))
     oracle.assert_close(alone, together, atol=1e-12)

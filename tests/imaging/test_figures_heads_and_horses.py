@@ -17,7 +17,7 @@ from deformnb.warping.mesh import isosurface
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "07_heads_and_horses.ipynb"
 
 
-def made(size: int, *, real: bool) -> dict[str, Any]:
+def run_cells(size: int, *, real: bool) -> dict[str, Any]:
     """All names of the notebook after its cells, without the rendered pictures."""
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     names: dict[str, Any] = {}
@@ -34,12 +34,12 @@ def made(size: int, *, real: bool) -> dict[str, Any]:
 @pytest.fixture(scope="module", params=["phantoms", pytest.param("real data", marks=pytest.mark.nightly)])
 def figure(request: pytest.FixtureRequest, real_data: Callable[[str], Path]) -> dict[str, Any]:
     if request.param == "phantoms":
-        return made(64, real=False)
+        return run_cells(64, real=False)
     folder = real_data("horse.ply").parent
     real_data("head_ct.nii.gz")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("DEFORMNB_DATA", str(folder))
-        return made(64, real=True)
+        return run_cells(64, real=True)
 
 
 @pytest.mark.sampled(2)

@@ -218,17 +218,17 @@ OUTLINES = (
 )
 
 
-def on_picture(places: Any) -> np.ndarray:
+def project_places(places: Any) -> np.ndarray:
     return np.asarray(np.array(places, dtype=float) * [1, -1] + [0, 127])
 
 
-def dragged(pairs: Any) -> ControlPoints:
-    return ControlPoints.from_arrays(*(on_picture([pair[k] for pair in pairs]) for k in (0, 1)))
+def control_points(pairs: Any) -> ControlPoints:
+    return ControlPoints.from_arrays(*(project_places([pair[k] for pair in pairs]) for k in (0, 1)))
 
 
 def motion(pairs: Any) -> RigidMotion:
     """The rigid motion that fits landmarks best: a strongly smoothed fit is its trend."""
-    fit = fit_rbf(dragged(pairs), trend="rigid", smoothing=1e6, support=100.0)
+    fit = fit_rbf(control_points(pairs), trend="rigid", smoothing=1e6, support=100.0)
     corners = np.array([[0.0, 0], [1, 0], [0, 1]])
     back = fit.displacement(corners) + corners
     return RigidMotion((back[1:] - back[0]).T, back[0]).inverse
@@ -239,12 +239,12 @@ def real_results(straight: Path, bent: Path) -> dict[str, np.ndarray]:
     """Correlation and mean difference from the bent scan over (thigh bone, shin, all), (3, 2), by way of bending."""
     volume, truth = read_volume(straight), read_volume(bent)
     side = Plane.from_view(volume.grid, "+y")
-    moves, outlines = [motion(FEMUR), motion(SHIN)], [Polygon(on_picture(o)) for o in OUTLINES]
+    moves, outlines = [motion(FEMUR), motion(SHIN)], [Polygon(project_places(o)) for o in OUTLINES]
     parts = tuple(RigidPart(o, m) for o, m in zip(outlines, moves, strict=True))
-    few = dragged([*FEMUR, SHIN[3]])
+    few = control_points([*FEMUR, SHIN[3]])
     ways: dict[str, Step] = {trend: Step((few,), side, trend=trend) for trend in ("affine", "similarity", "rigid")}
     ways["parts"] = Step((ControlPoints.empty(2),), side, parts=parts)
-    ways["parts and skin"] = Step((dragged(SKIN),), side, parts=parts, trend="none")
+    ways["parts and skin"] = Step((control_points(SKIN),), side, parts=parts, trend="none")
     pixels = project(volume, side, "slice").raster.points()
     masks = [o.signed_distance(m.inverse(pixels)) < 0 for o, m in zip(outlines, moves, strict=True)]
     masks.append(np.ones_like(masks[0]))
@@ -264,7 +264,7 @@ def real_knee(real_data: Callable[[str], Path]) -> dict[str, np.ndarray]:
 def test_the_landmarks_of_a_bone_move_rigidly_within_a_voxel_and_a_half() -> None:
     for pairs, degrees in ((FEMUR, 0.4), (SHIN, 18.3)):
         moved = motion(pairs)
-        points = dragged(pairs)
+        points = control_points(pairs)
         assert np.linalg.norm(moved(points.source) - points.target, axis=1).max() < 1.5
         turn = np.degrees(np.arctan2(moved.matrix[1][0], moved.matrix[0][0]))
         oracle.assert_close(turn, degrees, atol=0.1)

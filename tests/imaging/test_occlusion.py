@@ -83,19 +83,19 @@ def test_full_light_changes_no_picture_and_none_leaves_what_the_lamp_reaches() -
     opaque = TransferFunction(((0, 1, 1, 1),), ((0, 1), (100, 1)))
     plane = Plane.from_view(volume.grid, "+z")
 
-    def seen(light: float | None, method: str = "shaded", volume: Volume = volume) -> NDArray[np.float32]:
+    def rendering(light: float | None, method: str = "shaded", volume: Volume = volume) -> NDArray[np.float32]:
         ambience = None if light is None else Volume(np.full((3, 3, 3), light, np.float32), cells)
         return np.asarray(project(volume, plane, method, transfer=opaque, spacing=1.0, ambience=ambience).values)
 
-    np.testing.assert_array_equal(seen(1.0), seen(None))
-    np.testing.assert_array_equal(seen(0.2, "composite"), seen(None, "composite"))  # which is not lit
+    np.testing.assert_array_equal(rendering(1.0), rendering(None))
+    np.testing.assert_array_equal(rendering(0.2, "composite"), rendering(None, "composite"))  # which is not lit
     # A slope along the ray: (0.35 + gloss) of its light is ambient, and 58 % of that of the lamp, 0.75 cos.
     lamp = 0.82 / np.linalg.norm([0.35, 0.45, 0.82])
-    gloss = seen(None)[6, 6, 0] - 0.35 - 0.75 * lamp
+    gloss = rendering(None)[6, 6, 0] - 0.35 - 0.75 * lamp
     wanted = 0.4 * (0.35 + gloss) + (0.42 + 0.58 * 0.4) * 0.75 * lamp
-    np.testing.assert_allclose(seen(0.4)[6, 6, :3], wanted, atol=1e-5)
+    np.testing.assert_allclose(rendering(0.4)[6, 6, :3], wanted, atol=1e-5)
     even = Volume(np.full((12, 12, 12), 100, np.uint8), volume.grid)
-    np.testing.assert_allclose(seen(0.4, volume=even)[6, 6, :3], 0.8 * (0.3 + 0.7 * 0.4), atol=1e-5)
+    np.testing.assert_allclose(rendering(0.4, volume=even)[6, 6, :3], 0.8 * (0.3 + 0.7 * 0.4), atol=1e-5)
 
 
 def test_ambient_light_is_interpolated_where_it_is_looked_up() -> None:

@@ -152,7 +152,7 @@ def test_samples_have_the_value_at_their_places(eye: PerspectiveCamera | None) -
     volume = Volume((3.0 * i - 2.0 * j + 0.5 * k).astype(np.float32), GRID)
     plane = Plane.from_normal(GRID.center, (0.3, 1.0, -0.2))
     lattice = plane_lattice(GRID, plane, 0.7) if eye is None else eye.lattice(GRID, plane, 0.7)
-    layers, rows = Layers.of_lattice(volume, lattice, plane, eye=eye), slice(9, 14)
+    layers, rows = Layers.from_lattice(volume, lattice, plane, eye=eye), slice(9, 14)
     assert layers.places is not None
     compared = 0
     for depth in (5, lattice.shape[0] // 2):

@@ -118,7 +118,7 @@ def test_what_faces_the_viewer_is_bright_and_even(backend: str) -> None:
 def test_light_falls_on_matter_and_not_on_the_order_of_its_voxels(backend: str, direction: str) -> None:
     """A body in space, stored along other axes, is equally lit: VTK does not turn slopes with an image's direction."""
 
-    def seen(axes: np.ndarray) -> np.ndarray:
+    def rendering(axes: np.ndarray) -> np.ndarray:
         grid = Grid((40, 40, 40), origin=tuple(axes @ np.full(3, -19.5)), direction=tuple(map(tuple, axes.tolist())))
         x, y, z = np.moveaxis(grid.index_to_point(np.stack(np.indices(grid.shape)[::-1], -1)), -1, 0)
         body = np.clip(15 - np.sqrt((x / 1.1) ** 2 + y * y + (z / 0.8) ** 2), 0, 1) * 200
@@ -133,7 +133,7 @@ def test_light_falls_on_matter_and_not_on_the_order_of_its_voxels(backend: str, 
             )
         )
 
-    expected, turned = seen(np.eye(3)), seen(DIRECTIONS[direction])
+    expected, turned = rendering(np.eye(3)), rendering(DIRECTIONS[direction])
     assert expected.max() > 200
     assert np.abs(expected - turned).mean() < 1
     assert np.abs(expected - turned).max() < 40  # at the rim

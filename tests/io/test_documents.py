@@ -37,7 +37,7 @@ def document() -> Deformation:
     return Deformation(steps, "many steps", VolumeReference.of(volume))
 
 
-def refused(path: Path) -> str:
+def refusal(path: Path) -> str:
     with pytest.raises(DeformError) as caught:
         read_deformation(path)
     message = str(caught.value)
@@ -128,7 +128,7 @@ def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
 def test_damaged_files_are_named_with_what_is_wrong(content: bytes, match: str, tmp_path: Path) -> None:
     path = tmp_path / "session.json"
     path.write_bytes(content)
-    message = refused(path)
+    message = refusal(path)
     assert message.startswith("session.json: ")
     assert match in message
 
@@ -138,19 +138,19 @@ def test_every_cut_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "session.json"
     for length in range(0, len(whole.rstrip()) - 1, max(1, len(whole) // 60)):
         path.write_bytes(whole[:length])
-        assert "session.json" in refused(path)
+        assert "session.json" in refusal(path)
 
 
 def test_missing_files_folders_and_pipes_are_named(tmp_path: Path) -> None:
-    assert "there is no file" in refused(tmp_path / "missing.json")
-    assert "is a folder" in refused(tmp_path)
+    assert "there is no file" in refusal(tmp_path / "missing.json")
+    assert "is a folder" in refusal(tmp_path)
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    assert "loop" in refused(tmp_path / "loop")
-    assert "nul" in refused(tmp_path / "nul\0byte")
-    assert "long" in refused(tmp_path / ("long" * 100))
+    assert "loop" in refusal(tmp_path / "loop")
+    assert "nul" in refusal(tmp_path / "nul\0byte")
+    assert "long" in refusal(tmp_path / ("long" * 100))
     if hasattr(os, "mkfifo"):
         os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
-        assert "not an ordinary file" in refused(tmp_path / "pipe")
+        assert "not an ordinary file" in refusal(tmp_path / "pipe")
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="everything is permitted to root")
@@ -158,7 +158,7 @@ def test_a_file_without_permission_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     write_deformation(document(), path)
     path.chmod(0)
-    assert "cannot be read" in refused(path)
+    assert "cannot be read" in refusal(path)
 
 
 def test_an_error_of_the_disk_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -169,11 +169,11 @@ def test_an_error_of_the_disk_is_one_sentence(tmp_path: Path, monkeypatch: pytes
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(Path, "open", fail)
-    assert refused(path).endswith("cannot be read: Input/output error.")
+    assert refusal(path).endswith("cannot be read: Input/output error.")
 
 
 def test_names_cannot_control_the_terminal(tmp_path: Path) -> None:
-    assert "\\x1b" in refused(tmp_path / "\x1b[31mred\n.json")
+    assert "\\x1b" in refusal(tmp_path / "\x1b[31mred\n.json")
 
 
 # ---- for people ------------------------------------------------------------------------------------------------------

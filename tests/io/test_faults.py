@@ -29,7 +29,7 @@ FILES = [
 ANY = "."  # any message: which field is found wrong first does not matter
 
 
-def made(dtype: str = "int16") -> Volume:
+def small_volume(dtype: str = "int16") -> Volume:
     return Volume.from_array(np.arange(120).reshape(4, 5, 6).astype(dtype), (1, 2, 3), (4, 5, 6))
 
 
@@ -67,7 +67,7 @@ def meta(path: Path, header: str, data: bytes = bytes(240)) -> Path:
 
 
 def nifti(path: Path, changes: dict[int, tuple[str, tuple[float, ...]]], data: bytes | None = None) -> Path:
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     content = bytearray(path.read_bytes())
     for offset, (form, values) in changes.items():
         struct.pack_into("<" + form, content, offset, *values)
@@ -81,7 +81,7 @@ def nifti(path: Path, changes: dict[int, tuple[str, tuple[float, ...]]], data: b
 @pytest.mark.parametrize("suffix", FILES)
 def test_a_file_cut_anywhere_is_refused(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     files = [file for file in sorted(tmp_path.iterdir()) if file.suffix != ".json"]
     for file in files:
         whole = file.read_bytes()
@@ -99,7 +99,7 @@ def test_a_file_cut_anywhere_is_refused(suffix: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [s for s in FILES if not s.endswith((".vti", ".nii.gz", ".nrrd", ".tif", ".tiff"))])
 def test_both_numbers_are_in_the_message(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     data = next(tmp_path.glob("*hd*.raw")) if suffix in (".nhdr", ".mhd") else path
     whole = data.read_bytes()
     data.write_bytes(whole[:-5])
@@ -123,7 +123,7 @@ def test_a_wrong_check_sum_is_noticed(tmp_path: Path) -> None:
     packed = bytearray(zlib.compress(bytes(240)))
     packed[-1] ^= 1
     refuse(meta(tmp_path / "a.mha", "CompressedData = True", bytes(packed)), "cannot be read")
-    write_volume(made(), tmp_path / "a.raw")
+    write_volume(small_volume(), tmp_path / "a.raw")
     content = bytearray((tmp_path / "a.raw").read_bytes())
     content[7] ^= 1
     (tmp_path / "a.raw").write_bytes(bytes(content))
@@ -363,7 +363,7 @@ def test_nifti_headers(changes: dict, words: str, tmp_path: Path) -> None:
 
 
 def test_nifti_scaling(tmp_path: Path) -> None:
-    values = made().values.astype(float)
+    values = small_volume().values.astype(float)
     for slope, intercept in ((2.0, -7.0), (0.1, 0.0), (1.0, 3.0)):
         read = read_volume(nifti(tmp_path / "a.nii", {112: ("2f", (slope, intercept))}))
         assert read.dtype == np.float32
@@ -371,7 +371,7 @@ def test_nifti_scaling(tmp_path: Path) -> None:
         assert describe_file(tmp_path / "a.nii").dtype == np.float32
     for slope in (0.0, np.nan, 1.0):
         assert read_volume(nifti(tmp_path / "a.nii", {112: ("2f", (slope, 0))})).dtype == np.int16
-    big = made("int32")
+    big = small_volume("int32")
     big.values[0, 0, 0] = 2**30 + 1  # float32 cannot hold it
     write_volume(big, tmp_path / "b.nii")
     content = bytearray((tmp_path / "b.nii").read_bytes())
@@ -442,7 +442,7 @@ def test_big_endian_voxels_that_are_not_finite_are_counted(tmp_path: Path) -> No
     ],
 )
 def test_vti_headers(old: bytes, new: bytes, words: str | None, tmp_path: Path) -> None:
-    write_volume(made(), tmp_path / "a.vti")
+    write_volume(small_volume(), tmp_path / "a.vti")
     content = (tmp_path / "a.vti").read_bytes()
     assert old in content
     (tmp_path / "a.vti").write_bytes(content.replace(old, new))
@@ -453,7 +453,7 @@ def test_vti_headers(old: bytes, new: bytes, words: str | None, tmp_path: Path) 
 
 
 def test_vti_with_wrong_counts_before_the_voxels(tmp_path: Path) -> None:
-    write_volume(made(), tmp_path / "a.vti")
+    write_volume(small_volume(), tmp_path / "a.vti")
     content = (tmp_path / "a.vti").read_bytes()
     start = content.index(b"   _") + 4
     for counts in (
@@ -473,7 +473,7 @@ def test_vti_with_wrong_counts_before_the_voxels(tmp_path: Path) -> None:
 # -- row 20: detached data -------------------------------------------------------------------------------------------
 
 
-def detached(path: Path, name: str) -> Path:
+def detached_header(path: Path, name: str) -> Path:
     """A header that names a data file."""
     if path.suffix == ".nhdr":
         return nrrd(path, f"data file: {name}", b"")
@@ -511,7 +511,7 @@ def test_detached_data_only_from_the_headers_own_folder(name: str, kind: str, tm
     (own / "folder" / "link2").symlink_to(tmp_path / "secret")
     os.mkfifo(own / "pipe")
     path = own / f"a.{kind}"
-    detached(path, name)
+    detached_header(path, name)
     refuse(path, "data file|plain file|whole numbers")
 
 
@@ -521,13 +521,13 @@ def test_detached_data_in_the_folder_or_below(kind: str, tmp_path: Path) -> None
     for name in ("a b.bin", "below/c.bin"):
         (tmp_path / name).write_bytes(np.arange(120, dtype="<i2").tobytes())
         path = tmp_path / f"x.{kind}"
-        detached(path, name)
+        detached_header(path, name)
         assert read_volume(path).values[-1, -1, -1] == 119
     itself = tmp_path / f"self.{kind}"
-    detached(itself, itself.name)
+    detached_header(itself, itself.name)
     refuse(itself, "itself")
     with pytest.raises(DeformError, match="name"):
-        write_volume(made(), tmp_path / f"a%d.{kind}")
+        write_volume(small_volume(), tmp_path / f"a%d.{kind}")
 
 
 # -- .npy and .raw ---------------------------------------------------------------------------------------------------
@@ -639,7 +639,7 @@ def test_raw_voxels_with_the_least_description(tmp_path: Path) -> None:
 
 
 def test_a_numpy_file_that_no_longer_fits_its_side_file(tmp_path: Path) -> None:
-    write_volume(made(), tmp_path / "a.npy")
+    write_volume(small_volume(), tmp_path / "a.npy")
     np.save(tmp_path / "a.npy", np.zeros((2, 2, 2)))
     refuse(tmp_path / "a.npy", "side file")
     np.save(tmp_path / "a.npy", np.zeros((4, 5, 6)))
@@ -682,7 +682,7 @@ def test_what_is_no_volume_file(tmp_path: Path) -> None:
 def test_names_are_only_text(tmp_path: Path) -> None:
     for name in ("<script>alert(1)<script>", "a b c", "żółw 🐢", "\x1b[31mred\nline"):
         path = tmp_path / f"{name}.nrrd"
-        write_volume(made(), path)
+        write_volume(small_volume(), path)
         assert read_volume(path).name == name
         path.write_bytes(path.read_bytes()[:-9])
         assert "\x1b" not in refuse(path, ANY)

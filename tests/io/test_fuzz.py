@@ -19,7 +19,7 @@ from PIL import Image
 from deformnb import Volume
 from deformnb.io import FORMATS, write_landmarks, write_series, write_transform, write_volume
 from deformnb.io.landmarks.formats import LANDMARK_FORMATS
-from deformnb.io.transforms.displacement_images import image_of
+from deformnb.io.transforms.displacement_images import to_itk_image
 from deformnb.io.transforms.formats import TRANSFORM_SUFFIXES
 from deformnb.rbf.fields import Affine, DisplacementField, compose
 from deformnb.volume import Channels
@@ -189,7 +189,7 @@ def _composite() -> SimpleITK.Transform:
     spline.SetTransformDomainMeshSize([2, 1, 1])
     spline.SetParameters(_NUMBERS.normal(size=len(spline.GetParameters())).tolist())
     field = SimpleITK.DisplacementFieldTransform(
-        image_of(SimpleITK, DisplacementField(_NUMBERS.normal(size=(*_GRID.shape, 3)), _GRID))
+        to_itk_image(SimpleITK, DisplacementField(_NUMBERS.normal(size=(*_GRID.shape, 3)), _GRID))
     )
     return SimpleITK.CompositeTransform(
         [
@@ -310,7 +310,7 @@ def transform_seeds(folder: Path, kind: str) -> str:
             format="4",
         )
     elif suffix == ".txt":
-        SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / "field.mha"))
+        SimpleITK.WriteImage(to_itk_image(SimpleITK, field), str(folder / "field.mha"))
         (folder / "first.txt").write_text(
             '(Transform "DeformationFieldTransform")\n(DeformationFieldFileName '
             '"field.mha")\n(FixedImageDimension 3)\n'
@@ -326,7 +326,7 @@ def transform_seeds(folder: Path, kind: str) -> str:
             encoding="utf-8",
         )
     elif suffix in (".nhdr", ".mhd"):  # read with the file next to them, and written in one
-        SimpleITK.WriteImage(image_of(SimpleITK, field), str(folder / name))
+        SimpleITK.WriteImage(to_itk_image(SimpleITK, field), str(folder / name))
     else:
         write_transform(compose(field, Affine(np.eye(3), np.ones(3))), folder / name, _GRID)
     return name

@@ -62,17 +62,17 @@ def _difference(known: np.ndarray, found: np.ndarray, outside: float = -1.0) -> 
     return float(np.abs(known - found)[inside].max())
 
 
-def _warped(field: AbstractField) -> np.ndarray:
+def _warp(field: AbstractField) -> np.ndarray:
     return dn.warp(VOLUME, field, fill=-1.0).values
 
 
-def _written(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
+def _write_transforms(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
     """A field and an affine map in files of these endings, and the volume warped by what each of them holds."""
     both = dn.rbf.compose(BEND, AFFINE)
     for suffix in suffixes:
         write_transform(both, folder / f"transform.{suffix}", GRID)
-    sampled = _warped(DisplacementField.sample(both, GRID))
-    return {suffix: _warped(both) if suffix in ("tfm", "h5") else sampled for suffix in suffixes}
+    sampled = _warp(DisplacementField.sample(both, GRID))
+    return {suffix: _warp(both) if suffix in ("tfm", "h5") else sampled for suffix in suffixes}
 
 
 def test_itk_applies_what_is_written(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_itk_applies_what_is_written(tmp_path: Path) -> None:
         "nii.gz": agreed("transforms", "nifti", "ITK"),
         "mha": agreed("transforms", "metaimage", "ITK"),
     }
-    known = _written(tmp_path, *limits)
+    known = _write_transforms(tmp_path, *limits)
     _run("itk_resample", tmp_path, "itk")
     for suffix, limit in limits.items():
         assert _difference(known[suffix], np.load(tmp_path / f"transform.{suffix}.npy")) < limit, suffix
@@ -110,7 +110,7 @@ def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) ->
         "h5": agreed("transforms", "itk hdf5", "ANTs"),
         "tfm": agreed("transforms", "itk text", "ANTs"),
     }
-    known = _written(tmp_path, *limits)
+    known = _write_transforms(tmp_path, *limits)
     for name, value in (("matrix", AFFINE.matrix), ("offset", AFFINE.offset), ("vectors", BEND.values)):
         np.save(tmp_path / f"{name}.npy", value)
     _run("ants_resample", tmp_path, "ants")
@@ -120,7 +120,7 @@ def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) ->
         ("theirs.mat", agreed("transforms", "ants matrix", "ANTs")),
         ("theirs.nii.gz", limits["nii.gz"]),
     ):
-        warped = _warped(read_transform(tmp_path / name))
+        warped = _warp(read_transform(tmp_path / name))
         assert _difference(warped, np.load(tmp_path / f"{name}.npy")) < limit, name
 
 
@@ -171,7 +171,7 @@ def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path)
         found = read_transform(tmp_path / name).displacement(nodes)
         assert np.abs(found - np.load(tmp_path / "bspline.npy")).max() < agreed("transforms", "elastix", "elastix")
     for suffix, limit in limits.items():
-        assert _difference(_warped(BEND), np.load(tmp_path / f"transform.{suffix}.npy")) < limit
+        assert _difference(_warp(BEND), np.load(tmp_path / f"transform.{suffix}.npy")) < limit
     mapped = read_landmarks(tmp_path / "outputpoints.txt")
     assert mapped.fixed is not None
     assert np.abs(mapped.points - marks).max() < agreed("landmarks", "elastix", "elastix")

@@ -284,7 +284,7 @@ def atomic_write(
                 file.flush()
                 os.fsync(file.fileno())
             with _last_doubts.get()(), replacing(target):
-                _take_place(temporary, target, overwrite=overwrite)
+                _rename_into_place(temporary, target, overwrite=overwrite)
         finally:
             if lock is not None:
                 os.close(lock)
@@ -377,7 +377,7 @@ def publish_folder(temporary: Path, target: Path, *, overwrite: bool) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _take_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
+def _rename_into_place(temporary: Path, target: Path, *, overwrite: bool) -> None:
     """Rename a file into place; where it must be new, a file of a concurrent process is not replaced."""
     if overwrite:
         temporary.replace(target)

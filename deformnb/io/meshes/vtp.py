@@ -49,7 +49,7 @@ def _points(file: VtkXml, piece: Tag) -> NDArray[np.float64]:
         return np.zeros((0, 3))
     if array is None or array.attributes.get("NumberOfComponents") != "3":
         raise fail(file.path, f"a piece has no places of three numbers for its {count} corners: {CUT_SHORT}.")
-    return _within_memory(file.locate_array(array, 3 * count)).values().astype(np.float64).reshape(-1, 3)
+    return _check_memory(file.locate_array(array, 3 * count)).values().astype(np.float64).reshape(-1, 3)
 
 
 def _cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -66,11 +66,11 @@ def _cells(file: VtkXml, piece: Tag, kind: str) -> tuple[NDArray[np.int64], NDAr
         raise fail(
             file.path, f"it promises {count} {kind.lower()} without their offsets and connectivity: {CUT_SHORT}."
         )
-    ends = whole_numbers(file.path, _within_memory(file.locate_array(arrays["offsets"], count)).values())
+    ends = whole_numbers(file.path, _check_memory(file.locate_array(arrays["offsets"], count)).values())
     sizes = np.diff(ends, prepend=0)
     if (sizes < 0).any():
         raise fail(file.path, f"the offsets of its {kind.lower()} do not grow: {CUT_SHORT}.")
-    numbers = _within_memory(file.locate_array(arrays["connectivity"], int(ends[-1]))).values()
+    numbers = _check_memory(file.locate_array(arrays["connectivity"], int(ends[-1]))).values()
     return sizes, whole_numbers(file.path, numbers)
 
 
@@ -81,7 +81,7 @@ def _count(file: VtkXml, piece: Tag, name: str) -> int:
     return count
 
 
-def _within_memory(array: StoredArray) -> StoredArray:
+def _check_memory(array: StoredArray) -> StoredArray:
     limit = default_limit()
     if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as they are used
         raise fail(

@@ -13,7 +13,7 @@ import numpy as np
 
 from deformnb._typing import Progress
 from deformnb.io.transforms import itk_files
-from deformnb.io.transforms.displacement_images import image_of, write_by_name
+from deformnb.io.transforms.displacement_images import to_itk_image, write_by_name
 from deformnb.io.transforms.elastix import is_elastix, read_elastix
 from deformnb.io.transforms.itk_kinds import field_of_list
 from deformnb.io.transforms.parts import TransformPart, sampled_parts
@@ -67,11 +67,11 @@ def _to_itk(sitk: Any, part: TransformPart) -> Any:
     if isinstance(part, Affine):
         return sitk.AffineTransform(np.ravel(part.matrix).tolist(), np.asarray(part.offset).tolist())
     if isinstance(part, BSplineField):
-        return _spline_of(sitk, part)
-    return sitk.DisplacementFieldTransform(image_of(sitk, part))
+        return _to_itk_spline(sitk, part)
+    return sitk.DisplacementFieldTransform(to_itk_image(sitk, part))
 
 
-def _spline_of(sitk: Any, part: BSplineField) -> Any:
+def _to_itk_spline(sitk: Any, part: BSplineField) -> Any:
     axes = np.asarray(part.axes)
     spacing = np.linalg.norm(axes, axis=0)
     made = sitk.BSplineTransform(3, part.order)

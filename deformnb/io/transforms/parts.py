@@ -41,7 +41,7 @@ def sampled_parts(
             longest = np.abs(np.asarray(part.coefficients).reshape(-1, 3)).max(axis=0)  # no displacement is longer
             reach = reach + longest @ np.abs(np.asarray(grid.direction))
         else:
-            lattice = _padded(grid, reach)
+            lattice = _pad(grid, reach)
             values = part.on_grid(lattice).astype(np.float64)
             found.append(DisplacementField(values, lattice))
             reach = reach + np.abs(values.reshape(-1, 3) @ np.asarray(grid.direction)).max(axis=0)
@@ -50,7 +50,7 @@ def sampled_parts(
     return found
 
 
-def _padded(grid: Grid, reach: NDArray[np.float64]) -> Grid:
+def _pad(grid: Grid, reach: NDArray[np.float64]) -> Grid:
     """The grid with as many voxels more on every side as a length along each of its axes needs."""
     more = np.ceil(reach / np.asarray(grid.spacing)).astype(int)
     shape = tuple(int(n + 2 * m) for n, m in zip(grid.shape, more[::-1], strict=True))

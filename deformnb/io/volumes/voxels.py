@@ -279,7 +279,7 @@ def write_packed(
             file.write(header)
             write_all(file, compress(pieces, encoding))
         else:
-            write_all(file, compress(_with_header(header, pieces), encoding))
+            write_all(file, compress(_prepend_header(header, pieces), encoding))
 
 
 def write_pair(
@@ -341,6 +341,6 @@ def _remove_unused(header: Path, before: str | None, named: Callable[[Path], str
                 sweep(file, unless=lambda name=file.name: _data_file_name(header, named) in (name, None))  # type: ignore[misc]
 
 
-def _with_header(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:
+def _prepend_header(header: bytes, pieces: Iterator[memoryview]) -> Iterator[memoryview]:
     yield memoryview(header)
     yield from pieces

@@ -15,7 +15,7 @@ import numpy as np
 from deformnb._typing import Image, Progress
 from deformnb.document.deformation import Deformation
 from deformnb.errors import DeformError
-from deformnb.imaging.core_volume import bytes_of, draw_core, draw_core_mip
+from deformnb.imaging.core_volume import color_bytes, draw_core, draw_core_mip
 from deformnb.imaging.display import DisplaySettings
 from deformnb.imaging.occlusion import AMBIENT_CELL, ambient_light
 from deformnb.imaging.vtk_volume import gl_status
@@ -183,7 +183,7 @@ def preview_png(scene: SceneDescription) -> bytes:
     captions = {"original": both[:1], "side_by_side": both, "wipe": both, "fade": ["original over deformed"]}.get(
         scene.shows, []
     )
-    draw, ink = ImageDraw.Draw(canvas), bytes_of(INKS[scene.background])
+    draw, ink = ImageDraw.Draw(canvas), color_bytes(INKS[scene.background])
     for k, caption in enumerate(captions):
         draw.text((10 + k * canvas.width / len(captions), 8), caption, fill=ink, font=ImageFont.load_default(14))
     return as_png(np.asarray(canvas))

@@ -183,7 +183,7 @@ class _ViewArea:
         """Script and styles of the overlays on the picture."""
         return ("remote.js", "remote.css")
 
-    def left(self) -> None:
+    def disconnect(self) -> None:
         """A page has gone; it held nothing but the mouse."""
 
     def _size(self, origin: str, size: Any) -> None:

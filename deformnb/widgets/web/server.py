@@ -50,7 +50,7 @@ class Content(Protocol):
     def bundles(self) -> tuple[str, ...]:
         """Bundles that the page loads as files of the folder ``deformnb``."""
 
-    def left(self) -> None:
+    def disconnect(self) -> None:
         """A client has gone."""
 
 
@@ -162,7 +162,7 @@ class PageServer:
             known = self.guard.clients
             last = time.monotonic() if known else last
             if before - known:
-                self.content.left()
+                self.content.disconnect()
             before = known
             if time.monotonic() - last > self.idle:
                 self.stop(f"no page was connected for {self.idle / 60:.3g} minutes")

@@ -28,7 +28,7 @@ FILES = [
 Usage = namedtuple("Usage", "total used free")
 
 
-def made(value: int = 0, size: int = 8) -> Volume:
+def small_volume(value: int = 0, size: int = 8) -> Volume:
     return Volume.from_array(np.full((size, size, size), value, np.int16), (1, 2, 3))
 
 
@@ -87,13 +87,13 @@ def test_what_stands_in_the_way_is_said(suffix: str, tmp_path: Path, monkeypatch
     def refuse(path: Path, words: str, **options: object) -> None:
         before = contents(tmp_path) if all(file.is_file() for file in tmp_path.iterdir()) else None
         with pytest.raises(VolumeFileError, match=words) as caught:
-            write_volume(made(), path, progress=told.append, **options)  # type: ignore[arg-type]
+            write_volume(small_volume(), path, progress=told.append, **options)  # type: ignore[arg-type]
         assert "\n" not in str(caught.value)
         assert not told  # before any work
         assert before is None or contents(tmp_path) == before
 
     refuse(tmp_path / "none" / f"a{suffix}", "no folder")
-    write_volume(made(), tmp_path / f"a{suffix}")
+    write_volume(small_volume(), tmp_path / f"a{suffix}")
     refuse(tmp_path / f"a{suffix}", "exists already", overwrite=False)
     refuse(tmp_path / ("x" * 300 + suffix), ".")
     refuse(tmp_path / f"a\0{suffix}", "not a usable path|cannot have this name")
@@ -114,13 +114,13 @@ def test_what_stands_in_the_way_is_said(suffix: str, tmp_path: Path, monkeypatch
 def test_only_known_kinds_are_written(tmp_path: Path) -> None:
     for name, words in (("a.dcm", "DICOM.*read but not written"), ("a", "no kind"), ("a.txt", ".nii.gz")):
         with pytest.raises(VolumeFileError, match=words):
-            write_volume(made(), tmp_path / name)
+            write_volume(small_volume(), tmp_path / name)
     assert contents(tmp_path) == {}
 
 
 def test_formats_do_not_overwrite_one_another(tmp_path: Path) -> None:
     for number, suffix in enumerate(WRITABLE):
-        write_volume(made(number), tmp_path / f"a{suffix}")
+        write_volume(small_volume(number), tmp_path / f"a{suffix}")
     for number, suffix in enumerate(WRITABLE):
         assert (read_volume(tmp_path / f"a{suffix}").values == number).all()
 
@@ -128,7 +128,7 @@ def test_formats_do_not_overwrite_one_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", FILES)
 def test_a_disk_that_fills_up_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(1), path)
+    write_volume(small_volume(1), path)
     before = contents(tmp_path)
     noise = Volume.from_array(np.random.default_rng(0).integers(-9999, 9999, (64, 64, 64), np.int16))
     with full_disk(100_000), pytest.raises(VolumeFileError, match=r"is full; an older file of this name is untouched"):
@@ -148,7 +148,7 @@ deformnb.io.write_volume(deformnb.Volume.from_array(numpy.zeros((300, 300, 300),
 
 def test_a_killed_program_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "a.nii"
-    write_volume(made(1), path)
+    write_volume(small_volume(1), path)
     child = subprocess.Popen([sys.executable, "-c", _KILLED, str(path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
         assert child.stdout is not None
@@ -187,8 +187,8 @@ def test_two_writers_at_once_leave_one_whole_file(tmp_path: Path) -> None:
 
     def inner(share: float) -> None:
         if not path.exists():
-            write_volume(made(2), path)
+            write_volume(small_volume(2), path)
 
-    write_volume(made(1), path, progress=inner)
+    write_volume(small_volume(1), path, progress=inner)
     assert (read_volume(path).values == 1).all()
     assert list(contents(tmp_path)) == ["a.nrrd"]

@@ -51,7 +51,7 @@ def rows_of(places: list[tuple[float, float, float]], missing: int | None, word:
     return [(word, word, word) if k == missing else (repr(x), repr(y), repr(z)) for k, (x, y, z) in enumerate(places)]
 
 
-def joined(rows: Rows, separator: str = " ", end: str = "\n") -> str:
+def join_rows(rows: Rows, separator: str = " ", end: str = "\n") -> str:
     return "".join(separator.join(row) + end for row in rows)
 
 
@@ -80,13 +80,13 @@ def bigwarp_json(moving: Rows, fixed: Rows) -> str:
 def morphologika(moving: Rows, fixed: Rows) -> str:
     return (
         f"[individuals]\n2\n[landmarks]\n{len(moving)}\n[dimensions]\n3\n[names]\na\nb\n[rawpoints]\n'a\n"
-        f"{joined(moving)}'b\n{joined(fixed)}"
+        f"{join_rows(moving)}'b\n{join_rows(fixed)}"
     )
 
 
 def prm(moving: Rows, fixed: Rows) -> str:
     def listed(rows: Rows) -> str:
-        return joined(rows, end="\n    ").rstrip()
+        return join_rows(rows, end="\n    ").rstrip()
 
     return f"original control points: {listed(moving)}\n\ndeformed control points: {listed(fixed)}\n"
 
@@ -100,11 +100,11 @@ WRITTEN: dict[str, Callable[[Rows, Rows], str]] = {
         f'"p","true",{",".join((*a, *b))}\n' for a, b in zip(moving, fixed, strict=True)
     ),
     "tab table": lambda moving, fixed: table(moving, fixed, "\t"),
-    "points": lambda moving, _: joined(moving),
-    "tps": lambda moving, fixed: f"LM3=4\n{joined(moving)}ID=a\nLM3=4\n{joined(fixed)}ID=b\n",
-    "nts": lambda moving, fixed: f"1 2 12 1 -999 DIM=3\n{joined(moving)}{joined(fixed)}",
+    "points": lambda moving, _: join_rows(moving),
+    "tps": lambda moving, fixed: f"LM3=4\n{join_rows(moving)}ID=a\nLM3=4\n{join_rows(fixed)}ID=b\n",
+    "nts": lambda moving, fixed: f"1 2 12 1 -999 DIM=3\n{join_rows(moving)}{join_rows(fixed)}",
     "morphologika": morphologika,
-    "elastix": lambda moving, _: f"point\n4\n{joined(moving)}",
+    "elastix": lambda moving, _: f"point\n4\n{join_rows(moving)}",
     "pygem": prm,
 }
 """A file of four landmarks as another program writes it, by format: written literally here."""

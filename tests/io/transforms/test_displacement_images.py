@@ -15,7 +15,7 @@ import pytest
 import SimpleITK as sitk  # noqa: N813 (the name that its own manual uses)
 
 from deformnb.errors import VolumeFileError
-from deformnb.io.transforms.displacement_images import image_of
+from deformnb.io.transforms.displacement_images import to_itk_image
 from deformnb.io.transforms.formats import read_transform, write_transform
 from deformnb.rbf.fields import DisplacementField
 from deformnb.volume.volume import Grid
@@ -27,8 +27,8 @@ OTHER = DisplacementField(FIELD.values + 7, GRID)
 SUFFIXES = (".nii.gz", ".nii", ".nrrd", ".nhdr", ".mha", ".mhd")
 
 
-def written(path: Path, field: DisplacementField = FIELD) -> Path:
-    sitk.WriteImage(image_of(sitk, field), str(path))
+def write_field(path: Path, field: DisplacementField = FIELD) -> Path:
+    sitk.WriteImage(to_itk_image(sitk, field), str(path))
     return path
 
 
@@ -40,7 +40,7 @@ def written(path: Path, field: DisplacementField = FIELD) -> Path:
 def test_images_that_simpleitk_writes_are_the_same_vectors(
     suffix: str, kind: int, packed: bool, tmp_path: Path
 ) -> None:
-    image = sitk.Cast(image_of(sitk, DisplacementField(100 * np.asarray(FIELD.values), GRID)), kind)
+    image = sitk.Cast(to_itk_image(sitk, DisplacementField(100 * np.asarray(FIELD.values), GRID)), kind)
     sitk.WriteImage(image, str(tmp_path / f"a{suffix}"), packed)
     found = read_transform(tmp_path / f"a{suffix}")
     assert isinstance(found, DisplacementField)
@@ -51,8 +51,8 @@ def test_images_that_simpleitk_writes_are_the_same_vectors(
 
 
 def test_a_packed_file_is_not_taken_from_the_plain_one_beside_it(tmp_path: Path) -> None:
-    written(tmp_path / "w.nii", OTHER)
-    written(tmp_path / "w.nii.gz")
+    write_field(tmp_path / "w.nii", OTHER)
+    write_field(tmp_path / "w.nii.gz")
     for name, field in (("w.nii.gz", FIELD), ("w.nii", OTHER)):
         np.testing.assert_array_equal(read_transform(tmp_path / name).values, field.values)  # type: ignore[attr-defined]
 
@@ -68,7 +68,7 @@ def test_an_image_of_other_vectors_than_of_space_is_refused(components: int, tmp
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("short", [1, 40, 2000])
 def test_a_file_that_is_cut_short_is_refused(suffix: str, short: int, tmp_path: Path) -> None:
-    path = written(tmp_path / f"a{suffix}")
+    path = write_field(tmp_path / f"a{suffix}")
     data = max(tmp_path.iterdir(), key=lambda file: file.stat().st_size)  # of a header its own file of voxels
     data.write_bytes(data.read_bytes()[:-short])
     with pytest.raises(VolumeFileError, match=r"^a\."):
@@ -108,7 +108,7 @@ NIFTI = {
 @pytest.mark.parametrize("what", NIFTI)
 @pytest.mark.parametrize("suffix", [".nii", ".nii.gz"])
 def test_a_header_that_does_not_fit_is_refused(what: str, suffix: str, tmp_path: Path) -> None:
-    path = written(tmp_path / f"a{suffix}")
+    path = write_field(tmp_path / f"a{suffix}")
     packed = suffix == ".nii.gz"
     whole = gzip.decompress(path.read_bytes()) if packed else path.read_bytes()
     damaged = NIFTI[what](whole)
@@ -141,7 +141,7 @@ def test_a_line_that_does_not_fit_is_refused(line: str, tmp_path: Path) -> None:
     suffix, _, rest = line.partition(" ")
     old, _, new = rest.partition("|")
     path = tmp_path / f"a{suffix}"
-    sitk.WriteImage(image_of(sitk, FIELD), str(path), False)
+    sitk.WriteImage(to_itk_image(sitk, FIELD), str(path), False)
     data = path.read_bytes()
     assert data.count(old.encode()) == 1, data[:600]
     path.write_bytes(data.replace(old.encode(), new.encode()))
@@ -154,7 +154,7 @@ def test_a_line_that_does_not_fit_is_refused(line: str, tmp_path: Path) -> None:
 def test_a_pipe_is_not_waited_for(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
     if suffix in (".nhdr", ".mhd"):
-        written(path)
+        write_field(path)
         path = max(tmp_path.iterdir(), key=lambda file: file.stat().st_size)
         path.unlink()
     os.mkfifo(path)

@@ -42,7 +42,7 @@ def _bend(scale: float = 1.0) -> AbstractField:
     )
 
 
-def _resampled(transform: Any) -> np.ndarray:
+def _resample(transform: Any) -> np.ndarray:
     image = VOLUME.to_sitk()
     return sitk.GetArrayFromImage(sitk.Resample(image, image, transform, sitk.sitkLinear, -1.0))
 
@@ -68,7 +68,7 @@ def test_simpleitk_resamples_what_is_written_to_the_same_voxels(suffix: str, tmp
     field, path = _bend(), tmp_path / f"bend{suffix}"
     write_transform(field, path, GRID)
     known = dn.warp(VOLUME, DisplacementField.sample(field, GRID), fill=-1.0).values
-    found = _resampled(_itk(path))
+    found = _resample(_itk(path))
     inside = (known != -1) & (found != -1)
     assert inside.mean() > 0.5
     assert (inside == (known != -1)).mean() > 0.995  # at the very border either may round outwards

@@ -30,7 +30,7 @@ def text(name: str, parameters: Any, fixed: Any) -> str:
     return "#Transform 0\nTransform: {}\nParameters: {}\nFixedParameters: {}\n".format(name, *lines)
 
 
-def written(path: Path, *entries: str) -> Path:
+def write_transforms(path: Path, *entries: str) -> Path:
     path.write_text("#Insight Transform File V1.0\n" + "".join(entries), encoding="utf-8")
     return path
 
@@ -55,9 +55,9 @@ def where(made: Any, places: np.ndarray) -> np.ndarray:
 def test_a_linear_transform_is_the_map_that_itk_makes_of_it(kind: str, dim: int, seed: int, tmp_path: Path) -> None:
     one = text(f"{kind}_double_{dim}_{dim}", *numbers_of(kind, dim))
     # SimpleITK has no class for some of ITK's, but all within a composite.
-    whole = written(tmp_path / "a.tfm", text(f"CompositeTransform_double_{dim}_{dim}", [], []), one)
+    whole = write_transforms(tmp_path / "a.tfm", text(f"CompositeTransform_double_{dim}_{dim}", [], []), one)
     known = where(sitk.ReadTransform(str(whole)), places := RANDOM.uniform(-50, 50, (20, dim)))
-    for path in (whole, written(tmp_path / "b.tfm", one)):
+    for path in (whole, write_transforms(tmp_path / "b.tfm", one)):
         field = read_transform(path)
         assert field.dim == dim
         assert np.abs(places + field.displacement(places) - known).max() < 1e-10
@@ -70,7 +70,7 @@ def test_a_transform_on_a_grid_is_the_map_that_itk_makes_of_it(name: str, dim: i
     turned = np.eye(dim)
     turned[:2, :2] = [[0.8, -0.6], [0.6, 0.8]]
     fixed = [*size, *RANDOM.uniform(-20, 20, dim), *RANDOM.uniform(2, 4, dim), *turned.ravel()]
-    path = written(tmp_path / "a.tfm", text(name, RANDOM.normal(size=int(size.prod()) * dim), fixed))
+    path = write_transforms(tmp_path / "a.tfm", text(name, RANDOM.normal(size=int(size.prod()) * dim), fixed))
     field, theirs = read_transform(path), sitk.ReadTransform(str(path))
     index = RANDOM.uniform(-1.0 if is_spline else 0.0, size if is_spline else size - 1.0, (300, dim))
     places = index * np.array(fixed[2 * dim : 3 * dim]) @ turned.T + np.array(fixed[dim : 2 * dim])
@@ -87,12 +87,12 @@ def test_a_transform_on_a_grid_is_the_map_that_itk_makes_of_it(name: str, dim: i
 def test_a_composite_keeps_its_order_in_every_file(suffix: str, precision: str, tmp_path: Path) -> None:
     kinds = ["Euler3DTransform", "ScaleSkewVersor3DTransform", "AffineTransform"]
     entries = [text(f"{kind}_double_3_3", *numbers_of(kind, 3)) for kind in kinds]
-    whole = written(tmp_path / "whole.tfm", text("CompositeTransform_double_3_3", [], []), *entries)
+    whole = write_transforms(tmp_path / "whole.tfm", text("CompositeTransform_double_3_3", [], []), *entries)
     theirs = sitk.ReadTransform(str(whole))
     path = tmp_path / f"a.{suffix}"
     if suffix == "mat" or precision == "float":  # of which ITK reads no composite back, or writes none
         lines = whole.read_text(encoding="utf-8").partition("\n")[2]
-        path = written(tmp_path / "a.tfm", lines.replace("double", precision))
+        path = write_transforms(tmp_path / "a.tfm", lines.replace("double", precision))
     else:
         sitk.WriteTransform(theirs, str(path))
     places = RANDOM.uniform(-50, 50, (20, 3))
@@ -178,7 +178,7 @@ def test_wrong_counts_and_wrong_numbers_are_refused(kind: str, change: str, tmp_
 )
 def test_lists_that_are_no_one_map_are_refused(entries: list[str], words: str, tmp_path: Path) -> None:
     counts = {"Af": {"2": (6, 2), "3": (12, 3)}}
-    path = written(
+    path = write_transforms(
         tmp_path / "a.tfm",
         *(text(name, *(np.zeros(n) for n in counts.get(name[:2], {}).get(name[-1], (0, 0)))) for name in entries),
     )
@@ -199,6 +199,6 @@ def test_lists_that_are_no_one_map_are_refused(entries: list[str], words: str, t
     ],
 )
 def test_lines_that_itk_would_not_write_are_refused(lines: str, tmp_path: Path) -> None:
-    path = written(tmp_path / "a.tfm", lines.format("TranslationTransform_double_3_3"))
+    path = write_transforms(tmp_path / "a.tfm", lines.format("TranslationTransform_double_3_3"))
     with pytest.raises(VolumeFileError, match=r"^a\.tfm: "):
         read_transform(path)

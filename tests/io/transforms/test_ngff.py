@@ -26,7 +26,7 @@ AFFINE = Affine(np.eye(3) + RANDOM.uniform(-0.1, 0.1, (3, 3)), RANDOM.normal(siz
 FIELD = DisplacementField(RANDOM.normal(size=(*PLAIN.shape, 3)), PLAIN)
 
 
-def _by_hand(path: Path, points: np.ndarray) -> np.ndarray:
+def _map_literally(path: Path, points: np.ndarray) -> np.ndarray:
     """The points mapped by the one transformation of a scene, with nothing but the metadata and the arrays."""
     root = zarr.open_group(str(path), mode="r")
     ome: Any = root.attrs["ome"]
@@ -57,7 +57,7 @@ def test_zarr_and_numpy_read_the_same_map(grid: Grid, tmp_path: Path) -> None:
         write_transform(field, tmp_path / "a.zarr", grid, overwrite=True)
         limit = agreed("transforms", "ngff", "zarr and NumPy by hand")
         again = read_transform(tmp_path / "a.zarr")
-        assert np.abs(_by_hand(tmp_path / "a.zarr", points) - points - again.displacement(points)).max() < limit
+        assert np.abs(_map_literally(tmp_path / "a.zarr", points) - points - again.displacement(points)).max() < limit
         assert np.abs(again.displacement(points) - field.displacement(points)).max() < limit
         assert [type(step) for step in again.steps] == [type(step) for step in field.steps]
     assert "backward" in (tmp_path / "a.zarr" / "zarr.json").read_text(encoding="utf-8")

@@ -24,7 +24,7 @@ def items(**fields: Any) -> Any:
     return pydicom.Sequence([data])
 
 
-def enhanced(path: Path, order: np.ndarray, *, own: bool = True, **changes: Any) -> None:
+def write_enhanced(path: Path, order: np.ndarray, *, own: bool = True, **changes: Any) -> None:
     """A file of frames whose places are in functional groups, in any order."""
     write_slice(path, VOXELS[0], (9, 9, 9))
     data = pydicom.dcmread(path)
@@ -59,7 +59,7 @@ def enhanced(path: Path, order: np.ndarray, *, own: bool = True, **changes: Any)
 
 @pytest.mark.parametrize("own", [True, False])
 def test_frames_with_places_are_slices(own: bool, tmp_path: Path) -> None:
-    enhanced(tmp_path / "a.dcm", np.random.default_rng(5).permutation(6), own=own)
+    write_enhanced(tmp_path / "a.dcm", np.random.default_rng(5).permutation(6), own=own)
     read = read_volume(tmp_path / "a.dcm")
     np.testing.assert_array_equal(read.values, VOXELS.astype(int) * 2 - 10)
     np.testing.assert_allclose(read.grid.spacing, (0.5, 1.25, 2.5), rtol=1e-4)
@@ -80,13 +80,13 @@ def test_frames_with_places_are_slices(own: bool, tmp_path: Path) -> None:
     ],
 )
 def test_frames_that_are_miscounted(changes: dict[str, Any], words: str, tmp_path: Path) -> None:
-    enhanced(tmp_path / "a.dcm", np.arange(6), **changes)
+    write_enhanced(tmp_path / "a.dcm", np.arange(6), **changes)
     with pytest.raises(VolumeFileError, match=words):
         read_volume(tmp_path / "a.dcm")
 
 
 def test_frames_at_one_place_are_several_times(tmp_path: Path) -> None:
-    enhanced(tmp_path / "a.dcm", np.array([0, 1, 2, 2]))
+    write_enhanced(tmp_path / "a.dcm", np.array([0, 1, 2, 2]))
     with pytest.raises(VolumeFileError, match=r"frame 3 and a.dcm frame 4 lie at the same place"):
         read_volume(tmp_path / "a.dcm")
 

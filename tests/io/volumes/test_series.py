@@ -22,7 +22,7 @@ SUFFIXES = [".nrrd", ".nii", ".nii.gz", ".mha"]
 NAMES = {"channels": ("nuclei", "actin"), "rgb": ("red", "green", "blue"), "rgba": ("red", "green", "blue", "alpha")}
 
 
-def made(kind: str, channels: int, moments: int, dtype: str = "uint8") -> list[Channels]:
+def sample_series(kind: str, channels: int, moments: int, dtype: str = "uint8") -> list[Channels]:
     rng = np.random.default_rng(5)
     return [
         Channels.from_array(
@@ -32,7 +32,7 @@ def made(kind: str, channels: int, moments: int, dtype: str = "uint8") -> list[C
     ]
 
 
-def stacked(series: list[Channels]) -> NDArray[np.uint8]:
+def stack_values(series: list[Channels]) -> NDArray[np.uint8]:
     return np.stack([channels.values for channels in series])  # [t, z, y, x, c]
 
 
@@ -43,7 +43,7 @@ def writable(suffix: str, channels: int, moments: int, kind: str) -> bool:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize(("kind", "channels", "moments"), LAYOUTS)
 def test_what_is_written_is_read_back(kind: str, channels: int, moments: int, suffix: str, tmp_path: Path) -> None:
-    path, series = tmp_path / f"a{suffix}", made(kind, channels, moments)
+    path, series = tmp_path / f"a{suffix}", sample_series(kind, channels, moments)
     if not writable(suffix, channels, moments, kind):
         with pytest.raises(DeformError, match=r"write \.nrrd"):
             write_series(series, path, moments)
@@ -54,7 +54,7 @@ def test_what_is_written_is_read_back(kind: str, channels: int, moments: int, su
     opened = open_series(path)
     back = list(opened)
     assert len(opened) == len(back) == moments
-    assert np.array_equal(stacked(back), stacked(series))
+    assert np.array_equal(stack_values(back), stack_values(series))
     assert back[0].kind == kind
     assert opened.grid.is_like(GRID)
     if channels > 1 and not suffix.startswith(".nii"):
@@ -79,11 +79,11 @@ def test_simpleitk_reads_the_same(kind: str, channels: int, moments: int, suffix
     sitk = pytest.importorskip("SimpleITK")
     if not writable(suffix, channels, moments, kind):
         return
-    path, series = tmp_path / f"a{suffix}", made(kind, channels, moments)
+    path, series = tmp_path / f"a{suffix}", sample_series(kind, channels, moments)
     write_series(series, path, moments)
     image = sitk.ReadImage(str(path))
     values = sitk.GetArrayFromImage(image)
-    expected = stacked(series)
+    expected = stack_values(series)
     if suffix == ".nrrd" and channels == 1:  # ITK takes a list along the last axis for the parts of a voxel
         values = np.moveaxis(values, -1, 0)
     assert np.array_equal(values.reshape(expected.shape), expected)
@@ -96,8 +96,8 @@ def test_simpleitk_reads_the_same(kind: str, channels: int, moments: int, suffix
 @pytest.mark.parametrize(("kind", "channels", "moments"), [("rgb", 3, 2), ("channels", 1, 3), ("channels", 2, 1)])
 def test_nibabel_and_pynrrd_read_the_same(kind: str, channels: int, moments: int, tmp_path: Path) -> None:
     nibabel, nrrd = pytest.importorskip("nibabel"), pytest.importorskip("nrrd")
-    series = made(kind, channels, moments)
-    expected = stacked(series)
+    series = sample_series(kind, channels, moments)
+    expected = stack_values(series)
     write_series(series, tmp_path / "a.nii.gz", moments)
     values = np.asanyarray(nibabel.load(tmp_path / "a.nii.gz").dataobj)  # [x, y, z, t, c]
     if values.dtype.names:
@@ -111,7 +111,7 @@ def test_nibabel_and_pynrrd_read_the_same(kind: str, channels: int, moments: int
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_what_simpleitk_wrote_is_read(suffix: str, tmp_path: Path) -> None:
     sitk = pytest.importorskip("SimpleITK")
-    values = stacked(made("rgb", 3, 2)).astype(np.int16)
+    values = stack_values(sample_series("rgb", 3, 2)).astype(np.int16)
     colours = sitk.GetImageFromArray(values[0], isVector=True)
     moments = sitk.GetImageFromArray(values[..., 0], isVector=False)
     sitk.WriteImage(colours, str(tmp_path / f"c{suffix}"))
@@ -120,7 +120,7 @@ def test_what_simpleitk_wrote_is_read(suffix: str, tmp_path: Path) -> None:
     moments.SetOrigin((4, 5, 6, 0))
     sitk.WriteImage(moments, str(tmp_path / f"m{suffix}"))
     series = open_series(tmp_path / f"m{suffix}")
-    assert np.array_equal(stacked(list(series)), values[..., :1])
+    assert np.array_equal(stack_values(list(series)), values[..., :1])
     assert series.grid.is_like(Grid((3, 4, 5), (1, 2, 3), (4, 5, 6)))
 
 
@@ -132,7 +132,7 @@ def test_scaled_moments_are_what_their_numbers_mean(tmp_path: Path) -> None:
     again = np.asarray(nibabel.load(tmp_path / "a.nii.gz").get_fdata())
     series = open_series(tmp_path / "a.nii.gz")
     assert series.dtype == np.float32
-    assert np.array_equal(stacked(list(series))[..., 0], again.T)
+    assert np.array_equal(stack_values(list(series))[..., 0], again.T)
 
 
 def test_one_moment_at_a_time_is_in_memory(tmp_path: Path) -> None:
@@ -157,19 +157,19 @@ def test_one_moment_at_a_time_is_in_memory(tmp_path: Path) -> None:
 @pytest.mark.parametrize(("count", "said"), [(2, "more moments"), (4, "only 3 of the 4")])
 def test_a_number_of_moments_that_is_wrong_leaves_no_file(count: int, said: str, tmp_path: Path) -> None:
     with pytest.raises(DeformError, match=said):
-        write_series(made("channels", 1, 3), tmp_path / "a.nrrd", count)
+        write_series(sample_series("channels", 1, 3), tmp_path / "a.nrrd", count)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_moments_must_be_alike_and_writing_can_be_cancelled(tmp_path: Path) -> None:
     with pytest.raises(DeformError, match="moment 2 is not like the first"):
-        write_series([*made("channels", 1, 1), *made("channels", 2, 1)], tmp_path / "a.mha", 2)
+        write_series([*sample_series("channels", 1, 1), *sample_series("channels", 2, 1)], tmp_path / "a.mha", 2)
 
     def stop(share: float) -> None:
         raise Cancelled(f"at {share}")
 
     with pytest.raises(Cancelled):
-        write_series(made("channels", 1, 3), tmp_path / "a.nrrd", 3, progress=stop)
+        write_series(sample_series("channels", 1, 3), tmp_path / "a.nrrd", 3, progress=stop)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -209,7 +209,7 @@ def test_what_a_format_cannot_hold_is_refused(
 
 def test_a_damaged_description_of_channels_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "a.nrrd"
-    write_channels(made("channels", 2, 1)[0], path)
+    write_channels(sample_series("channels", 2, 1)[0], path)
     data = path.read_bytes()
     for wrong in (b'{"kind": "rgb", "names": 4}', b"[" * 900, b'{"kind": "rgb", "names": [], "colours": [[1]]}'):
         path.write_bytes(data.replace(data[data.index(b"{") : data.index(b"}") + 1], wrong))
@@ -218,7 +218,7 @@ def test_a_damaged_description_of_channels_is_left_out(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_channels_of_our_own_are_no_vectors(suffix: str, tmp_path: Path) -> None:
-    write_channels(made("channels", 2, 1)[0], tmp_path / f"a{suffix}")
+    write_channels(sample_series("channels", 2, 1)[0], tmp_path / f"a{suffix}")
     assert "the file holds 2 channels" in " ".join(describe_file(tmp_path / f"a{suffix}").notes)
 
 

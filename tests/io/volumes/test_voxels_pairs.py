@@ -17,7 +17,7 @@ from deformnb.io.files import atomic
 PAIRS = [".mhd", ".nhdr"]
 
 
-def made(number: int = 0, *, is_labels: bool = False) -> Volume:
+def small_volume(number: int = 0, *, is_labels: bool = False) -> Volume:
     values = np.arange(4 * 5 * 6, dtype=np.int16).reshape(4, 5, 6) + 100 * number
     return replace(Volume.from_array(values, (1 + number, 2, 3)), is_labels=is_labels)
 
@@ -34,22 +34,22 @@ def data_of(path: Path) -> Path:
 @pytest.mark.parametrize("suffix", PAIRS)
 def test_other_voxels_get_another_name_and_the_old_ones_go(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     first = data_of(path)
     text = path.read_bytes()
     stranger = tmp_path / f"{path.name}.raw"  # no header names it
     stranger.write_bytes(b"mine")
     orphan = tmp_path / f"{path.name}.0123abcd.raw"  # of a writer that was killed before it wrote its header
     orphan.write_bytes(b"x")
-    write_volume(made(1), path)
+    write_volume(small_volume(1), path)
     assert not first.exists()
     assert not orphan.exists()
     assert stranger.read_bytes() == b"mine"
     stranger.unlink()
     again = read_volume(path)
-    np.testing.assert_array_equal(again.values, made(1).values)
-    assert again.grid == made(1).grid
-    write_volume(made(), path)
+    np.testing.assert_array_equal(again.values, small_volume(1).values)
+    assert again.grid == small_volume(1).grid
+    write_volume(small_volume(), path)
     assert names(tmp_path) == sorted([path.name, first.name])
     assert path.read_bytes() == text  # equal volumes give equal files
 
@@ -57,31 +57,31 @@ def test_other_voxels_get_another_name_and_the_old_ones_go(suffix: str, tmp_path
 @pytest.mark.parametrize("suffix", PAIRS)
 def test_the_data_file_of_an_earlier_release_goes_once_it_is_replaced(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     old = tmp_path / f"{path.name}.raw"
     data = data_of(path)
     path.write_bytes(path.read_bytes().replace(data.name.encode(), old.name.encode()))
     data.rename(old)
-    np.testing.assert_array_equal(read_volume(path).values, made().values)
-    write_volume(made(1), path)
+    np.testing.assert_array_equal(read_volume(path).values, small_volume().values)
+    write_volume(small_volume(1), path)
     assert not old.exists()
-    np.testing.assert_array_equal(read_volume(path).values, made(1).values)
+    np.testing.assert_array_equal(read_volume(path).values, small_volume(1).values)
 
 
 @pytest.mark.parametrize("suffix", PAIRS)
 def test_voxels_of_another_volume_are_refused(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     data = data_of(path)
     whole = data.read_bytes()
-    data.write_bytes(made(1).values.tobytes())  # of the same size
+    data.write_bytes(small_volume(1).values.tobytes())  # of the same size
     with pytest.raises(VolumeFileError, match=rf"not those that the header a{suffix} was written for \(CRC "):
         read_volume(path)
     data.write_bytes(whole[:-2])
     with pytest.raises(VolumeFileError, match=r"needs 240 bytes .*has 238: it is cut short or damaged"):
         read_volume(path)
     data.write_bytes(whole)
-    np.testing.assert_array_equal(read_volume(path, stride=2).values, made().values[::2, ::2, ::2])
+    np.testing.assert_array_equal(read_volume(path, stride=2).values, small_volume().values[::2, ::2, ::2])
 
 
 @pytest.mark.parametrize("is_labels", [False, True])
@@ -92,7 +92,7 @@ def test_other_programs_read_the_header_with_its_check_sum(suffix: str, is_label
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     path = tmp_path / f"a{suffix}"
-    volume = made(is_labels=is_labels)
+    volume = small_volume(is_labels=is_labels)
     write_volume(volume, path)
     assert b"deformnb data crc32" in path.read_bytes()
     assert bool(read_volume(path).is_labels) == is_labels
@@ -114,16 +114,16 @@ def test_what_other_programs_make_of_it_is_read(suffix: str, place: str, tmp_pat
     """Other programs copy the comments of a header for other voxels; the check sum must not be among it."""
     sitk, nrrd = pytest.importorskip("SimpleITK"), pytest.importorskip("nrrd")
     path, other = tmp_path / f"a{suffix}", tmp_path / f"{place}{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     image = sitk.ReadImage(str(path))
     image[0, 0, 0] = 99
     sitk.WriteImage(image, str(other))
     assert read_volume(other).values[0, 0, 0] == 99
     if suffix == ".nhdr":
-        write_volume(made(), path)
+        write_volume(small_volume(), path)
         values, header = nrrd.read(str(path))
         nrrd.write(str(other), values + 7, header)
-        np.testing.assert_array_equal(read_volume(other).values, made().values + 7)
+        np.testing.assert_array_equal(read_volume(other).values, small_volume().values + 7)
 
 
 @pytest.mark.parametrize("suffix", PAIRS)
@@ -143,14 +143,14 @@ def test_a_header_that_cannot_be_written_leaves_the_pair_of_before(
         with monkeypatch.context() as disk:
             disk.setattr(Path, "replace", refused)
             with pytest.raises(VolumeFileError, match="was not written, the system reports: Input/output error"):
-                write_volume(made(1), path)
+                write_volume(small_volume(1), path)
         assert names(tmp_path) == before
-        write_volume(made(), path)
+        write_volume(small_volume(), path)
         assert is_there == bool(before)
-    np.testing.assert_array_equal(read_volume(path).values, made().values)
+    np.testing.assert_array_equal(read_volume(path).values, small_volume().values)
     with pytest.raises(Cancelled):
-        write_volume(made(1), path, progress=lambda share: (_ for _ in ()).throw(Cancelled("stop")))
-    np.testing.assert_array_equal(read_volume(path).values, made().values)
+        write_volume(small_volume(1), path, progress=lambda share: (_ for _ in ()).throw(Cancelled("stop")))
+    np.testing.assert_array_equal(read_volume(path).values, small_volume().values)
 
 
 @pytest.mark.parametrize("suffix", PAIRS)
@@ -158,14 +158,14 @@ def test_a_data_file_that_another_process_writes_is_left_alone(suffix: str, tmp_
     from deformnb.io.files.atomic import create_locked
 
     path = tmp_path / f"a{suffix}"
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     theirs = tmp_path / f"{path.name}.0123abcd.raw"
     descriptor = create_locked(theirs)  # in its place, and its header is not written yet
     assert descriptor is not None
-    write_volume(made(1), path)
+    write_volume(small_volume(1), path)
     assert theirs.exists()
     os.close(descriptor)
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     assert not theirs.exists()
 
 
@@ -213,7 +213,7 @@ def test_voxels_and_their_name_are_on_the_disk_before_the_header(
     suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / f"a{suffix}"
-    write_volume(made(1), path)
+    write_volume(small_volume(1), path)
     old = data_of(path)
     disk = Disk(tmp_path, monkeypatch)
     removed: list[int] = []
@@ -226,7 +226,7 @@ def test_voxels_and_their_name_are_on_the_disk_before_the_header(
             unlink(self, missing_ok=missing_ok),
         )[1],
     )
-    write_volume(made(), path)
+    write_volume(small_volume(), path)
     steps = [("renamed", data_of(path).name, 0), ("folder", "", 0), ("renamed", path.name, 0), ("folder", "", 0)]
     assert disk.events[:4] == steps
     assert removed
