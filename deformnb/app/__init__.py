@@ -51,8 +51,8 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
         description=f"""{what[0].upper()}{what[1:]}: drag points on a picture of
         the volume and watch the volume follow. Only this machine reaches the page, by the address that is printed.""",
     )
-    p.add_argument("file", nargs="?", metavar="FILE", help="a volume (default: a carp that is made up)")
-    p.add_argument("session", nargs="?", metavar="SESSION", help="a saved session to go on with")
+    p.add_argument("file", nargs="?", metavar="FILE", help="a volume (default: a synthetic carp)")
+    p.add_argument("session", nargs="?", metavar="SESSION", help="a saved session to continue")
     p.add_argument(
         "--spacing",
         type=float,
@@ -60,7 +60,7 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
         metavar=("X", "Y", "Z"),
         help="true voxel size of the input, where its file is wrong",
     )
-    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
+    p.add_argument("--labels", action="store_true", help="the volume holds labels: preserve their values")
     p.add_argument(
         "--level",
         type=int,
@@ -74,7 +74,7 @@ def add_app(commands: Any, run: Callable[[Any], None]) -> None:
         choices=VIEWERS,
         default="live",
         dest="viewer",
-        help="render the volume in the page (live) or by VTK here (vtk; needs OpenGL) (default %(default)s)",
+        help="render the volume in the browser (live) or by VTK here (vtk; needs OpenGL) (default %(default)s)",
     )
     p.add_argument("--port", type=int, default=0, help="port to listen at (default: a free one)")
     p.add_argument(

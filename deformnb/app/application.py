@@ -180,7 +180,7 @@ def open_app(
     """
     host = check_app(host, port, side, idle)
     if not is_loopback(host):
-        _print(f"warning: whoever reaches {host} and learns the address below has this session; nothing is encrypted.")
+        _print(f"warning: anyone who reaches {host} and has the address below can use this session, unencrypted.")
     app = Application(volume, deformation, side=side, viewer=viewer, language=language)
     try:
         server = app_server(app, host=host, port=port, idle=60 * idle)

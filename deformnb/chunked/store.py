@@ -154,7 +154,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
         if isinstance(error, ValueError):  # a DeformError that is also an ImportError or the like
             raise
         raise write_error(
-            target, error, f"what is done stays in {printable(folder.name)}, and the same call goes on from there"
+            target, error, f"finished blocks stay in {printable(folder.name)}, and the same call resumes from there"
         ) from error
 
 
@@ -162,7 +162,7 @@ def unfinished_store(target: Path, mark: str, *, overwrite: bool, **pyramid: Any
 def _lock(folder: Path, target: Path) -> Iterator[None]:
     """The folder of a job, made if it is missing, while no other process may write into it."""
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        raise _damage_error(folder, "it is no folder of its own")
+        raise _damage_error(folder, "it is not a plain folder")
     folder.mkdir(exist_ok=True)
     lock = _open_lock(folder)
     if lock is None:
@@ -220,9 +220,7 @@ def _begin(folder: Path, target: Path, mark: str, overwrite: bool, pyramid: dict
         known = _job_of(folder)
     except (OSError, ValueError) as error:
         if not overwrite:
-            raise _damage_error(
-                folder, f"its {_JOB} says no more of which job it is ({printable(error, 100)})"
-            ) from error
+            raise _damage_error(folder, f"its {_JOB} does not identify the job ({printable(error, 100)})") from error
         known = None
     if known == mark:
         return _resume(folder, mark, pyramid)

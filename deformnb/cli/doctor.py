@@ -70,7 +70,7 @@ def doctor() -> list[Check]:
     checks += [
         _safe_check("computing (JAX)", check_jax),
         _safe_check("devices", _devices),
-        _safe_check("kept compilations", check_cache),
+        _safe_check("compilation cache", check_cache),
         _safe_check("OpenGL (VTK)", check_gl),
     ]
     checks += [check_optional(name) for name in OPTIONAL]
@@ -152,13 +152,13 @@ def check_cache() -> Check:
 
     folder = use_disk_cache()
     if folder is None:
-        return Check("kept compilations", True, "switched off by DEFORMNB_COMPILATION_CACHE=off")
+        return Check("compilation cache", True, "switched off by DEFORMNB_COMPILATION_CACHE=off")
     parent = folder
     while parent and not os.path.isdir(parent):
         parent = os.path.dirname(parent)
     place = parent or "/"
     return Check(
-        "kept compilations",
+        "compilation cache",
         os.access(place, os.W_OK),
         folder,
         f"make {place} writable, or set JAX_COMPILATION_CACHE_DIR; without it every start compiles anew",

@@ -26,7 +26,7 @@ def add_lab(commands: Any) -> None:
         "lab",
         help=what,
         description=f"""{what[0].upper()}{what[1:]}: they are copied into a
-        folder, where files of the same names are kept as they are, and the first of them is opened.""",
+        folder, where files of the same names are left unchanged, and the first of them is opened.""",
     )
     p.add_argument("folder", nargs="?", default=".", help="where the notebooks go (default: the working directory)")
     add_lab_options(p)

@@ -138,10 +138,10 @@ def _add_demo(commands: Commands) -> None:
         "demo",
         help=what,
         description=f"""{what[0].upper()}{what[1:]}: the grid of one species is
-        laid around the fish on a picture, its nodes are moved to the grid of the other, and the volume follows. Writes
+        fitted to the fish on a picture, its nodes are moved to the grid of the other, and the volume follows. Writes
         pictures before and after, the deformed volume, and the session that "deformnb warp" applies again.""",
     )
-    p.add_argument("--volume", metavar="FILE", help="a volume of your own (default: a carp that is made up)")
+    p.add_argument("--volume", metavar="FILE", help="your volume (default: a synthetic carp)")
     add_spacing(p)
     add_device(p)
     p.add_argument(
@@ -153,7 +153,7 @@ def _add_demo(commands: Commands) -> None:
     p.add_argument(
         "--view",
         default="-x",
-        help="along which axis to look at the side of the fish: +x -x +y -y +z -z (default %(default)s)",
+        help="viewing axis for the side of the fish: +x -x +y -y +z -z (default %(default)s)",
     )
     p.add_argument(
         "--head",

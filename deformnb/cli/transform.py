@@ -37,7 +37,7 @@ def add_transform(commands: Any) -> None:
         nargs="?",
         const="",
         help="also write the inverse, which maps forward "
-        "and carries points; by default beside the output, with _forward in its name",
+        "and carries points; by default next to the output, with _forward in its name",
     )
     p.add_argument(
         "--every", type=int, default=1, metavar="N", help="sample the displacements at every n-th voxel along each axis"
@@ -77,9 +77,7 @@ def _transform(options: argparse.Namespace) -> None:
     beside = options.inverse
     if beside is not None:
         if direction == "forward":
-            raise DeformError(
-                f"{Path(options.session).name} says that it maps forward; --inverse is for backward maps."
-            )
+            raise DeformError(f"{Path(options.session).name} states a forward map; --inverse is for backward maps.")
         beside = Path(beside) if beside else _forward_name(Path(options.output))
         check_transform_target(beside, overwrite=options.force)
     with stages() as stage:

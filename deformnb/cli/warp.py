@@ -145,7 +145,7 @@ def add_warp(commands: Any) -> None:
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside the volume (default its smallest)")
-    p.add_argument("--labels", action="store_true", help="the volume holds labels: keep their values")
+    p.add_argument("--labels", action="store_true", help="the volume holds labels: preserve their values")
     p.add_argument(
         "--resolution",
         type=float,
@@ -205,7 +205,7 @@ def _warp(options: argparse.Namespace) -> None:
     follows = _follow_mesh if is_mesh(given) else _follow_landmarks if is_landmarks(given) else None
     if follows is None:
         if options.volume is not None:
-            raise DeformError("--volume is for meshes and landmarks; a volume lies in its own space.")
+            raise DeformError("--volume is for meshes and landmarks; a volume has its own space.")
         _check_output(target, force=options.force)
     else:
         _check_follower(options, target)
@@ -244,9 +244,9 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
         )
     is_forward = stated_remark(Path(options.session)).startswith("forward")
     if is_forward and follows is not None:
-        raise DeformError(f"{name} says that it maps forward; name the backward transform, against which points move.")
+        raise DeformError(f"{name} states a forward map; name the backward transform, against which points move.")
     if is_forward:
-        note(f"{name} says that it maps forward: as a backward map it takes back what that transform deforms")
+        note(f"{name} states a forward map: as a backward map it inverts that transform")
     with stages() as stage:
         if follows is not None:
             follows(read_transform(options.session, grid_of_file(options.volume, options.spacing)), options, stage)
@@ -590,10 +590,10 @@ def add_replay(commands: Any) -> None:
     """Add the command to argparse's commands."""
     p = commands.add_parser(
         "replay",
-        help="apply a session to many files, and go on where it was stopped",
+        help="apply a session to many files, and resume after a stop",
         usage="deformnb replay SESSION INPUT [INPUT ...] --out FOLDER [options]",
-        description="""Apply a session to many volumes, meshes and landmarks. What is done is remembered beside the
-        results: run it again after a stop or an error, and only what is missing or out of date is done.""",
+        description="""Apply a session to many volumes, meshes and landmarks. Progress is stored next to the
+        results: run it again after a stop or an error, and only missing or outdated results are computed.""",
     )
     p.add_argument("session", help="a document written by deformnb (.json)")
     p.add_argument("inputs", nargs="+", metavar="INPUT", help="files, or folders whose files are meant")
@@ -601,13 +601,13 @@ def add_replay(commands: Any) -> None:
     p.add_argument(
         "--align",
         default="none",
-        help='"none" keeps all coordinates (default); "box" maps the box of '
+        help='"none" preserves all coordinates (default); "box" maps the box of '
         "the session's volume to that of each input",
     )
     p.add_argument("--strength", type=float, default=1.0, help="1 as saved, 0 not at all, 2 exaggerated, -1 opposite")
     p.add_argument("--method", help="nearest, linear or cubic (default linear, nearest for labels)")
     p.add_argument("--fill", type=float, help="value outside a volume (default its smallest)")
-    p.add_argument("--labels", action="store_true", help="the volumes hold labels: keep their values")
+    p.add_argument("--labels", action="store_true", help="the volumes hold labels: preserve their values")
     p.add_argument("--volume", metavar="FILE", help="the volume in whose space meshes and landmarks lie")
     add_spacing(p)
     add_device(p)

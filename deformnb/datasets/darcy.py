@@ -134,7 +134,7 @@ def thompson_grid(name: str | int) -> ThompsonGrid:
     if len(found) != 1:
         known = ", ".join(f"{g.species} ({g.figure})" for g in thompson_grids().values())
         what = "no figure" if not found else "more than one figure"
-        raise DeformError(f"{what} of Thompson is called {name!r}; there are {known}.")
+        raise DeformError(f"{what} of Thompson is named {name!r}; there are {known}.")
     return found[0]
 
 
@@ -247,7 +247,7 @@ def _arrange_rows(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     places, count = np.asarray(landmarks.points, dtype=np.float64), len(landmarks.points)
     if places.shape[1] == 3 and np.ptp(places[:, 2]) > 0:
         raise DeformError(
-            f"the landmarks of the grid {name!r} lie in space, and a grid on a drawing: their third "
+            f"the landmarks of the grid {name!r} are in space, and a grid on a drawing: their third "
             "coordinate must be the same for all."
         )
     found = [re.fullmatch(r"r(\d+) c(\d+)", mark) for mark in landmarks.names]
@@ -262,7 +262,7 @@ def _arrange_rows(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     if not isinstance(rows, int) or rows < 2 or count % rows:
         raise DeformError(
             f'the {count} landmarks of the grid {name!r} are not named by row and column ("r0 c3"); '
-            f"say how many rows they fill: own_grid(..., rows=4). Got rows={short_value(rows)}."
+            f"state their number of rows: own_grid(..., rows=4). Got rows={short_value(rows)}."
         )
     return places[:, :2].reshape(rows, -1, 2)
 

@@ -110,7 +110,7 @@ def subject_axes(picture: Picture, margin: float = 0.02) -> tuple[NDArray[np.flo
     low, high = np.quantile(places @ axes.T, _ENDS, axis=0)
     half = (1 + 2 * margin) * (high - low) / 2
     if not (half > 0).all():
-        raise DeformError("what is on the picture is too thin to lay a grid around.")
+        raise DeformError("the subject of the picture is too thin to lay a grid around.")
     return axes.T @ ((low + high) / 2), half[0] * axes[0], half[1] * axes[1]
 
 
@@ -122,11 +122,11 @@ def subject_box(picture: Picture, margin: float = 0.02) -> tuple[float, float, f
     for lines, axis in ((picture.raster.columns, 0), (picture.raster.rows, 1)):
         found = lines[bright.mean(axis=axis) > _SUBJECT_SHARE]
         if len(found) == 0:
-            raise DeformError("there is nothing on the picture to lay a grid around: all pixels are alike.")
+            raise DeformError("there is nothing on the picture to lay a grid around: all pixels are equal.")
         grow = margin * (found[-1] - found[0])
         edges += [float(found[0] - grow), float(found[-1] + grow)]
     if edges[1] <= edges[0] or edges[3] <= edges[2]:
-        raise DeformError("what is on the picture is too thin to lay a grid around.")
+        raise DeformError("the subject of the picture is too thin to lay a grid around.")
     return edges[0], edges[1], edges[2], edges[3]
 
 
@@ -167,14 +167,14 @@ def transform(
     picture is replicated through the body, so nothing changes along the direction of looking.
     """
     plane = Plane.from_view(volume.grid, view)
-    before = project(volume, plane, "mip", progress=stage("look at it from the side"))
+    before = project(volume, plane, "mip", progress=stage("project it from the side"))
     source = source or source_figure(species)
     grids = thompson_map(source, species, box=subject_box(before), scale="area", head=head)
     deformation = Deformation.from_picture_points(volume.grid, plane, grids.points, name=f"{source} -> {species}")
     deformation = Deformation(deformation.steps, deformation.name, VolumeReference.of(volume))
     output = field_of_view(volume.grid, plane, grids)
     warped = deformation.apply(volume, output=output, progress=stage("deform it"))
-    after = project(warped, plane, "mip", progress=stage("look at the result"))
+    after = project(warped, plane, "mip", progress=stage("project the result"))
     lines = [subdivide(line) for line in grids.polylines()[0]]
     bent = deformed_grid(lines, deformation, volume)
     return Transformation(volume, warped, deformation, before, after, grids, lines, bent)
@@ -285,7 +285,7 @@ def run_demo(
         ("both pictures", both),
         ("volume before and after", render),
         ("deformed volume", warped),
-        ("session: what was done", session),
+        ("session: the steps", session),
     ]
     return Demonstration(result, [*written, ("the carp itself", carp)] if own else written)
 

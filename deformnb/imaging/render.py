@@ -88,7 +88,7 @@ def _camera(
     plane = Plane.from_normal(grid.center, direction, up)
     if height is None:
         return Camera(plane, fitting_height(grid, plane, check_size(size)))
-    wanted = "the height of what is seen must be a positive length"
+    wanted = "the height of the view must be a positive length"
     length = finite_number(height, wanted)
     if length <= 0:
         raise DeformError(f"{wanted}, got {length}.")

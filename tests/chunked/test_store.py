@@ -257,7 +257,7 @@ def test_a_full_disk_is_one_sentence_and_the_job_goes_on_later(
 
     monkeypatch.setattr(zarr.storage.LocalStore, "set", full)
     if at < 20:
-        with pytest.raises(VolumeFileError, match=r"a\.zarr: was not written, the disk .* is full; what is done stays"):
+        with pytest.raises(VolumeFileError, match=r"a\.zarr: was not written, the disk .* full; finished blocks stay"):
             warp_store(tmp_path / "a.zarr")
         assert not (tmp_path / "a.zarr").exists()
     monkeypatch.undo()
@@ -275,6 +275,6 @@ def test_what_has_the_name_of_the_folder_is_not_touched(what: str, tmp_path: Pat
     else:
         folder.write_text("mine", encoding="utf-8")
     for overwrite in (False, True):
-        with pytest.raises(DeformError, match=r"it is no folder of its own\. Remove"):
+        with pytest.raises(DeformError, match=r"it is not a plain folder\. Remove"):
             warp_store(tmp_path / "a.zarr", overwrite=overwrite)
     assert (other / "precious.txt").read_text(encoding="utf-8") == "mine"

@@ -214,8 +214,8 @@ def test_landmarks_and_files_are_laid_as_arrays_whatever_their_order(tmp_path):
 @pytest.mark.parametrize(
     ("marks", "rows", "words"),
     [
-        (Landmarks(SQUARE.reshape(-1, 2)), None, "say how many rows"),
-        (Landmarks(SQUARE.reshape(-1, 2)), 3, "say how many rows"),
+        (Landmarks(SQUARE.reshape(-1, 2)), None, "state their number of rows"),
+        (Landmarks(SQUARE.reshape(-1, 2)), 3, "state their number of rows"),
         (Landmarks(SQUARE.reshape(-1, 2)[:3], ("r0 c0", "r0 c1", "r1 c0")), None, "r1 c1 is missing"),
         (Landmarks(SQUARE.reshape(-1, 2), ("r0 c0", "r0 c1", "r1 c0", "r1 c0")), None, "r1 c1 is missing"),
         (

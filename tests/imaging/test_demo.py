@@ -287,9 +287,9 @@ def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pyte
     assert demonstration.result.deformation.volume.matches(carp)
     assert stages == [
         "make a carp",
-        "look at it from the side",
+        "project it from the side",
         "deform it",
-        "look at the result",
+        "project the result",
         "render both volumes",
         "write the carp",
         "write the deformed volume",
@@ -299,7 +299,7 @@ def test_the_carp_that_it_makes_is_written_too(tmp_path: Path, monkeypatch: pyte
 
 @pytest.mark.sampled(3)
 @pytest.mark.parametrize(
-    "stop_at", ["look at it from the side", "deform it", "render both volumes", "write the deformed volume"]
+    "stop_at", ["project it from the side", "deform it", "render both volumes", "write the deformed volume"]
 )
 def test_it_can_be_stopped_anywhere(stop_at: str, small: Volume, tmp_path: Path) -> None:
     def stage(name: str) -> Callable[[float], None]:

@@ -101,5 +101,5 @@ def test_what_cannot_be_done_is_said_and_changes_nothing(session: Session) -> No
     session.editing.undo()
     assert session.editing.deformation == before
     empty = Session(Volume(np.zeros((4, 5, 6), np.uint8), Grid((4, 5, 6))))
-    with pytest.raises(DeformError, match="all pixels are alike"):
+    with pytest.raises(DeformError, match="all pixels are equal"):
         apply_example(empty, "bend")

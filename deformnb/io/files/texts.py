@@ -47,7 +47,7 @@ def decode_text(path: Path, data: bytes) -> tuple[str, tuple[str, ...]]:
             except UnicodeDecodeError:
                 raise fail(
                     path,
-                    f"its first bytes say that it is {encoding[:6].rstrip('-').upper()} text, and what "
+                    f"its first bytes mark it as {encoding[:6].rstrip('-').upper()} text, and what "
                     "follows is none; it is damaged.",
                 ) from None
     if b"\0" in data:

@@ -95,7 +95,7 @@ def finite_number(path: Path, word: Any, where: str) -> float:
         value = float(word)
     except (TypeError, ValueError, OverflowError):  # a whole number of 400 digits fits into no float
         what = "nothing" if word is None else repr(printable(word, 20))
-        raise fail(path, f"{where}: {what} stands where a number is expected.") from None
+        raise fail(path, f"{where}: {what} is given where a number is expected.") from None
     if not math.isfinite(value):
         raise fail(path, f"{where}: {printable(word, 20)} is not finite.")
     return value

@@ -223,7 +223,7 @@ def _fcsv_coordinate(path: Path, found: dict[str, str], axis: str, line: int, co
     number = columns.index(axis) + 1 if axis in columns else None
     if axis not in found:
         where = f"line {line}" if number is None else f"line {line}, column {number}"
-        raise fail(path, f"{where}: nothing stands where {axis} is expected.")
+        raise fail(path, f"{where}: nothing is given where {axis} is expected.")
     return coordinates(path, [found[axis]], f"line {line}", number)[0]
 
 

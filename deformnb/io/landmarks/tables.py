@@ -126,7 +126,7 @@ def _read_bigwarp(path: Path, rows: TableRows) -> Landmarks:
             )
         if row[1].lower() not in ("true", "false"):
             raise fail(
-                path, f"line {number}, column 2: {printable(row[1], 20)!r} stands where BigWarp writes true or false."
+                path, f"line {number}, column 2: {printable(row[1], 20)!r} is given where BigWarp writes true or false."
             )
         names.append(row[0])
         active.append(row[1].lower() == "true")

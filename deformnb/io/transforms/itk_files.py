@@ -240,7 +240,7 @@ def _numbers(path: Path, dataset: Any, what: str) -> NDArray[np.float64]:
 def _check_stored(path: Path, dataset: Any, what: str) -> None:
     """Refuse data that are in other files, need other programs, or are missing: HDF5 fills that up with zeros."""
     if dataset.external or dataset.is_virtual:
-        raise fail(path, f"its {what} lie in another file, which is not read.")
+        raise fail(path, f"its {what} are in another file, which is not read.")
     plist = dataset.id.get_create_plist()
     if any(plist.get_filter(k)[0] not in _FILTERS for k in range(plist.get_nfilters())):
         raise fail(path, f"its {what} are packed in a way that is not read; save them with gzip, or unpacked.")

@@ -125,13 +125,13 @@ def field_of_list(path: Path, transforms: list[ItkTransform]) -> AbstractField:
         names = ", ".join(one.kind for one in transforms[:4])
         raise fail(
             path,
-            f"it holds {len(transforms)} transforms ({names}, ...), and does not say that they follow one "
+            f"it holds {len(transforms)} transforms ({names}, ...), and does not state that they follow one "
             "another; save one, or a CompositeTransform of them.",
         )
     if any(one.kind == COMPOSITE for one in parts):
         raise fail(
             path,
-            "it holds a composite within a composite, whose parts cannot be told apart; flatten it: FlattenTransform.",
+            "it holds a composite within a composite, whose parts cannot be separated; flatten it: FlattenTransform.",
         )
     if len({one.dim for one in transforms}) > 1:
         raise fail(path, "its transforms are of different dimensions, so that they do not follow one another.")
@@ -383,7 +383,7 @@ def _check_counts(path: Path, given: ItkTransform) -> None:
         if count or n:
             raise fail(
                 path,
-                f"its {COMPOSITE} has {count} parameters and {n} fixed ones of its own, and should have "
+                f"its {COMPOSITE} has {count} parameters and {n} fixed ones, and should have "
                 "none: its parts follow it.",
             )
     elif given.kind in LINEAR:

@@ -248,7 +248,7 @@ class _Reader:
         if given.get("interpolation", "linear") not in ("linear", None):
             raise fail(
                 self.path,
-                f"its field asks for {printable(given['interpolation'], 20)} interpolation; only linear "
+                f"its field requires {printable(given['interpolation'], 20)} interpolation; only linear "
                 "interpolation is computed here.",
             )
         array, spacing, first = self._array(given.get("path"))
@@ -336,7 +336,7 @@ class _Reader:
         if count > _MOST_CHUNKS:
             raise fail(
                 self.path,
-                f"its field {printable(place.name, 40)} lies in {count} chunks, and at most "
+                f"its field {printable(place.name, 40)} has {count} chunks, and at most "
                 f"{_MOST_CHUNKS} are read; save it in larger ones.",
             )
         _check_chunks(self.path, place)

@@ -417,7 +417,7 @@ def _array(path: Path, group: zarr.Group, name: Any) -> zarr.Array[Any]:
     except (OSError, ValueError):
         inside = False
     if not inside:
-        raise fail(path, f"its dataset {printable(name)} is a link out of its own folder; it is not read.")
+        raise fail(path, f"its dataset {printable(name)} is a link out of its folder; it is not read.")
     zarr = zarr_package()
     _check_metadata(path.joinpath(*parts).parent)
     array = group[name]
@@ -477,7 +477,7 @@ def _check_chunks(path: Path, array: zarr.Array[Any]) -> None:
         size = " x ".join(map(str, array.chunks))
         raise fail(
             path,
-            f"its array {printable(array.path)} lies in {count} chunks of {size} numbers, which would be read "
+            f"its array {printable(array.path)} has {count} chunks of {size} numbers, which would be read "
             "for hours; save it in chunks such as 64 x 128 x 128.",
         )
 

@@ -243,7 +243,7 @@ def _require_same(path: Path, page: Page, first: Page, number: int) -> None:
         raise fail(
             path,
             f"page {number + 1} has {page.shape} pixels of {page.dtype.name} but the first has "
-            f"{first.shape} of {first.dtype.name}; all slices must be alike.",
+            f"{first.shape} of {first.dtype.name}; all slices must be equal in both.",
         )
 
 

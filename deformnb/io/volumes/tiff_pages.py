@@ -474,4 +474,4 @@ def _check_parts(page: Page) -> None:
     if not (len(offsets) == len(counts) == expected):
         raise fail(path, f"a page should have {expected} parts but has {len(offsets)} places and {len(counts)} sizes.")
     if not ((offsets > 0) & (offsets <= size) & (counts > 0) & (counts <= size - offsets)).all():
-        raise fail(path, f"a part of a page lies outside the file of {size} bytes: it is cut short or damaged.")
+        raise fail(path, f"a part of a page is outside the file of {size} bytes: it is cut short or damaged.")

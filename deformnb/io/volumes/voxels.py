@@ -127,7 +127,7 @@ class SeveralSources:
         if rest:
             raise fail(
                 self.path,
-                f"its {math.prod(shape)} voxels cannot lie in {len(self.parts)} files of equal size; "
+                f"its {math.prod(shape)} voxels cannot fill {len(self.parts)} files of equal size; "
                 "the sizes or the list of files in its header are wrong.",
             )
         for part in self.parts:

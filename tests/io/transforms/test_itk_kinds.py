@@ -158,7 +158,7 @@ def test_wrong_counts_and_wrong_numbers_are_refused(kind: str, change: str, tmp_
 @pytest.mark.parametrize(
     ("entries", "words"),
     [
-        (["AffineTransform_double_3_3", "AffineTransform_double_3_3"], "2 transforms .* does not say"),
+        (["AffineTransform_double_3_3", "AffineTransform_double_3_3"], "2 transforms .* does not state"),
         (
             ["CompositeTransform_double_3_3", "AffineTransform_double_3_3", "CompositeTransform_double_3_3"],
             "flatten it",
