@@ -201,7 +201,7 @@ def open_app(
 
 
 def _print(text: str) -> None:
-    with contextlib.suppress(OSError):  # a terminal that has gone reads no farewell
+    with contextlib.suppress(OSError):  # the terminal is closed
         sys.stderr.write(f"deformnb: {text}\n")
         sys.stderr.flush()
 

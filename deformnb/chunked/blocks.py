@@ -157,7 +157,7 @@ def plan_blocks(
     Parameters
     ----------
     block : the largest shape of a block; halved until one at a time fits.
-    memory : bytes that all blocks in work may take together; what these leave is for chunks of the source that are
+    memory : bytes that all concurrent blocks may take; the rest is for chunks of the source that are
         read again for other blocks.
     workers : maximum number of concurrent blocks.
     processes : that share the work and the memory.

@@ -12,7 +12,7 @@ from deformnb.errors import DeformError, MissingPackageError
 # Work with more bytes of arrays is given to each worker once instead of travelling with the list of tasks.
 _LARGE = 2**20
 
-# How often a block is tried anew on another worker after its own died or its file system failed.
+# How often a block is tried anew on another worker after its own crashed or its file system failed.
 _RETRIES = 3
 
 
@@ -45,7 +45,7 @@ def run_on_cluster(
 
     Parameters
     ----------
-    at_once : so many are in work at a time, if the memory suffices for fewer than the workers have threads.
+    at_once : number of concurrent blocks, if the memory suffices for fewer than the workers have threads.
     nbytes : bytes of the arrays that the work holds.
     """
     from distributed import as_completed

@@ -33,7 +33,7 @@ from deformnb.volume.converters import NO_PLACE, states_place
 from deformnb.volume.labelled import LabelledAxes, is_labelled, one_array
 from deformnb.volume.volume import DTYPES, Grid, Volume, as_spacing, as_volume, optional_package, voxel_checksum
 
-# Types whose voxels become others where each value stays the same; what does not fit is refused when it is met.
+# Types whose voxels are converted where no value changes; a value that does not fit is refused when it is read.
 _CAST = {"uint32": "int32", "int64": "int32", "uint64": "int32", "float16": "float32"}
 
 # Voxels along each axis that are compared when a job resumes: each unpacks a chunk, some milliseconds.

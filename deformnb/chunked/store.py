@@ -54,7 +54,7 @@ def _field_digest(field: AbstractField, output: Grid) -> bytes:
     digest = hashlib.sha256()
     if all(isinstance(leaf, np.ndarray | jax.Array | int | float) for leaf in leaves):
         digest.update(str(structure).encode())
-    else:  # of somebody's own making
+    else:  # made by another program
         lines = [np.linspace(0, n - 1, _NODES) for n in output.shape[::-1]]
         index = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1)
         leaves = [field.displacement(output.index_to_point(index))]

@@ -25,7 +25,7 @@ from deformnb.volume.volume import Grid, Volume, VolumeLike, as_output
 from deformnb.warping.map_checks import fold_note
 from deformnb.warping.planning import as_voxel, check_method, processors
 
-# What all blocks in work take together by default: enough for two dozen of them, and little on any machine.
+# Default memory of all concurrent blocks: enough for two dozen of them, and little on any machine.
 _MEMORY = 2**30
 
 _UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9, "t": 10**12, "ki": 2**10, "mi": 2**20, "gi": 2**30, "ti": 2**40}
@@ -281,7 +281,7 @@ def _write(
     levels: int | None,
     version: str,
 ) -> tuple[str, ...]:
-    """Write the pyramid; returns remarks on what an earlier run had left."""
+    """Write the pyramid; returns remarks on the files of an earlier run."""
     source = job.source
     grids = ome_zarr.level_grids(job.output, levels)
     about: dict[str, Any] = {"version": version, "levels": len(grids), "name": source.name}

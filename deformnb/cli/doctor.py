@@ -30,7 +30,7 @@ OPTIONAL = {
     "imageio-ffmpeg": ("MP4 movies", "movie"),
     "jupyterlab": ("notebooks in the browser", "notebook"),
 }
-"""Optional packages: what each is for and the extra that installs it."""
+"""Optional packages: purpose and extra of each."""
 
 REQUIRED = (
     "numpy",

@@ -119,13 +119,13 @@ def copy_files(sources: list[Path], folder: Path) -> tuple[list[Path], list[Path
         if target.exists():
             kept.append(target)
         else:
-            shutil.copyfile(source, target)  # not its rights: what an administrator installed may be read-only
+            shutil.copyfile(source, target)  # not its permissions: files of an administrator may be read-only
             new.append(target)
     return new, kept
 
 
 def open_lab(notebook: Path, *options: str) -> None:
-    """Start JupyterLab in the folder of a notebook and stay until it ends.
+    """Start JupyterLab in the folder of a notebook and wait until it ends.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def open_lab(notebook: Path, *options: str) -> None:
 
 
 def open_voila(notebook: Path, *options: str) -> None:
-    """Show a notebook without its code, by Voila, and stay until it ends; parameters and errors as :func:`open_lab`."""
+    """Show a notebook without its code, by Voila, and wait until it ends; parameters and errors as :func:`open_lab`."""
     check_lab("voila")
     from voila.app import Voila  # type: ignore[import-untyped]
 

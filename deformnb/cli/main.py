@@ -45,18 +45,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with report_notes():
             options.run(options)
         if sys.stdout is not None:
-            sys.stdout.flush()  # here, where a reader that has gone is caught
+            sys.stdout.flush()  # here, where a closed pipe is caught
     except (KeyboardInterrupt, Cancelled):
         return _fail("stopped; nothing half-done was left behind.", EXIT_INTERRUPTED)
     except DeformError as error:
         return _fail(str(error))
     except MemoryError:
         return _fail("there is not enough memory for this; use a smaller volume or a coarser resolution (--spacing).")
-    except BrokenPipeError:  # the reader of our output has gone, as in "deformnb info FILE | head -1"
+    except BrokenPipeError:  # the reader of our output has ended, as in "deformnb info FILE | head -1"
         _end_output()
         return 0
     except OSError as error:
-        _end_output()  # which may be what has failed
+        _end_output()  # which may be the cause
         return _fail(f"{error.strerror or error}{f': {error.filename}' if error.filename else ''}.")
     except Exception as error:
         if options.traceback:
@@ -66,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _end_output() -> None:
-    """Write what waits to be written, or nowhere if that cannot be: it would fail again when Python ends."""
+    """Flush the output, or discard it if that fails: it would fail again when Python ends."""
     if sys.stdout is not None:
         try:
             sys.stdout.flush()
@@ -287,7 +287,7 @@ def _page(options: argparse.Namespace) -> None:
 
 @contextlib.contextmanager
 def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
-    """The folder for the results of the demo, checked before any work; gone again if nothing came of it."""
+    """The folder for the results of the demo, checked before any work; removed if no result was written."""
     from deformnb.imaging.demo import FILES
     from deformnb.io.files.atomic import check_target
 

@@ -43,7 +43,7 @@ def note(*notes: str) -> None:
 def stages() -> Iterator[Stage]:
     """A function that begins a piece of work by name and returns the function that receives its progress.
 
-    What takes longer than a second shows a bar; where standard error is a file or a pipe, a line when it is done.
+    Work of more than a second shows a progress bar; where standard error is a file or a pipe, a line when it is done.
     """
     make = StageBar if sys.stderr.isatty() else StageLine
     current: list[StageBar | StageLine] = []
@@ -107,7 +107,7 @@ class StageLine:
         """End the line of work that was not finished."""
 
 
-# What only voxels have: (option, its value where it is not given).
+# Options for voxels only: (option, its default value).
 _OF_VOLUMES = (
     ("method", None),
     ("fill", None),
@@ -398,7 +398,7 @@ def _is_in_parts(options: argparse.Namespace) -> bool:
 
 
 def _warp_in_parts(document: Deformation, options: argparse.Namespace, stage: Stage) -> None:
-    """Deform block by block into a Zarr folder; what an earlier run that was stopped has done is not done again."""
+    """Deform block by block into a Zarr folder; finished blocks of a stopped run are reused."""
     from deformnb.document.output_grid import output_grid
     from deformnb.volume.volume import Volume
 

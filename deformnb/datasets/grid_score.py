@@ -1,4 +1,4 @@
-"""Score of a deformation against one of Thompson's pairs: how near the bent grid comes to the grid that he drew."""
+"""Score of a deformation against one of Thompson's pairs: distance of the bent grid to the grid that he drew."""
 
 from __future__ import annotations
 

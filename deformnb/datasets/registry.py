@@ -38,11 +38,11 @@ class Dataset:
         several versions are in circulation.
     credit : whom to name.
     licence : known terms.
-    source : where it comes from, in words.
+    source : origin, in words.
     phantom : the phantom used offline, a name in PHANTOMS.
     spacing : (x, y, z) of the voxels, where files may come without one; None is what :func:`read_volume` finds.
     is_labels : voxels are numbers of structures.
-    remark : what else a user should know.
+    remark : further information for users.
     variable : name of the array [x, y, z] in the MATLAB file that is downloaded; ``file`` is written from it.
     is_mesh : the file is a mesh, for :func:`deformnb.read_mesh`.
 
@@ -246,7 +246,7 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
 
 
 def _convert(data: Dataset, source: Path, path: Path) -> None:
-    """Write one array of a MATLAB file as a volume; the file appears whole or not at all."""
+    """Write one array of a MATLAB file as a volume; atomically."""
     from deformnb.io import write_volume
 
     values = scipy.io.loadmat(source, variable_names=[data.variable])[data.variable]

@@ -219,7 +219,7 @@ def write_pictures(result: Transformation, folder: Path) -> list[Path]:
 
 
 def check_demo(species: str, view: str, renderer: str) -> None:
-    """DeformError for what would else be noticed after the work: an unknown name, a renderer that does not work."""
+    """DeformError for errors that would else be noticed after the work: an unknown name, a broken renderer."""
     from deformnb.imaging.render import find_renderer
 
     thompson_map(source_figure(species), species)

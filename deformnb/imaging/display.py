@@ -41,7 +41,7 @@ class DisplaySettings:
     clip : the part of the box that is seen, as a view's ``clip``.
     show_folds : whether tissue is red where the map folds.
     ambient_occlusion : whether hollows are darker, where the renderer has that: VTK does not.
-    scene : makes what draws it so, of (volume, transfer, size, seen); None draws the whole box from this direction.
+    scene : makes the renderer, of (volume, transfer, size, seen); None draws the whole box from this direction.
     still : makes an equal renderer that is faster for a single picture; None takes ``scene``.
     """
 

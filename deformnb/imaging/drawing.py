@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-# Colours of sources and targets that stay apart for every kind of colour-blindness (Okabe and Ito 2008).
+# Colours of sources and targets that are distinct for every kind of colour-blindness (Okabe and Ito 2008).
 SOURCE = "#0072B2"
 TARGET = "#D55E00"
 
@@ -159,7 +159,7 @@ def _title(axes: Axes, title: str, colours: Style) -> None:
 
 
 def save_figure(figure: Figure, path: str | PathLike[str]) -> None:
-    """Write a figure in the format of the path's suffix, whole or not at all."""
+    """Write a figure in the format of the path's suffix, atomically."""
     suffix = _format(path)
     with atomic_write(path) as stream, warnings.catch_warnings():
         # A name in a script that the font lacks is drawn as boxes; that is no reason to write to standard error.

@@ -273,7 +273,7 @@ def picture_field(step: Step, grid: Grid, key: int = 0) -> AbstractField:
 
 
 def deform_lines(lines: Sequence[ArrayLike], field: AbstractField, parts: int = 12) -> Lines:
-    """Lines drawn on the tissue, after the deformation; a line that crosses a cut or a fold comes back in pieces.
+    """Lines drawn on the tissue, after the deformation; a line that crosses a cut or a fold is split.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ def _subdivide(line: NDArray[np.float64], parts: int) -> NDArray[np.float64]:
 
 
 def trim(images: Sequence[NDArray[np.uint8]], margin: float = 0.03) -> list[NDArray[np.uint8]]:
-    """Images of one height without their empty sides: the same rows of all, so that they stay to one scale.
+    """Images of one height without their empty sides: the same rows of all, so that they have one scale.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def orbit(
     Parameters
     ----------
     direction : of the first frame.
-    axis : to turn about; it should be what points up in the picture.
+    axis : to turn about; it should point up in the picture.
     degrees : the whole angle; it is not reached, so that the movie loops to its first frame.
 
     Examples
@@ -130,7 +130,7 @@ def deformation_frames(
         the frames of a :func:`swing` from 0 to 1 and back.
     directions : viewing direction, one for all frames or one for each (see :func:`orbit`). The scale is the same
         in all frames.
-    up : what points up in the picture; default is +z, or -y for a view along z.
+    up : direction that points up in the picture; default is +z, or -y for a view along z.
     size : (width, height) of a frame in pixels, of one half for "pair".
     transfer : colours and opacities, or the name of a preset of the volume before; default is "specimen".
     shows : one of :data:`FRAME_CONTENTS`.

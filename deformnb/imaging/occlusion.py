@@ -24,7 +24,9 @@ AMBIENT_FAR = (3, 4.0)
 """The same of the far surroundings, of which the mean is taken twice."""
 
 AMBIENT_AHEAD = 3.0
-"""Cells in front of a surface at which both are taken: half of what surrounds an even surface is the body itself."""
+"""Cells in front of a surface at which both are taken: half of the surroundings of an even surface is the body
+itself.
+"""
 
 AMBIENT_EVEN = 0.04
 """Slope of opacity per cell below which there is no surface, and the place itself counts."""

@@ -219,7 +219,7 @@ class Shader:
             return np.inf, -np.inf
         first, last = opaque[0], opaque[-1]
         low = -np.inf if first == 0 else at[first - 1]
-        if first and low == at[first]:  # a jump: there holds what comes after it
+        if first and low == at[first]:  # a jump: the node after it is valid there
             low = np.nextafter(np.float32(low), np.float32(-np.inf))
         return float(low), float(at[last + 1]) if last + 1 < len(at) else np.inf
 
@@ -326,7 +326,7 @@ class Faces:
         normals = inward @ plane.frame.T
         offsets = ((np.asarray(plane.origin) - points) * inward).sum(axis=-1)
         deep = 2 * max(spacing, min(part.grid.spacing))  # as in the live view: wholly for a voxel, then less and less
-        # Depth within a face that is 1 deep along n is its slope deep: seen at all only if it looks to the viewer.
+        # Depth within a face that is 1 deep along n is its slope deep: seen only if it faces the viewer.
         slope = np.maximum(normals[:, 2], 0.0)
         nearness = np.where(slope > 1e-3, 1 / (deep * np.maximum(slope, 1e-3)), 0)
         return cls(np.column_stack([normals, offsets]), nearness, _shade(normals))

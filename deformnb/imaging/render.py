@@ -52,7 +52,7 @@ def render_volume(
     ----------
     transfer : colours and opacities, or the name of a preset; default is "specimen".
     direction : viewing direction, of any length.
-    up : what points up in the picture; default is +z, or -y for a view along z.
+    up : direction that points up in the picture; default is +z, or -y for a view along z.
     height : length in space that the picture is high; default shows the whole box.
     size : (width, height) in pixels.
     background : red, green and blue in [0, 1].
@@ -205,7 +205,7 @@ RENDERERS: dict[str, type[CoreRenderer | VtkRenderer]] = {"vtk": VtkRenderer, "c
 
 
 def find_renderer(name: str) -> str:
-    """The name of a renderer that works here, "auto" decided; DeformError if there is none of that name."""
+    """The name of a renderer that works here, with "auto" resolved; DeformError for an unknown name."""
     if isinstance(name, str) and name == "auto":
         return "vtk" if gl_status()[0] else "core"
     if not isinstance(name, str) or name not in RENDERERS:
@@ -231,7 +231,7 @@ def render_pair(
 ) -> Image:
     """Two volumes side by side, from the same side and to the same scale.
 
-    ``size`` is that of one half; ``path`` writes a PNG, whole or not at all. The transfer function is made for the
+    ``size`` is that of one half; ``path`` writes a PNG, atomically. The transfer function is made for the
     volume before, so that unchanged parts look the same.
 
     Examples
@@ -300,7 +300,7 @@ def _add_caption(image: Image, caption: str, background: tuple[float, float, flo
 
 
 def save_image(image: Image, path: str | PathLike[str]) -> None:
-    """Write (h, w, 3) uint8 as PNG, whole or not at all."""
+    """Write (h, w, 3) uint8 as PNG, atomically."""
     from PIL import Image as Pillow
 
     with atomic_write(path) as stream:

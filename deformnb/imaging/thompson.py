@@ -285,7 +285,7 @@ class Sheet:
             self._enclosing_box(box, [*sources, *targets, *self.grids.after]),
         )
         stacked = (a1 - a0) / (b1 - b0) > _WIDE
-        lines = (0, 1) if stacked else (2, 3)  # what both share
+        lines = (0, 1) if stacked else (2, 3)  # shared axes
         shared = (min(first[lines[0]], second[lines[0]]), max(first[lines[1]], second[lines[1]]))
         boxes = [(*shared, *b[2:]) if stacked else (*b[:2], *shared) for b in (first, second)]
         sizes = np.array([(b[1] - b[0], b[3] - b[2]) for b in boxes])
@@ -635,11 +635,11 @@ def draw_grids(
     lines : cells of the grid along the longer side of the picture.
     overlay : a name of :data:`GRID_OVERLAYS`: "area" colours how tissue grows (green) and shrinks (purple), "strain"
         draws crosses along the principal directions, solid where tissue is stretched and dashed where it is pressed.
-    magnify : how many times as far everything is dragged: 0 the original, 1 as it is, 2 exaggerated, -1 the opposite.
+    magnify : factor of all displacements: 0 the original, 1 unchanged, 2 exaggerated, -1 the opposite.
         The points of a step are fitted anew, exactly; a field given as such is multiplied.
     grid : of the volume, from which the support radius of a single point is derived; default is that of the picture.
     key : which set of control points of a step, for the rule "interpolate".
-    landmarks : whether control points are drawn, with arrows to where they went.
+    landmarks : whether control points are drawn, with arrows to their targets.
     title : default is the name of the step, and facts about its fit.
     unit : of lengths, as it is written; default is that of the grid.
     style : a name of :data:`~deformnb.imaging.drawing.STYLES`; width : of the figure, inches.

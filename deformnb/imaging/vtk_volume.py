@@ -29,7 +29,7 @@ _PROBE = (
     "from vtkmodules.vtkRenderingCore import vtkRenderWindow\n"
     "w = vtkRenderWindow(); w.SetOffScreenRendering(1); w.SetSize(8, 8); w.Render(); print(w.GetClassName())"
 )
-# The window classes that draw without a screen, best first. OSMesa is gone from newer Debians, EGL is in all.
+# The window classes that draw without a screen, best first. OSMesa is missing in newer Debians, EGL is in all.
 _WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
 _REMEDY = "apt-get install libegl1 libgl1 (Debian, Ubuntu); until then choose the renderer core"
 
@@ -90,7 +90,7 @@ class VolumeWindow:
     def __init__(self, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         import pyvista
 
-        # One lamp at the camera: the three of pyvista's kit dim what faces the viewer, and stain it where they meet.
+        # One lamp at the camera: the three of pyvista's kit dim surfaces that face the viewer, and tint them where they meet.
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
         plotter.add_light(pyvista.Light(light_type="headlight"))
         plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none
@@ -327,7 +327,7 @@ def _vtk_nodes(transfer: TransferFunction, low: float, high: float) -> list[tupl
     """Nodes (value, colour and alpha) for VTK, at least an entry of its tables apart, and the first two just that.
 
     VTK reads its tables up to half an entry off the value, and allows no two nodes at one value. So a jump ends two
-    entries below its value, where what comes after it holds: at most 1/5000 of the range too early.
+    entries below its value, where the next node is valid: at most 1/5000 of the range too early.
     """
     gap = ((high - low) or 1.0) / _VTK_ENTRIES
     values, rgba = transfer.knots()

@@ -26,15 +26,15 @@ def warp_pyvista(
     Parameters
     ----------
     data : ``pyvista.ImageData``, whose point data are all deformed by one map; or a PolyData, UnstructuredGrid or
-        StructuredGrid, whose points go forward with the tissue (:func:`deformnb.warp_points`). Data of cells stay with
-        the cells of a mesh. VTK's own objects are wrapped.
+        StructuredGrid, whose points move forward with the tissue (:func:`deformnb.warp_points`). Data of cells stay
+        with the cells of a mesh. VTK's own objects are wrapped.
     field : backward displacements in space, or a Deformation.
     grid : of the volume that the deformation was made on, for a mesh and a Deformation.
     progress : called with the finished share from 0 to 1, for an image.
 
     Returns
     -------
-    A new data set of the same kind. Points without a place in the result stay where they were and are marked by 0 in
+    A new data set of the same kind. Points without a place in the result are not moved and are marked by 0 in
     the point data "deformnb_found", which is there only then. Normals of points, which no longer hold, are left out.
 
     Raises

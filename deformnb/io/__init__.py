@@ -1,4 +1,4 @@
-"""Files: reading with bounds on every header, writing that is complete or not done at all."""
+"""Files: reading with bounds on every header, atomic writing."""
 
 import lazy_loader
 

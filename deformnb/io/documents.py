@@ -69,7 +69,7 @@ def read_document(path: str | PathLike[str]) -> tuple[Deformation, bytes]:
 def write_deformation(
     deformation: Deformation, path: str | PathLike[str], *, known: KnownFiles | None = None, overwrite: bool = True
 ) -> None:
-    """Write a deformation to a file, whole or not at all.
+    """Write a deformation to a file, atomically.
 
     Parameters
     ----------
@@ -118,7 +118,7 @@ def check_json_target(path: str | PathLike[str], what: str) -> None:
     Raises
     ------
     VolumeFileError
-        With a name that would do, and what writes a volume if the end of the path is that of one.
+        With a valid name, and the writer of volumes if the path has a suffix of one.
     """
     place = as_path(path)
     name, suffix = place.name, "".join(place.suffixes[-2:]).lower()

@@ -1,4 +1,4 @@
-"""Movie files: GIF, MP4, WebP, or a numbered series of PNG; written completely or not at all."""
+"""Movie files: GIF, MP4, WebP, or a numbered series of PNG; written atomically."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Phantom:
     title : for a menu.
     figure : the figures of the paper that it replaces.
     view : the picture plane that shows it best, one of :data:`deformnb.volume.plane.VIEWS`.
-    projection : what makes that picture readable, "mip" or "slice".
+    projection : suitable for that picture, "mip" or "slice".
     axes : meaning of the x, y and z axes.
 
     Examples

@@ -1,7 +1,7 @@
 """A straight right knee, after figure 4: four bones with cortical shell and spongy inside, muscles, fat and skin.
 
 x runs from the outer (fibular) to the inner side, y from the kneecap to the hollow of the knee, z up the leg, in mm.
-There is room behind the leg, so that a bent lower leg stays inside the box.
+There is room behind the leg, so that a bent lower leg is inside the box.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ def render(
 
     Parameters
     ----------
-    scene : what to draw.
+    scene : the scene to draw.
     shape : (nz, ny, nx), default the scene's own; the box in space is the same for every shape.
     dtype : voxel type; integers are rounded, floats are not. Values run from 0 (air) to 255.
     noise : standard deviation of the noise inside tissue, in grey values; default the scene's own.

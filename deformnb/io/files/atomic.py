@@ -10,7 +10,7 @@ The rule of replacing, for everything that writes: a function named ``write_...`
 an existing file, atomically, as writers of NumPy, nibabel and SimpleITK do; ``overwrite=False`` has it refuse.
 Everything else that writes (a session's documents and exports, ``replay``, ``warp_series``, ``deformnb.chunked``, the
 commands) refuses unless permission is given: ``overwrite=True``, ``--force``, or an answer in the front end. A session
-replaces a document that it has itself opened or written, as long as nobody else has changed it.
+replaces a document that it has itself opened or written, as long as no other program has changed it.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def try_lock(descriptor: int) -> bool | None:
 def create_locked(path: Path) -> int | None:
     """Create a locked file; returns its descriptor, whose closing releases the lock.
 
-    None if it was swept away as a dead process's in the moment between the two; make another one.
+    None if another process removed it as abandoned between the two; make another one.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def create_locked(path: Path) -> int | None:
 
 
 def lock_open_file(path: Path, descriptor: int) -> int | None:
-    """Lock a file that was just made and is open, as :func:`create_locked`; closes it where it is gone."""
+    """Lock a file that was just made and is open, as :func:`create_locked`; closes it where it was removed."""
     if try_lock(descriptor) is not False and _is_at(path, descriptor):
         return descriptor
     os.close(descriptor)
@@ -116,13 +116,13 @@ def is_abandoned(path: Path) -> bool:
 
 
 def sweep(path: Path, unless: Callable[[], bool] = bool) -> bool:
-    """Remove a file or a folder that nobody holds; returns whether it is gone.
+    """Remove a file or a folder that no process holds; returns whether it was removed.
 
     On POSIX it is removed while the lock is ours, so its maker cannot take it for its own meanwhile.
 
     Parameters
     ----------
-    unless : called once nobody else can hold it; the file stays if it returns True.
+    unless : called once no other process can hold it; the file is not removed if it returns True.
     """
     try:
         descriptor = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
@@ -151,7 +151,7 @@ def _remove(path: Path) -> None:
 
 
 _SUFFIX = ".deformnb.tmp"
-# A lock may not exclude a process on another machine that shares the folder: only our own leftovers are swept.
+# A lock may not exclude a process on another machine that shares the folder: only our own leftovers are removed.
 _HERE = hashlib.sha256(platform.node().encode()).hexdigest()[:8]
 
 
@@ -243,9 +243,9 @@ def atomic_write(
     needed: int = 0,
     replacing: Callable[[Path], AbstractContextManager[Any]] = nullcontext,
 ) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of ``path`` at the end of the block, whole, or not at all.
+    """A binary file that atomically replaces ``path`` at the end of the block.
 
-    It is written next to its target, so that the final rename stays on one disk, and flushed to the disk before: after
+    It is written next to its target, so that the final rename is on one disk, and flushed to the disk before: after
     a crash there is the old file or the new one. An exception (a full disk, :class:`~deformnb.errors.Cancelled`)
     leaves the old file and no temporary ones; those of a killed process are removed by the next that writes into the
     folder. The permissions of an existing file are preserved.
@@ -253,8 +253,8 @@ def atomic_write(
     Parameters
     ----------
     path, overwrite, needed : see :func:`check_target`.
-    replacing : makes the context, from the real path, in which the old file is replaced when all is written; what it
-        raises preserves the old file.
+    replacing : makes the context, from the real path, in which the old file is replaced when all is written; an exception of it
+        preserves the old file.
 
     Raises
     ------
@@ -303,7 +303,7 @@ def atomic_write(
 def atomic_folder(
     path: str | os.PathLike[str], *, overwrite: bool = True, folder_marks: Sequence[str]
 ) -> Iterator[Path]:
-    """A new folder that takes the place of ``path`` at the end of the block, whole, or not at all.
+    """A new folder that atomically replaces ``path`` at the end of the block.
 
     As :func:`atomic_write`. Where an older folder is replaced, the two are renamed one after the other.
 
@@ -406,7 +406,7 @@ def _open_temporary(target: Path) -> tuple[Path, BinaryIO, int | None]:
     while True:
         temporary = target.with_name(temporary_name())
         file = temporary.open("xb")
-        if os.name == "nt":  # an open file can be neither renamed nor swept away there
+        if os.name == "nt":  # an open file can be neither renamed nor removed there
             return temporary, file, None
         lock = lock_open_file(temporary, os.dup(file.fileno()))
         if lock is not None:
@@ -415,7 +415,7 @@ def _open_temporary(target: Path) -> tuple[Path, BinaryIO, int | None]:
 
 
 def sweep_folder(folder: Path) -> None:
-    """Remove what processes of this machine have left half written when they were killed."""
+    """Remove the unfinished files of killed processes of this machine."""
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
             if entry.name.endswith(_SUFFIX) and entry.name.startswith(f".{_HERE}-"):
@@ -487,7 +487,7 @@ class KnownFiles:
         known = self._digests.get(place)
         if not place.exists() or place.is_dir():  # of a folder the writer reports more
             return
-        with suppress(OSError):  # what cannot be read may hold anything
+        with suppress(OSError):  # an unreadable file may hold anything
             if known is not None and _digest(place) == known:
                 return
         what = (

@@ -1,4 +1,4 @@
-"""Errors that name the file: what its parsers raise in one sentence, and text from outside fit for a message."""
+"""Errors that name the file: exceptions of its parsers in one sentence, and external text fit for a message."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def fail(path: Path, why: str) -> VolumeFileError:
     return VolumeFileError(f"{printable(path.name or path)}: {why}")
 
 
-# What damaged files and failing disks raise below this level; anything else is a case that nobody has foreseen.
+# Exceptions of damaged files and failing disks below this level; any other is an unforeseen case.
 _DAMAGE = (
     OSError,
     EOFError,
@@ -60,7 +60,7 @@ class Damage:
     Parameters
     ----------
     path : the file.
-    advice : what to do where there is not enough memory for it.
+    advice : cure where there is not enough memory for it.
     """
 
     def __init__(self, path: Path, advice: str) -> None:
@@ -91,7 +91,7 @@ class Damage:
 
 @contextmanager
 def unpacking(path: Path) -> Iterator[None]:
-    """Turn what packed data raise, which can be anything where they are damaged, into an error that names the file."""
+    """Translate exceptions of packed data, any of them where these are damaged, into an error that names the file."""
     try:
         yield
     except (MemoryError, DeformError):

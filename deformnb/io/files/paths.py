@@ -10,7 +10,7 @@ from deformnb.io.files.errors import fail, printable
 
 
 def as_path(path: str | os.PathLike[str]) -> Path:
-    """The path that a name means, ``~`` included; VolumeFileError for what names no file."""
+    """The path of a name, with ``~`` expanded; VolumeFileError if it names no file."""
     try:
         return Path(path).expanduser()
     except (TypeError, RuntimeError) as error:
@@ -18,7 +18,7 @@ def as_path(path: str | os.PathLike[str]) -> Path:
 
 
 def regular_file(path: Path) -> Path:
-    """The path if it is a plain file; a pipe would wait for ever and a device has no end."""
+    """The path if it is a plain file; a pipe would block for ever and a device has no end."""
     try:
         if path.is_file():
             return path

@@ -186,7 +186,7 @@ _PACKED_SHARE = 0.25
 
 
 def compress(pieces: Iterator[memoryview], encoding: str) -> Iterator[bytes | memoryview]:
-    """The pieces, as they are ("raw") or compressed ("gzip", "zlib")."""
+    """The pieces, unchanged ("raw") or compressed ("gzip", "zlib")."""
     if encoding == "raw":
         yield from pieces
         return

@@ -61,7 +61,7 @@ class Tag:
 
 
 class _Appended(Exception):  # noqa: N818 - the way out of expat, no error
-    """The tag AppendedData was reached: what follows may be raw bytes, which are no XML."""
+    """The tag AppendedData was reached: the rest may be raw bytes, which are no XML."""
 
 
 @dataclass

@@ -1,6 +1,6 @@
 """Landmark files: their table of formats, reading and writing, and the table of control points.
 
-Places are LPS always; a file that states RAS is turned round. Lengths stay in the unit that a file states; those of
+Places are LPS always; a file that states RAS is converted. Lengths are in the unit that a file states; those of
 Slicer, ITK and elastix are millimetres, and of any other file without a unit the numbers are those of its volume. Of
 pairs the moving points are the places, the fixed ones their counterparts.
 
@@ -140,10 +140,10 @@ def describe_landmarks(path: str | os.PathLike[str]) -> dict[str, str]:
 
 
 def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
-    """Write landmarks, whole or not at all; the end of the name chooses the format.
+    """Write landmarks, atomically; the suffix chooses the format.
 
     Data that a format cannot hold are left out: see :class:`LandmarkFormat`. Slicer's files are written in LPS and in
-    millimetres, lists of points of elastix too; in other formats, which state no unit, numbers stay as they are.
+    millimetres, lists of points of elastix too; in other formats, which state no unit, numbers are not converted.
 
     Examples
     --------
@@ -170,7 +170,7 @@ def write_landmarks(landmarks: LandmarksLike, path: str | os.PathLike[str], *, o
 
 
 def check_landmark_target(path: Path) -> LandmarkFormat:
-    """The format of the end of a name; VolumeFileError if it is none."""
+    """The format of a suffix; VolumeFileError if there is none."""
     row = _row(path)
     if row is None:
         raise fail(path, f"its suffix belongs to no kind of landmark file; known are {landmark_suffixes()}.")
@@ -431,7 +431,7 @@ def _flag(cell: str, what: str) -> bool:
 
 
 def parse_number(text: str, what: str) -> float:
-    """A finite number that somebody wrote.
+    """A finite number that a user wrote.
 
     >>> parse_number(" 2.5", "the weight")
     2.5

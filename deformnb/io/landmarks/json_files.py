@@ -27,7 +27,7 @@ _START = 1 << 16  # bytes that contain the names of a file's first keys
 def detect_landmarks(path: Path) -> str | None:
     """The kind of landmarks ("markups" or "bigwarp json") that a .json file holds, by its first keys; None for none."""
     try:
-        if not path.is_file():  # a pipe would wait for ever
+        if not path.is_file():  # a pipe would block for ever
             return None
         with path.open("rb") as file:
             start = file.read(_START)

@@ -89,7 +89,7 @@ _GROUPED = re.compile(r"[-+]?\d{1,3}(\.\d{3})+(,\d+)?")
 
 
 def _use_decimal_point(cell: str, has_thousands: bool) -> str:
-    """A number with a decimal point instead of a comma; anything else as it is."""
+    """A number with a decimal point instead of a comma; anything else unchanged."""
     if has_thousands and _GROUPED.fullmatch(cell):
         cell = cell.replace(".", "")
     dotted = cell.replace(",", ".")

@@ -2,7 +2,7 @@
 
 Files of geometric morphometrics hold specimens with the same landmarks. Of two specimens the second is the one that the
 first corresponds to, as the moving and fixed places of BigWarp; of more the first is read. None of these formats states
-the directions of its axes: coordinates are taken as they are.
+the directions of its axes: coordinates are not converted.
 
 TPS: F. J. Rohlf, tpsDig. NTS: NTSYS-pc. Morphologika: P. O'Higgins, N. Jones. elastix: its manual, section 4.3.
 Lists of points: vtkSimplePointsReader, one place to a line; vtkParticleReader, with which vedo reads, has a value more.
@@ -274,7 +274,7 @@ def _read_elastix(path: Path, text: str) -> Landmarks:
 
 
 def _read_transformix(path: Path, text: str) -> Landmarks:
-    """Points that transformix mapped (outputpoints.txt): where they were, and as fixed places where they went."""
+    """Points that transformix mapped (outputpoints.txt): the inputs, and as fixed places the outputs."""
     found: dict[str, list[tuple[int, str]]] = {"InputPoint": [], "OutputPoint": []}
     for number, line in _number_lines(text):
         for name, rows in found.items():

@@ -1,6 +1,6 @@
 """Formats of surface files: their table, reading and writing.
 
-None of the formats states the directions of its axes. Coordinates are taken as they are: LPS, as volumes have.
+None of the formats states the directions of its axes. Coordinates are not converted: LPS, as of volumes.
 
 The parsers are short ones with bounds on everything, because VTK's end the process on damaged files.
 """

@@ -83,7 +83,7 @@ def _count(file: VtkXml, piece: Tag, name: str) -> int:
 
 def _check_memory(array: StoredArray) -> StoredArray:
     limit = default_limit()
-    if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as they are used
+    if 4 * array.size > limit:  # its bytes in parts and joined, then its numbers as used
         raise fail(
             array.file.path,
             f"its header promises an array of {human_bytes(array.size)}, for which there is "

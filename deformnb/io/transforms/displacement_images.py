@@ -51,8 +51,8 @@ def read_displacement_image(path: Path) -> DisplacementField:
     Raises
     ------
     VolumeFileError
-        If the file is no image of three axes and three components, is damaged or cut short, holds what is not finite or
-        longer than any displacement, or takes more memory than there is.
+        If the file is no image of three axes and three components, is damaged or cut short, holds values that are not
+        finite or longer than any displacement, or takes more memory than there is.
     """
     read = _READERS.get(path.suffix.lower())
     if read is None:

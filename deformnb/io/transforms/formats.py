@@ -1,9 +1,9 @@
 """Transform files: those of ITK, ANTs and elastix, displacement fields as images, VTK's grids, OME-NGFF.
 
-All of them are backward maps, as fields are here: a place of the result in LPS coordinates goes to the place of the
-input that is seen there, which is what ITK's resample filters, ``antsApplyTransforms``, transformix and vtkImageReslice
-expect. :func:`deformnb.invert` finds forward maps, which carry points the other way round. Each file that is written
-states in its header which of the two it holds, and how exact an inverse is.
+All of them are backward maps, as fields are here: a place of the result in LPS coordinates is mapped to the place of
+the input that is seen there, which is what ITK's resample filters, ``antsApplyTransforms``, transformix and
+vtkImageReslice expect. :func:`deformnb.invert` finds forward maps, which carry points the other way round. Each file
+that is written states in its header which of the two it holds, and how exact an inverse is.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ def read_text(path: Path) -> str:
 
 
 def finite_numbers(path: Path, text: str, what: str) -> NDArray[np.float64]:
-    """The numbers of a text, of any count; refused where one of them is none, or is not finite."""
+    """The numbers of a text, of any count; refused where one of them is invalid, or not finite."""
     parts = list[NDArray[np.float64]]()
     for piece in _pieces(text):
         words = piece.split()

@@ -362,7 +362,7 @@ def _kernel(_path: Path, given: ItkTransform) -> AbstractField:
     Imaging 16 (1997) 317-328.
     """
     source, target = (numbers.reshape(-1, given.dim) for numbers in (given.parameters, given.fixed))
-    # From places of the result to those of the input: what ITK calls the source is the target of a drag.
+    # From places of the result to those of the input: the source of ITK is the target of a displacement.
     return fit_rbf(ControlPoints.from_arrays(target, source), kernel=_KERNELS[given.kind], trend="affine_exact")
 
 

@@ -30,7 +30,7 @@ def stated_remark(path: Path) -> str:
     'forward'
     """
     header = path / "zarr.json" if path.is_dir() else path
-    if not header.is_file():  # a pipe would wait for ever
+    if not header.is_file():  # a pipe would block for ever
         return ""
     try:
         with gzip.open(header) if header.name.lower().endswith(".gz") else header.open("rb") as file:

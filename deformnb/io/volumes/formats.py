@@ -262,7 +262,7 @@ def read_volume(
     path : a file of one of :data:`FORMATS`, or a folder with a DICOM series or TIFF slices.
     name : of the volume; by default the file's name without its suffix.
     series : which DICOM series, if there are several (its number, UID or description).
-    spacing : (x, y, z) instead of the file's; origin and direction stay those of the file. By default the file's, but
+    spacing : (x, y, z) instead of the file's; origin and direction are those of the file. By default the file's, but
         for a public volume whose files are known to be wrong (:mod:`deformnb.volume.known_spacings`); a note reports
         it.
     is_labels : voxels are names of regions; by default as in the file, else only bool voxels are, and a note is added
@@ -275,7 +275,7 @@ def read_volume(
         "resample" it linearly onto a straight, even grid, with a note.
     progress : receives the share done, 0 to 1; may raise Cancelled.
     unit : of the lengths, for a file that states none or a wrong one: a symbol or a name of
-        :data:`~deformnb.volume.units.UNITS`. By default that of the file; numbers stay as they are in any case.
+        :data:`~deformnb.volume.units.UNITS`. By default that of the file; numbers are not converted in any case.
 
     Raises
     ------

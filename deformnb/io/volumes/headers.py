@@ -22,7 +22,7 @@ from deformnb.io.files.errors import fail, printable
 from deformnb.volume.volume import IDENTITY, Grid, Matrix3
 
 HEADER_BYTES = 2**20
-"""Longest text header that is read. Real ones have a few kB; scanners' private fields stay below 100 kB."""
+"""Longest text header that is read. Real ones have a few kB; scanners' private fields are below 100 kB."""
 
 MOST_SKIPPED = 2**26
 """Maximum of bytes or lines before the voxels that a header may skip."""

@@ -74,7 +74,7 @@ def is_label_table(name: str) -> bool:
 
 
 def read_label_table(path: str | Path) -> dict[int, str]:
-    r"""Names by label of a table, such as :func:`read_label_names` looks for; empty for a file that is none.
+    r"""Names by label of a table, such as :func:`read_label_names` looks for; empty for another file.
 
     Examples
     --------

@@ -2,7 +2,7 @@
 
 One rule decides the place of the voxels: the sform if its code is above 0, else the qform if its code is above 0, else
 the voxel sizes alone with the axes right, anterior, superior (methods 3, 2 and 1 of the standard). NIfTI is RAS: x and
-y change sign on the way in and out. Source: the headers nifti1.h and nifti2.h of the NIfTI standard.
+y change sign on reading and writing. Source: the headers nifti1.h and nifti2.h of the NIfTI standard.
 """
 
 from __future__ import annotations
@@ -313,7 +313,7 @@ def series_header(path: Path, volume: Volume, layout: Layout) -> bytes:
 
 
 def check_size(path: Path, volume: Volume, most: int = 1) -> None:
-    """Refuse what NIfTI-1 cannot hold: more than its 16 bits along an axis, lengths beyond float32."""
+    """Refuse volumes that NIfTI-1 cannot hold: more than its 16 bits along an axis, lengths beyond float32."""
     longest = max(*volume.shape, most)
     if longest > _LARGEST:
         raise fail(

@@ -79,7 +79,7 @@ _ENCODINGS = {
     "hex": "hex",
 }
 
-# What turns each space into left-posterior-superior; the spaces that name no patient are taken as they are.
+# Signs that turn each space into left-posterior-superior; spaces that name no patient are not converted.
 _SPACES = {
     "left-posterior-superior": (1.0, 1.0, 1.0),
     "lps": (1.0, 1.0, 1.0),
@@ -94,7 +94,7 @@ _SPACES = {
 
 _SPACES_OF_PATIENTS = re.compile(r"anterior|posterior|^(lps|ras|las)$")
 
-# Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is none.
+# Axes of these kinds are places; an axis of any other kind (colours, vectors, tensors, time) is not.
 _VECTORS = {"vector", "covariant-vector", "normal", "2-vector", "3-vector", "4-vector", "3-gradient", "3-normal"}
 _PLACES = {"domain", "space", "???", "none"}
 

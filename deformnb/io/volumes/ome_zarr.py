@@ -90,7 +90,7 @@ def is_zarr(path: Path) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One resolution of a pyramid: a Zarr array, what each of its axes is, and the grid of a channel at a moment.
+    """One resolution of a pyramid: a Zarr array, the kinds of its axes, and the grid of a channel at a moment.
 
     Parameters
     ----------

@@ -338,7 +338,7 @@ def _refuse_more(queue: Iterator[Channels], count: int) -> None:
 def _pieces(
     queue: Iterator[Channels], count: int, interleaved: bool, progress: Progress | None
 ) -> Iterator[memoryview]:
-    """The bytes of all moments; each is let go before the next one is made."""
+    """The bytes of all moments; each is freed before the next one is made."""
     like: tuple[Grid, np.dtype[Any], int] | None = None
     for number in range(count):
         channels = next(queue, None)

@@ -153,7 +153,7 @@ class PageCodec:
         return rows * (-(-self.width * self.samples * self.bits // 8))
 
     def unpacked(self, data: bytes, rows: int, seen: tuple[int, int]) -> NDArray[Any]:
-        """A part [y, x, sample] of so many rows; of a picture at the border only what is ``seen`` may be stored."""
+        """A part [y, x, sample] of so many rows; of a picture at the border only the ``seen`` part may be stored."""
         expected = self.packed_bytes(rows)
         try:
             if self.compression in _PICTURES:
@@ -423,7 +423,7 @@ def page_of(path: Path, order: str, tags: Tags) -> Page:
 
 
 def _check_colours(path: Path, photometric: int, samples: int, compression: int) -> None:
-    """Refuse what would become other colours: inks, and luminance with colour differences that no codec turns."""
+    """Refuse pages that would become other colours: inks, and luminance with colour differences that no codec turns."""
     is_grey = photometric in (0, 1, 4) or (photometric == 3 and samples == 1)
     is_colour = (photometric == 2 and samples >= 3) or (photometric == 6 and samples == 3 and compression in _JPEG)
     if not (is_grey or is_colour) or not 1 <= samples <= 1024:

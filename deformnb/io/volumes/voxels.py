@@ -332,8 +332,8 @@ def _data_file_name(header: Path, named: Callable[[Path], str | None]) -> str | 
 def _remove_unused(header: Path, before: str | None, named: Callable[[Path], str | None]) -> None:
     """Remove the data files of earlier versions, also those whose writer was killed before it wrote the header.
 
-    What this package has not named is not removed, nor what another process is just writing. The header is read when
-    the lock of a data file is ours: by then the writer of that file has written its header too.
+    Files that this package has not named are not removed, nor those that another process is just writing. The header is
+    read when the lock of a data file is ours: by then the writer of that file has written its header too.
     """
     with suppress(OSError):
         for file in list(header.parent.iterdir()):

@@ -339,7 +339,7 @@ def test_points_follow_a_transform_and_volumes_are_warped_by_it_in_parts(
     capsys.readouterr()
     back = str(tmp_path / "back.h5")
     assert main(["warp", back, volume, str(tmp_path / "undone.nrrd")]) == 0
-    assert "takes back what that transform deforms" in capsys.readouterr().err
+    assert "inverts that transform" in capsys.readouterr().err
     assert main(["warp", back, str(tmp_path / "marks.fcsv"), str(tmp_path / "m.fcsv"), "--volume", volume]) == 2
     assert "states a forward map; name the backward" in capsys.readouterr().err
 
