@@ -246,7 +246,7 @@ def fetch(name: str, *, progress: bool | Progress | None = None, folder: str | o
 
 
 def _convert(data: Dataset, source: Path, path: Path) -> None:
-    """Write one array of a MATLAB file as a volume; atomically."""
+    """Write one array of a MATLAB file as a volume, atomically."""
     from deformnb.io import write_volume
 
     values = scipy.io.loadmat(source, variable_names=[data.variable])[data.variable]

@@ -90,7 +90,7 @@ class VolumeWindow:
     def __init__(self, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         import pyvista
 
-        # One lamp at the camera: the three of pyvista's kit dim surfaces that face the viewer, and tint them where they meet.
+        # One lamp at the camera: the three of pyvista's kit dim surfaces that face the viewer, and tint them.
         plotter: Any = pyvista.Plotter(off_screen=True, window_size=[8, 8], lighting="none")
         plotter.add_light(pyvista.Light(light_type="headlight"))
         plotter.render_window.SetMultiSamples(0)  # smooths edges of meshes, of which most scenes have none

@@ -33,7 +33,7 @@ def to_napari(given: ChannelsLike | Landmarks | ControlPoints, *, unit: str | No
     given : a Volume makes an image, or labels where it holds labels; Channels an image each, in their colours and added
         up, or one image of colours (rgb); Landmarks a layer of points with the feature "name"; ControlPoints two layers
         of points, their sources and their targets.
-    unit : into which lengths are converted; by default they are not converted. Layers without one, as points without a
+    unit : into which lengths are converted; by default none are. Layers without one, as points without a
         volume, is taken to be in this one; where neither is known it is left out ("pixel" in napari).
 
     Returns

@@ -253,8 +253,8 @@ def atomic_write(
     Parameters
     ----------
     path, overwrite, needed : see :func:`check_target`.
-    replacing : makes the context, from the real path, in which the old file is replaced when all is written; an exception of it
-        preserves the old file.
+    replacing : makes the context, from the real path, in which the old file is replaced when all is written; its
+        exceptions preserve the old file.
 
     Raises
     ------
