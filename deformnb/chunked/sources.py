@@ -174,7 +174,7 @@ class _Tiff:
 
     @cached_property
     def _pages(self) -> list[tiff_pages.Page]:
-        return tiff.slices_of(Path(self.path))
+        return tiff.list_pages(Path(self.path))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _Tiff, (self.path, self.shape, self.dtype, self.chunks)
@@ -633,7 +633,7 @@ def _from_tiff(path: Path) -> LargeVolume:
             f"a volume is one channel at one moment, and this file holds {header.layout}; give "
             "deformnb.chunked one of them as a dask array.",
         )
-    stored, first = header.dtype.newbyteorder("="), tiff.slices_of(path)[0]
+    stored, first = header.dtype.newbyteorder("="), tiff.list_pages(path)[0]
     chunks = (1, *(min(size, n) for size, n in zip(first.part, first.shape, strict=True)))
     _check_chunk(path, first.working_bytes)
     return LargeVolume(

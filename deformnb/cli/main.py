@@ -315,11 +315,11 @@ def _folder(folder: Path, options: argparse.Namespace) -> Iterator[Path]:
 
 def _info(options: argparse.Namespace) -> None:
     from deformnb.io import describe_file
-    from deformnb.io.transforms.remarks import stated_remark
+    from deformnb.io.transforms.remarks import read_remark
 
     path = Path(options.file)
     try:  # first, since it does without JAX
-        rows = _describe_transform(path) if stated_remark(path) else describe_file(path).rows()
+        rows = _describe_transform(path) if read_remark(path) else describe_file(path).rows()
     except UnknownKindError as error:
         rows = _describe_other(path, error)
     wide = max(len(key) for key in rows)

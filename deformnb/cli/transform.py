@@ -52,7 +52,7 @@ def add_transform(commands: Any) -> None:
 def _transform(options: argparse.Namespace) -> None:
     from deformnb.io.documents import read_deformation
     from deformnb.io.transforms.formats import check_transform_target, is_transform, read_transform, write_transform
-    from deformnb.io.transforms.remarks import stated_remark
+    from deformnb.io.transforms.remarks import read_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.warping.inverse import invert
 
@@ -61,7 +61,7 @@ def _transform(options: argparse.Namespace) -> None:
         if options.strength != 1:
             raise DeformError("--strength is for sessions, and a transform file is none.")
         field = read_transform(options.session, grid)
-        direction = stated_remark(Path(options.session)).partition(":")[0] or direction
+        direction = read_remark(Path(options.session)).partition(":")[0] or direction
     else:
         document = read_deformation(options.session)
         note(*document.notes(grid))

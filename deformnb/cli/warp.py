@@ -231,7 +231,7 @@ def _warp(options: argparse.Namespace) -> None:
 def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
     """Deform by the file of a transform in place of a session."""
     from deformnb.io import is_series, open_series, read_transform, write_volume
-    from deformnb.io.transforms.remarks import stated_remark
+    from deformnb.io.transforms.remarks import read_remark
     from deformnb.session.inputs import grid_of_file
     from deformnb.session.series import warp_series
     from deformnb.warping.warper import warp
@@ -242,7 +242,7 @@ def _apply_transform(options: argparse.Namespace, follows: Any) -> None:
             f"{name} is a transform and no session: it is applied as it is, to volumes onto their own "
             "grid (without --strength, --resolution, --margin, --animate, --volumes)."
         )
-    is_forward = stated_remark(Path(options.session)).startswith("forward")
+    is_forward = read_remark(Path(options.session)).startswith("forward")
     if is_forward and follows is not None:
         raise DeformError(f"{name} states a forward map; name the backward transform, against which points move.")
     if is_forward:

@@ -24,9 +24,7 @@ AMBIENT_FAR = (3, 4.0)
 """The same of the far surroundings, of which the mean is taken twice."""
 
 AMBIENT_AHEAD = 3.0
-"""Cells in front of a surface at which both are taken: half of the surroundings of an even surface is the body
-itself.
-"""
+"""Cells in front of a surface at which both are taken: half of the space there is the body."""
 
 AMBIENT_EVEN = 0.04
 """Slope of opacity per cell below which there is no surface, and the place itself counts."""

@@ -21,7 +21,7 @@ _FINE = 2  # lines and discs are drawn so many times larger, for Pillow draws th
 _LEVELS = np.arange(256)
 
 
-def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: ControlPoints, size: int) -> Image:
+def draw_preview(picture: Picture, lines: Sequence[NDArray[np.float64]], points: ControlPoints, size: int) -> Image:
     """A picture with its grid, and its points as lines from source to target.
 
     Parameters
@@ -38,7 +38,7 @@ def draw_marked(picture: Picture, lines: Sequence[NDArray[np.float64]], points: 
     >>> from deformnb.volume.plane import Plane, Raster
     >>> plane = Plane((0, 0, 0), (1, 0, 0), (0, 1, 0))
     >>> picture = Picture(np.zeros((30, 40), np.uint8), plane, Raster((30, 40), (1, 1), (0, 0)), "black", (0.0, 1.0))
-    >>> draw_marked(picture, [], ControlPoints.empty(2), 102).shape
+    >>> draw_preview(picture, [], ControlPoints.empty(2), 102).shape
     (77, 102, 3)
     """
     from PIL import Image as Images

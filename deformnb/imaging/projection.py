@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from deformnb._typing import Progress
 from deformnb.checks import check_choice, finite_number, short_value
 from deformnb.errors import DeformError
-from deformnb.imaging.raycast import Faces, Layers, PerspectiveCamera, Shader, light_at
+from deformnb.imaging.raycast import Faces, Layers, PerspectiveCamera, Shader, light_sampler
 from deformnb.volume.channels import ChannelDisplay, ChannelsLike, as_channels
 from deformnb.volume.clip import ClipBox
 from deformnb.volume.plane import Picture, Plane, Raster
@@ -63,7 +63,7 @@ def _mean(layers: Layers, rows: slice) -> NDArray[Any]:
     return np.asarray(total / layers.shape[0], dtype=np.float32)
 
 
-def _whole_mean(values: NDArray[Any]) -> NDArray[Any]:
+def _integer_mean(values: NDArray[Any]) -> NDArray[Any]:
     kind = np.float32 if values.dtype.kind != "f" else values.dtype
     return np.asarray(values.mean(axis=0, dtype=kind), dtype=np.float32)
 
@@ -73,7 +73,7 @@ PROJECTIONS: dict[str, Projection] = {
     for p in (
         Projection("mip", "Maximum (MIP)", _largest, lambda values: values.max(axis=0)),
         Projection("slice", "Slice"),
-        Projection("mean", "Mean", _mean, _whole_mean),
+        Projection("mean", "Mean", _mean, _integer_mean),
         Projection("composite", "Composite", is_light=True),
         Projection("shaded", "Shaded composite", is_light=True),
     )
@@ -295,12 +295,12 @@ def _project_lattice(
         shader = replace(
             shader,
             faces=None if part is None else Faces.from_part(part, plane, d),
-            ambience=None if ambience is None else light_at(ambience, plane),
+            ambience=None if ambience is None else light_sampler(ambience, plane),
         )
         values = _light(volume, lattice, plane, shader, eye, progress)
     elif how.seen is not None:
         layers = Layers.from_lattice(volume, lattice, plane, held=held, eye=eye)
-        values = _rounded(_render(layers, how.seen, progress), volume, how)
+        values = _round(_render(layers, how.seen, progress), volume, how)
     else:
         depths = plane.to_plane(volume.grid.corners())[:, 2]
         near, far = float(depths.min()), float(depths.max())
@@ -309,11 +309,11 @@ def _project_lattice(
         at = tuple(plane.from_plane([low[0], low[1], depth or 0.0]))
         one = replace(lattice, shape=(1, *lattice.shape[1:]), origin=at)
         layers = Layers.from_lattice(volume if part is None else part.mask_outside(volume), one, plane, held=(whole,))
-        values = _rounded(layers.values(0, slice(0, lattice.shape[1])), volume, how)
+        values = _round(layers.values(0, slice(0, lattice.shape[1])), volume, how)
     return Picture(np.ascontiguousarray(values), plane, raster, how.name, (0.0, 1.0), volume.grid)
 
 
-def _rounded(values: NDArray[Any], volume: Volume, how: Projection) -> NDArray[Any]:
+def _round(values: NDArray[Any], volume: Volume, how: Projection) -> NDArray[Any]:
     """Values in the type of the volume; means are not rounded."""
     if how.name == "mean" or volume.dtype.kind == "f":
         return values

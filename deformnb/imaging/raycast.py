@@ -345,7 +345,7 @@ class Faces:
         return held, bare, glow
 
 
-def light_at(light: Volume, plane: Plane) -> Callable[[PlaneCoordinates], Samples]:
+def light_sampler(light: Volume, plane: Plane) -> Callable[[PlaneCoordinates], Samples]:
     """A function of places in a plane's coordinates that samples ambient light.
 
     Parameters

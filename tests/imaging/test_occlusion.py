@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from deformnb.imaging.occlusion import ambient_light
 from deformnb.imaging.projection import project
-from deformnb.imaging.raycast import light_at
+from deformnb.imaging.raycast import light_sampler
 from deformnb.rbf.fields import Identity
 from deformnb.volume.plane import Plane
 from deformnb.volume.transfer import TransferFunction
@@ -104,7 +104,7 @@ def test_ambient_light_is_interpolated_where_it_is_looked_up() -> None:
     plane = Plane.from_normal(volume.grid.center, (1.0, 2.0, -0.5))
     index = np.random.default_rng(0).uniform(0, np.array(light.shape[::-1]) - 1, (40, 3))
     places = plane.to_plane(light.grid.index_to_point(index))
-    found = light_at(light, plane)((places[:, 0], places[:, 1], places[:, 2]))
+    found = light_sampler(light, plane)((places[:, 0], places[:, 1], places[:, 2]))
     wanted = literal_lookup(light, index)
     np.testing.assert_allclose(found, wanted, atol=1e-5)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from deformnb.imaging.preview import draw_marked
+from deformnb.imaging.preview import draw_preview
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture, Plane, Raster
 
@@ -15,7 +15,7 @@ def test_marks_lie_where_points_and_lines_are() -> None:
     picture = Picture(np.zeros((30, 40), np.uint8), plane, Raster((30, 40), (1, 1), (0, 0)), "black", (0.0, 1.0))
     points = ControlPoints.from_arrays([[10.0, 10.0]], [[30.0, 20.0]])
     line = np.array([[-0.5, 5.0], [39.5, 5.0]])
-    drawn = draw_marked(picture, [line], points, 408).astype(int)
+    drawn = draw_preview(picture, [line], points, 408).astype(int)
     scale, low = 10.0, np.array([-0.9, -0.9])  # 40 wide with a hundredth of air on each side
 
     def at(a: float, b: float) -> NDArray[np.int64]:

@@ -101,7 +101,7 @@ def finite_number(path: Path, word: Any, where: str) -> float:
     return value
 
 
-def without_missing(
+def drop_missing(
     path: Path,
     moving: ArrayLike,
     fixed: ArrayLike | None = None,

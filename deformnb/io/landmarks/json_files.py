@@ -15,7 +15,7 @@ import numpy as np
 
 from deformnb.errors import VolumeFileError
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.landmarks.coordinates import coordinates, without_missing
+from deformnb.io.landmarks.coordinates import coordinates, drop_missing
 from deformnb.volume.units import UNITS, find_unit, ratio
 from deformnb.warping.points import Landmarks
 
@@ -86,7 +86,7 @@ def _read_bigwarp(path: Path, data: dict[str, Any]) -> Landmarks:
             for which, every in (("moving", moving), ("fixed", fixed))
         ]
     ).reshape(2, -1, count)
-    return without_missing(
+    return drop_missing(
         path, places[0], places[1], [str(name) for name in names], [on is True for on in active], has_open=True
     )
 
@@ -127,7 +127,7 @@ def from_slicer(
 ) -> Landmarks:
     """Landmarks of places each of which is RAS or LPS; Slicer means millimetres where it states no unit."""
     points = np.array(places).reshape(-1, 3) * np.where(np.array(ras, dtype=bool)[:, None], _TO_LPS, 1.0)
-    return replace(without_missing(path, points, names=names, active=active), unit=unit)
+    return replace(drop_missing(path, points, names=names, active=active), unit=unit)
 
 
 def _read_markups(path: Path, lists: list[Any]) -> Landmarks:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.landmarks.coordinates import coordinates, is_comment, is_missing, without_missing
+from deformnb.io.landmarks.coordinates import coordinates, drop_missing, is_comment, is_missing
 from deformnb.volume.units import find_unit, ratio
 from deformnb.warping.points import Landmarks
 
@@ -132,7 +132,7 @@ def _read_bigwarp(path: Path, rows: TableRows) -> Landmarks:
         active.append(row[1].lower() == "true")
         places.append(coordinates(path, row[-2 * half :], f"line {number}", width - 2 * half + 1))
     both = np.array(places)
-    return without_missing(path, both[:, :half], both[:, half:], names, active, has_open=True)
+    return drop_missing(path, both[:, :half], both[:, half:], names, active, has_open=True)
 
 
 def write_bigwarp(landmarks: Landmarks) -> str:
@@ -189,7 +189,7 @@ def _read_named(path: Path, rows: TableRows) -> Landmarks:
         fixed.append(both[1])
         names.append("" if columns.name is None else cells[columns.name])
         active.append(columns.active is None or cells[columns.active].lower() not in _FALSE)
-    found = without_missing(
+    found = drop_missing(
         path,
         np.array(moving).reshape(-1, dim),
         np.array(fixed).reshape(-1, dim) if columns.fixed else None,
@@ -285,7 +285,7 @@ def _read_nameless(path: Path, rows: TableRows) -> Landmarks:
         places.append(coordinates(path, row[named:], f"line {number}", 1 + named))
     both = np.array(places)
     half = count if count < 4 else count // 2
-    return without_missing(path, both[:, :half], both[:, half:] if count > 3 else None, names, has_open=True)
+    return drop_missing(path, both[:, :half], both[:, half:] if count > 3 else None, names, has_open=True)
 
 
 def write_tabs(landmarks: Landmarks) -> str:

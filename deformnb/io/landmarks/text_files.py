@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deformnb.io.files.errors import fail, printable
-from deformnb.io.landmarks.coordinates import coordinates, finite_number, is_comment, is_missing, without_missing
+from deformnb.io.landmarks.coordinates import coordinates, drop_missing, finite_number, is_comment, is_missing
 from deformnb.warping.points import Landmarks
 
 
@@ -41,7 +41,7 @@ def _pair(
     elif len(specimens) > 2:
         title = f", {printable(titles[0], 40)}" if titles[0] else ""
         notes = (f"the first of {len(specimens)} specimens was read{title}; two of them would be read as pairs", *notes)
-    return without_missing(path, first, fixed, notes=notes)
+    return drop_missing(path, first, fixed, notes=notes)
 
 
 def _number_rows(path: Path, rows: Sequence[tuple[int, str]], counts: Sequence[int] = (2, 3)) -> NDArray[np.float64]:
@@ -96,7 +96,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
             places = _number_rows(path, list(enumerate(rows, at + 1)), (3,) if name.endswith("3") else (2, 3))
             at += count
             if name.startswith("LM"):
-                specimens.append(_without_marks(places, notes))
+                specimens.append(_mask_missing(places, notes))
                 titles.append("")
             else:
                 curves += 1
@@ -111,7 +111,7 @@ def read_tps(path: Path, text: str) -> Landmarks:
     return _pair(path, specimens, titles, tuple(notes))
 
 
-def _without_marks(places: NDArray[np.float64], notes: dict[str, None]) -> NDArray[np.float64]:
+def _mask_missing(places: NDArray[np.float64], notes: dict[str, None]) -> NDArray[np.float64]:
     """Places with NaN where tpsDig marks a landmark as missing by -1 -1; not among coordinates that are negative."""
     is_marked = (places == -1).all(axis=1)
     if is_marked.any() and (places[~is_marked] < 0).any():
@@ -135,11 +135,11 @@ def write_tps(landmarks: Landmarks) -> str:
     """One specimen, or two where there are fixed places; doubled and with a scale where one is at -1 -1."""
     key = "LM3" if landmarks.points.shape[1] == 3 else "LM"
     factor = 1.0
-    while any((factor * places == -1).all(axis=1).any() for _, places in _with_titles(landmarks)):
+    while any((factor * places == -1).all(axis=1).any() for _, places in _specimens(landmarks)):
         factor *= 2  # a power of two, so that no digit changes
     scale = "" if factor == 1 else f"SCALE={1 / factor!r}\n"
     return "".join(
-        f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}" for title, places in _with_titles(landmarks)
+        f"{key}={len(places)}\n{_rows(factor * places)}ID={title}\n{scale}" for title, places in _specimens(landmarks)
     )
 
 
@@ -149,7 +149,7 @@ def _count(path: Path, word: str, line: int) -> int:
     return int(word)
 
 
-def _with_titles(landmarks: Landmarks) -> list[tuple[str, NDArray[np.float64]]]:
+def _specimens(landmarks: Landmarks) -> list[tuple[str, NDArray[np.float64]]]:
     second = [] if landmarks.fixed is None else [("fixed", landmarks.fixed)]
     return [("moving" if second else "specimen", landmarks.points), *second]
 
@@ -196,7 +196,7 @@ def read_nts(path: Path, text: str) -> Landmarks:
 
 def write_nts(landmarks: Landmarks) -> str:
     """One specimen, or two where there are fixed places; a line to a landmark, as IDAV's programs read it too."""
-    titled, (count, dim) = _with_titles(landmarks), landmarks.points.shape
+    titled, (count, dim) = _specimens(landmarks), landmarks.points.shape
     values = np.concatenate([places for _, places in titled])
     missing = 9999
     while (values == missing).any():  # the mark of a landmark that was not found
@@ -248,7 +248,7 @@ def _read_morphologika(path: Path, text: str) -> Landmarks:
 
 def write_morphologika(landmarks: Landmarks) -> str:
     """One individual, or two where there are fixed places."""
-    titled, (count, dim) = _with_titles(landmarks), landmarks.points.shape
+    titled, (count, dim) = _specimens(landmarks), landmarks.points.shape
     names = "".join(f"{title}\n" for title, _ in titled)
     points = "".join(f"'{title}\n{_rows(places)}" for title, places in titled)
     return (
@@ -327,7 +327,7 @@ def read_prm(path: Path, text: str) -> Landmarks:
     before, after = (_number_rows(path, found[name], (3,)) for name in _PRM_KEYS)
     if len(before) != len(after):
         raise fail(path, f"it has {len(before)} original and {len(after)} deformed control points.")
-    return without_missing(path, before, after)
+    return drop_missing(path, before, after)
 
 
 def write_prm(landmarks: Landmarks) -> str:

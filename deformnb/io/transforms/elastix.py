@@ -13,7 +13,7 @@ from deformnb.io.files.detached import detached_file
 from deformnb.io.files.errors import fail, printable
 from deformnb.io.transforms.displacement_images import read_displacement_image
 from deformnb.io.transforms.itk_files import finite_numbers, read_text
-from deformnb.io.transforms.itk_kinds import ItkTransform, check_transform, field_of
+from deformnb.io.transforms.itk_kinds import ItkTransform, check_transform, to_field
 from deformnb.rbf.fields import AbstractField, compose
 
 _INITIAL = ("InitialTransformParameterFileName", "InitialTransformParametersFileName")
@@ -66,7 +66,7 @@ def _field(path: Path, values: dict[str, str]) -> AbstractField:
     if kind == "DeformationFieldTransform":
         return read_displacement_image(_neighbouring_file(path, _word(values, "DeformationFieldFileName", "")))
     if kind == "BSplineTransform":
-        return field_of(path, _spline(path, values))
+        return to_field(path, _spline(path, values))
     if kind not in _LINEAR:
         raise fail(
             path,
@@ -79,7 +79,7 @@ def _field(path: Path, values: dict[str, str]) -> AbstractField:
         fixed = fixed[:0]
     elif kind == "EulerTransform":
         fixed = np.append(fixed, float(_word(values, "ComputeZYX", "false") == "true"))
-    return field_of(path, check_transform(path, f"{_LINEAR[kind]}_double_3_3", numbers, fixed))
+    return to_field(path, check_transform(path, f"{_LINEAR[kind]}_double_3_3", numbers, fixed))
 
 
 def _spline(path: Path, values: dict[str, str]) -> ItkTransform:

@@ -25,7 +25,7 @@ from deformnb.io.files.paths import as_path, regular_file
 from deformnb.io.transforms.displacement_images import read_displacements, write_displacements
 from deformnb.io.transforms.itk import read_itk, write_itk
 from deformnb.io.transforms.ngff import read_ngff, write_ngff
-from deformnb.io.transforms.remarks import BACKWARD, FORWARD, REMARKS, stated_remark
+from deformnb.io.transforms.remarks import BACKWARD, FORWARD, REMARKS, read_remark
 from deformnb.io.transforms.vtk import read_vti_field, write_vti_field
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import (
@@ -189,7 +189,7 @@ def is_transform_file(path: str | os.PathLike[str]) -> bool:
         return False
     if not row.is_volume and not place.name.lower().endswith(".txt"):
         return True
-    if stated_remark(place):
+    if read_remark(place):
         return True
     if row.is_volume or not place.is_file():
         return False
@@ -212,7 +212,7 @@ def describe_transform(path: str | os.PathLike[str]) -> dict[str, str]:
     place = as_path(path)
     field, row = read_transform(place), _row(place)
     assert row is not None
-    stated = stated_remark(place)
+    stated = read_remark(place)
     rows = {
         "file": printable(place.name),
         "kind": row.description,

@@ -16,7 +16,7 @@ from deformnb.io.transforms import itk_files
 from deformnb.io.transforms.displacement_images import to_itk_image, write_by_name
 from deformnb.io.transforms.elastix import is_elastix, read_elastix
 from deformnb.io.transforms.itk_kinds import field_of_list
-from deformnb.io.transforms.parts import TransformPart, sampled_parts
+from deformnb.io.transforms.parts import TransformPart, sample_parts
 from deformnb.rbf.bspline import BSplineField
 from deformnb.rbf.fields import AbstractField, Affine, Identity
 from deformnb.volume.volume import Grid, optional_package
@@ -44,7 +44,7 @@ def write_itk(
 ) -> None:
     """Write a transform for ITK, of several parts a composite; the remark is in a comment or a user block."""
     sitk = optional_package("SimpleITK")
-    made = [_to_itk(sitk, part) for part in sampled_parts(field, grid, progress, exact=(BSplineField,))]
+    made = [_to_itk(sitk, part) for part in sample_parts(field, grid, progress, exact=(BSplineField,))]
     whole = made[0] if len(made) == 1 else sitk.CompositeTransform(made[::-1])  # ITK begins with the last one
 
     def head(start: bytes) -> bytes:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
 from deformnb.io.files.streams import MOST_PACKED
-from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, check_transform, class_of
+from deformnb.io.transforms.itk_kinds import COMPOSITE, ItkTransform, check_transform, parse_class
 from deformnb.volume.volume import optional_package
 
 LONGEST_ITK_TEXT = 1 << 26
@@ -104,7 +104,7 @@ def transforms_of_text(path: Path, text: str) -> list[ItkTransform]:
 
 def _from_lines(path: Path, rows: dict[str, str]) -> ItkTransform:
     name = rows["Transform"].strip()
-    kind, _, _ = class_of(path, name)
+    kind, _, _ = parse_class(path, name)
     for key in ("Parameters", "FixedParameters"):
         if key not in rows and kind != COMPOSITE:
             raise fail(path, f"its {printable(name, 80)} has no line '{key}:'; it is cut short or damaged.")
@@ -199,7 +199,7 @@ def _from_group(path: Path, group: Any) -> ItkTransform:
     found = {key.replace("Tranform", "Transform"): key for key in group}
     numbers = list[NDArray[np.float64]]()
     for key in ("TransformParameters", "TransformFixedParameters"):
-        if key not in found and class_of(path, name)[0] == COMPOSITE:
+        if key not in found and parse_class(path, name)[0] == COMPOSITE:
             numbers.append(np.zeros(0))
             continue
         numbers.append(_numbers(path, _member(path, group, found.get(key, key), h5py.Dataset), key))

@@ -59,7 +59,7 @@ class ItkTransform:
     order: int = 3
 
 
-def class_of(path: Path, name: str) -> tuple[str, int, int]:
+def parse_class(path: Path, name: str) -> tuple[str, int, int]:
     """Class, dimension and order of a full name such as AffineTransform_double_3_3 or BSplineTransform_double_3_3_2.
 
     Raises
@@ -99,7 +99,7 @@ def check_transform(path: Path, name: str, parameters: Floats, fixed: Floats) ->
     VolumeFileError
         If the class is not known, or the numbers are not finite, beyond all places, or not as many as it has.
     """
-    kind, dim, order = class_of(path, name)
+    kind, dim, order = parse_class(path, name)
     largest = max((float(np.abs(numbers).max()) for numbers in (parameters, fixed) if len(numbers)), default=0.0)
     if not largest <= LARGEST_COORDINATE:  # NaN neither
         raise fail(path, f"its {kind} holds numbers that are not finite, or larger than {LARGEST_COORDINATE:g}.")
@@ -135,10 +135,10 @@ def field_of_list(path: Path, transforms: list[ItkTransform]) -> AbstractField:
         )
     if len({one.dim for one in transforms}) > 1:
         raise fail(path, "its transforms are of different dimensions, so that they do not follow one another.")
-    return compose(*(field_of(path, one) for one in parts)) if parts else Identity(transforms[0].dim)
+    return compose(*(to_field(path, one) for one in parts)) if parts else Identity(transforms[0].dim)
 
 
-def field_of(path: Path, given: ItkTransform) -> AbstractField:
+def to_field(path: Path, given: ItkTransform) -> AbstractField:
     """The field of one transform."""
     try:
         with np.errstate(all="ignore"):

@@ -24,7 +24,7 @@ from deformnb._typing import Progress
 from deformnb.io.files.atomic import atomic_folder
 from deformnb.io.files.errors import fail, human_bytes, printable, unpacking
 from deformnb.io.files.memory import available_memory
-from deformnb.io.transforms.parts import sampled_parts
+from deformnb.io.transforms.parts import sample_parts
 from deformnb.rbf.fields import AbstractField, Affine, DisplacementField, Identity, compose, with_unit
 from deformnb.volume.units import UNITS, common_unit, find_unit
 from deformnb.volume.volume import IDENTITY, Grid, optional_package
@@ -55,7 +55,7 @@ def write_ngff(
     with atomic_folder(path, overwrite=overwrite, folder_marks=_MARKS) as made:
         root = zarr.open_group(str(made), mode="w", zarr_format=3)
         steps = list[dict[str, Any]]()
-        for part in sampled_parts(field, grid, progress):
+        for part in sample_parts(field, grid, progress):
             if isinstance(part, Affine):
                 steps.append({"type": "affine", "affine": _rows(np.asarray(part.matrix), np.asarray(part.offset))})
             elif isinstance(part, DisplacementField):
@@ -141,7 +141,7 @@ def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
     if len(every) != 1:
         names = ", ".join(printable(one.get("name", one.get("type")), 30) for one in every[:10])
         raise fail(path, f"one transformation is read, and its metadata hold {len(every)}{': ' * bool(names)}{names}.")
-    axes, units = _axes_of(path, owner, every[0])
+    axes, units = _parse_axes(path, owner, every[0])
     field = _Reader(path, axes).field(every[0])
     unit, factors, _ = common_unit([units[name] for name in "xyz"])
     if len(set(factors)) > 1:  # to the axes' own units and back
@@ -150,7 +150,7 @@ def read_ngff(path: Path, _grid: Grid | None) -> AbstractField:
     return with_unit(field, unit)
 
 
-def _axes_of(
+def _parse_axes(
     path: Path, owner: dict[str, Any], transformation: dict[str, Any]
 ) -> tuple[tuple[str, ...], dict[str, str]]:
     """Names and units of the axes of the coordinate system that a transformation is of."""

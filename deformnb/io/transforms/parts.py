@@ -15,7 +15,7 @@ from deformnb.volume.volume import Grid
 TransformPart = Identity | Affine | DisplacementField | BSplineField
 
 
-def sampled_parts(
+def sample_parts(
     field: AbstractField, grid: Grid, progress: Progress | None = None, *, exact: tuple[type, ...] = ()
 ) -> list[TransformPart]:
     """The parts of a field in the order in which a place of the result is looked up in them.

@@ -18,7 +18,7 @@ _START = 1 << 14  # bytes that contain the header of each format, or the remark
 _STATED = re.compile(rb"\b(?:backward|forward): from places of the [^\r\n\0\"<]{0,200}")
 
 
-def stated_remark(path: Path) -> str:
+def read_remark(path: Path) -> str:
     r"""The remark on the map in a transform file that was written here; empty for any other file.
 
     Examples
@@ -26,7 +26,7 @@ def stated_remark(path: Path) -> str:
     >>> import tempfile
     >>> file = Path(tempfile.mkdtemp()) / "there.tfm"
     >>> _ = file.write_text(f"#Insight Transform File V1.0\n# {FORWARD}\n")
-    >>> stated_remark(file).partition(":")[0]
+    >>> read_remark(file).partition(":")[0]
     'forward'
     """
     header = path / "zarr.json" if path.is_dir() else path

@@ -298,7 +298,7 @@ def read_volume(
     given_unit = None if unit is None else check_unit(unit)
     with Damage(place, _LESS):
         kind, header = read_any_header(place, series, uneven_slices)
-        header = header if given_unit is None else with_given_unit(header, given_unit)
+        header = header if given_unit is None else replace_unit(header, given_unit)
         if header.layout.frames == 1 and header.layout.kind != "channels":
             header = grey_header(header)
         if not header.layout.is_single:
@@ -413,7 +413,7 @@ def describe_file(
     )
 
 
-def with_given_unit(header: Header, unit: str) -> Header:
+def replace_unit(header: Header, unit: str) -> Header:
     """The header with the same numbers in another unit."""
     return replace(header, unit=unit, levels=tuple(replace(level, unit=unit) for level in header.levels))
 

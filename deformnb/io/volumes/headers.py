@@ -89,7 +89,7 @@ def layout_description(layout: Layout) -> str:
     return json.dumps({"kind": layout.kind, "names": layout.names, "colours": layout.colours})
 
 
-def described_layout(layout: Layout, text: str) -> Layout:
+def parse_channels(layout: Layout, text: str) -> Layout:
     """The layout with the channels of such a line, where it fits; else unchanged."""
     try:
         found = json.loads(text) if text else {}

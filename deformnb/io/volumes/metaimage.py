@@ -33,8 +33,8 @@ from deformnb.io.volumes.headers import (
     Header,
     Layout,
     check_layout,
-    described_layout,
     layout_description,
+    parse_channels,
     volume_shape,
 )
 from deformnb.io.volumes.voxels import (
@@ -156,7 +156,7 @@ def read_header(path: Path) -> Header:
             duration=duration if math.isfinite(duration) else 0.0,
         ),
     )
-    layout = described_layout(layout, comment.partition(_CHANNELS)[2])
+    layout = parse_channels(layout, comment.partition(_CHANNELS)[2])
     source = _source(path, fields, end, sizes, dtype.itemsize * channels, dtype)
     labels = True if comment.split(";")[0] == _LABELS else None
     spacing, origin, direction = _geometry(path, fields, dimension)

@@ -36,8 +36,8 @@ from deformnb.io.volumes.headers import (
     Header,
     Layout,
     check_layout,
-    described_layout,
     layout_description,
+    parse_channels,
     triple,
     volume_shape,
 )
@@ -173,7 +173,7 @@ def read_header(path: Path) -> Header:
         raise fail(path, f"the field 'dimension' is {dimension}; a volume has 3.")
     sizes = integers(path, "sizes", fields["sizes"], dimension)
     axes, layout = _places(path, fields, sizes)
-    layout = check_layout(path, described_layout(layout, keys.get(_CHANNELS_KEY, "")))
+    layout = check_layout(path, parse_channels(layout, keys.get(_CHANNELS_KEY, "")))
     shape, notes = volume_shape(path, [sizes[axis] for axis in axes], dtype.itemsize)
     source = _source(path, fields, end, files, sizes, dtype)
     unit, factors, unit_notes = _unit(path, fields, axes)

@@ -29,7 +29,7 @@ from deformnb.io.volumes.formats import (
     format_of,
     plain_name,
     read_any_header,
-    with_given_unit,
+    replace_unit,
     write_volume,
 )
 from deformnb.io.volumes.headers import MOST_MOMENTS, Header, Layout
@@ -135,7 +135,7 @@ def open_series(
         kind, header = read_any_header(place)
         if kind == "image":
             header = images.read_colour_header(place)
-        header = header if unit is None else with_given_unit(header, check_unit(unit))
+        header = header if unit is None else replace_unit(header, check_unit(unit))
         grid, notes = header.grid(None if spacing is None else as_spacing(spacing))
         dtype = _storable_type(header)
         needed = grid.size * dtype.itemsize * header.layout.channels + header.working_bytes

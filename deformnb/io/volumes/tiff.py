@@ -45,7 +45,7 @@ from deformnb.io.volumes.tiff_pages import (
     directories,
     is_preview,
     one_number,
-    page_of,
+    parse_page,
     whole_numbers,
 )
 from deformnb.io.volumes.voxels import stored_dtype
@@ -66,7 +66,7 @@ def read_header(path: Path) -> Header:
     return _annotate(header, text) if "<OME" in text[:2000] else header
 
 
-def slices_of(path: Path) -> list[Page]:
+def list_pages(path: Path) -> list[Page]:
     """The pages of a file in their order, to read parts of them."""
     found, tables = list[Page](), 0
     with closing(_pages(path, _description(path)[1])) as pages:  # type: ignore[type-var]  # generators can be closed
@@ -272,7 +272,7 @@ def _pages(path: Path, found: _Described) -> _Pages:
             if number and is_preview(path, tags):
                 yield None, file
                 continue
-            page = page_of(path, order, tags)
+            page = parse_page(path, order, tags)
             if number == 0 and wanted is not None and page.samples > 1 and found.layout.channels == page.samples:
                 wanted //= page.samples  # OME counts the parts of a colour as channels
             if number == wanted and found.images > 1:

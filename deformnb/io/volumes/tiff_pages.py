@@ -312,7 +312,7 @@ def directories(path: Path, file: BinaryIO) -> Iterator[tuple[str, Tags]]:
 
 def _directory(path: Path, file: BinaryIO, order: str, big: bool, offset: int) -> tuple[Tags, int]:
     size, word = (20, "Q") if big else (12, "I")
-    count = struct.unpack(order + ("Q" if big else "H"), _at(path, file, offset, 8 if big else 2))[0]
+    count = struct.unpack(order + ("Q" if big else "H"), _read_bytes(path, file, offset, 8 if big else 2))[0]
     if count > _MOST_FIELDS:
         raise fail(path, f"a page claims {count} fields; the file is damaged.")
     body = file.read(count * size + struct.calcsize(word))
@@ -333,12 +333,12 @@ def _directory(path: Path, file: BinaryIO, order: str, big: bool, offset: int) -
             raise fail(path, f"the field {tag} claims {length} bytes; the file is damaged.")
         inline = body[start + 4 + struct.calcsize(word) : start + size]
         place = struct.unpack(order + word, inline)[0]
-        value = inline[:length] if length <= len(inline) else _at(path, file, place, length)
+        value = inline[:length] if length <= len(inline) else _read_bytes(path, file, place, length)
         tags[tag] = value if code == "S1" else np.frombuffer(value, order + code)
     return tags, int(struct.unpack_from(order + word, body, count * size)[0])
 
 
-def _at(path: Path, file: BinaryIO, offset: int, count: int) -> bytes:
+def _read_bytes(path: Path, file: BinaryIO, offset: int, count: int) -> bytes:
     file.seek(min(offset, 2**62))
     data = file.read(count)
     if len(data) < count:
@@ -379,7 +379,7 @@ def _one(path: Path, tags: Tags, tag: int, missing: int | None = None) -> int:
     return int(value[0])
 
 
-def page_of(path: Path, order: str, tags: Tags) -> Page:
+def parse_page(path: Path, order: str, tags: Tags) -> Page:
     """The page that fields describe, if its pixels can be read and all of its parts are in the file."""
 
     def one(tag: int, missing: int | None = None) -> int:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from deformnb.checks import check_window
 from deformnb.document.deformation import Step
 from deformnb.errors import DeformError
-from deformnb.imaging.preview import draw_marked
+from deformnb.imaging.preview import draw_preview
 from deformnb.rbf.cuts import CUT_RULES, Decoupled
 from deformnb.rbf.fields import AbstractField
 from deformnb.rbf.points import ControlPoints
@@ -150,7 +150,7 @@ def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], Abstr
         field = fit()
         picture = replace(picture, values=warp_picture(picture.values, picture.raster, field))
         lines = deformed_lines(lines, field) if lines else []
-    return as_png(draw_marked(picture, lines, points, _PREVIEW_SIZE))
+    return as_png(draw_preview(picture, lines, points, _PREVIEW_SIZE))
 
 
 _LOG = logging.getLogger(__name__)

@@ -191,7 +191,7 @@ def linear(places: np.ndarray) -> np.ndarray:
     return 1000 + places @ [30.0, -7.0, 11.0]
 
 
-def slices_of(folder: Path, depths: list[float], shift: Callable[[float], np.ndarray]) -> None:
+def write_slices(folder: Path, depths: list[float], shift: Callable[[float], np.ndarray]) -> None:
     """Slices at depths, moved within their planes, that show a linear function of place."""
     rows, columns = np.mgrid[:20, :24]
     for k, depth in enumerate(depths):
@@ -213,7 +213,7 @@ def slices_of(folder: Path, depths: list[float], shift: Callable[[float], np.nda
 def test_uneven_slices_are_resampled_where_that_is_asked_for(
     depths: list[float], lean: float, count: int, tmp_path: Path
 ) -> None:
-    slices_of(tmp_path, depths, lambda depth: COSINES[:, 1] * depth * lean)
+    write_slices(tmp_path, depths, lambda depth: COSINES[:, 1] * depth * lean)
     with pytest.raises(VolumeFileError, match='uneven_slices="resample"'):
         read_volume(tmp_path)
     read = read_volume(tmp_path, uneven_slices="resample")
