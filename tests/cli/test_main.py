@@ -241,7 +241,7 @@ def test_a_missing_optional_package_is_named(
     small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (small / "slice.dcm").write_bytes(bytes(128) + b"DICM" + bytes(100))
-    monkeypatch.setitem(sys.modules, "pydicom", None)  # what Python does for a package that is not there
+    monkeypatch.setitem(sys.modules, "pydicom", None)  # as Python does for a missing package
     code = run(small, "info slice.dcm", monkeypatch)
     assert "needs the package pydicom" in refused(capsys.readouterr(), code)
 

@@ -306,7 +306,7 @@ def test_a_result_that_no_memory_holds_is_refused_before_the_work(
     assert "are free" in capsys.readouterr().out
 
 
-# ---- what belongs to a volume follows it -----------------------------------------------------------------------------
+# ---- meshes and landmarks follow their volume ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", sorted(MESH_FORMATS))

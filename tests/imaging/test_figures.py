@@ -101,7 +101,7 @@ def test_what_cannot_be_drawn_is_said(make: Any, words: str) -> None:
         make()
 
 
-# ---- what is drawn where ---------------------------------------------------------------------------------------------
+# ---- drawing ---------------------------------------------------------------------------------------------------------
 
 
 def test_points_have_the_colour_of_their_side() -> None:

@@ -236,7 +236,7 @@ def motion(pairs: Any) -> RigidMotion:
 
 @cache
 def real_results(straight: Path, bent: Path) -> dict[str, np.ndarray]:
-    """Correlation and mean difference from the bent scan over (thigh bone, shin, all), (3, 2), by way of bending."""
+    """Correlation and mean difference from the bent scan over (thigh bone, shin, all), (3, 2), by method of bending."""
     volume, truth = read_volume(straight), read_volume(bent)
     side = Plane.from_view(volume.grid, "+y")
     moves, outlines = [motion(FEMUR), motion(SHIN)], [Polygon(project_places(o)) for o in OUTLINES]

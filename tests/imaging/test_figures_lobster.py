@@ -59,7 +59,7 @@ def test_the_tail_swings_and_nothing_shrinks(
     assert ways[0] < 120 - 60
     assert ways[1] == pytest.approx(120, abs=4)
     assert ways[2] > 120 + 60
-    assert ways[3] == pytest.approx(ways[1])  # on the way back
+    assert ways[3] == pytest.approx(ways[1])  # in the second half
     assert animation.notes == ()
 
 

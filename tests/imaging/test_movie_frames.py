@@ -253,7 +253,7 @@ def test_a_movie_is_read_back(name: str, tmp_path: Path) -> None:
     found = read_back(written)
     assert [f.shape for f in found] == [(12, 20, 3)] * 9
     for was, now in zip(frames, found, strict=True):
-        # What cannot be exact: 32 levels of a palette, and colours of half resolution.
+        # Limits of exactness: 32 levels of a palette, and colours of half resolution.
         oracle.assert_close(now[9, 16].astype(float), was[9, 16], atol=9)
         oracle.assert_close(now[2, 2].astype(float), was[2, 2], atol=16)
     assert [p.name for p in tmp_path.iterdir() if not p.name.startswith(name[0])] == []
@@ -371,7 +371,7 @@ def test_an_older_file_is_replaced(tmp_path: Path) -> None:
     assert len(read_back(write_movie(path, shades(5)))) == 5
 
 
-# ---- what stops or goes wrong ----------------------------------------------------------------------------------------
+# ---- stops and errors ------------------------------------------------------------------------------------------------
 
 
 def after_three(what: Callable[[], Any]) -> Iterator[np.ndarray]:

@@ -110,7 +110,7 @@ def test_a_hot_voxel_changes_no_other_pixel_of_any_transfer_function(
     found = project(volume_of(values), "+z", "composite", transfer=function).values
     wanted = composite(list(values), 1.0, function)
     near = np.abs(values[..., None] - function.knots()[0]).min(axis=-1)
-    # Which side of a jump, or where in a ramp that is steeper, a value is cannot be said to less than its last digits;
+    # The side of a jump, or the place in a steeper ramp, of a value cannot be known to less than its last digits;
     # next to a node of opacity 1 the fourth root of the transparency, for a unit of 4, has more of them wrong.
     sure = (near > 1e-2) | ((near == 0) & (function.knots()[0] % 1 == 0).all())
     keep = sure.all(axis=0)
@@ -207,7 +207,7 @@ def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: f
     plane = Plane(grid.center, tuple(frame[0]), tuple(frame[1]))
     weight = project(ball(grid, centre, 3.0), plane, "mip")
     found = (weight.raster.points() * weight.grey()[..., None]).sum(axis=(0, 1)) / weight.grey().sum()
-    # 0.2 degrees move the ball by 0.4 voxels; what still counts as straight (0.011 degrees) moves it by 0.03 at most.
+    # 0.2 degrees move the ball by 0.4 voxels; the tolerance of a straight view (0.011 degrees) moves it by 0.03 at most.
     oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.05)
 
 

@@ -138,7 +138,7 @@ def test_a_deformation_is_its_steps_one_after_the_other(picture: Picture) -> Non
     assert draw_grids(Deformation(()), picture).grids.moved == pytest.approx(both.nodes)
 
 
-# ---- what is drawn ---------------------------------------------------------------------------------------------------
+# ---- drawing ---------------------------------------------------------------------------------------------------------
 
 
 def words(figure: Any) -> list[str]:
@@ -154,7 +154,7 @@ def test_growth_is_green_and_shrinkage_purple(picture: Picture) -> None:
         assert (min(red, blue) > green) == (dominant == 0)
     still = draw_grids(step_of(affine((1, 0), (0, 1))), picture, overlay="area", landmarks=False)
     both = [pixels(still)[at(still, axes, (33.4, 21.2))] for axes in still.axes]
-    assert np.abs(both[0] - both[1]).max() <= 3  # 1 leaves the picture as it is
+    assert np.abs(both[0] - both[1]).max() <= 3  # 1 leaves the picture unchanged
 
 
 def test_the_bar_of_areas_tells_true_numbers(picture: Picture) -> None:

@@ -106,7 +106,7 @@ def test_a_failing_write_leaves_the_old_file(tmp_path: Path) -> None:
         write_deformation(document(), tmp_path / "missing" / "a.json")
 
 
-# ---- what is refused -------------------------------------------------------------------------------------------------
+# ---- refusals --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_missing_files_folders_and_pipes_are_named(tmp_path: Path) -> None:
     assert "nul" in refusal(tmp_path / "nul\0byte")
     assert "long" in refusal(tmp_path / ("long" * 100))
     if hasattr(os, "mkfifo"):
-        os.mkfifo(tmp_path / "pipe")  # reading it would wait for ever
+        os.mkfifo(tmp_path / "pipe")  # reading it would block for ever
         assert "not an ordinary file" in refusal(tmp_path / "pipe")
 
 
@@ -209,7 +209,7 @@ def test_texts_from_a_document_cannot_control_the_terminal(tmp_path: Path) -> No
     write_deformation(Deformation((Step((FLAT,), PLANE, name=evil),), evil, volume), path)
     for text in describe_document(path).values():
         assert text.isprintable()
-    assert "<script>" in describe_document(path)["name"]  # shown as it is: a terminal runs no scripts
+    assert "<script>" in describe_document(path)["name"]  # shown unchanged: a terminal runs no scripts
 
 
 def test_stages_are_described() -> None:

@@ -67,7 +67,7 @@ def _warp(field: AbstractField) -> np.ndarray:
 
 
 def _write_transforms(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
-    """A field and an affine map in files of these endings, and the volume warped by what each of them holds."""
+    """A field and an affine map in files of these endings, and the volume warped by each of them."""
     both = dn.rbf.compose(BEND, AFFINE)
     for suffix in suffixes:
         write_transform(both, folder / f"transform.{suffix}", GRID)

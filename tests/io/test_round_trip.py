@@ -238,7 +238,7 @@ def test_pynrrd_and_numpy_read_what_is_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.load(tmp_path / "a.npy", allow_pickle=False), volume.values)
 
 
-# -- what other packages write is read here --------------------------------------------------------------------------
+# -- files of other packages are read here ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("compressed", [False, True])

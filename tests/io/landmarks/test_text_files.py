@@ -1,4 +1,4 @@
-"""Landmark files of plain text, written by hand after the descriptions of their formats."""
+"""Landmark files of plain text, written literally after the descriptions of their formats."""
 
 from __future__ import annotations
 

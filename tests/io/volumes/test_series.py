@@ -136,7 +136,7 @@ def test_scaled_moments_are_what_their_numbers_mean(tmp_path: Path) -> None:
 
 
 def test_one_moment_at_a_time_is_in_memory(tmp_path: Path) -> None:
-    """The frames of a long series are made and read one by one: those before are gone."""
+    """The frames of a long series are made and read one by one: earlier ones are freed."""
     made_before: list[weakref.ref[Channels]] = []
 
     def moments() -> Iterator[Channels]:
