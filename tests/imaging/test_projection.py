@@ -207,7 +207,7 @@ def test_a_plane_turned_a_little_is_not_taken_for_an_axis(about: int, degrees: f
     plane = Plane(grid.center, tuple(frame[0]), tuple(frame[1]))
     weight = project(ball(grid, centre, 3.0), plane, "mip")
     found = (weight.raster.points() * weight.grey()[..., None]).sum(axis=(0, 1)) / weight.grey().sum()
-    # 0.2 degrees move the ball by 0.4 voxels; the tolerance of a straight view (0.011 degrees) moves it by 0.03 at most.
+    # 0.2 degrees move the ball by 0.4 voxels; the limit of a straight view (0.011 degrees) moves it by 0.03 at most.
     oracle.assert_close(found, plane.to_plane(centre)[:2], atol=0.05)
 
 

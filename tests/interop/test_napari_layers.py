@@ -31,7 +31,7 @@ def test_a_volume_comes_back_as_it_went(direction: object, is_labels: bool) -> N
 
 
 def test_the_world_of_a_layer_is_scale_shear_rotation_translation_and_affine() -> None:
-    # A quarter turn about z in napari's order (z, y, x), literally: index (0, 0, 1) along x goes 2 along -y, then to +x.
+    # A quarter turn about z in napari's order (z, y, x): index (0, 0, 1) along x goes 2 along -y, then to +x.
     rotate = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     affine = np.eye(4)
     affine[:3, 3] = (0, 0, 100)
