@@ -275,7 +275,7 @@ class LargeVolume:
 
     @property
     def discrete(self) -> bool:
-        """Whether no value may be interpolated between two others."""
+        """True if no value may be interpolated between two others."""
         return self.is_labels or self.dtype == np.bool_
 
     def read(self, part: VoxelSlices) -> NDArray[Any]:

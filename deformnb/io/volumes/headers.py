@@ -66,7 +66,7 @@ class Layout:
 
     @property
     def is_single(self) -> bool:
-        """Whether the file holds one volume."""
+        """True if the file holds one volume."""
         return self.frames == 1 and self.channels == 1
 
     def __str__(self) -> str:
@@ -172,7 +172,7 @@ class Header:
 
     @property
     def is_scaled(self) -> bool:
-        """Whether stored numbers differ from the values that they encode."""
+        """True if stored numbers differ from the values that they encode."""
         return (self.slope, self.intercept) != (1.0, 0.0)
 
     @property
