@@ -11,7 +11,7 @@ import { Frames } from "./frames.ts";
 import { Messages } from "./messages.ts";
 import type { EditorRoot } from "./stage.ts";
 
-/** The colours of an editor: of the page around, light or dark, Jupyter's or VS Code's, else the browser's. */
+/** The colours of an editor: of the host page, light or dark, Jupyter's or VS Code's, else the browser's. */
 export class EditorTheme {
   colours = { stage: "#777", grid: "#777" };
 
@@ -42,9 +42,9 @@ export class EditorTheme {
   }
 }
 
-/** The commands of an editor, for its toolbar and for the page around. */
+/** The commands of an editor, for its toolbar and the host page. */
 export interface EditorCommands {
-  /** Run a command on a point; null for what is selected. */
+  /** Run a command on a point; null for the selection. */
   run(command: string, focused: number | null): void;
 }
 
@@ -63,7 +63,7 @@ export abstract class EditorDrawing {
 
   constructor(readonly model: Model) {
     this.sender = senderOf(busOf(model), model);
-    // Wherever a press in it goes, the keys are the editor's from then on.
+    // A press anywhere in it gives the editor the keys.
     this.root = pageElement("div", "dnb-editor", null, { tabindex: "-1", role: "group", ...OWN_KEYS });
     this.messages = new Messages();
     this.frames = new Frames(this.messages, () => this.draw());
@@ -88,7 +88,7 @@ export function initialize({ model }: { model: Model }) {
     uid = model.get("uid");
   holdBus(bus);
   const sender = senderOf(bus, model),
-    leave = () => sender.flush(); // nothing waits when the page goes
+    leave = () => sender.flush(); // no pending edit when the page closes
   sender.attach(model); // two consoles of one kernel have two models of one editor
   window.addEventListener("pagehide", leave);
   model.on("destroy", () => {

@@ -19,7 +19,7 @@ const BRUSH_SHARE = 0.09; // of the picture's diagonal: the radius at first
 const BRUSH_SWELL = 120; // CSS pixels of a drag that scale the middle by e
 const BRUSH_KEYS = [2, 10]; // CSS pixels of an arrow key with and without Shift
 
-/** What the brush uses of the editor. */
+/** Dependencies of the brush on the editor. */
 export type BrushEditor = EditorParts<"model" | "frames" | "messages" | "stage" | "viewport" | "picture", "points">;
 
 /** A brush in use, its circle and its bar. */
@@ -144,7 +144,7 @@ export class Brush {
     if (stroke.tool === "move") stroke.move(editor.viewport.placeAt(at));
     else stroke.grow((at[0] - this.from[0] + this.from[1] - at[1]) / BRUSH_SWELL);
     if (editor.tools.points.paintStroke(stroke)) return;
-    Object.assign(stroke, was); // no further: it would fold, or enter what is rigid
+    Object.assign(stroke, was); // no further: it would fold, or enter a rigid part
   }
 
   lift(isCancelled = false) {

@@ -12,7 +12,7 @@ const KEY_STEPS = [0.01, 0.1]; // of the bar, of an arrow key, and with Shift
 const LEAST_HEIGHT = 60,
   MARGIN = 56; // CSS pixels
 
-/** What the bar uses of the editor. */
+/** Dependencies of the bar on the editor. */
 export type ColourBarEditor = EditorParts<"frames" | "stage" | "viewport" | "picture", "window">;
 
 export class ColourBar {
@@ -62,7 +62,7 @@ export class ColourBar {
     });
   }
 
-  /** Show the bar beside grey values in colours, and while their window is changed. */
+  /** Show the bar next to grey values in colours, and while their window is changed. */
   update() {
     const { editor, held } = this,
       {

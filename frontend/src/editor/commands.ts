@@ -4,7 +4,7 @@ import { setTrait } from "../sync/edits.ts";
 import type { EditorCommands } from "./base.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the commands use of the editor. */
+/** Dependencies of the commands on the editor. */
 export type CommandEditor = EditorParts<
   "model" | "frames" | "picture" | "points" | "viewport",
   "modes" | "points" | "shapes" | "wand" | "window",
@@ -68,11 +68,11 @@ const SHAPE_COMMANDS: Record<string, (shapes: CommandEditor["tools"]["shapes"]) 
 export class Commands implements EditorCommands {
   constructor(readonly editor: CommandEditor) {}
 
-  /** @param focused the point that has the focus; null for what is selected */
+  /** @param focused the point that has the focus; null for the selection */
   run(command: string, focused: number | null) {
     const { panels, points, tools } = this.editor,
       ids = points.idsAt(focused);
-    // The history knows whether there is a step; the toolbar learns of an edit a moment later.
+    // Ask the history whether there is a step; the toolbar receives an edit a moment later.
     if (focused === null && !["undo", "redo"].includes(command) && panels.toolbar.isOff(command)) return;
     if (tools.shapes.choice.chosen && focused === null && ids.length === 0 && SHAPE_COMMANDS[command]) {
       if (!points.isLocked) SHAPE_COMMANDS[command](tools.shapes);

@@ -1,6 +1,6 @@
 // The options of the chosen cut, in a bar over the picture: whether it stops at its ends, whether it opens in front only,
 // points that pull it open, and points along it in its place: so an outline that was traced becomes points.
-// The trait "front_only" is null where nobody answers: then the depth is not offered.
+// The trait "front_only" is null without Python: then the depth is not offered.
 
 import { newPoint, nextId } from "../maths/points.ts";
 import { openingPlaces, placesAlong, stopsAt } from "../maths/shapes.ts";
@@ -12,9 +12,9 @@ export type LineRegion = Extract<RegionData, { vertices: number[][] }>;
 
 const CLOSED_POINTS = 16,
   OPEN_POINTS = 9; // along a line that was traced
-const NEAR = 0.05; // of the diagonal of the picture: a point so near holds what a further one would hold
+const NEAR = 0.05; // of the diagonal of the picture: a point so near holds the same as a further one
 
-/** What the bar uses of the editor. */
+/** Dependencies of the bar on the editor. */
 export type CutBarEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "points" | "picture",
   "brush" | "pen" | "wand" | "points" | "shapes"

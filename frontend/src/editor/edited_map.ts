@@ -12,7 +12,7 @@ import type { EditorParts } from "./parts.ts";
 /** isRough: found while something moved. */
 export type Folds = ReturnType<typeof foldsOf> & { probes: ReturnType<typeof probesOf>; isRough: boolean };
 
-/** What the map uses of the editor. */
+/** Dependencies of the map on the editor. */
 export type MapEditor = EditorParts<"model" | "bus" | "frames" | "points" | "picture" | "viewport">;
 
 export class EditedMap {

@@ -4,7 +4,7 @@ import { RestingTrait } from "../sync/edits.ts";
 import type { Point, Shapes } from "../types.ts";
 import type { Parts } from "./parts.ts";
 
-/** What the points use of the editor. */
+/** Dependencies of the points on the editor. */
 export type PointsEditor = Pick<Parts, "model" | "sender" | "frames" | "messages"> & {
   picture?: { readonly isBefore: boolean };
 };

@@ -59,7 +59,7 @@ const SHOWN = [
   ...GHOST_TRAITS,
 ];
 
-const UNKNOWN_WIDTH = 420; // CSS pixels, until the page around has laid the editor out
+const UNKNOWN_WIDTH = 420; // CSS pixels, until the host page has laid the editor out
 
 /** The front end of one view of an editor. */
 export class EditorView extends EditorDrawing {
@@ -79,7 +79,7 @@ export class EditorView extends EditorDrawing {
       bus = busOf(model);
     bus.views = (bus.views ?? 0) + 1;
     sender.receive();
-    // Parts know one another, and read each other only once all are there.
+    // Parts refer to one another, and read each other only once all exist.
     const parts = { model, bus, sender, messages, frames, theme, tools: {}, layers: {}, panels: {} } as Parts;
     const { tools, layers, panels } = parts;
     this.tools = tools;
@@ -239,14 +239,14 @@ export class EditorView extends EditorDrawing {
     });
   }
 
-  /** What was found of folds is no longer so: another picture has its tissue elsewhere. */
+  /** Invalidate the folds found so far: another picture has its tissue elsewhere. */
   #forgetFolds() {
     this.map.folds = null;
     this.layers.overlay.drawn = null;
     this.frames.invalidate();
   }
 
-  /** While Python makes another picture, nothing can be edited; a drag under way is as if it had not begun. */
+  /** While Python makes another picture, disable editing; a drag under way is cancelled. */
   showWaiting() {
     const { frames, model, panels, points, stage, tools } = this;
     if (points.isWaiting) {
@@ -264,7 +264,7 @@ export class EditorView extends EditorDrawing {
 
   layout() {
     const { frames, model, picture, root, stage, viewport } = this;
-    this.theme.apply(); // a style sheet that comes late changes sizes as well
+    this.theme.apply(); // a style sheet that loads late changes sizes as well
     const [a0, a1, b0, b1] = picture.sheet,
       aspect = (b1 - b0) / (a1 - a0),
       most = Math.max(120, model.get("height"));
@@ -289,7 +289,7 @@ export class EditorView extends EditorDrawing {
     viewport.resize(width, height, ratio);
     if (isResized)
       frames.drawNow(); // at once: the canvas is empty
-    else frames.invalidate(); // a remark of two lines comes and goes while a point is dragged
+    else frames.invalidate(); // a remark of two lines may appear and vanish during a drag
   }
 
   /** Show a point in the middle of the view. */

@@ -10,7 +10,7 @@ import type { ShapeGrip } from "./hit_test.ts";
 import { around } from "./hit_test.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the keys use of the editor. */
+/** Dependencies of the keys on the editor. */
 export type KeysEditor = EditorParts<
   "model" | "frames" | "messages" | "stage" | "points" | "picture" | "commands",
   "hits" | "brush" | "modes" | "gestures" | "points" | "shapes" | "parts",
@@ -31,7 +31,7 @@ export class EditorKeys {
     const isCommand = (event.ctrlKey || event.metaKey) && !isThird,
       isAlt = event.altKey && !isThird;
     if (around(event, "input, select")) {
-      // have keys of their own
+      // have their own keys
       if (event.key === "Escape" && event.target === editor.tools.brush.slider) {
         editor.tools.brush.stop();
         editor.stage.focus();

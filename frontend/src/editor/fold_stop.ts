@@ -5,16 +5,16 @@ import { foldsOf, probesOf } from "../maths/folds.ts";
 import { RbfError } from "../maths/rbf.ts";
 import type { Point, Shapes, Vector2 } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
-/** What a map is fitted to */
+/** The input of a fit */
 export type MapState = { points: Point[]; shapes: Shapes };
 
 const HOLD_WORK = 6e4,
-  HOLD_NODES = [9, 33]; // evaluations of a kernel for one look, and nodes of a side of its lattice
+  HOLD_NODES = [9, 33]; // evaluations of a kernel for one check, and nodes of a side of its lattice
 
-/** What the stop uses of the editor. */
+/** Dependencies of the stop on the editor. */
 export type FoldStopEditor = EditorParts<"model" | "points" | "map" | "picture">;
 
-/** Looks ahead whether a drag would fold the map where tissue is seen. */
+/** Check in advance of whether a drag would fold the map where tissue is visible. */
 export class FoldStop {
   note = ""; // the reason why a drag was stopped
   /** The smallest det J before the drag. */
@@ -22,7 +22,7 @@ export class FoldStop {
   start: MapState;
 
   constructor(readonly editor: FoldStopEditor) {
-    /** What the editor showed when the drag began. */
+    /** The editor's state when the drag began. */
     this.start = { points: [], shapes: { cuts: [], parts: [] } };
   }
 
@@ -53,7 +53,7 @@ export class FoldStop {
   }
 
   /**
-   * Whether the map folds in a state, and did not before the drag: what is folded already may stay so.
+   * Whether the map folds in a state, and did not before the drag: folds of before may stay.
    * @param note the reason that is shown if it does
    */
   refuses(state: MapState, note: string) {

@@ -1,5 +1,5 @@
 // The frames of an editor: what it draws, when, and whether something moves. And the rate at which pictures follow the
-// pointer, which goes to Python with the edit that ends a drag: a message of its own would cost the drag time.
+// pointer, which is sent to Python with the edit that ends a drag: a separate message would cost the drag time.
 
 import type { Messages } from "./messages.ts";
 
@@ -31,7 +31,7 @@ export class DrawRate {
     for (const list of [this.waits, this.spans]) if (list.length > MOST_PICTURES) list.shift();
   }
 
-  /** {hz, ms} of the drag that ends now, or null after a short one; the next begins anew. */
+  /** {hz, ms} of the drag that ends now, or null after a short one; the next starts from zero. */
   taken() {
     const { spans, waits } = this;
     Object.assign(this, { movedAt: null, last: null, spans: [], waits: [] });
@@ -66,7 +66,7 @@ export class Frames {
     clearTimeout(this.#restTimer);
   }
 
-  /** Run an action: an error is shown in the widget, and the editor goes on. */
+  /** Run an action: an error is shown in the widget, and the editor continues. */
   guard<T>(action: () => T) {
     try {
       return action();

@@ -80,7 +80,7 @@ export class PanGesture extends ClickGesture {
   }
 }
 
-/** A finger where nobody works in the editor: its drag belongs to the page around, which may scroll. */
+/** A finger while the editor has no focus: its drag belongs to the host page, which may scroll. */
 export class TapGesture extends ClickGesture {
   constructor(
     from: Vector2,
@@ -105,7 +105,7 @@ export class BandGesture extends ClickGesture {
   #was: number[];
   #end: (() => void) | undefined;
 
-  /** @param adds whether what was selected stays so */
+  /** @param adds whether the selection before stays */
   constructor(
     from: Vector2,
     private readonly points: EditedPoints,
@@ -186,7 +186,7 @@ export class PointsGesture extends Gesture {
   }
 }
 
-/** A drag of the handle that turns points about a place of the view; Alt scales instead, Shift goes in steps. */
+/** A drag of the handle that rotates points about a place of the view; Alt scales instead, Shift snaps to steps. */
 export class TurnGesture extends Gesture {
   #scales = false;
 

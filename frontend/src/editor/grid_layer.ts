@@ -8,11 +8,11 @@ import type { EditorParts } from "./parts.ts";
 
 export type GridLines = ReturnType<typeof deformedGrid>;
 
-/** What the grid uses of the editor. */
+/** Dependencies of the grid on the editor. */
 export type GridEditor = EditorParts<"model" | "frames" | "theme" | "picture" | "viewport">;
 
 export class GridLayer {
-  /** The grid that was drawn, and what it was made of; null where it is to be made anew. */
+  /** The grid drawn last, and its inputs; null where it has to be computed again. */
   last: { key: unknown[]; lines: GridLines } | null = null;
 
   constructor(readonly editor: GridEditor) {}

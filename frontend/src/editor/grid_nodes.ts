@@ -1,5 +1,5 @@
 // The nodes of the deformed grid, to be dragged: a node that is dragged becomes an ordinary control point, whose source
-// is the node's place on the original. Also which grid a view shows beside other views.
+// is the node's place on the original. Also which grid a view shows next to other views.
 //
 // A view in an element of class dnb-th-after shows nodes, as one of an editor whose trait `drag_grid` is true does.
 // A view in an element of class dnb-th-before shows the original, with the regular grid and nothing to drag.
@@ -19,7 +19,7 @@ const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as 
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
-/** What the nodes use of the editor. */
+/** Dependencies of the nodes on the editor. */
 export type NodesEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "pen" | "modes" | "gestures" | "points",
@@ -29,7 +29,7 @@ export type NodesEditor = EditorParts<
 /** The nodes of the grid as elements, which can have the focus and be dragged. */
 export class GridNodes {
   nodes: NodeParts[] = [];
-  /** Places of the nodes, and what they were made of. */
+  /** Places of the nodes, and the inputs they were computed from. */
   made: { key: unknown[]; places: GridPlaces } | null = null;
   current = 0; // the node at which Tab stops
   drag: NodeDrag | null = null;
@@ -70,7 +70,7 @@ export class GridNodes {
 
   // ---- the kind of this view ----------------------------------------------------------------------------------------
 
-  /** "before", "after", or "" in a view that stands for itself. */
+  /** "before", "after", or "" in a view without a partner. */
   get side() {
     const around = this.editor.stage.root.closest(".dnb-th-before, .dnb-th-after");
     return !around ? "" : around.classList.contains("dnb-th-before") ? "before" : "after";
@@ -82,14 +82,14 @@ export class GridNodes {
     return Boolean(isWanted && model.get("show_grid") && model.get("density") > 0);
   }
 
-  /** The movement of a target that moves what it holds by one; 0 where nothing moves it. */
+  /** Movement of a target that moves its tissue by one; 0 where nothing moves it. */
   get pull() {
     const strength = this.editor.map.strength;
     return !this.isOn ? 1 : Math.abs(strength) < LEAST_STRENGTH ? 0 : 1 / strength;
   }
 
   /**
-   * The points where they take what they hold: beside the nodes they must lie on the grid, however drags are magnified.
+   * The points where their tissue is: next to the nodes they must lie on the grid, however drags are magnified.
    */
   shown(points: Point[]) {
     const strength = this.editor.map.strength;
@@ -215,7 +215,7 @@ export class GridNodes {
 
   // ---- dragging -----------------------------------------------------------------------------------------------------
 
-  /** The points with one more at a node, which goes where the node is: nothing moves by it. */
+  /** The points with one more at a node, with its target at the node: nothing moves by it. */
   #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this,
       id = nextId(editor.points.list, editor.sender.nextId);
@@ -226,7 +226,7 @@ export class GridNodes {
     return { id, points: [...editor.points.list, newPoint(id, from, to, name)] };
   }
 
-  /** Whether nodes can be dragged now; a hint if their drags would come to nothing. */
+  /** Whether nodes can be dragged now; a hint if their drags would have no effect. */
   #isFree() {
     const { editor } = this;
     if (editor.points.isLocked) return false;

@@ -39,7 +39,7 @@ export interface MarksScene {
   onView: (place: Vector2) => Vector2;
 }
 
-/** The elements of a point, and what they show. */
+/** The elements of a point, and their state. */
 export interface HandleParts {
   arrow: SVGGElement;
   source: SVGGElement;
@@ -82,7 +82,7 @@ export class WheelSteps {
   }
 }
 
-/** Let no finger on what can be dragged scroll the page: touch-action of a part of an SVG does not. */
+/** Prevent fingers on draggable elements from scrolling the page: touch-action of a part of an SVG does not. */
 export function keepFromScrolling(event: TouchEvent) {
   const { target } = event,
     held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " + ".dnb-ed-chosen, [data-motion]";
@@ -122,7 +122,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   byId = new Map<number, HandleParts>();
   /** Ids of points that get a dashed ring. */
   suspects = new Set<number>();
-  /** The one point that Tab leads to: that in focus, or the last that was. */
+  /** The one tab stop: the point in focus, or the last one. */
   stop: number | null = null;
 
   constructor(
@@ -199,7 +199,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     return isFocusLost;
   }
 
-  /** Let Tab lead to one point: with two hundred it would have to be pressed two hundred times. */
+  /** Make one point the tab stop: two hundred of them would need two hundred presses. */
   #stopAt(id: number) {
     if (id === this.stop) return;
     if (this.stop !== null) this.byId.get(this.stop)?.target.setAttribute("tabindex", "-1");
@@ -265,7 +265,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
     parts.target.classList.toggle("dnb-ed-formed", parts.form.getAttribute("d") !== "");
   }
 
-  /** Show that these points cannot go on, and no others. */
+  /** Mark these points as blocked, and no others. */
   lock(ids: number[]) {
     for (const [id, { target }] of this.byId) target.classList.toggle("dnb-ed-locked", ids.includes(id));
   }
@@ -364,7 +364,7 @@ const TURN_AWAY = 38; // CSS pixels from the middle of the selection, or from it
 const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
 
 /**
- * Marks that can be dragged besides points and shapes: the handle that turns what is selected, and the axis of a
+ * Marks that can be dragged besides points and shapes: the handle that rotates the selection, and the axis of a
  * mirror. And the circle of the brush, which shows where it works.
  */
 export class ToolMarks {
@@ -444,7 +444,7 @@ export class ToolMarks {
     });
   }
 
-  /** Above what is selected, whose middle is the middle of the turn. */
+  /** Place above the selection, whose middle is the centre of the rotation. */
   #turn({ view, selected, points, isLocked, isHolding, brush, pen, isAdding, onView }: MarksScene) {
     const chosen = points.filter((p) => selected.has(p.id) && !p.locked);
     const isShown = chosen.length > 0 && !isLocked && !isHolding && !brush.isOn && !pen.isOn && !isAdding;

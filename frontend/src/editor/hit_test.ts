@@ -1,4 +1,4 @@
-// What lies under a pointer in the editor: a point, a shape, a handle, or a mark.
+// Hit test of a pointer in the editor: a point, a shape, a handle, or a mark.
 
 import { treeOf } from "../ui/dom.ts";
 import type { PartHandle } from "./motion_handles.ts";
@@ -17,7 +17,7 @@ function numberOf(text: string | undefined) {
   return text ? Number(text) : null;
 }
 
-/** What the test uses of the editor. */
+/** Dependencies of the test on the editor. */
 export type HitEditor = EditorParts<"frames" | "stage", "shapes">;
 
 export class HitTest {
@@ -25,7 +25,7 @@ export class HitTest {
 
   /**
    * The element that an event is about. While a pointer is captured, what lies under its clicks is not their target. A
-   * press may come before other points or shapes are drawn: then they are, and what lies there now counts.
+   * press may come before other points or shapes are drawn: then they are, and the element there now counts.
    */
   #hit(event: Event) {
     if (event.type === "pointerdown" && this.editor.frames.request) this.editor.frames.drawNow();

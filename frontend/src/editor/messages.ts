@@ -1,4 +1,4 @@
-// Sentences over the picture of an editor, hints that pass, and texts for screen readers.
+// Messages over the picture of an editor, temporary hints, and texts for screen readers.
 
 import type { Sender } from "../sync/edits.ts";
 import { pageElement, setText } from "../ui/dom.ts";
@@ -22,7 +22,7 @@ export class Messages {
 
   liveRegion = pageElement("div", "dnb-ed-spoken", null, { "aria-live": "polite" });
 
-  /** Called before another sentence takes the place of that over the picture. */
+  /** Called before a message replaces the one over the picture. */
   onReplace: () => void = () => {};
 
   #tipTimer = 0;
@@ -39,7 +39,7 @@ export class Messages {
     else if (Object.values(NO_ANSWER).includes(this.tip.textContent)) this.tip.hidden = true;
   }
 
-  /** Show a sentence over the picture; a passing one goes after a while. */
+  /** Show a message over the picture; a temporary one is hidden after a while. */
   show(message: string, isPassing = false) {
     this.onReplace();
     clearTimeout(this.#alertTimer);

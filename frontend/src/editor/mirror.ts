@@ -6,7 +6,7 @@ import { setTrait } from "../sync/edits.ts";
 import type { Point, Vector } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the mirror uses of the editor. */
+/** Dependencies of the mirror on the editor. */
 export type MirrorEditor = EditorParts<"model" | "sender" | "frames" | "messages" | "points" | "map" | "picture">;
 
 export class PointMirror {
@@ -67,7 +67,7 @@ export class PointMirror {
   /**
    * An edit from `before` to `after` with its mirror image.
    * @param lead the side that decides, or 0
-   * @param holds whether new points take hold of what is seen, on both sides
+   * @param holds whether new points hold the visible tissue, on both sides
    */
   edit(before: Point[], after: Point[], lead: number = 0, holds: boolean = false) {
     const { map, picture, sender } = this.editor,

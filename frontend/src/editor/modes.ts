@@ -1,10 +1,10 @@
-// The modes of the editor: adding, selecting, the pen, a brush, and the tools that are put away for another.
+// The modes of the editor: adding, selecting, the pen, a brush, and the tools that exclude one another.
 
 import type { Vector2 } from "../types.ts";
 import type { Gesture } from "./gesture.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** A tool that is taken up and put away. */
+/** A tool that is switched on and off. */
 interface HeldTool {
   readonly isOn: boolean;
   stop(): boolean;
@@ -16,7 +16,7 @@ interface HeldTool {
   key(key: string, event: KeyboardEvent, arrow?: Vector2): boolean;
 }
 
-/** What the modes use of the editor. */
+/** Dependencies of the modes on the editor. */
 export type ModesEditor = EditorParts<
   "frames" | "messages" | "stage" | "points",
   "pen" | "brush" | "window" | "wand" | "shapes",
@@ -45,7 +45,7 @@ export class Modes {
   }
 
   /**
-   * While it is on, whatever is dragged around or clicked is added to what is selected: fingers have no Shift key.
+   * While it is on, whatever is dragged around or clicked is added to the selection: fingers have no Shift key.
    */
   setSelecting(isSelecting: boolean) {
     const { frames, messages, stage } = this.editor;
@@ -65,7 +65,7 @@ export class Modes {
     return [pen, brush, wand, window].find(({ isOn }) => isOn);
   }
 
-  /** Give up what the pen draws, or put another tool away; false where none is taken up. */
+  /** Cancel the pen's drawing, or switch the active tool off; false where there is none. */
   cancelTool() {
     const { pen, brush, wand, window } = this.editor.tools;
     return pen.cancel() || brush.stop() || window.stop() || wand.stop();
@@ -117,7 +117,7 @@ export class Modes {
     stage.focus();
   }
 
-  /** The focus goes to the list of keys, and back to where it was. */
+  /** Move the focus to the list of keys, and back to where it was. */
   toggleHelp() {
     this.editor.panels.help.toggle();
     this.editor.frames.invalidate();

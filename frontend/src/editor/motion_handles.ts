@@ -1,5 +1,5 @@
 // The handles of the motion of a rigid part as SVG: a ring around its pivot with a knob, which turn it, and a cross at
-// the pivot, which can be dragged. Both stand where the part has moved to.
+// the pivot, which can be dragged. Both are drawn where the part has moved to.
 
 import { shownLength } from "../maths/numbers.ts";
 import { pivotOf, placeMoved, shapeName, turnAndShift } from "../maths/shapes.ts";
@@ -7,7 +7,7 @@ import type { PartData, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
 import { farthest } from "./shape_handles.ts";
-/** What a drag of a part does */
+/** The effect of a drag of a part */
 export type PartHandle = "move" | "turn" | "pivot";
 
 const RING = [38, 110]; // CSS pixels of the ring's radius at least and at most
@@ -27,7 +27,7 @@ export class MotionHandles {
     grips: SVGElement,
   ) {
     const ring = svgElement("g", { "data-motion": "turn", class: "dnb-ed-turn-ring", visibility: "hidden" });
-    svg.insertBefore(ring, grips); // corners on the ring stay within reach; knob and cross lie over them
+    svg.insertBefore(ring, grips); // corners on the ring stay within reach; knob and cross are above them
     this.root = svgElement("g", { class: "dnb-ed-motion", visibility: "hidden" });
     grips.after(this.root);
     this.ring = ring;

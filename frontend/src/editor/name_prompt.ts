@@ -1,4 +1,4 @@
-// The field in which a point or a shape is named, beside its place in the picture.
+// The field in which a point or a shape is named, next to its place in the picture.
 
 import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, treeOf } from "../ui/dom.ts";
@@ -7,11 +7,11 @@ import type { EditorRoot } from "./stage.ts";
 
 export interface Naming {
   take: (text: string) => void;
-  /** Gives the focus back; false if the named thing is gone */
+  /** Give the focus back; false if the named thing is gone */
   focus: () => boolean;
 }
 
-/** What the field uses of the editor. */
+/** Dependencies of the field on the editor. */
 export type PromptEditor = { frames: Frames; stage: EditorRoot };
 
 export class NamePrompt {
@@ -42,7 +42,7 @@ export class NamePrompt {
     this.input.addEventListener("blur", () => this.end(true), { signal });
   }
 
-  /** Request a name beside a place of the view. */
+  /** Request a name next to a place of the view. */
   prompt(text: string, placeholder: string, [x, y]: Vector2, naming: Naming) {
     const { input } = this,
       { clientWidth: width, clientHeight: height } = this.editor.stage.element;

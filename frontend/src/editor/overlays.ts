@@ -104,7 +104,7 @@ function strainKey(parent: HTMLElement, gain: number, cell: number) {
 
 export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 
-/** What the ghost uses of the editor. */
+/** Dependencies of the ghost on the editor. */
 export type GhostEditor = EditorParts<"model" | "stage" | "viewport" | "picture">;
 
 /** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
@@ -123,7 +123,7 @@ export class Ghost {
     editor.stage.svg.before(this.image);
   }
 
-  /** As the traits have it, over the whole of the picture. */
+  /** Draw it as in the traits, over the whole picture. */
   draw() {
     const {
       model,
@@ -190,7 +190,7 @@ const KEY_CORNERS = [
 ]; // first choices first
 const OVERLAY_WORK = { moving: 1.2e5, resting: 1e6 }; // evaluations of a kernel
 
-/** What the overlay uses of the editor. */
+/** Dependencies of the overlay on the editor. */
 export type OverlayEditor = EditorParts<
   "model" | "frames" | "messages" | "theme" | "stage" | "viewport" | "points" | "picture",
   never,
@@ -198,7 +198,7 @@ export type OverlayEditor = EditorParts<
   "toolbar"
 >;
 
-/** Folds, areas, strains or uncertainty, on a canvas of their own between the picture and the handles. */
+/** Folds, areas, strains or uncertainty, on a separate canvas between the picture and the handles. */
 export class Overlay {
   canvas: HTMLCanvasElement;
   context: CanvasRenderingContext2D;
@@ -231,7 +231,7 @@ export class Overlay {
       "aria-label": "legend",
       hidden: "",
     });
-    editor.stage.svg.before(this.canvas); // the handles lie over it
+    editor.stage.svg.before(this.canvas); // the handles are above it
     const menus = editor.panels.toolbar.buttons.get("compare")?.button.parentElement ?? null;
     this.select = pageElement("select", "dnb-ed-menu", menus, {
       "aria-label": tipOf(EDITOR_KEYS, "overlay", "Overlay"),
@@ -314,7 +314,7 @@ export class Overlay {
     this.isUsed = false;
   }
 
-  /** The part of what is drawn that is seen, [a0, a1, b0, b1], or null. */
+  /** The visible part of the drawing, [a0, a1, b0, b1], or null. */
   #visible(): Vector4 | null {
     const {
       viewport: {
@@ -409,7 +409,7 @@ export class Overlay {
       viewport: { view },
       theme: { colours },
       model,
-    } = this.editor; // the grid lies under the colours, and would hardly be seen
+    } = this.editor; // the grid is under the colours, and would be hardly visible
     if (grid && model.get("show_grid") && model.get("density") > 0)
       drawGrid(this.context, view, grid.lines, colours.grid);
   }
@@ -462,7 +462,7 @@ export class Overlay {
     return { width: 0, height: 0, legend: [], ...this.editor.model.get("uncertainty_facts") };
   }
 
-  /** The uncertainty as Python has it, with a line at every level that the legend names. */
+  /** Python's uncertainty, with a line at every level that the legend names. */
   #drawUncertainty(part: Vector4) {
     const { width, height, legend } = this.#uncertaintyFacts,
       given = this.editor.model.get("uncertainty");

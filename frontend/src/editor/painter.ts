@@ -1,4 +1,4 @@
-// Paints a warped picture and its grid on a 2D canvas.
+// Painting of a warped picture and its grid on a 2D canvas.
 
 import { chosenPlace, coverage, marginOf } from "../maths/cuts.ts";
 import { fieldOnRaster, isStill } from "../maths/rigid_stages.ts";
@@ -7,7 +7,7 @@ import { sampledFits } from "../maths/sampled_fit.ts";
 import type { LayeredFit, PictureRaster, Raster, Vector2, Vector3, Vector4 } from "../types.ts";
 
 /**
- * The part of the picture plane that is seen: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
+ * The visible part of the picture plane: a place (a, b) lies at (k a + x, k b + y) CSS pixels; the size in CSS
  * pixels, and the ratio of the canvas's pixels to those.
  */
 export type View = { k: number; x: number; y: number; width: number; height: number; ratio: number };
@@ -17,7 +17,7 @@ export type Buffered = ArrayBuffer | ArrayBufferView<ArrayBuffer>;
 /** The pixels of a picture at one size */
 export type Level = { pixels: Bytes; width: number; height: number };
 /**
- * What is seen of the original beside the deformed picture: left of a share of the canvas's width, and over all of it.
+ * The part of the original next to the deformed picture: left of a share of the canvas's width, and over all of it.
  */
 export type Original = { share: number; opacity: number };
 /** Of the canvas, in its own pixels */
@@ -141,7 +141,7 @@ export class PictureSource {
   }
 
   /**
-   * Whether a place of the picture lies in the body: not in the air around it, which reaches the rim of the picture.
+   * Whether a place of the picture is in the body: not in the air around it, which reaches the rim of the picture.
    * @param air the value up to which there is air
    */
   isBody([a, b]: Vector2, air: number) {
@@ -263,7 +263,7 @@ export function halved({ pixels, width, height }: Level, channels: number): Leve
   return { pixels: out, width: w, height: h };
 }
 
-/** Warps a picture and draws it on a canvas. */
+/** Painter of a warped picture on a canvas. */
 export class Painter {
   context: CanvasRenderingContext2D;
   scratch: HTMLCanvasElement;
@@ -271,7 +271,7 @@ export class Painter {
   colours: Uint32Array<ArrayBuffer>;
   source: PictureSource | null = null;
   image: ImageData;
-  paper: number[] = [0, 0, 0]; // red, green and blue of what lies around the picture
+  paper: number[] = [0, 0, 0]; // red, green and blue around the picture
   /** The places of the nodes under each fit, in pixels of a level. */
   maps: Float32Array[] = [];
   /** The fit that was painted, known at those nodes while something moves. */
@@ -335,7 +335,7 @@ export class Painter {
 
   /**
    * @param step pixels of the canvas across one that is looked up
-   * @param opacity over what is there
+   * @param opacity over the picture below
    */
   #paintPart(
     source: PictureSource,
@@ -458,7 +458,7 @@ export class Painter {
     if (layers) lookUpLayers(out, w, h, layers, lattice, pixels, channels, fill, rim, this.paper, this.colours);
   }
 
-  /** The edge of what is drawn, where its own edge is as dark as what is around. */
+  /** The edge of the drawing, where its own edge is as dark as its surroundings. */
   drawFrame({ k, x, y, ratio }: View, [a0, a1, b0, b1]: Vector4) {
     const { context: c } = this;
     c.setTransform(ratio, 0, 0, ratio, 0, 0);
@@ -642,13 +642,13 @@ const lookUpColour: LookUp = (out, w, h, maps, plan, columns, lattice, { pixels,
 
 const LAYER_EMPTY = -1,
   LAYER_MIXED = -2;
-const FEW_EDGES = 32; // of all cuts together: beyond that each cell looks for those that are near
+const FEW_EDGES = 32; // of all cuts together: beyond that each cell searches for the near ones
 
 /**
  * The choice between several smooth maps in every pixel of a picture with cuts.
  *
  * The maps are known at the nodes of a lattice. Most cells between the nodes show one map, or nothing at all, which
- * their corners decide: a distance changes by no more than the way that is walked. Only where a cut runs through a
+ * their corners decide: a distance changes by no more than the path length. Only where a cut runs through a
  * cell, each of its pixels is decided by itself, and no displacement is ever interpolated across a cut.
  */
 class LayerPlan {
@@ -693,7 +693,7 @@ class LayerPlan {
   }
 
   /**
-   * Measure the distances. Far from all cuts a bound will do: the last distance, less the way from the last node.
+   * Measure the distances. Far from all cuts a bound will do: the last distance, less the path from the last node.
    */
   #measure() {
     const {
@@ -783,7 +783,7 @@ class LayerPlan {
     return own === still ? still : found;
   }
 
-  /** 1 if a cell's images under a map all lie deep in its region, -1 if none of them comes near it, else 0. */
+  /** 1 if a cell's images under a map are all deep in its region, -1 if none of them comes near it, else 0. */
   #coverage(k: number, p: number, q: number, r: number, s: number, half: number) {
     const map = this.maps[k]!,
       d = this.depths[k]!,
@@ -799,7 +799,7 @@ class LayerPlan {
     return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
-  /** The cuts as one cell sees them: of long outlines only what is near. */
+  /** The cuts near one cell: of long outlines only the near edges. */
   #regionsAt(cell: number) {
     if (this.isShort) return this.layered.regions;
     const made = this.near.get(cell) ?? this.#regionsNear(cell);

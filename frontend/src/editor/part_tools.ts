@@ -21,7 +21,7 @@ import { MotionHandles } from "./motion_handles.ts";
 import type { EditorParts } from "./parts.ts";
 
 /**
- * A part on its way: all shapes, the points that it carries gone with it, and the ids of those that contradict it.
+ * A part being moved: all shapes, its carried points with it, and the ids of those that contradict it.
  */
 export type PartState = { shapes: Shapes; points: Point[]; held: number[] };
 
@@ -37,11 +37,11 @@ export type PartDrag = {
   now: PartState;
 };
 
-const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift goes in steps of the second
+const TURN_STEPS = [1, 15]; // degrees of a key alone and with Shift; a drag with Shift snaps to the second
 const ALONE = "nothing holds what is around it: add points there, or a fixed side";
 const VERBS: Record<PartHandle, string> = { move: "move", turn: "turn", pivot: "move the pivot of" };
 
-/** What the tools use of the editor. */
+/** Dependencies of the tools on the editor. */
 export type PartEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "foldStop" | "modes" | "shapes"
@@ -50,8 +50,8 @@ export type PartEditor = EditorParts<
 export class PartTools {
   handles: MotionHandles;
   drag0: PartDrag | null = null;
-  isLive = false; // whether the part has moved since Python was told
-  isSent = false; // whether Python has been told anything of this drag
+  isLive = false; // whether the part has moved since the last message to Python
+  isSent = false; // whether Python has received anything of this drag
 
   constructor(readonly editor: PartEditor) {
     this.handles = new MotionHandles(editor.stage.svg, editor.tools.shapes.handles.grips);
@@ -123,7 +123,7 @@ export class PartTools {
 
   /**
    * Move, turn or shift the pivot to a place of the view, as far as the map stays free of folds.
-   * @param isStepped whether a turn goes in steps
+   * @param isStepped whether a rotation snaps to steps
    */
   drag(at: Vector2, isStepped: boolean) {
     const { editor, drag0 } = this;
@@ -147,7 +147,7 @@ export class PartTools {
     editor.map.changed(true);
   }
 
-  /** Send the part on its way, if Python follows the drag. */
+  /** Send the part being moved, if Python follows the drag. */
   sendMove() {
     const { editor, drag0 } = this;
     if (drag0 && this.isLive && editor.model.get("live")) {
@@ -162,7 +162,7 @@ export class PartTools {
   }
 
   /**
-   * What the hint says during a drag.
+   * The hint during a drag.
    * @param held how many points contradict the part
    */
   #words(part: PartData, handle: PartHandle, held: number) {
@@ -242,7 +242,7 @@ export class PartTools {
     this.#edit(part, { ...part, motion: null }, index, `put back ${part.name || SHAPE_NAMES.parts}`);
   }
 
-  /** The part with its pivot on the way from one place to another, held to the picture. Its motion stays. */
+  /** The part with its pivot moved from one place towards another, within the picture. Its motion stays. */
   #pivoting(part: PartData, from: Vector2, to: Vector2) {
     const [a0, a1, b0, b1] = this.editor.picture.sheet,
       [a, b] = placeMoved(part.motion, pivotOf(part));
@@ -259,14 +259,14 @@ function without(points: Point[], ids: number[]) {
   return ids.length ? changed(points, ids, () => ({ active: false })) : points;
 }
 
-/** A part on the way from one place to another. */
+/** A part moved from one place to another. */
 function moving(part: PartData, from: Vector2, to: Vector2) {
   const { angle, shift } = turnAndShift(part);
   return (share: number) =>
     partTurned(part, angle, [shift[0] + share * (to[0] - from[0]), shift[1] + share * (to[1] - from[1])]);
 }
 
-/** A part that turns about its pivot as a pointer does from one place to another. */
+/** A part that turns about its pivot by the angle between two places of the pointer. */
 function turning(part: PartData, from: Vector2, to: Vector2, isStepped: boolean) {
   const { angle, shift } = turnAndShift(part),
     [a, b] = placeMoved(part.motion, pivotOf(part));

@@ -34,7 +34,7 @@ import type { Wand } from "./wand_tool.ts";
 import type { Wheel } from "./wheel.ts";
 import type { WindowTool } from "./window_tool.ts";
 
-/** What edits points and shapes, and changes what is seen. */
+/** Tools that edit points and shapes, and change the view. */
 export interface Tools {
   modes: Modes;
   points: PointTools;
@@ -51,7 +51,7 @@ export interface Tools {
   keys: EditorKeys;
 }
 
-/** What lies over the picture. */
+/** Layers over the picture. */
 export interface Layers {
   grid: GridLayer;
   ghost: Ghost;
@@ -61,7 +61,7 @@ export interface Layers {
   nodes: GridNodes;
 }
 
-/** What lies around the picture, and the bars in it. */
+/** Elements around the picture, and the bars in it. */
 export interface Panels {
   toolbar: Toolbar;
   names: NamePrompt;
@@ -71,7 +71,7 @@ export interface Panels {
   colours: ColourBar;
 }
 
-/** The parts of an editor. Each of them gets those that it names in an interface of its own. */
+/** The parts of an editor. Each of them gets those that its own interface names. */
 export interface Parts {
   model: Model;
   bus: Bus;

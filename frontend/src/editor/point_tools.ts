@@ -41,7 +41,7 @@ export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
 export type Held = { point: Point; part: PartData };
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
-const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point goes onto it
+const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis a new point snaps to it
 
 /**
  * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
@@ -73,7 +73,7 @@ function allowedMove(
   return { points: between(low), held };
 }
 
-/** What the tools use of the editor. */
+/** Dependencies of the tools on the editor. */
 export type PointEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "brush" | "foldStop" | "parts",
@@ -85,7 +85,7 @@ export type PointEditor = EditorParts<
 export class PointTools {
   /** The points before a drag, null while there is none. */
   drag0: Point[] | null = null;
-  isLive = false; // whether points on their way have not been sent yet
+  isLive = false; // whether moving points have not been sent yet
   isSent = false; // whether points of this drag have been sent
   strokeSide = 0; // the side of the mirror on which the stroke of a brush began
   mirror: PointMirror;
@@ -168,7 +168,7 @@ export class PointTools {
   }
 
   /**
-   * Show points on their way, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is the start.
+   * Show moving points, `make(1)` of them, or as far as parts and folds let them go; `make(0)` is the start.
    */
   #show(drag0: Point[], make: (share: number) => Point[]) {
     const { editor } = this,
@@ -187,7 +187,7 @@ export class PointTools {
     this.isLive = true;
   }
 
-  /** Send points on their way, if Python follows the drag. */
+  /** Send the moving points, if Python follows the drag. */
   sendMove() {
     const { editor } = this;
     if (this.drag0 && this.isLive && editor.model.get("live")) {
@@ -274,7 +274,7 @@ export class PointTools {
   }
 
   /**
-   * Add a point that holds what is seen at a place of the view: its source is where the map leads, so nothing
+   * Add a point that holds the tissue visible at a place of the view: its source is where the map leads, so nothing
    * moves.
    * @param at CSS pixels
    * @returns its id, that of a point which is there already, or null in a gap
@@ -354,7 +354,7 @@ export class PointTools {
     this.change(resetPoints(points, this.freed(ids.length ? ids : points.map((p) => p.id))), "reset");
   }
 
-  /** The way that brings the point under the pointer onto a node; the others go with it. */
+  /** The displacement that brings the point under the pointer onto a node; the others follow it. */
   #snappedWay(id: number, way: Vector2, what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap.step > 0)) return way;
@@ -476,7 +476,7 @@ export class PointTools {
     return stroke;
   }
 
-  /** Show the picture with a stroke as it is now; false where it must not go on. */
+  /** Show the picture with a stroke as it is now; false where it must not continue. */
   paintStroke(stroke: Stroke) {
     const { editor, drag0 } = this;
     if (!drag0) return false;

@@ -16,7 +16,7 @@ import { isRightClick, keepFromScrolling } from "./handles.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the pointers use of the editor. */
+/** Dependencies of the pointers on the editor. */
 export type PointerEditor = EditorParts<
   "frames" | "messages" | "stage" | "viewport" | "points",
   "hits" | "brush" | "pen" | "window" | "modes" | "points" | "shapes" | "parts",
@@ -27,7 +27,7 @@ export type PointerEditor = EditorParts<
 /**
  * Pointers. The mouse drags points, draws a band or, with space or the middle button, moves the view. One
  * finger drags points and moves the view, or draws a band while several are selected; two fingers move and zoom it.
- * Until someone works in the editor, a finger scrolls the page around.
+ * Until the editor has the focus, a finger scrolls the host page.
  */
 export class Gestures {
   /** Places of the pointers that are down. */
@@ -37,7 +37,7 @@ export class Gestures {
 
   kind = "mouse"; // of the pointer that went down last
 
-  isOthers = false; // whether its press belongs to the page around
+  isOthers = false; // whether its press belongs to the host page
 
   isSpaceDown = false;
 
@@ -164,7 +164,7 @@ export class Gestures {
   }
 
   /**
-   * On the picture itself. Where nobody works in the editor a finger belongs to the page around, which may scroll.
+   * A press on the picture itself. Without the focus a finger belongs to the host page, which may scroll.
    */
   #press(event: PointerEvent, at: Vector2) {
     const { layers, messages, points, stage, tools, viewport } = this.editor,
@@ -316,7 +316,7 @@ export class Gestures {
     this.editor.stage.element.classList.toggle("dnb-ed-can-pan", isDown);
   }
 
-  /** Give up what is under way, one thing after the other; false where nothing is. */
+  /** Cancel the pending operations, one after the other; false where there are none. */
   escape() {
     const { editor } = this,
       { shapes: shapeTools } = editor.tools;

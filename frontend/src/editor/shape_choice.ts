@@ -5,7 +5,7 @@ import type { ShapeData, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 import type { Chosen } from "./shape_handles.ts";
 
-/** What the choice uses of the editor. */
+/** Dependencies of the choice on the editor. */
 export type ChoiceEditor = EditorParts<"model" | "sender" | "frames" | "points">;
 
 export class ShapeChoice {
@@ -34,7 +34,7 @@ export class ShapeChoice {
     return shape !== null && "motion" in shape && !shape.motion && shape.region.kind === "half_space";
   }
 
-  /** Whether the chosen shape has another side to turn to. */
+  /** Whether the chosen shape has two sides to swap. */
   get canTurn() {
     return this.shape !== null && turnedRegion(this.shape.region) !== null;
   }
@@ -63,7 +63,7 @@ export class ShapeChoice {
     this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
   }
 
-  /** Take Python's choice, once it has received ours: a list beside the picture has chosen, or another window. */
+  /** Take Python's choice, once it has received ours: a list next to the picture has chosen, or another window. */
   receive() {
     const { frames, model, points, sender } = this.editor;
     if (sender.isBehind() || points.isDragging) return;

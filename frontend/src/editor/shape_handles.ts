@@ -22,10 +22,10 @@ import type { View } from "./painter.ts";
 export type Chosen = { what: ShapeKind; index: number };
 /** A corner, the middle of an edge, or neither */
 export type Grip = { corner: number | null; middle: number | null };
-/** The number of the region in which a place lies */
+/** The number of the region that contains a place */
 export type SideKey = (a: number, b: number) => number;
 
-/** A shape that is being drawn: the places that are set, and the one that would come next. */
+/** A shape that is being drawn: the places set so far, and the next one. */
 export type Draft = {
   tool: string;
   places: Vector2[];
@@ -172,7 +172,7 @@ export class ShapeHandles {
       "aria-roledescription": SHAPE_NAMES[what],
       ...OWN_KEYS,
     });
-    const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts lie over parts
+    const firstCut = this.root.querySelector("[data-shape^=cuts]"); // cuts are above parts
     this.root.insertBefore(root, what === "parts" ? firstCut : null);
     const tip = svgElement("title", {}, root),
       were = ["was-case", "was"].map((name) => svgElement("path", { class: `dnb-ed-shape-${name}` }, root)),
@@ -241,7 +241,7 @@ export class ShapeHandles {
     });
   }
 
-  /** Put the button that swaps the sides on the line of a fixed side, beside its ring; true if there is none. */
+  /** Put the button that swaps the sides on the line of a fixed side, next to its ring; true if there is none. */
   #placeSwap(shape: ShapeData | null, { k, x, y, width, height }: View, reach: number) {
     setAttributes(this.swap, { visibility: shape ? "visible" : "hidden", tabindex: shape ? "0" : "-1" });
     if (!shape) return true;
@@ -538,7 +538,7 @@ function maskPaths(region: MaskData, on: (place: Vector2) => Vector2): ShapePath
   };
 }
 
-/** Along every edge of a cut a line on either side, with the mark of the region that lies there. */
+/** Along every edge of a cut a line on either side, with the mark of the region there. */
 function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: number, sideKey: SideKey) {
   if (region.kind === "mask") return [];
   const corners = cornersOf(region, reach),

@@ -54,7 +54,7 @@ const CLOSE_BY = 10; // CSS pixels around the first place that close the line
 const STROKE_ERROR = 1.6; // CSS pixels between a drawn stroke and its corners
 const PEN_STEPS = [1, 10]; // CSS pixels of an arrow key with and without Shift: a user of the keys draws coarsely
 
-/** What the pen uses of the editor. */
+/** Dependencies of the pen on the editor. */
 export type PenEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "shapes">;
 
 /** The pen that draws an outline: places are clicked one by one, drawn in one stroke, or set by keys. */
@@ -125,7 +125,7 @@ export class Pen {
     this.editor.frames.invalidate();
   }
 
-  /** Go on with a stroke. */
+  /** Continue a stroke. */
   drag(at: Vector2) {
     const { draft } = this,
       place = this.editor.viewport.placeAt(at);
@@ -228,7 +228,7 @@ export class Pen {
 
   // ---- the end ------------------------------------------------------------------------------------------------------
 
-  /** Make the shape, or show why it cannot be one and go on drawing. */
+  /** Make the shape, or show why it cannot be one and continue drawing. */
   finish(isClosed: boolean) {
     const { draft, editor } = this;
     if (!draft) return false;
@@ -267,7 +267,7 @@ export type Offer = { parts: PartData[]; points: Point[]; kind: string };
 
 const ADD_WORDS = { cuts: "add cut", parts: "add rigid part" };
 
-/** What the tools use of the editor. */
+/** Dependencies of the tools on the editor. */
 export type ShapeEditor = EditorParts<
   "model" | "sender" | "frames" | "messages" | "stage" | "viewport" | "points" | "map" | "picture",
   "parts" | "pen" | "points",
@@ -312,7 +312,7 @@ export class ShapeTools {
     return editor.tools.parts.draw() || isLost;
   }
 
-  /** The mark of a point: that of the region in which its source lies; null where no cut parts the picture. */
+  /** The mark of a point: that of the region of its source; null where no cut parts the picture. */
   markOf({ source: [a, b] }: Point) {
     const regions = this.editor.map.layered?.regions ?? [];
     return regions.length ? sidesKey(regions, a, b) % REGION_MARKS : null;
@@ -322,7 +322,7 @@ export class ShapeTools {
 
   /**
    * Replace all cuts or all parts, unless one is no shape or no fit is possible with them: then the reason is shown.
-   * Where points contradict a part, the user is asked what becomes of them.
+   * Where points contradict a part, the user decides what becomes of them.
    * @param kind the name of the edit
    * @param how whether a fit was possible before; the points, if they change too; edits with the same `join` in quick succession are undone as one
    */
@@ -458,7 +458,7 @@ export class ShapeTools {
     this.editor.messages.announce(`corner ${k + 1} deleted`);
   }
 
-  /** Let the chosen cut stop at its corner k, or go on to the border; false where the corner is no end of a cut. */
+  /** Let the chosen cut stop at its corner k, or continue to the border; false where the corner is no end of a cut. */
   toggleStop(k: number) {
     const {
         choice: { chosen, shape },
@@ -476,7 +476,7 @@ export class ShapeTools {
     return true;
   }
 
-  /** Let the chosen cut stop at both ends, or go on to the border. */
+  /** Let the chosen cut stop at both ends, or continue to the border. */
   stopAtEnds(isStop: boolean) {
     const { chosen, shape } = this.choice;
     if (chosen?.what !== "cuts" || shape?.region.kind !== "line") return;
@@ -515,7 +515,7 @@ export class ShapeTools {
   }
 
   /**
-   * A way of the picture as one of the chosen shape's outline, which lies where the shape was before its motion.
+   * A displacement of the picture as one of the chosen shape's outline, which is where the shape was before its motion.
    */
   #wayOf(way: Vector2) {
     return this.choice.shape ? wayBefore(motionOf(this.choice.shape), way) : way;
@@ -647,7 +647,7 @@ export class ShapeTools {
     return true;
   }
 
-  /** Forget the outline: another message takes the place of the question. */
+  /** Drop the outline: another message replaces the question. */
   forgetOffer() {
     if (this.offered) this.editor.frames.invalidate();
     this.offered = null;

@@ -1,4 +1,4 @@
-// The picture that the editor shows: its pixels and colours, its boxes, and what is seen of the original.
+// The picture that the editor shows: its pixels and colours, its boxes, and the visible part of the original.
 
 import { mapVector } from "../maths/camera.ts";
 import type { Vector4 } from "../types.ts";
@@ -8,7 +8,7 @@ import { bytesOf, colourTable, decodePicture, Painter } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
 import { Slices } from "./slices.ts";
 
-/** What the picture uses of the editor. */
+/** Dependencies of the picture on the editor. */
 export type PictureEditor = EditorParts<"model" | "frames" | "messages" | "stage">;
 
 export class ShownPicture {
@@ -18,7 +18,7 @@ export class ShownPicture {
 
   isComparing = false; // whether the picture is shown as it was
 
-  isBefore = false; // whether this view shows the original beside another one
+  isBefore = false; // whether this view shows the original next to another one
 
   #requests = 0; // of pictures
 
@@ -60,7 +60,7 @@ export class ShownPicture {
     return Boolean(this.editor.model.get("colours")?.byteLength);
   }
 
-  /** Show the original as the trait has it: not at all, wholly, left of a line, or mixed in. */
+  /** Show the original by the trait: not at all, wholly, left of a line, or mixed in. */
   applyShows() {
     this.compare.set(this.editor.model.get("shows") ?? "");
     this.editor.frames.invalidate();
@@ -71,7 +71,7 @@ export class ShownPicture {
     return this.isComparing || this.isBefore || this.compare.shows === "original";
   }
 
-  /** What is seen of the original in the picture. */
+  /** The visible part of the original in the picture. */
   get original(): Original {
     const { shows, share } = this.compare,
       isAll = this.isOriginal;
@@ -88,7 +88,7 @@ export class ShownPicture {
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
-  /** The box of all that is drawn: the picture's, and what the result's holds beyond it. */
+  /** The bounding box of the drawing: the picture's, and the part of the result's beyond it. */
   get sheet(): Vector4 {
     const { box } = this,
       beyond = this.editor.model.get("beyond") ?? [];

@@ -14,7 +14,7 @@ export class Slices {
     this.#messages = messages;
   }
 
-  /** What is known of the slices, one of which is seen; null for another projection. */
+  /** The slices, one of which is visible; null for another projection. */
   get seen() {
     const { count = 0, first = 0, spacing = 1 } = this.#model.get("slices") ?? {};
     return count > 0 ? { count, first, spacing, index: Number(this.#model.get("slice")) || 0 } : null;

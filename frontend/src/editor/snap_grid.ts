@@ -5,7 +5,7 @@ import { setTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the grid uses of the editor. */
+/** Dependencies of the grid on the editor. */
 export type SnapEditor = EditorParts<"model" | "messages" | "picture">;
 
 export class SnapGrid {

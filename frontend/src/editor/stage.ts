@@ -1,9 +1,9 @@
-// The elements of an editor: the box with its pictures, and what is drawn over them.
+// The elements of an editor: the box with its pictures, and the layers over them.
 
 import type { Vector2 } from "../types.ts";
 import { isWorkedIn, OWN_KEYS, pageElement, setText, svgElement } from "../ui/dom.ts";
 
-/** The box of an editor, over which it shows what is waited for. */
+/** The box of an editor, over which it shows a busy message. */
 export abstract class EditorRoot {
   veil = pageElement("div", "dnb-ed-veil");
   wait = pageElement("div", "dnb-ed-wait", this.veil, { role: "status" }); // there from the start: so it is read out
@@ -12,7 +12,7 @@ export abstract class EditorRoot {
   closing = new AbortController();
 
   /**
-   * @param host the element that the page gives to the editor
+   * @param host the host page's element for the editor
    * @param root the editor's own element in it
    * @param element the box
    */
@@ -39,7 +39,7 @@ export abstract class EditorRoot {
     return isWorkedIn(this.root);
   }
 
-  /** @param words what is waited for, "" for nothing */
+  /** @param words the busy message, "" for none */
   showWaiting(words: string, isWaiting = words !== "") {
     this.element.classList.toggle("dnb-ed-waiting", isWaiting);
     this.element.setAttribute("aria-busy", String(isWaiting));

@@ -17,7 +17,7 @@ const VALUE_TIP =
   "the place under the pointer in the picture, and the grey value there, as it is in the picture " +
   "before the deformation at the place that is seen here";
 
-/** What the line uses of the editor. */
+/** Dependencies of the line on the editor. */
 export type StatusEditor = EditorParts<
   "model" | "stage" | "viewport" | "points" | "map" | "picture",
   "brush" | "pen" | "wand" | "parts" | "modes" | "foldStop" | "shapes",
@@ -32,7 +32,7 @@ export class StatusLine {
   value: HTMLSpanElement;
   folds: HTMLSpanElement;
   notes: HTMLDivElement;
-  legendKey = ""; // of what is shown
+  legendKey = ""; // of the status shown
 
   constructor(readonly editor: StatusEditor) {
     const root = pageElement("div", "dnb-ed-status", editor.stage.root);
@@ -162,7 +162,7 @@ export class StatusLine {
     setAttributes(this.legend, { "aria-label": `${counts.size} regions with points` });
   }
 
-  /** Whether nothing is dragged or moved yet: the fit has nothing to say. */
+  /** Whether nothing is dragged or moved yet: the fit has nothing to report. */
   get #isUntouched() {
     const { list: points, shapes } = this.editor.points;
     return (

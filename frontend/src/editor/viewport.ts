@@ -37,7 +37,7 @@ export class Viewport {
     return [this.view.k * a + this.view.x, this.view.k * b + this.view.y];
   }
 
-  /** Whether a place of the picture lies in a rectangle of the view. */
+  /** Whether a place of the picture is in a rectangle of the view. */
   isInside(place: Vector2, { x, y, width, height }: Band) {
     const [px, py] = this.onView(place);
     return px >= x && py >= y && px - x <= width && py - y <= height;
@@ -83,7 +83,7 @@ export class Viewport {
     this.#keepInView();
   }
 
-  /** Show a place of the picture in the middle of the view, magnified enough to show what it holds. */
+  /** Show a place of the picture in the middle of the view, magnified enough to show its content. */
   lookAt([a, b]: Vector2) {
     const v = this.view,
       k = Math.max(v.k, LOOK_ZOOM * this.#fittedScale);

@@ -22,7 +22,7 @@ const RULES = [
   ["darker", "Like it or darker"],
 ];
 
-/** The outline of what is selected, and the cross of the keys. */
+/** The outline of the selection, and the cross of the keys. */
 interface Outline {
   root: SVGGElement;
   fill: SVGPathElement;
@@ -30,7 +30,7 @@ interface Outline {
   cross: SVGPathElement;
 }
 
-/** What the wand uses of the editor. */
+/** Dependencies of the wand on the editor. */
 export type WandEditor = EditorParts<
   "model" | "frames" | "messages" | "stage" | "viewport" | "picture" | "points",
   "modes" | "points" | "shapes"
@@ -86,7 +86,7 @@ export class Wand {
     this.words = bar.text("dnb-ed-wand-words", { role: "status" });
   }
 
-  /** What Python has answered; empty where nobody selects. */
+  /** Python's answer; empty where nothing is selected. */
   get answer(): { region?: RegionData | null; words?: string; share?: number; failed?: boolean } {
     return this.editor.model.get("wand") ?? {};
   }
@@ -160,7 +160,7 @@ export class Wand {
     if (this.place) this.timer = setTimeout(() => this.#send("preview"), WAIT);
   }
 
-  /** Make a shape of what is selected; the wand stays for the next one. */
+  /** Make a shape of the selection; the wand stays active for the next one. */
   #make(what: "part" | "cut") {
     this.#send(what);
     this.editor.stage.focus();

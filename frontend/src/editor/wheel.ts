@@ -1,9 +1,9 @@
-// The wheel over the editor's picture: it zooms, goes through the slices, or changes the brush.
+// The wheel over the editor's picture: it zooms, scrolls through the slices, or changes the brush.
 
 import { WheelSteps } from "./handles.ts";
 import type { EditorParts } from "./parts.ts";
 
-/** What the wheel uses of the editor. */
+/** Dependencies of the wheel on the editor. */
 export type WheelEditor = EditorParts<"frames" | "messages" | "stage" | "viewport" | "points" | "picture", "brush">;
 
 export class Wheel {
@@ -15,7 +15,7 @@ export class Wheel {
     element.addEventListener("wheel", (e) => editor.frames.guard(() => this.#turn(e)), options);
   }
 
-  /** The wheel belongs to the page that scrolls, until someone works in the editor. */
+  /** Leave the wheel to the scrolling page until the editor has the focus. */
   #turn(event: WheelEvent) {
     const { editor } = this,
       [x, y] = editor.stage.placeOf(event),

@@ -1,4 +1,4 @@
-// The window of a picture of grey values, changed by hand: by the tool, or by a drag with the right button. And the bar
+// The window of a picture of grey values, changed by the tool, or by a drag with the right button. And the bar
 // of the tool.
 
 import { RestingTrait } from "../sync/edits.ts";
@@ -10,7 +10,7 @@ import type { EditorParts } from "./parts.ts";
 
 const WIDTH_PIXELS = 150; // CSS pixels of a drag to the right that make the window e times as wide
 const LEVEL_PIXELS = 300; // CSS pixels of a drag upwards that raise the level by a width of the window
-const KEY_PIXELS = [4, 20]; // CSS pixels of a drag that an arrow key with and without Shift stands for
+const KEY_PIXELS = [4, 20]; // CSS pixels of a drag that an arrow key with and without Shift equals
 const STEPS = 1000; // of the range of values, at least: what widths and levels are rounded to
 const WIDEST = 4; // times the range of values
 const HINT = "Drag left and right for the width, up and down for the level; double-click resets, Esc ends";
@@ -53,7 +53,7 @@ export function windowWords([low, high]: Vector2, range: Vector2, unit: string) 
   return unit ? `${words} ${unit}` : words;
 }
 
-/** What the tool of the window uses of the editor. */
+/** Dependencies of the tool of the window on the editor. */
 export type WindowEditor = EditorParts<"model" | "frames" | "messages" | "stage" | "picture", "modes">;
 
 /** The tool, and a drag of the window under way. */
@@ -64,7 +64,7 @@ export class WindowTool {
 
   isOn = false;
 
-  /** The window of a drag when it began, as the trait has it. */
+  /** The trait's window when a drag began. */
   from: Vector2 | null = null;
 
   /** The same in values. */
@@ -101,7 +101,7 @@ export class WindowTool {
     return grey && window ? windowWords(window, grey.range, grey.unit) : "";
   }
 
-  /** Show the picture in the window, as the trait has it. */
+  /** Show the picture in the window of the trait. */
   apply() {
     if (this.window) this.editor.picture.painter.source?.setWindow(this.window);
     this.editor.frames.moving();
@@ -159,7 +159,7 @@ export class WindowTool {
       editor.messages.hint(NO_WINDOW, 5000);
       return;
     }
-    this.trait.close(); // what a key has set goes with the drag
+    this.trait.close(); // a change by keys is sent with the drag
     this.from = editor.model.get("window") ?? [];
     this.start = window;
   }
@@ -190,7 +190,7 @@ export class WindowTool {
   }
 
   /**
-   * Show a window that is on its way.
+   * Show a window that is being changed.
    * @param window empty for the automatic one
    */
   put(window: Vector2 | []) {
@@ -208,7 +208,7 @@ export class WindowTool {
   /** @param window empty for the automatic one */
   #set(window: Vector2 | []) {
     this.put(window);
-    if (!this.isOn) this.editor.messages.hint(this.words); // else the bar has it
+    if (!this.isOn) this.editor.messages.hint(this.words); // else the bar shows it
   }
 
   /**

@@ -2,18 +2,18 @@
 //
 // A brush is a circle of a radius with a smooth falloff. The tissue in it moves as in a flow that is strongest in the
 // middle and at rest on the rim: such a flow never folds. Points represent it: those that are there already move with
-// it, and where there are none the stroke places some, each holding what is seen there. Rings of still points around
+// it, and where there are none the stroke places some, each holding the tissue there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
 import type { Point, Vector, Vector2, Vector4 } from "../types.ts";
 import { newPoint } from "./points.ts";
 
 const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that is done at once
-const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are set anew around the brush
+const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are replaced around the brush
 const BRUSH_CARRIES = 0.6,
   BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
 const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is taken instead of a new one
-const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to another
+const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to an old one
 const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
 const BRUSH_RING = 8; // points of a ring
 const BRUSH_INNER = 0.55; // of the radius: the ring that swells or shrinks
@@ -41,15 +41,15 @@ function gapTo(points: Point[], place: Vector) {
   return points.reduce((least, p) => (p.active ? Math.min(least, distanceTo(p, place)) : least), Infinity);
 }
 
-/** What a stroke knows of its picture. */
+/** The picture as a stroke needs it. */
 export interface StrokeSurroundings {
-  /** A function of places that returns the source of what is seen there, null for nothing. */
+  /** A function of places that returns the source of the tissue visible there, null for none. */
   sourceAt: (points: Point[]) => (place: Vector) => Vector | null;
   /** Of the picture. */
   box: Vector4;
   /** Of points, 0 for everywhere. */
   reach: number;
-  /** Moves a new place, such as to the axis of a mirror. */
+  /** Move a new place, such as to the axis of a mirror. */
   settle: (place: Vector) => Vector;
 }
 
@@ -101,7 +101,7 @@ export class Stroke {
     return this.lockedBy === null && this.isBegun;
   }
 
-  /** Add a point that holds what is seen at a place; its id, or null where it is not needed. */
+  /** Add a point that holds the tissue visible at a place; its id, or null where it is not needed. */
   #add(there: Vector, room: number) {
     const place = this.around.settle(there),
       [a0, a1, b0, b1] = this.around.box;
@@ -151,7 +151,7 @@ export class Stroke {
 
   /**
    * Move the brush to a place, with the tissue in it. Tissue that is carried on and on would pile up ahead and fold:
-   * after a while the brush moves faster than what it holds, which stays behind.
+   * after a while the brush moves faster than its tissue, which stays behind.
    */
   move(place: Vector2) {
     const way: Vector2 = [place[0] - this.middle[0], place[1] - this.middle[1]],
@@ -173,7 +173,7 @@ export class Stroke {
     }
   }
 
-  /** Grow what lies in the brush (by a positive logarithm of its scale) or shrink it. */
+  /** Grow the tissue in the brush (by a positive logarithm of its scale) or shrink it. */
   grow(swell: number) {
     const wanted = Math.max(-BRUSH_MOST_SWELL, Math.min(BRUSH_MOST_SWELL, swell)),
       by = wanted - this.swell;

@@ -90,7 +90,7 @@ export class Camera {
   }
 
   /**
-   * Moves the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
+   * Move the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
    * tenth of it.
    */
   keepInView(corners: Vector3[], aspect: number) {
@@ -120,7 +120,7 @@ export class Camera {
   }
 }
 
-/** The side of a patient that a direction in space leads to, one or two letters: "L", "PS". */
+/** The side of a patient of a direction in space, one or two letters: "L", "PS". */
 export function sideOf([x, y, z]: Vector3) {
   const sides = [
     { way: Math.abs(x), name: x < 0 ? "R" : "L" },

@@ -1,4 +1,4 @@
-// Fits that cuts keep apart, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
+// Fits separated by cuts, equal to deformnb.rbf.cuts in the plane (Eqs. 7-8), and to deformnb.rbf.slits where cuts
 // stop inside the body.
 
 import { MOST_SLITS } from "../generated.ts";
@@ -149,7 +149,7 @@ export function layersOnRaster(layered: LayeredFit, raster: Raster, outs: (Float
   return layered.fits.map(({ fit }, k) => fieldOnRaster(fit, raster, outs[k] ?? null));
 }
 
-/** What is seen at a place: [da, db, opacity, k] of fit k; -1 in a region without points, which does not move. */
+/** The visible fit at a place: [da, db, opacity, k] of fit k; -1 in a region without points, which does not move. */
 export function placeOf(layered: LayeredFit, a: number, b: number, softness: number, out: Vector4 = [0, 0, 1, 0]) {
   const { fits, regions } = layered;
   if (!regions.length) {

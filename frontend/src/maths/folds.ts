@@ -16,7 +16,7 @@ export type Polygon = number[];
 /** [x, y, x', y'] */
 export type Segment = Vector4;
 
-const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the way to the nearest point, where a fold beside a point may hide
+const FOLD_RINGS = [0.2, 0.45, 0.7]; // of the distance to the nearest point, where a fold near a point may hide
 const FOLD_FINE = 4; // parts of the side of a cell in which a fold begins
 
 /** det J of a fit at a place. */
@@ -28,14 +28,14 @@ function detOf(fit: Fit, a: number, b: number, work: Numbers6) {
 const DET_WORK = new Float64Array(6) as Numbers6,
   DET_SEEN: Vector4 = [0, 0, 1, 0];
 
-/** det J of what is seen at a place. */
+/** det J of the visible fit at a place. */
 function detAt(layered: LayeredFit, a: number, b: number) {
   if (!layered.regions.length) return layered.fits.length ? detOf(layered.fits[0]!.fit, a, b, DET_WORK) : 1;
   const [, , opacity, k] = placeOf(layered, a, b, 1e-9, DET_SEEN);
   return k < 0 ? 1 : opacity > 0 ? detOf(layered.fits[k]!.fit, a, b, DET_WORK) : NaN;
 }
 
-/** det J of what is seen at the pixels of a raster; 1 where nothing moves, NaN in a gap. */
+/** det J of the visible fit at the pixels of a raster; 1 where nothing moves, NaN in a gap. */
 export function detsOnRaster(layered: LayeredFit, raster: Raster, out: Float64Array | null = null) {
   const {
       shape: [nv, nu],
@@ -144,8 +144,8 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
 }
 
 /**
- * The smallest det J over a lattice in a box and beside the points in it, followed downhill from there, its place, and
- * the share of the lattice that folds (<= 0). With cuts, only what is seen counts, and points. Where there is no
+ * The smallest det J over a lattice in a box and near the points in it, followed downhill from there, its place, and
+ * the share of the lattice that folds (<= 0). With cuts, only visible tissue counts, and points. Where there is no
  * tissue, a det J up to NEARLY_FOLDED does not count: `air` is the share of such folds, and NEARLY_FOLDED < least where
  * all folds are of that sort.
  * @param box [a0, a1, b0, b1]

@@ -117,7 +117,7 @@ function adjugateOf(t: Numbers6, dim: number, out: Numbers6) {
   return a(0, 0) * out[0] + a(0, 1) * out[3] + a(0, 2) * out[6]!;
 }
 
-/** What is found once for a fit */
+/** Values computed once for a fit */
 export interface Inverse {
   dim: number;
   /** Of the points */
@@ -187,7 +187,7 @@ function sideOf(places: number[][], k: number) {
   return places.length ? high - low : 0;
 }
 
-/** Places of the input around the sources, and where they come to. */
+/** Places of the input around the sources, and their images. */
 function latticeOf(fit: RbfFit, inverse: Inverse) {
   if (inverse.lattice) return inverse.lattice;
   const { dim, sources, size } = inverse,
@@ -263,7 +263,7 @@ const BEST = new Float64Array(3),
   AT = new Float64Array(3);
 
 /**
- * The place x of the input that comes to y, in `x`, and what mapAndSlope leaves there, in `t`; whether it is certain.
+ * The place x of the input that maps to y, in `x`, and what mapAndSlope leaves there, in `t`; whether it is certain.
  * Where it is not, x is the best place known.
  */
 export function placeBefore(fit: RbfFit, y: ArrayLike<number>, x: Float64Array, t: Numbers6) {
@@ -357,7 +357,7 @@ export function forwardWithSlope(fit: RbfFit, a: number, b: number, out: Numbers
   return out;
 }
 
-/** Where the place (a, b) of the input comes to, in `at`, exactly; whether the result shows it there. */
+/** The image of the place (a, b) of the input, in `at`, exactly; whether the result shows it there. */
 export function forwardEnd(fit: RbfFit, a: number, b: number, at: Numbers2) {
   mapAndSlope(fit, [a, b], T);
   at[0] = T[0];

@@ -6,7 +6,7 @@ const MOST_KEPT = 8; // matrices: of each region of cuts there is one
 const MOST_NUMBERS = 2 ** 24; // of all of them, if they are as large as the latest
 
 /**
- * What a matrix is made of: places (n x dim), the support radius, what is added to the diagonal, and null or the support
+ * The inputs of a matrix: places (n x dim), the support radius, the term added to the diagonal, and null or the support
  * radii of the centres' own.
  */
 export type Centres = {
@@ -48,7 +48,7 @@ export function kernelMatrix(centres: Centres, profile: (s: number) => number) {
   return matrix;
 }
 
-/** phi(|x_i - x_j| / R) + nugget, with R_j in place of R where the centres have radii of their own. */
+/** phi(|x_i - x_j| / R) + nugget, with R_j in place of R where the centres have their own radii. */
 class KernelMatrix {
   dim: number;
   phi: Float64Array<ArrayBuffer>;

@@ -1,4 +1,4 @@
-// Kernels that Python has and this page has no formula of: as tables of polynomials (deformnb/widgets/kernel_table.py).
+// Kernels of Python without a formula here: as tables of polynomials (deformnb/widgets/kernel_table.py).
 
 import type { KernelTable } from "../types.ts";
 import type { Kernel } from "./rbf.ts";
@@ -17,7 +17,7 @@ export function kernelOfTable({ title, order, compact, share, gaps, pieces, numb
   const powers = all.subarray(AT_ENDS + pieces + 1),
     least = edges[0]!,
     most = edges[pieces]!;
-  const power = phi1 === 0 ? 0 : (slope1 * most) / phi1; // phi goes on as a power of s
+  const power = phi1 === 0 ? 0 : (slope1 * most) / phi1; // phi continues as a power of s
   const float = new Float64Array(1),
     words = new Int32Array(float.buffer);
   /** The octave of a number, the exponent of 2. */

@@ -30,7 +30,7 @@ export function cleanPoints(list: unknown): Point[] {
     }));
 }
 
-/** The place at a share of the way from p to q. */
+/** The place at a share of the line from p to q. */
 export function placeBetween<V extends Vector>(p: V, q: V, share: number) {
   return mapVector(p, (value, k) => value + share * (q[k]! - value));
 }
@@ -100,7 +100,7 @@ export function nextId(points: Point[], least: number) {
 // ---- cuts and rigid parts in the form in which they are sent (maths/shapes.js edits them) --------------------------
 
 /**
- * Any lists as full shapes, in one order of their fields. Regions that are in `old` already are kept as the same
+ * Any lists as full shapes, in one order of their fields. Regions that are in `old` already stay the same
  * objects: their distances are known (maths/regions.js).
  */
 export function cleanShapes<K extends ShapeKind>(list: unknown, what: K, old: Shapes[ShapeKind] = []): Shapes[K] {
@@ -152,7 +152,7 @@ export function sameShapes(p: unknown, q: unknown) {
 export const TURN_WAYS: Record<string, number> = { ",": -1, "<": -1, ";": -1, ".": 1, ">": 1, ":": 1 };
 export const TURN_CODES: Record<string, string> = { Comma: ",", Period: "." };
 const TURN_STEPS: Vector2 = [2, 15]; // degrees, or percent, of a key alone and with Shift
-const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls beside another point
+const RIM_ANGLES = 12; // starts that are tried, so that no rim point falls next to another point
 
 /** The middle of the targets. */
 export function middleOf(points: { target: Vector }[]): Vector2 {
@@ -178,7 +178,7 @@ export function turnOfKey(way: number, { isLarge, isScale }: { isLarge?: boolean
 }
 
 /**
- * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift goes in steps.
+ * The angle and the factor of a drag between two places relative to the middle: Alt scales, Shift snaps to steps.
  */
 export function turnOfDrag([x, y]: Vector2, to: Vector2, event: { altKey: boolean; shiftKey: boolean }): Vector2 {
   if (event.altKey) {
@@ -213,9 +213,9 @@ export function withRims(points: Point[], ids: number[]) {
 }
 
 /**
- * The points with a rim of three points around a pin, each holding what is there.
+ * The points with a rim of three points around a pin, each holding the tissue there.
  * @param id of the first new point
- * @param sourceAt null where nothing is
+ * @param sourceAt null outside the tissue
  */
 export function rimmedPoints(
   points: Point[],
@@ -264,7 +264,7 @@ function mirrorPlace(mirror: Mirror, place: Vector) {
   return acrossBy(mirror, place, -2 * awayFrom(mirror, place));
 }
 
-/** 1 or -1 for the side of the axis on which a place lies, 0 within `near` of it. */
+/** 1 or -1 for the side of the axis for a place, 0 within `near` of it. */
 export function mirrorSide(mirror: Mirror, place: Vector, near: number) {
   const away = awayFrom(mirror, place);
   return Math.abs(away) <= near ? 0 : Math.sign(away);
@@ -279,7 +279,7 @@ export function distance(p: Vector, q: Vector) {
   return Math.hypot(...difference(p, q));
 }
 
-/** The point whose source lies where the mirror shows that of `p`, or null. */
+/** The point whose source is the mirror image of that of `p`, or null. */
 function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
   const place = mirrorPlace(mirror, p.source);
   let best = null,
@@ -305,7 +305,7 @@ function keptOnSide(mirror: Mirror, place: Vector, side: number, near: number) {
  *
  * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the
  * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
- * new point takes hold of it there, and moves nothing, also where the two sides have been deformed in different ways.
+ * new point holds it there, and moves nothing, also where the two sides have been deformed in different ways.
  */
 export function mirroredEdit(
   mirror: Mirror,
@@ -347,7 +347,7 @@ export function mirroredEdit(
     if (side !== leads && !old && isLed) {
       result.delete(p.id);
       continue;
-    } // its partner is on its way
+    } // its partner is being moved
     const kept = { ...p, target: keptOnSide(mirror, p.target, side, near.axis) };
     result.set(p.id, kept);
     const partner = partnerOf(mirror, before, old ?? p, near.partner);

@@ -48,7 +48,7 @@ import { kernelOfTable } from "./kernel_table.ts";
 import { placeBetween } from "./points.ts";
 
 /**
- * Share: of the points' diameter that the usual support is; gaps: the longest one beside points in a row, in gaps;
+ * Share: of the points' diameter that the usual support is; gaps: the longest one next to points in a row, in gaps;
  * profile(s) and slope(s) = d profile / d s of the squared relative distance s, as in deformnb.rbf.kernels. The directions that the points determine of a linear map, as in deformnb.rbf.trends.Span. For the trend "quadratic" quadrics are the combinations of products of two coordinates that they determine, and bend is the penalty of the rest.
  */
 export type Kernel = {
@@ -125,7 +125,7 @@ function rbfOuter(images: number[][], basis: number[][], dim = basis[0]!.length)
 /**
  * Alpha (n x dim), A (dim x dim), t (dim) and the residual of relative targets x and displacements d (both n x dim).
  * @param turn the rotation where the points determine none
- * @param isSkew the matrix is not symmetric: points have support radii of their own
+ * @param isSkew the matrix is not symmetric: points have their own support radii
  */
 function rbfSolve(
   matrix: ReturnType<typeof kernelMatrix>,
@@ -218,7 +218,7 @@ function rbfWithout(d: Float64Array, q: Float64Array, c: number[][]) {
 }
 
 /**
- * Factors (products x dim) of the products of least energy beside all affine maps, as deformnb.rbf.interpolant has
+ * Factors (products x dim) of the products of least energy next to all affine maps, as deformnb.rbf.interpolant has
  * them.
  * @param isSkew the matrix is not symmetric: by plain least squares
  */
@@ -299,7 +299,7 @@ function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m:
   return out;
 }
 
-/** The part of the products that centred points determine beside affine maps: deformnb.rbf.trends.quadric_span. */
+/** The part of the products that centred points determine next to affine maps: deformnb.rbf.trends.quadric_span. */
 function rbfQuadricSpan(rows: Vector[], basis: number[][], dim: number) {
   const n = rows.length,
     size = rbfSpread(rows) || 1;
@@ -445,12 +445,12 @@ function rbfLessOne(m: number[][]) {
   return rbfMatrix(m.length, (i, j) => m[i]![j]! - Number(i === j));
 }
 
-/** What a linear map leaves of the mean of displacements, behind the mean of places. */
+/** Mean of the displacements minus the linear map's at the mean of places. */
 function rbfConstant(mean: number[], linear: number[][]) {
   return linear.map((row, k) => mean[row.length + k]! - rbfDot(row, mean));
 }
 
-/** Means and second moments in which all points count alike. */
+/** Means and second moments with equal weights of all points. */
 function rbfPlainMoments(x: Float64Array, d: Float64Array, dim: number) {
   const n = x.length / dim,
     mean = new Array<number>(2 * dim).fill(0),
@@ -835,7 +835,7 @@ function rbfRotationOf({ linear, support }: RbfFit) {
 // ---- remarks on a fit, as deformnb.rbf.conditioning makes them -----------------------------------------------------
 
 /**
- * The indices of the nearest neighbours of each point, nearest first, row by row; as many as are asked for, or all.
+ * The indices of the nearest neighbours of each point, nearest first, row by row; as many as requested, or all.
  */
 function rbfNeighbours({ merged, n, origin, radius }: Ready, most: number) {
   const count = Math.min(most, n - 1),
@@ -1563,12 +1563,12 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
 }
 
 /**
- * Places on the way from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant.
+ * Places on the line from one point to another at which the determinant is computed, as in deformnb.rbf.interpolant.
  */
 const BETWEEN = Array.from({ length: 16 }, (_, k) => (k + 0.5) / 16);
 
 /**
- * Whether det(1 + dD/dx) <= 0 somewhere on the straight way between two points.
+ * Whether det(1 + dD/dx) <= 0 somewhere on the straight line between two points.
  * @param pair ids
  */
 function rbfFoldsBetween(fit: RbfFit, pair: Vector2) {

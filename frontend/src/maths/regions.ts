@@ -500,7 +500,7 @@ function edgesMeet(corners: Vector2[], i: number, j: number, isClosed: boolean, 
   return Math.max(...ends) >= low && Math.min(...ends) <= high;
 }
 
-/** Whether neighbours meet in more than their corner: the second goes straight back over the first. */
+/** Whether neighbours meet in more than their corner: the second runs straight back over the first. */
 function turnsBack(corners: Vector2[], i: number, j: number, count: number) {
   const n = corners.length,
     [f, g]: Vector2 = i === 0 && j === count - 1 && count > 2 ? [j, i] : [i, j];

@@ -1,4 +1,4 @@
-// Fits beside rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
+// Fits with rigid parts and in stages, equal to deformnb.rbf.rigid (Eq. 6) and deformnb.rbf.stages in the plane, and
 // the evaluation of any fit, also of those that are blended at the tips of cuts as deformnb.rbf.slits does.
 
 import { MOST_STAGES, SAME_MOTION } from "../generated.ts";
@@ -34,7 +34,7 @@ import { regionDistance } from "./regions.ts";
 import { sampledAt, sampledOnRaster } from "./sampled_fit.ts";
 import { placeMoved } from "./shapes.ts";
 
-// ---- fits beside rigid parts ----------------------------------------------------------------------------------------
+// ---- fits with rigid parts ------------------------------------------------------------------------------------------
 
 const RIGID_WEIGHTS: Record<string, (value: number) => number> = {
   saturated: (value) => {
@@ -146,7 +146,7 @@ function forward({ back: { m, s } }: ReadyPart, [a, b]: Vector): Vector2 {
   return [m[0] * x + m[2] * y, m[1] * x + m[3] * y];
 }
 
-/** Whether a part takes a point where the point goes. */
+/** Whether a part maps a point's source to its target. */
 function isCarried(part: ReadyPart, point: Point, near: number) {
   const { isIn, gap } = heldBy(part, point);
   return isIn && gap <= near;
@@ -159,8 +159,8 @@ export function heldPoints(points: Point[], parts: PartData[], strength: number 
 }
 
 /**
- * The points after a part has got another motion: those that it carried, the active points in it that
- * require what it does, go on with it.
+ * The points after a change of a part's motion: those that it carried, the active points in it that
+ * require its displacement, follow it.
  */
 export function carriedPoints(points: Point[], before: PartData, after: PartData) {
   const [ready] = readyParts([before], 1),
@@ -189,14 +189,14 @@ function sizeOf(points: Point[]) {
     : 0;
 }
 
-/** Whether a point lies in a part, and how far what it requires is from what the part does. */
+/** Whether a point is in a part, and the distance of its displacement from the part's. */
 function heldBy({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b] }: Point) {
   const x = m[0] * a + m[1] * b + s[0],
     y = m[2] * a + m[3] * b + s[1];
   return { isIn: distance(x, y) <= 0, gap: Math.hypot(source[0] - x, source[1] - y) };
 }
 
-/** The active points beside all parts, notes on those that a part holds anyway, and the points that it refuses. */
+/** The active points outside all parts, notes on those that a part holds anyway, and the points that it refuses. */
 function sortedPoints(points: Point[], ready: ReadyPart[]) {
   const free: Point[] = [];
   const notes: string[] = [];
@@ -222,7 +222,7 @@ function sortedPoints(points: Point[], ready: ReadyPart[]) {
   return { free, notes, refused };
 }
 
-/** The fit of control points beside rigid parts; without parts as rbfFit. */
+/** The fit of control points with rigid parts; without parts as rbfFit. */
 export function rigidFit(
   points: Point[],
   parts: PartData[] | undefined,

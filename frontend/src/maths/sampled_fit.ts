@@ -1,7 +1,7 @@
 // Fits by their displacements at the nodes of a raster, cubic between them: while a point is dragged, the grid and the
 // folds are found on the raster that the picture is warped with, and a place costs the same with any number of points.
 // Keys, "Cubic Convolution Interpolation for Digital Image Processing", 1981: the error falls with the third power of
-// the distance of the nodes. What is shown at rest is of the fit itself.
+// the distance of the nodes. The picture at rest is of the fit itself.
 
 import type { LayeredFit, Numbers6, Raster, Sampled, Vector2 } from "../types.ts";
 
@@ -19,7 +19,7 @@ export function sampledFits(layered: LayeredFit, raster: Raster, values: ArrayLi
     fit: { ...one.fit, sampled: { raster, values: values[k]!, fit: one.fit } },
   });
   const fits = layered.fits.map(sampled);
-  const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // what is seen at a place, and its slope
+  const cost = PLACE_COST * (layered.regions.length ? 2 * fits.length : 1); // the visible fit at a place, and its slope
   return { ...layered, fits, fit: layered.fit && fits[0]!.fit, count: Math.min(layered.count, cost) };
 }
 

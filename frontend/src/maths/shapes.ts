@@ -148,7 +148,7 @@ export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
   const { place: middle, way } = alongLine(vertices, 0.5);
   const [u, v] = chord > 0 ? [(last[0] - first[0]) / chord, (last[1] - first[1]) / chord] : way,
     half = chord / 2 || 1;
-  /** Towards a side, u being the way across, and no farther than the box. */
+  /** Towards a side, u being the direction across, and no farther than the box. */
   const room: (across: Vector2) => number = ([x, y]) =>
     Math.min(roomAlong(x, middle[0], a0, a1), roomAlong(y, middle[1], b0, b1));
   const at = (along: number, across: number): Vector2 => [
@@ -167,7 +167,7 @@ export function openingPlaces(vertices: Vector2[], [a0, a1, b0, b1]: Vector4) {
   return { pulled, held };
 }
 
-/** How often a way fits between a place and the end of a range that it leads to. */
+/** How often a displacement fits between a place and the end of the range in its direction. */
 function roomAlong(way: number, from: number, low: number, high: number) {
   return way > 0 ? (high - from) / way : way < 0 ? (low - from) / way : Infinity;
 }

@@ -18,7 +18,7 @@ export function fromPane({ origin, u, v, n }: Plane, [a, b, c]: Vector3): Vector
   return perAxis((k) => origin[k] + a * u[k] + b * v[k] + c * n[k]);
 }
 
-/** The displacement in space of a displacement in a picture: it never leads out of the picture's plane. */
+/** The displacement in space of a displacement in a picture: it is parallel to the picture's plane. */
 export function wayInPane({ u, v }: Plane, da: number, db: number) {
   return added(scaled(u, da), scaled(v, db));
 }
@@ -54,7 +54,7 @@ interface SpaceFit extends RbfFit {
 }
 
 /**
- * A fit in space, in another frame.
+ * A fit in space, expressed in a second frame.
  * @param axes of the frame, which are orthonormal
  * @param origin of the frame
  */

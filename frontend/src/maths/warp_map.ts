@@ -30,7 +30,7 @@ export const NO_CUTS: LayeredFit = {
 };
 
 const newWork = () => new Float64Array(6) as Numbers6;
-const PARTS_AROUND = [newWork(), newWork(), newWork(), newWork(), newWork()] as const; // at a place and beside it
+const PARTS_AROUND = [newWork(), newWork(), newWork(), newWork(), newWork()] as const; // at a place and next to it
 
 /** y + D(y) and its Jacobian at (a, b) of any fit: [a', b', j00, j01, j10, j11]; of rigid parts by differences. */
 export function fieldWithSlope(fit: Fit, a: number, b: number, out: Numbers6): Numbers6 {
@@ -261,7 +261,7 @@ export function deformedGrid(layered: LayeredFit, box: Vector4, cells: number, p
 }
 
 /**
- * The stretches of a straight line that lie in one region each, as shares of it, with the number of the region's fit.
+ * The segments of a straight line in one region each, as shares of it, with the number of the region's fit.
  */
 function piecesOfLine(layered: LayeredFit, from: Vector2, to: Vector2, n: number) {
   if (!layered.regions.length) return [{ first: 0, last: 1, k: layered.fits.length ? 0 : -1 }];
@@ -366,7 +366,7 @@ function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
   const own = regionKey(layered, a, b),
     at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
-  if (at < 0) return true; // what does not move is covered by what comes
+  if (at < 0) return true; // tissue at rest is covered by moving tissue
   const [da, db] = fieldAt(layered.fits[at]!.fit, a, b);
   return marginOf(layered.regions, own, a + da, b + db) < 0;
 }

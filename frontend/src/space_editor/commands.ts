@@ -6,7 +6,7 @@ import { flatPoint } from "../maths/space.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
 
-/** What the commands use of the editor. */
+/** Dependencies of the commands on the editor. */
 export type SpaceCommandEditor = SpaceParts<
   "model" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "requests" | "toolbar" | "names"
 >;
@@ -68,7 +68,7 @@ const COMMANDS: Record<string, Command> = {
 export class SpaceCommands implements EditorCommands {
   constructor(readonly editor: SpaceCommandEditor) {}
 
-  /** @param focused the point that has the focus; null for what is selected */
+  /** @param focused the point that has the focus; null for the selection */
   run(command: string, focused: number | null) {
     const { points, row, toolbar } = this.editor;
     if (focused === null && !["undo", "redo"].includes(command) && toolbar.isOff(command)) return;

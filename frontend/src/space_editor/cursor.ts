@@ -33,7 +33,7 @@ export class SliceCursor {
     if (this.isSlice) this.editor.requests.look({ cursor: this.place });
   }
 
-  /** @param place which is kept inside the volume */
+  /** @param place which is clamped to the volume */
   set(place: Vector3, isMoving: boolean) {
     this.place = this.panes.reduce<Vector3>((at, pane) => {
       const [a, b, c] = inPane(pane, at),

@@ -1,5 +1,5 @@
 // The editor in space: three linked pictures of a volume with the same points.
-// To Python: edit and history, by sync/edits.js; hello, look, seen. From Python: pictures, error, done.
+// To Python: edit and history, by sync/edits.js; hello, look (view state), seen. From Python: pictures, error, done.
 
 import { EditorDrawing, initialize } from "../editor/base.ts";
 import { EditedPoints } from "../editor/edited_points.ts";
@@ -98,7 +98,7 @@ export class SpaceEditorView extends EditorDrawing {
     const { frames, messages, root, sender, theme } = this;
     sender.receive();
     root.classList.add("dnb-space");
-    // Parts know one another, and read each other only once all are there.
+    // Parts refer to one another, and read each other only once all exist.
     const parts = { model, sender, messages, frames, theme } as SpaceParts;
     this.parts = parts;
     this.commands = parts.commands = new SpaceCommands(parts);
@@ -237,7 +237,7 @@ export class SpaceEditorView extends EditorDrawing {
     const { model, root } = this,
       { edits, row } = this.parts,
       isFilling = Boolean(model.get("fill"));
-    this.theme.apply(); // a style sheet that comes late changes sizes as well
+    this.theme.apply(); // a style sheet that loads late changes sizes as well
     root.setAttribute("aria-label", `Editor in space of ${model.get("label") || "Volume"}`);
     root.classList.toggle("dnb-sp-viewer", edits.isViewer);
     root.classList.toggle("dnb-ed-fill", isFilling); // its height is that of the box around it

@@ -1,4 +1,4 @@
-// Edits of the points in space: one at a time, or shown on their way during a drag.
+// Edits of the points in space: one at a time, or shown while a drag moves them.
 
 import type { PointsEdit } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
@@ -44,7 +44,7 @@ export class SpaceEdits {
     if (!points.isLocked) this.drag0 = points.list;
   }
 
-  /** Show points on their way. */
+  /** Show moving points. */
   show(list: Point[]) {
     this.#publish(list, "move");
     this.editor.sender.move(list);
@@ -76,7 +76,7 @@ export class SpaceEdits {
       sender: { points: list },
     } = this.editor;
     if (this.drag0) {
-      // Python has found where a new point takes hold; the pointer keeps the rest
+      // Python has found a new point's source; the pointer's values stay
       this.drag0 = withSources(this.drag0, list);
       points.list = withSources(points.list, list);
       return;

@@ -11,19 +11,19 @@ import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
 
-/** What the keys use of the editor. */
+/** Dependencies of the keys on the editor. */
 export type SpaceKeysEditor = SpaceParts<
   "messages" | "row" | "points" | "tools" | "modes" | "cursor" | "commands" | "toolbar"
 >;
 
-/** Do what a key anywhere in the editor means; returns whether it means something. */
+/** Run the command of a key anywhere in the editor; returns whether there is one. */
 export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key,
     isCommand = event.ctrlKey || event.metaKey;
   const target = targetOf(event),
     { cursor, modes, points, tools } = editor,
     fast = event.shiftKey ? 10 : 1;
-  if (target.closest("input[type=text], select")) return false; // have keys of their own
+  if (target.closest("input[type=text], select")) return false; // have their own keys
   const onButton = target.closest("button"),
     pane = editor.row.paneOf(target);
   const focused = target.closest("[data-id]"),
@@ -72,7 +72,7 @@ export function spaceKey(editor: SpaceKeysEditor, event: KeyboardEvent) {
   return true;
 }
 
-/** Move the plane of the mirror by voxels of a picture that looks along it. */
+/** Move the plane of the mirror by voxels of a picture perpendicular to it. */
 function mirrorKey(editor: SpaceKeysEditor, pane: SpacePane, [dx, dy]: Vector2, voxels: number) {
   const {
       info,

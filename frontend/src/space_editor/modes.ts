@@ -29,7 +29,7 @@ export class SpaceModes {
     frames.invalidate();
   }
 
-  /** Show or hide the list of keys. The focus goes to the list, and back to where it was. */
+  /** Show or hide the list of keys. The focus moves to the list, and back to where it was. */
   toggleHelp() {
     this.editor.help.toggle();
     this.editor.frames.invalidate();

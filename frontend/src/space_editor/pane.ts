@@ -14,7 +14,7 @@ import type { SpaceParts } from "./parts.ts";
 const MOST_LABELS = 10; // of points off the slice; of more, only the chosen and the pointed at show their distance
 const PANE_MARGIN = 8; // CSS pixels around the picture
 
-/** What a picture uses of the editor. */
+/** Dependencies of a picture on the editor. */
 export type PaneEditor = SpaceParts<
   "model" | "frames" | "theme" | "row" | "points" | "edits" | "tools" | "modes" | "cursor" | "status"
 >;
@@ -68,7 +68,7 @@ export class SpacePane {
     return this.editor.cursor.panes[this.index]!;
   }
 
-  /** The number of the picture that a line stands for, by the direction of a or b in this picture. */
+  /** The number of the picture that a line represents, by the direction of a or b in this picture. */
   #crossing(name: Line) {
     const along = name === "v" ? this.info.u : this.info.v;
     return this.editor.row.panes.find((other) => Math.abs(dot(other.info.n, along)) > 0.9)?.index;
@@ -121,7 +121,7 @@ export class SpacePane {
     return this.viewport.onView([a, b]);
   }
 
-  /** The place in space under a place of the view: on the slice, or what is seen there of the whole volume. */
+  /** The place in space under a place of the view: on the slice, or the visible tissue there of the whole volume. */
   under(at: Vector2) {
     const [a, b] = this.viewport.placeAt(at),
       { cursor } = this.editor,
@@ -164,14 +164,14 @@ export class SpacePane {
     const { cursor } = this.editor,
       [a, b] = this.viewport.placeAt(at),
       [a0, b0, c0] = inPane(this.info, cursor.place);
-    const isFlat = cursor.isSlice || line; // of the whole volume: what is seen there
+    const isFlat = cursor.isSlice || line; // of the whole volume: the visible tissue there
     const place = fromPane(this.info, [line === "h" ? a0 : a, line === "v" ? b0 : b, c0]);
     cursor.set(isFlat ? place : this.under(at), isMoving);
   }
 
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
-  /** Returns whether the focus was on a point that is gone. */
+  /** Return whether the focus was on a point that is gone. */
   draw() {
     const { cursor, model, status, theme } = this.editor,
       { view } = this.viewport,

@@ -41,7 +41,7 @@ export class PaneImage {
 
   #raster: Raster = { shape: [1, 1], spacing: [1, 1], origin: [0, 0] };
 
-  /** What is painted on the canvas: pixels, their place and the colour around them. */
+  /** Content of the canvas: pixels, their place and the colour around them. */
   #painted: unknown[] = [];
 
   constructor(stage: HTMLElement) {

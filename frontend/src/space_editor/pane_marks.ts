@@ -1,4 +1,4 @@
-// What lies over one of the three pictures: the cross-hair of the other two, a ring where the map folds most, and the
+// Marks over one of the three pictures: the cross-hair of the other two, a ring where the map folds most, and the
 // lattice to which targets snap.
 
 import type { View } from "../editor/painter.ts";
@@ -10,7 +10,7 @@ export const LINES = ["v", "h"] as const;
 
 export type Line = (typeof LINES)[number];
 
-const GAP = 12; // CSS pixels: the middle of the cross-hair stays free to be looked at
+const GAP = 12; // CSS pixels: the middle of the cross-hair stays clear of lines
 
 export class PaneMarks {
   #lines: SVGGElement[];
@@ -32,7 +32,7 @@ export class PaneMarks {
 
   /**
    * Draw the cross-hair at a place of the view.
-   * @param crossing numbers of the pictures that its lines stand for
+   * @param crossing numbers of the pictures that its lines represent
    */
   drawCross([x, y]: Vector2, { width, height }: View, crossing: (number | undefined)[]) {
     const paths = [

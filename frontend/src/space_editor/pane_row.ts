@@ -50,7 +50,7 @@ export class PaneRow extends EditorRoot {
     return this.panes.map(({ info }) => info.box);
   }
 
-  /** Lay the pictures out in as many columns as show them largest. */
+  /** Lay the pictures out in the number of columns that shows them largest. */
   #fillBox() {
     const { clientWidth, clientHeight } = this.element,
       { panes } = this;

@@ -24,7 +24,7 @@ interface Parts {
   messages: Messages;
   frames: Frames;
   theme: EditorTheme;
-  /** Its pictures, and what lies over them. */
+  /** Its pictures, and the marks over them. */
   row: PaneRow;
   points: EditedPoints;
   edits: SpaceEdits;

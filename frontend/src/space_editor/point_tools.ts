@@ -25,7 +25,7 @@ import type { SpaceParts } from "./parts.ts";
 const SNAP_PARTS = 16; // of the longest side: the step of the lattice, in whole voxels
 export const SPACE_NEAR = 6; // CSS pixels: a new handle nearer than this to an old one on the slice selects that
 
-/** What the tools use of the editor. */
+/** Dependencies of the tools on the editor. */
 export type SpaceToolEditor = SpaceParts<
   "model" | "sender" | "frames" | "messages" | "row" | "points" | "edits" | "cursor"
 >;
@@ -91,7 +91,7 @@ export class SpacePointTools {
   }
 
   /**
-   * Add a point that holds what is seen where it is put: Python looks up where that comes from, and nothing moves.
+   * Add a point that holds the tissue visible at its place: Python looks up its source, and nothing moves.
    * Where there is a point already, it is selected. Returns its id, or null.
    * @param at in pixels
    */
@@ -163,7 +163,7 @@ export class SpacePointTools {
   }
 
   /**
-   * The mirror. Its normal looks to the positive side of the axis, so in an upright volume `at` is a coordinate.
+   * The mirror. Its normal points to the positive side of the axis, so in an upright volume `at` is a coordinate.
    */
   get mirror() {
     const { on = false, axis = "x", at = null } = this.editor.model.get("mirror") ?? {},
@@ -192,7 +192,7 @@ export class SpacePointTools {
     this.#setMirror(!on, axis, at);
   }
 
-  /** Lay the plane across the next axis. */
+  /** Make the plane perpendicular to the next axis. */
   turnMirror() {
     this.#setMirror(true, "xyz"[("xyz".indexOf(this.mirror.axis) + 1) % 3]!, null);
   }
@@ -210,7 +210,7 @@ export class SpacePointTools {
   }
 
   /**
-   * The plane as a picture shows it that looks along it: "a" and "b" as of a flat mirror, null where it faces the
+   * The plane as a picture perpendicular to it shows it: "a" and "b" as of a flat mirror, null where it faces the
    * viewer.
    */
   mirrorIn(pane: PaneInfo): Mirror | null {
@@ -272,7 +272,7 @@ export class SpacePointTools {
     return step > 0 ? [near(a, a0 + du / 2), near(b, b0 + dv / 2), c] : [a, b, c];
   }
 
-  /** The way that brings the point under the pointer onto a node; the others go with it. */
+  /** The displacement that brings the point under the pointer onto a node; the others follow it. */
   #snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
     const p = this.editor.edits.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;

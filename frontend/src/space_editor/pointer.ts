@@ -12,7 +12,7 @@ import type { SpacePane } from "./pane.ts";
 import { LINES } from "./pane_marks.ts";
 import type { SpaceParts } from "./parts.ts";
 
-/** What the pointers use of the editor. */
+/** Dependencies of the pointers on the editor. */
 export type SpacePointerEditor = SpaceParts<
   "frames" | "messages" | "row" | "points" | "edits" | "tools" | "modes" | "cursor"
 >;
@@ -24,10 +24,10 @@ export class PaneGestures {
   gesture: Gesture | null = null;
   pointer = 0; // id of that of the gesture
 
-  /** The place of the stage on the screen; while a gesture goes on, reading it takes 0.5 ms. */
+  /** The place of the stage on the screen; during a gesture, reading it takes 0.5 ms. */
   box: DOMRect | null = null;
 
-  isOthers = false; // whether a finger is on a picture of an editor in which nobody works yet
+  isOthers = false; // whether a finger is on a picture of an editor without the focus
   wheelSteps = new WheelSteps();
 
   constructor(
@@ -60,7 +60,7 @@ export class PaneGestures {
     return [event.clientX - this.box.left, event.clientY - this.box.top];
   }
 
-  /** What lies under the pointer. Clicks of a captured pointer go to the element that has captured it. */
+  /** The element under the pointer. Clicks of a captured pointer go to the element that has captured it. */
   #elementAt(event: MouseEvent) {
     const isClick = event.type === "dblclick" || event.type === "contextmenu";
     return isClick ? treeOf(this.editor.row.root).elementFromPoint(event.clientX, event.clientY) : targetOf(event);
@@ -171,7 +171,7 @@ export class PaneGestures {
     gesture.end(isCancelled, gesture.at);
   }
 
-  /** Undo what a drag has done so far (Escape). Returns whether there was one. */
+  /** Undo the drag so far (Escape). Returns whether there was one. */
   cancel() {
     const { gesture } = this;
     this.gesture = null;

@@ -1,4 +1,4 @@
-// Requests of pictures: places at the pace at which pictures come, and the newest only.
+// Throttled requests of pictures: at the rate at which pictures arrive, and the newest only.
 
 import type { PicturesWanted, Seen, SlicesMoved } from "../generated.ts";
 import type { Model } from "../types.ts";
@@ -6,7 +6,7 @@ import type { Model } from "../types.ts";
 const SLOW_PICTURES = 500; // milliseconds after which a message reports that pictures are being made
 const LOOK_PATIENCE = 400; // milliseconds after which a place is sent although pictures of the last one have not come
 
-/** What is requested of the pictures. */
+/** A request for the pictures. */
 export type ViewRequest = Pick<SlicesMoved, "cursor" | "projection" | "original">;
 
 export class PictureRequests {
@@ -77,7 +77,7 @@ export class PictureRequests {
     return this.#sent.delete(JSON.stringify(place)) || this.pending !== null;
   }
 
-  /** Pictures have come and are shown; `seq` is the number of their message. */
+  /** Pictures have arrived and are shown; `seq` is the number of their message. */
   received(seq: number) {
     clearTimeout(this.#slowTimer);
     if (this.isSlow) {

@@ -32,7 +32,7 @@ export class SpaceStatus {
     this.#notes = pageElement("div", "dnb-ed-notes", status);
   }
 
-  /** The place where the map folds most, as Python has found it when the points last rested; null where nothing folds. */
+  /** The place where the map folds most, found by Python when the points last rested; null where nothing folds. */
   get worst() {
     const { folds, worst = null } = this.facts;
     return this.editor.points.list.length && folds && folds[0] <= 0 ? worst : null;

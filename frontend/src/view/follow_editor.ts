@@ -23,7 +23,7 @@ import type { PlanarField, PlaneCut } from "../webgl/types.ts";
 import type { Bytes, Field } from "./types.ts";
 import { bytesOf, floatsOf } from "./volume_loader.ts";
 
-/** Distances to the cuts that came last */
+/** Distances to the cuts received last */
 export type KnownCuts = { id?: string; distances?: Float32Array };
 /** Values of the traits SHAPES */
 export type Shapes = Record<string, unknown>;
@@ -64,7 +64,7 @@ export function fieldOf(content: FieldContent, buffers: Bytes[], known: KnownCut
 }
 
 /**
- * A planar field with one of its maps made anew in each region, or null if there is no such map or it cannot be made.
+ * A planar field with one of its maps recomputed in each region, or null if there is no such map or it cannot be made.
  * @param settings those that the fit was made with
  * @param index which map it is
  */
@@ -163,9 +163,9 @@ function cutDistances(regions: Region[], { shape: [rows, columns], origin, spaci
 
 // Following an Editor in the same window: its fits are sampled here, by maths/cuts.js, and nothing goes to Python.
 //
-// Python's maps and the editor's points reach the view by different ways. Python's maps are shown as they are where
+// Python's maps and the editor's points reach the view by different channels. Python's maps are shown as they are where
 // they are of the points that the editor has now, where another map begins to be followed, or where Python shows
-// something else; they give way where the editor has gone on since, so that no old picture flashes up.
+// something else; they are replaced where the editor has changed since, so that no old picture flashes up.
 
 export const SHAPES = ["cuts", "cut_rule", "parts"];
 const FOLLOWED = ["points", ...FIT_TRAITS];
@@ -217,7 +217,7 @@ export class FieldLink {
   }
 
   /**
-   * Python's maps, with what the editor has shown since in place of one of them.
+   * Python's maps, with the editor's newer map in place of one of them.
    * @param follow if Python follows the editor: the map of the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
    */
   merged(planar: PlanarField | null, follow: { index: number; points: Point[]; shapes?: Shapes } | null) {
@@ -248,14 +248,14 @@ export class FieldLink {
     if (!isMoving && detailKey(detail) !== this.settled) this.refit(detail); // else Python's maps show it already
   }
 
-  /** Makes the maps of the newest movement, unless they have been made. */
+  /** Make the maps of the newest movement, unless they have been made. */
   catchUp() {
     const { awaited } = this;
     this.awaited = null;
     if (awaited) this.refit(awaited, true);
   }
 
-  /** Samples a fit on the raster of the maps that Python has sent, and shows it. */
+  /** Sample a fit on the raster of the maps that Python has sent, and show it. */
   refit(detail: Detail, isDrawing = false) {
     const planar = this.#sampled(detail);
     if (planar) this.apply(planar, isDrawing);

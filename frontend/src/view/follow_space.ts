@@ -1,6 +1,6 @@
 // Following the points of an editor in space in the same window: while they move, their fit is sampled here by
 // maths/rbf.js at as many nodes as Python would, and no displacement comes from Python. At rest Python's field is shown,
-// which has more nodes. Where Python's field is not the fit of these points alone it says so, and makes all of them.
+// which has more nodes. Where Python's field is not the fit of these points alone it reports so, and makes all of them.
 
 import { perAxis } from "../maths/axes.ts";
 import { forwardFit, forwardOnLattice } from "../maths/forward_fit.ts";
@@ -41,11 +41,11 @@ export class SpaceLink {
     view: {
       /** Of the volume that is shown */
       info: () => VolumeInfo | null;
-      /** Takes a new field */
+      /** Take a new field */
       apply: (space: SpaceField, isMoving: boolean) => void;
       /** As of FieldLink */
       move: (isMoving: boolean) => void;
-      /** Reports whose edits are followed */
+      /** Report whose edits are followed */
       follows: (sender: string) => void;
     },
   ) {
@@ -65,7 +65,7 @@ export class SpaceLink {
     this.view.follows(senderOf(bus, editor).id);
   }
 
-  /** The field to show when Python has sent one: that of points that have gone on since is sampled here. */
+  /** The field to show when Python has sent one: that of points changed since is sampled here. */
   merged(space: SpaceField | null, moved: Moved | null) {
     const { bus, editor } = this,
       isMoving = bus?.latest?.phase === "move";
@@ -86,7 +86,7 @@ export class SpaceLink {
     if (!isMoving) this.#show(detail, false);
   }
 
-  /** Makes the field of the newest movement, unless it has been made. */
+  /** Make the field of the newest movement, unless it has been made. */
   catchUp() {
     const { awaited } = this;
     this.awaited = null;

@@ -1,4 +1,4 @@
-// The front end of a volume, whoever draws it: its elements, messages, camera, pointer and points in space.
+// The front end of a volume, for any renderer: its elements, messages, camera, pointer and points in space.
 
 import type { Model, Vector2 } from "../types.ts";
 import type { Shows, ViewName } from "../ui/view_parts.ts";
@@ -50,13 +50,13 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
 
   abstract setBackground(): void;
 
-  /** Another layer of two in turn is shown. */
+  /** Called when the second of two alternating layers is shown, or the first. */
   abstract flip(layer: number): void;
 
   /** The line or the slider between original and deformed was moved. */
   abstract compared(): void;
 
-  /** What is seen, as a PNG; null for nothing. */
+  /** A screenshot as a PNG; null for none. */
   abstract picture(): Promise<Blob | null>;
 
   /** Draw again, as something has changed. `held`: a finger or a button is still down. */
@@ -86,7 +86,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     this.elements.caption(this.elements.flicker.layer);
   }
 
-  /** Let all that lies around and over the picture follow the camera. */
+  /** Let the elements around and over the picture follow the camera. */
   follow() {
     if (!this.info) return;
     this.elements.follow(this.camera);
@@ -102,7 +102,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     this.touch();
   }
 
-  /** Writes the camera to its trait, only when a movement has ended: a trait is more than a message. */
+  /** Write the camera to its trait, only when a movement has ended: a trait costs more than a message. */
   writeCamera() {
     this.camera.write();
     this.settled();

@@ -13,7 +13,7 @@ import type { Bytes, Field, VolumeInfo } from "./types.ts";
 import type { ViewCamera } from "./view_camera.ts";
 import type { ViewMessages } from "./view_elements.ts";
 
-/** What the field uses of its view. */
+/** Dependencies of the field on its view. */
 export interface FieldView {
   model: Model;
   messages: ViewMessages;
@@ -59,7 +59,7 @@ export class LiveField {
     }
   }
 
-  /** Take what Python has sent; false where it belongs to a field that is not here. */
+  /** Take a message of Python; false where its field is not here. */
   receive(content: FieldMaps, buffers: Bytes[]) {
     const { view } = this;
     this.received += buffers.reduce((sum, b) => sum + b.byteLength, 0);
@@ -95,7 +95,7 @@ export class LiveField {
     });
   }
 
-  /** Show new maps from the editor in this window: no byte goes to Python. */
+  /** Show new maps from the editor in this window: no byte is sent to Python. */
   #follow(planar: PlanarField, isDrawing: boolean) {
     if (this.shown) this.shown.planar = planar;
     else this.shown = { box: null, planar, space: null };
@@ -125,7 +125,7 @@ export class LiveField {
     this.spaceLink.catchUp();
   }
 
-  /** A point is on its way: its maps are made with the next picture, or now if none is drawn here. */
+  /** A point is moving: its maps are made with the next picture, or now if none is drawn here. */
   #moved(isMoving: boolean) {
     const { caster, loop } = this.view;
     if (!isMoving && loop?.held) loop.release();

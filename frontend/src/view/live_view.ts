@@ -18,7 +18,7 @@ import type { Bytes, VolumeInfo } from "./types.ts";
 import { floatsOf } from "./volume_loader.ts";
 import { LiveVoxels } from "./voxels.ts";
 
-/** What the ray caster takes over from traits. */
+/** Settings of the ray caster by the names of their traits. */
 const CASTER_TRAITS: Record<string, (caster: RayCaster, model: Model) => void> = {
   projection: (caster, model) => {
     caster.projection = model.get("projection");
@@ -185,7 +185,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     });
   }
 
-  /** Lets Python draw, as there is no WebGL. */
+  /** Switch to Python's pictures, as there is no WebGL. */
   fall(text: string) {
     this.elements.showMessage(text);
     this.still ??= new StillPicture(this, text);
@@ -196,11 +196,11 @@ export class LiveVolumeView extends VolumeFrontEnd {
   }
 
   #lost(event: Event) {
-    event.preventDefault(); // else it never comes back
+    event.preventDefault(); // else the context is never restored
     if (this.closed) return;
     if (this.loop) this.loop.close();
     this.loop = null;
-    this.wasTooMuch = Boolean(this.caster?.volume && !this.caster.volume.loaded); // lost by what it was just given
+    this.wasTooMuch = Boolean(this.caster?.volume && !this.caster.volume.loaded); // lost by the latest data
     this.fall("Drawn in Python until the lost graphics context comes back.");
   }
 
@@ -240,7 +240,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     for (const name of ["width", "height", "fill"]) this.messages.on(`change:${name}`, () => this.size());
   }
 
-  /** Takes a message of Python, or the picture of a page without Python. */
+  /** Take a message of Python, or the picture of a page without Python. */
   receive(content: LiveViewToFrontEnd | { type: "still" }, buffers: Bytes[]) {
     if ("view" in content && content.view && content.view !== this.messages.id) return undefined; // for another front end of the same view
     if (content.type === "chunk") return this.voxels.receive(content, buffers[0]!);
@@ -270,7 +270,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
 
   /** All voxels are on the GPU. */
   uploaded() {
-    if (!this.field) this.hello(); // lost on its way
+    if (!this.field) this.hello(); // lost in transit
     this.shownField.apply();
     this.touch();
   }
@@ -278,7 +278,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   setTable() {
     const bytes: Bytes | null = this.model.get("table");
     if (!this.caster || !bytes?.byteLength) return;
-    if (this.voxels.loader && this.caster.volume) return; // of voxels that are on their way: see upload
+    if (this.voxels.loader && this.caster.volume) return; // of voxels in flight: see upload
     this.caster.setTable(floatsOf(bytes), this.model.get("unit"));
     this.touch();
   }
@@ -288,7 +288,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     else this.hello(); // which is answered with all of it
   }
 
-  /** Lets Python send the next field when this one is being drawn: so it computes that while the GPU has this. */
+  /** Let Python send the next field when this one is being drawn: so it computes that while the GPU draws this. */
   confirm(seq: number | undefined) {
     if (!seq) return;
     const confirm = () => {
@@ -299,7 +299,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     else confirm();
   }
 
-  /** What is seen, as a PNG, drawn in full. */
+  /** A screenshot as a PNG, drawn in full. */
   async picture(): Promise<Blob | null> {
     if (this.still) return this.still.image.src ? (await fetch(this.still.image.src)).blob() : null;
     if (!this.loop || !this.caster?.isReady) return null;
@@ -322,7 +322,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
       edits: link.count + spaceLink.count,
       edit_ms: link.ms,
     };
-    const looked = this.model.get("tissue_check"); // of a page without Python, which looks itself
+    const looked = this.model.get("tissue_check"); // of a page without Python, which checks itself
     this.messages.send({ type: "stats", ...this.stats, ...(looked && { sides: loop.caster.exceededSides(looked) }) });
   }
 

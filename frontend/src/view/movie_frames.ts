@@ -1,5 +1,5 @@
-// Frames of a movie, drawn by the page of a live view: as its screenshots are, but by a ray caster and from a camera of
-// their own, so that whoever turns the view meanwhile turns no frame.
+// Frames of a movie, drawn by the front end of a live view: as its screenshots, but by a separate ray caster and
+// camera, so that a user who turns the view meanwhile turns no frame.
 // From Python: movie_frame, movie_end. To Python: movie_piece, movie_failed.
 
 import type { MovieFrame } from "../generated.ts";
@@ -76,7 +76,7 @@ class MovieFrames {
   loop: FrameLoop;
   isReady: Promise<void>;
 
-  /** @param first the first request for a frame: its size and looks are those of all */
+  /** @param first the first request for a frame: its size and view state are those of all */
   constructor(
     readonly view: MovieSource,
     { id, size, looks: given }: MovieFrame,
@@ -135,7 +135,7 @@ class MovieFrames {
     }));
   }
 
-  /** Draws a frame and sends its PNG in pieces. */
+  /** Draw a frame and send its PNG in pieces. */
   async draw(content: MovieFrame, buffers: Bytes[]) {
     const { view, id, caster, camera } = this,
       { index } = content;

@@ -1,7 +1,7 @@
 // The moments of an animation in a live view: all maps came at once, and a player in the same window chooses one.
 //
-// The maps lie one behind the other, time is their third axis: what a GPU would blend between two texels is blended
-// here, once for a picture instead of once for every sample of every ray. Nothing goes to Python.
+// The maps are stacked, time is their third axis: what a GPU would blend between two texels is blended
+// here, once for a picture instead of once for every sample of every ray. Nothing is sent to Python.
 
 import type { FieldMaps, FramesData } from "../generated.ts";
 import { FollowedModel } from "../sync/bus.ts";
@@ -19,7 +19,7 @@ export class TimeLink {
   player: Model | null = null;
   followed: FollowedModel;
 
-  /** @param show takes the map of another moment; while it plays only quick pictures are drawn */
+  /** @param show takes the map of a new moment; while it plays only quick pictures are drawn */
   constructor(
     model: Model,
     readonly show: (planar: PlanarField, isPlaying: boolean) => void,
@@ -51,7 +51,7 @@ export class TimeLink {
   }
 
   /**
-   * Takes what Python has sent: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
+   * Take a message of Python: maps of `count` moments, the first at 0, the last at `duration`. Returns the field.
    */
   take({ box, planar }: FieldMaps, { count, duration }: FramesData, [maps, weights]: [Bytes, Bytes]): Field {
     const all = floatsOf(maps);
@@ -64,7 +64,7 @@ export class TimeLink {
     return { box, planar: planarAt(this.frames, this.time), space: null };
   }
 
-  /** Forgets the moments: something else is shown. */
+  /** Discard the moments: a different field is shown. */
   drop() {
     this.frames = null;
   }

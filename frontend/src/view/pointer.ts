@@ -55,7 +55,7 @@ export class PointerControls {
   }
 
   down(event: PointerEvent) {
-    if (event.button > 1) return; // the right button belongs to the browser
+    if (event.button > 1) return; // the right button is the browser's
     this.view.elements.canvas.setPointerCapture(event.pointerId);
     this.view.elements.canvas.focus({ preventScroll: true });
     this.points.set(event.pointerId, [event.clientX, event.clientY]);
@@ -101,7 +101,7 @@ export class PointerControls {
     else if (event.type === "pointerup") this.view.elements.flicker.press(false);
   }
 
-  /** Zooms by a factor, keeping the place under a pointer where it is. */
+  /** Zoom by a factor, keeping the place under a pointer where it is. */
   zoom(factor: number, at: { clientX: number; clientY: number } | null = null) {
     const { camera } = this.view,
       { full } = camera;
@@ -126,7 +126,7 @@ export class PointerControls {
     this.later();
   }
 
-  /** Sends one message to Python when the wheel or a key rests, not one for each notch. */
+  /** Send one message to Python when the wheel or a key rests, not one for each notch. */
   later() {
     clearTimeout(this.rest);
     this.rest = setTimeout(() => {

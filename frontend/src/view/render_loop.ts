@@ -1,10 +1,10 @@
 // Scheduling of the drawing: quick pictures while something moves; at rest every fourth pixel along both axes, every
-// second and then all of them, so that what is drawn counts for all that follows; then passes that are averaged. It is
+// second and then all of them, so that each pass reuses the pixels before it; then passes that are averaged. It is
 // all drawn in pieces, but shown only when it is a whole picture, smoothly enlarged.
-// Never more than one piece of work is on its way, so the next movement waits for that piece only.
-// What is seen consists of pictures side by side, or of layers that are shown in turn; each has a place and a camera.
+// Never more than one piece of work is in flight, so the next movement waits for that piece only.
+// The view consists of pictures side by side, or of alternating layers; each has a place and a camera.
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
-// canvas changes when the GPU has nothing left to do, and gets no more until that frame is on its way.
+// canvas changes when the GPU has nothing left to do, and gets no more until that frame is in flight.
 
 import type { Vector2, Vector4 } from "../types.ts";
 import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
@@ -49,12 +49,12 @@ export interface Work {
 }
 
 const TILE_MS = 40; // a piece of the full picture: the pointer is answered after at most this and one quick picture
-const PIECE_MS = 25; // of a quick picture: a widget that draws a picture beside it waits for one piece only
+const PIECE_MS = 25; // of a quick picture: a widget that draws a picture next to it waits for one piece only
 // Of the time that a picture may take while something moves. A software renderer draws on the processors that the widget
 // that moves the points needs too.
 const GPU_SHARE = 0.5,
   SOFTWARE_SHARE = 0.25; // of the usual 65 ms: 16, so that a volume follows in every second frame
-const HEARD_MS = 3; // from the end of the GPU's work until the page hears of it
+const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
 const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
@@ -96,7 +96,7 @@ export class FrameLoop {
   quickCost = 0; // ms for a pixel of a quick picture, measured with the first
   quickCosts: number[] = []; // the same of the last of them
   rush: Rush | null = null;
-  change: (() => void) | null = null; // what comes with the next quick picture
+  change: (() => void) | null = null; // applied with the next quick picture
   times: { drag: number[]; full: number; passes: number; frames: number };
   sync: WebGLSync | null = null; // of the work that the GPU has not finished
   isShowing = false; // whether a frame with a changed canvas is put together
@@ -105,10 +105,10 @@ export class FrameLoop {
   closed = false;
 
   /**
-   * @param pictures gives what is seen in a canvas of that size
+   * @param pictures returns the pictures of a canvas of that size
    * @param options in milliseconds
-   * @param report is called when all is drawn
-   * @param catchUp is called before anything is drawn, for what is made only then
+   * @param report called when all is drawn
+   * @param catchUp called before anything is drawn, for lazy updates
    */
   constructor(
     readonly caster: RayCaster,
@@ -122,7 +122,7 @@ export class FrameLoop {
     this.times = { drag: [] as number[], full: 0, passes: 0, frames: 0 };
   }
 
-  /** Draws soon, since something has changed. `held`: a finger or a button is still down. */
+  /** Draw soon, since something has changed. `held`: a finger or a button is still down. */
   touch(held = false) {
     this.#hold(held);
     this.moved = performance.now();
@@ -132,13 +132,13 @@ export class FrameLoop {
     this.#plan(0);
   }
 
-  /** Changes what is drawn, but never within a picture; of several changes before the next one the last counts. */
+  /** Change the pictures, but never within a picture; of several changes before the next one the last counts. */
   apply(change: () => void) {
     if (this.rush || this.isRequested) this.change = change;
     else change();
   }
 
-  /** Lets the full picture begin: nothing has changed, but the finger is lifted. */
+  /** Let the full picture begin: nothing has changed, but the finger is lifted. */
   release() {
     this.#hold(false);
     this.#plan(0);
@@ -149,7 +149,7 @@ export class FrameLoop {
     this.held = held;
   }
 
-  /** Shows another layer: at once if it has been drawn, else a quick picture of it; what is under way goes on. */
+  /** Show a layer: at once if it has been drawn, else a quick picture of it; work under way continues. */
   flip(layer: number) {
     this.layer = layer;
     if (this.drawn[layer]) this.#present();
@@ -171,8 +171,8 @@ export class FrameLoop {
   }
 
   #plan(delay: number) {
-    if (this.closed || this.sync || this.isShowing) return; // what is on its way plans the next step itself
-    if (this.frame) return; // put off by a change in every frame, as an animation makes, it would never come
+    if (this.closed || this.sync || this.isShowing) return; // the work in flight plans the next step itself
+    if (this.frame) return; // rescheduled by a change in every frame, as by an animation, it would never run
     clearTimeout(this.waiting);
     const step = () => {
       this.frame = 0;
@@ -235,7 +235,7 @@ export class FrameLoop {
         pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
       }
     }
-    // Fewer samples along the ray too: half of what is saved by fewer pixels would be spent on depth nobody sees.
+    // Fewer samples along the ray too: half of the time saved by fewer pixels would be spent on depth nobody sees.
     const coarseness = this.scale < 0.5 ? 1.6 : 1.15;
     this.rush = {
       pieces,
@@ -275,7 +275,7 @@ export class FrameLoop {
     this.#fitScale(width * height);
   }
 
-  /** Chooses the pixels of the next quick pictures by what those of this scale take. */
+  /** Choose the pixels of the next quick pictures by what those of this scale take. */
   #fitScale(pixels: number) {
     let ms = this.quickCost * pixels;
     const most = (this.caster.isSoftware ? SOFTWARE_SHARE : GPU_SHARE) * this.options().target;
@@ -290,7 +290,7 @@ export class FrameLoop {
     }
   }
 
-  /** Makes the changes that were requested while a picture was being drawn. */
+  /** Make the changes that were requested while a picture was being drawn. */
   #settle() {
     this.catchUp();
     const { change } = this;
@@ -298,7 +298,7 @@ export class FrameLoop {
     if (change) change();
   }
 
-  /** Begins a pass of the full picture, the first or the one after `last`. */
+  /** Begin a pass of the full picture, the first or the one after `last`. */
   #begin(last: Work | null): Work {
     const [w, h] = this.size,
       pass = last ? last.pass + 1 : 0,
@@ -382,7 +382,7 @@ export class FrameLoop {
     return pieces.reverse();
   }
 
-  /** Draws pieces of the full picture for about TILE_MS. */
+  /** Draw pieces of the full picture for about TILE_MS. */
   #refine() {
     this.#settle();
     const work = this.work ?? this.#begin(null),
@@ -429,8 +429,8 @@ export class FrameLoop {
   }
 
   /**
-   * Calls done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
-   * whether it has changed the canvas. Where the page looks late, half of the time since it looked last is counted.
+   * Call done when the GPU has finished, without blocking the page, with the milliseconds that it took; done returns
+   * whether it has changed the canvas. Where the page polls late, half of the time since its last poll is counted.
    */
   #when(done: (ms: number) => boolean) {
     const gl = this.caster.gl;
@@ -463,7 +463,7 @@ export class FrameLoop {
     setTimeout(look, 1);
   }
 
-  /** Draws the full picture at once, for a screenshot: the page waits. */
+  /** Draw the full picture at once, for a screenshot: the page waits. */
   drawNow(passes = 2) {
     this.rush = null;
     this.#settle();
@@ -477,7 +477,7 @@ export class FrameLoop {
   }
 
   /**
-   * Shows again what was drawn last, or nothing but the background, after the canvas was cleared or that changed.
+   * Show the last picture again, or nothing but the background, after the canvas was cleared or that changed.
    */
   again() {
     const { caster, showing, parts, mixture } = this,

@@ -113,7 +113,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
     else report();
   }
 
-  /** True if the pictures come by a server of their own, to a frame over the canvas that turns them as well. */
+  /** True if the pictures come by a separate server, to a frame over the canvas that turns them as well. */
   get isFramed() {
     return this.model.get("transport") === "trame";
   }
@@ -198,7 +198,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
     this.follow();
   }
 
-  /** Requests a picture from the camera, which has moved. */
+  /** Request a picture from the camera, which has moved. */
   touch() {
     this.follow();
     const isGivenUp = performance.now() - this.sentAt > PATIENCE;
@@ -252,12 +252,12 @@ export class StillPicture {
     this.image = pageElement("img", "dnb-still", view.elements.root, { alt: view.model.get("label") || "Volume" });
   }
 
-  /** Requests pictures; Python answers that it draws, and does so from then on. */
+  /** Request pictures; Python confirms, and draws from then on. */
   request() {
     if (!this.pictures) this.view.messages.send({ type: "still", background: this.view.elements.theme.name });
   }
 
-  /** Calls `callback` when there is a picture of what is shown now; with Python's own pictures at once. */
+  /** Call `callback` when there is a picture of the present state; with Python's own pictures at once. */
   whenShown(callback: () => void) {
     if (this.pictures) {
       callback();
@@ -273,7 +273,7 @@ export class StillPicture {
     this.#shown();
   }
 
-  /** Puts Python's pictures in the place of the front end that cannot draw. */
+  /** Replace a front end that cannot draw by Python's pictures. */
   drawn(info: VolumeInfo | null) {
     if (info) this.inform(info);
     if (this.pictures) return;
@@ -295,7 +295,7 @@ export class StillPicture {
     this.#shown();
   }
 
-  /** Takes the box that Python's pictures show, which is the result's and not always the volume's own. */
+  /** Take the box that Python's pictures show, which is the result's and not always the volume's own. */
   inform(info: VolumeInfo) {
     this.info = info;
     this.pictures?.readInfo();

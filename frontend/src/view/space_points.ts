@@ -1,5 +1,5 @@
-// Control points in space over a view of the volume: shown, dragged, and put on what is seen. A view that has the
-// voxels as well (values, field, caster) determines which points lie behind the body and where a ray meets it. Points
+// Control points in space over a view of the volume: shown, dragged, and put on visible tissue. A view that has the
+// voxels as well (values, field, caster) determines which points are behind the body and where a ray meets it. Points
 // go to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.ts";
@@ -22,7 +22,7 @@ import type { Field, VolumeInfo, VolumeViewLike } from "./types.ts";
 export type PointEnd = "target" | "source";
 export type Hit = { id: number; what: PointEnd };
 
-/** What a pointer holds */
+/** The target of a pointer's drag */
 export interface Held {
   id: number;
   what: PointEnd | "both";
@@ -35,7 +35,7 @@ export interface Held {
   ids: number[];
 }
 
-const LATER = 120; // milliseconds between two computations of what is hidden
+const LATER = 120; // milliseconds between two computations of the hidden points
 const PIXELS = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 }; // a view of handles whose places are CSS pixels
 const AXIS_NAMES = ["x", "y", "z"] as const;
 const HALF_SEEN = 0.5; // a surface is where half of the light is stopped
@@ -53,7 +53,7 @@ export class SpaceCamera {
 
   /**
    * @param bend of a perspective
-   * @param middle of what is seen
+   * @param middle of the visible box
    * @param box of the picture
    */
   constructor(
@@ -77,7 +77,7 @@ export class SpaceCamera {
     const { box, bend, half } = this,
       from = perAxis((k) => place[k] - this.eye[k]),
       depth = dot(from, this.ahead);
-    const near = bend > 0 ? Math.max(1e-6, 1 + depth * bend) : 1; // how much smaller things look there
+    const near = bend > 0 ? Math.max(1e-6, 1 + depth * bend) : 1; // how much smaller things appear there
     const a = dot(from, this.right) / near / half[0],
       b = dot(from, this.up) / near / half[1];
     return {
@@ -87,7 +87,7 @@ export class SpaceCamera {
     };
   }
 
-  /** The way in space, parallel to the screen, of a way on it at a place. */
+  /** The displacement in space, parallel to the screen, of one on it at a place. */
   way(place: Vector3, [dx, dy]: Vector2): Vector3 {
     const { scale } = this.see(place);
     return added(scaled(this.right, dx * scale), scaled(this.up, -dy * scale));
@@ -100,7 +100,7 @@ export class SpaceCamera {
     const there = this.see(added(place, scaled(unit, scale))).at,
       [u, v] = [there[0] - at[0], there[1] - at[1]];
     const steep = u * u + v * v;
-    if (steep < 0.01) return [0, 0, 0]; // seen from its end it stands still
+    if (steep < 0.01) return [0, 0, 0]; // seen from its end it does not move
     return scaled(unit, (scale * (dx * u + dy * v)) / steep);
   }
 
@@ -165,7 +165,7 @@ export class Body {
     this.planar = field?.planar && !field.planar.cut ? field.planar : null;
     this.table = table;
     this.unit = unit;
-    this.box = clip ? leftOf(box, clipSides(box, clip)) : box; // what is cut away is no body
+    this.box = clip ? leftOf(box, clipSides(box, clip)) : box; // tissue cut away is no body
     this.step = Math.min(...info.spacing);
   }
 
@@ -215,7 +215,7 @@ export class Body {
   }
 
   /**
-   * True if something lies between a place in space and the viewer; what is nearer than two voxels does not count.
+   * True if tissue is between a place in space and the viewer; tissue nearer than two voxels does not count.
    */
   hides(place: Vector3, toViewer: Vector3) {
     return this.meet(this.toFrame(place), normalized(this.turned(toViewer)), 2 * this.step) !== null;
@@ -396,7 +396,7 @@ export class SpacePoints {
   receive() {
     const { points } = this.edited.sender;
     if (this.drag0) {
-      // Python has found where a new point takes hold; the drag keeps the rest
+      // Python has found a new point's source; the drag's values stay
       this.drag0 = withSources(this.drag0, points);
       this.points = withSources(this.points, points);
     } else this.points = points;
@@ -427,7 +427,7 @@ export class SpacePoints {
     });
   }
 
-  /** Draws in the next frame, however often points, camera and field change before it. */
+  /** Draw in the next frame, however often points, camera and field change before it. */
   draw() {
     if (!this.frame) this.frame = requestAnimationFrame(() => this.drawNow());
   }
@@ -496,7 +496,7 @@ export class SpacePoints {
     setAttributes(this.axisLine, { d: `M ${end(-1)} L ${end(1)}`, "data-axis": AXIS_NAMES[axis] });
   }
 
-  /** Marks the points that lie behind the body: a hundred steps for each, so not at every movement. */
+  /** Mark the points that are behind the body: a hundred steps for each, so not at every movement. */
   #lookLater(camera: SpaceCamera) {
     const now = performance.now(),
       { view } = this;
@@ -608,7 +608,7 @@ export class SpacePoints {
     this.draw();
   }
 
-  /** Takes a drag back, also from Python, which has seen it. */
+  /** Revert a drag, also in Python, which has received it. */
   giveUp() {
     const { sender } = this.edited;
     this.points = sender.points;
@@ -627,7 +627,7 @@ export class SpacePoints {
     this.liveRegion.textContent = `point ${hit.id} deleted`;
   }
 
-  /** Adds a point on the first surface under a double click. False where there is none, or nothing is edited. */
+  /** Add a point on the first surface under a double click. False where there is none, or nothing is edited. */
   doubleClick(event: MouseEvent) {
     if (!this.editor || this.isLocked || this.view.shown === "original") return false;
     const at = this.place(event),
@@ -637,7 +637,7 @@ export class SpacePoints {
     const place = body.surface(camera.ray(at));
     if (!place) return false;
     const id = nextId(this.points, sender.nextId);
-    sender.edit(addedPoint(this.points, id, place, place), "add"); // Python finds where it takes hold
+    sender.edit(addedPoint(this.points, id, place, place), "add"); // Python finds its source
     this.select([id]);
     this.drawNow(); // else nothing could take the focus
     this.handles.focus(id);
@@ -690,7 +690,7 @@ export class SpacePoints {
     return true;
   }
 
-  /** Drags along x, y or z only, until that key is pressed again. */
+  /** Drag along x, y or z only, until that key is pressed again. */
   #lock(axis: Axis) {
     this.axis = this.axis === axis ? null : axis;
     this.liveRegion.textContent = this.axis === null ? "free" : `along ${AXIS_NAMES[axis]} only`;

@@ -1,4 +1,4 @@
-// Shapes of what the front ends of a view share.
+// Types that the front ends of a view share.
 
 import type { CameraData } from "../generated.ts";
 import type { Matrix3, Model, Sides, Vector2, Vector3 } from "../types.ts";
@@ -13,7 +13,7 @@ import type { ViewElements, ViewMessages } from "./view_elements.ts";
 /** A buffer of a message. */
 export type Bytes = DataView<ArrayBuffer> | Uint8Array<ArrayBuffer> | ArrayBuffer;
 
-/** A direction of view and what is up in the picture. */
+/** A direction of view and the up vector of the picture. */
 export interface ViewDirection {
   direction: Vector3;
   up: Vector3;
@@ -41,7 +41,7 @@ export interface VolumeInfo {
   share: number;
   note: string;
   unit: string;
-  /** Looks by the name of a side, and "home". */
+  /** Directions of view by the name of a side, and "home". */
   views: Record<ViewName, ViewDirection>;
 }
 

@@ -1,4 +1,4 @@
-// The camera of a view: it follows the trait `camera` and sees the box of what is shown.
+// The camera of a view: it follows the trait `camera` and frames the bounding box of the view.
 
 import { perAxis } from "../maths/axes.ts";
 import { Camera } from "../maths/camera.ts";
@@ -21,7 +21,7 @@ export class ViewCamera extends Camera {
     return info;
   }
 
-  /** The box of what is shown, in the volume's own frame. */
+  /** The bounding box of the view, in the volume's own frame. */
   get box() {
     return this.view.field?.box || this.info.box;
   }
@@ -54,7 +54,7 @@ export class ViewCamera extends Camera {
     return { ...this.view.model.get("camera"), direction, up, pan: [...pan], zoom: this.full / height };
   }
 
-  /** Takes the value of the trait, but not while the user turns the picture; false if it did not. */
+  /** Take the value of the trait, but not while the user turns the picture; false if it did not. */
   read(isForced = false) {
     const { view } = this;
     if (!view.info || (!isForced && (this.isWriting || view.pointer.isBusy))) return false;
@@ -79,19 +79,19 @@ export class ViewCamera extends Camera {
     this.isWriting = false;
   }
 
-  /** Does what changes the shape of the picture or of the box: the zoom stays, not the scale. */
+  /** Apply a change of the shape of the picture or of the box: the zoom stays, not the scale. */
   reframed(change: () => void) {
     const zoom = this.view.info ? this.full / this.height : 0;
     change();
     if (zoom) this.height = this.full / zoom;
   }
 
-  /** Keeps some of the box in the picture, wherever it is moved. */
+  /** Keep some of the box in the picture, wherever it is moved. */
   keepSeen() {
     this.keepInView(boxCorners(this.box, this.info.axes), this.aspect);
   }
 
-  /** Sees all of the box. */
+  /** Fit all of the box into the view. */
   seeAll({ direction, up }: ViewDirection) {
     this.look(direction, up);
     this.pan = [0, 0];

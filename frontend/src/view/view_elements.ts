@@ -1,4 +1,4 @@
-// What a view of a volume has, whoever draws it: elements around the picture, and its messages.
+// The parts of a view of a volume for any renderer: elements around the picture, and its messages.
 
 import type { LiveViewToPython, VolumeViewToPython } from "../generated.ts";
 import type { Handlers, Model, ModelHandler, Without } from "../types.ts";
@@ -13,22 +13,22 @@ import type { ViewCamera } from "./view_camera.ts";
 const SCREENSHOT = "M2.5 5h2.3l1-1.5h4.4l1 1.5h2.3v8h-11zM8 6.5a2.4 2.4 0 1 1-.01 0";
 const FULL_SCREEN = "M2.5 6V2.5H6M10 2.5h3.5V6M13.5 10v3.5H10M6 13.5H2.5V10";
 
-/** What the elements call */
+/** Callbacks of the elements */
 export interface ElementActions {
   /** A side of the cube was pressed */
   showView: (view: ViewName) => void;
-  /** The page around has another theme */
+  /** The host page has changed its theme */
   rethemed: () => void;
   /** The other picture of two in turn is seen */
   flip: (layer: number) => void;
   /** The line between original and deformed was moved, or the slider of their mixture */
   compared: () => void;
   resized: () => void;
-  /** A PNG of what is seen; null for nothing */
+  /** A screenshot as a PNG; null for none */
   picture: () => Promise<Blob | null>;
 }
 
-/** The canvas and what stands around it: captions, directions, scale, cube, a remark and a notice. */
+/** The canvas and the elements around it: captions, directions, scale, cube, a remark and a notice. */
 export class ViewElements {
   root: HTMLDivElement;
   canvas: HTMLCanvasElement;
@@ -54,7 +54,7 @@ export class ViewElements {
     this.root = pageElement("div", `dnb-view ${kind}`, host);
     this.canvas = pageElement("canvas", "dnb-canvas", this.root, { tabindex: "0", role: "img", ...OWN_KEYS });
     this.frames = new Frames(this.root);
-    // Of the picture in CSS pixels, as last laid out: asking again lays out the page in every frame of a drag.
+    // Of the picture in CSS pixels, as last laid out: measuring again lays out the page in every frame of a drag.
     this.box = { width: 0, height: 0 };
     this.cube = new OrientationCube(this.root, actions.showView, () => actions.showView("home"));
     this.cube.addButton("dnb-screenshot", SCREENSHOT, "Save a picture of the view (PNG)", () =>
@@ -83,7 +83,7 @@ export class ViewElements {
     else this.showMessage("There is no picture yet.");
   }
 
-  /** What is shown: a value of the trait. */
+  /** The mode of comparison: a value of the trait. */
   get shows(): Shows {
     return this.model.get("shows") || "deformed";
   }
@@ -93,7 +93,7 @@ export class ViewElements {
     return background === "auto" ? this.theme.name : background;
   }
 
-  /** Takes the size of the traits, as far as there is room; the picture's own in pixels. */
+  /** Take the size of the traits, as far as there is room; the picture's own in pixels. */
   fit() {
     const { ratio, ...box } = sized(this.root, this.host, this.model);
     this.box = box;
@@ -105,13 +105,13 @@ export class ViewElements {
     this.notice.hidden = !text;
   }
 
-  /** Names what is shown; layer: the one that is seen of two in turn. */
+  /** Caption the pictures; layer: the visible one of two alternating ones. */
   caption(layer: number) {
     this.frames.show(captionsOf(this.shows, layer));
     this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
   }
 
-  /** Follows the camera in the next frame. */
+  /** Follow the camera in the next frame. */
   follow(camera: ViewCamera) {
     if (!this.frame)
       this.frame = requestAnimationFrame(() => {

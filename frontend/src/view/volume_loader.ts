@@ -4,8 +4,8 @@ import type { Chunk } from "../generated.ts";
 import type { Vector3 } from "../types.ts";
 import type { Bytes } from "./types.ts";
 
-const IN_FLIGHT = 2; // pieces on their way at once: the second hides the round trip of the first
-const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those on their way are taken for lost
+const IN_FLIGHT = 2; // pieces in flight at once: the second hides the round trip of the first
+const LOADER_PATIENCE = 5000; // milliseconds without any piece, after which those in flight are taken for lost
 const LOADER_TRIES = 3; // each waits twice as long as the one before
 
 export function bytesOf(b: Bytes) {
@@ -36,7 +36,7 @@ export class VolumeLoader {
   /**
    * @param info of the volume; chunks: the number of pieces
    * @param request requests a piece
-   * @param stuck gets true where pieces have been lost again and again, false if one has come after all
+   * @param stuck gets true where pieces have been lost repeatedly, false once one has arrived
    */
   constructor(
     { id, shape, chunks }: { id: string; shape: Vector3; chunks: number },
@@ -54,16 +54,16 @@ export class VolumeLoader {
   }
 
   /**
-   * Takes a piece; returns the values once all are here, else null. With a `lag` it holds differences from the voxels so
+   * Take a piece; returns the values once all are here, else null. With a `lag` it holds differences from the voxels so
    * far before.
    */
   async receive({ id, index, start, lag = 0 }: Chunk, packed: Bytes) {
-    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a second time
+    if (id !== this.id || this.isOver || !this.missing.has(index)) return null; // of another volume, or a duplicate
     let voxels = null;
     try {
       voxels = await unpacked(bytesOf(packed));
     } catch {
-      /* torn on its way: requested again after a while */
+      /* damaged in transit: requested again after a while */
     }
     if (this.isOver || !this.missing.has(index)) return null;
     if (!voxels || start + voxels.length > this.values.length) return null;
@@ -82,7 +82,7 @@ export class VolumeLoader {
     return null;
   }
 
-  /** Requests again what has been requested and has not come. */
+  /** Request the pieces again that have been requested and have not arrived. */
   again() {
     this.tries = 0;
     this.#setStuck(false);
@@ -105,7 +105,7 @@ export class VolumeLoader {
       () => {
         this.tries += 1;
         if (this.tries > LOADER_TRIES)
-          this.#setStuck(true); // a piece that comes late is taken all the same
+          this.#setStuck(true); // a late piece is accepted all the same
         else this.#requestMissing();
       },
       LOADER_PATIENCE * 2 ** this.tries,

@@ -9,21 +9,21 @@ import type { Bytes, VolumeInfo } from "./types.ts";
 import type { ViewElements, ViewMessages } from "./view_elements.ts";
 import { VolumeLoader } from "./volume_loader.ts";
 
-const FEWEST = 32 ** 3; // voxels that are still worth a look
+const FEWEST = 32 ** 3; // the fewest voxels worth drawing
 
-/** What a ray caster is told of a volume beside its values. */
+/** Metadata of a volume for a ray caster, next to its values. */
 export function volumeData({ shape, spacing, outside, grey, share, is_labels: isLabels, box }: VolumeInfo): VolumeData {
   return { shape, spacing, outside, isLabels, grey, share, box: { low: box.low, high: box.high }, ownBox: box };
 }
 
-/** What the voxels use of their view. */
+/** Dependencies of the voxels on their view. */
 export interface VoxelsView {
   readonly info: VolumeInfo | null;
   readonly caster: RayCaster | null;
   readonly field: unknown;
   messages: ViewMessages;
   elements: ViewElements;
-  /** Request what is missing from Python, of so many voxels at most. */
+  /** Request the missing values from Python, of so many voxels at most. */
   hello(voxels?: number): void;
   setTable(): void;
   /** All are on the GPU. */

@@ -1,5 +1,5 @@
 // The part of the ray caster's shader that finds the origin of a place of the result: maps over a plane, samples in
-// space, and the regions beside cuts. Lengths are physical, along the index axes of the volume (its own frame).
+// space, and the regions of cuts. Lengths are physical, along the index axes of the volume (its own frame).
 
 import CUT_CHOICE from "../../../deformnb/widgets/glsl/cut_choice.glsl";
 import { MOST_REGIONS } from "../generated.ts";
@@ -7,7 +7,7 @@ import { MOST_REGIONS } from "../generated.ts";
 export const DISPLACEMENT = `
 uniform sampler2DArray maps;   // backward displacement (along u, along v) in physical units, one layer for each map
 uniform sampler2D weights;     // row k: the weight of map k, from the first slice to the last
-uniform int mapCount;          // of each region; its layers lie one after the other
+uniform int mapCount;          // of each region; its layers are consecutive
 uniform mat3 toMap; uniform vec3 toMap0;     // from the volume's frame to (column, row, depth) in texture coordinates
 uniform vec3 axisU, axisV, axisN;
 uniform sampler3D space; uniform vec3 toSpace, toSpace0;
@@ -39,19 +39,19 @@ const int chosen = 0;
 
 #ifdef CUT
 // Found by origin() for the last place. Of a region's coverage half lies on each side of its edge.
-float seen;    // share of what is there that has not been cut away
+float seen;    // share of the tissue there that has not been cut away
 float closed;  // the same with a ramp a few voxels wide: below 1 a cut face is near
 uniform float softness, faceWidth;
 
 ${CUT_CHOICE}
-// The choice as far as the place's own region goes, into which its map leads by a depth; wide: how far it is covered
+// The choice within the place's own region, into which its map leads by a depth; wide: how far it is covered
 // with the ramp of a cut face.
 Choice fromOwn(int own, float depth, out float wide) {
   wide = covered(depth, faceWidth);
   return begun(own, covered(depth, softness));
 }
 
-// Adds another region into which its map leads from the place; true if it is the one that is seen so far.
+// Adds a further region into which its map leads from the place; true if it is the visible one so far.
 bool fromOther(inout Choice choice, inout float wide, int region, float depth) {
   wide += covered(depth, faceWidth);
   return adds(choice, region, covered(depth, softness));
@@ -63,12 +63,12 @@ float whole(float cover, float nearly) { return cover > nearly ? 1. : cover; }
 
 #ifdef PLANE_CUT
 // Regions of the plane: layer c holds the distance from cut c, negative inside; sides[r] has a bit for each cut that
-// region r lies inside of.
+// region r is inside of.
 uniform highp sampler2DArray distances; uniform mat3 toCut; uniform vec3 toCut0; uniform vec2 cutScale;
 int chosen;    // the region that is seen there
 uniform int regionCount, sides[${MOST_REGIONS}];
 
-// EACH_CUT(F) is F(0) F(1) ... of all cuts: a loop takes a software renderer longer than what is in these.
+// EACH_CUT(F) is F(0) F(1) ... of all cuts: a loop takes a software renderer longer than their bodies.
 float into(int region, vec2 at) {
   float depth = 1e9;
 #define DEPTH(c) { float d = textureLod(distances, vec3(at, float(c)), 0.).r; \\
@@ -86,7 +86,7 @@ vec3 fromPlane(vec3 x) {
   EACH_CUT(SIDE)
   for (int r = 0; r < regionCount; r++) if (sides[r] == bits) own = r;
   vec2 d = planar(x, own);
-  float depth = edge - length(d); // at least: a distance changes by no more than the way
+  float depth = edge - length(d); // at least: a distance changes by no more than the path length
   if (depth < .5 * faceWidth) depth = into(own, at + d * cutScale);
   float wide;
   Choice choice = fromOwn(own, depth, wide);
@@ -109,7 +109,7 @@ vec3 fromPlane(vec3 x) {
 #endif
 
 #ifdef SPACE_CUT
-// The same of an earlier step, sampled in space: the layers of its regions lie one behind the other along z.
+// The same of an earlier step, sampled in space: the layers of its regions are stacked along z.
 uniform sampler3D depths; uniform int spaceRegions; uniform float spaceEdge;
 int chosenInSpace;
 
@@ -176,7 +176,7 @@ vec3 origin(vec3 x) {
 }
 
 #ifdef WARPED
-// The same by the map of the region that was found last: it goes on beyond the region's edge.
+// The same by the map of the region that was found last: it continues beyond the region's edge.
 vec3 onward(vec3 x) {
 #ifdef PLANAR
   x += along(x, chosen);
@@ -222,7 +222,7 @@ float depthOfChosen(vec3 x) {
   return depth;
 }
 
-// Out of the gap into what is seen beside it; a cut face has no grain.
+// Out of the gap into the visible tissue next to it; a cut face has no grain.
 vec3 intoTissue(vec3 x) {
   float here = depthOfChosen(x), e = .25 * faceWidth;
   return axisU * (depthOfChosen(x + e * axisU) - here) + axisV * (depthOfChosen(x + e * axisV) - here)

@@ -1,4 +1,4 @@
-// Cells of the result from which nothing is seen, so that rays pass them without asking where anything comes from: for
+// Cells of the result without visible tissue, so that rays skip them without looking up where anything comes from: for
 // each cell a box is found that holds the origins of all of its places, and the blocks of the volume in it are looked
 // at. Pure arithmetic; no DOM, no WebGL. Lengths are physical, along the index axes of the volume (its own frame).
 
@@ -12,7 +12,7 @@ export const CELL = 8,
 const MOST_CELLS = 64; // along an axis: of a box much larger than the volume they are larger
 const MOST_RINGS = 250; // a byte holds them
 const PLANAR_TILE = 4,
-  SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are kept
+  SPACE_TILE = 2; // nodes along the edge of a tile, whose smallest and largest values are stored
 const MARGIN = 0.1; // voxels: GPUs interpolate with few digits
 
 /** The ranges of a planar field's maps over boxes of one size. */
@@ -53,7 +53,7 @@ class PlanarRanges {
   }
 
   /**
-   * Widens a box around `middle` by what a region's displacement is in it.
+   * Widen a box around `middle` by the displacements of a region in it.
    * @param box low and high along x, y, z
    */
   widen(middle: Vector3, region: number, box: Float64Array) {
@@ -191,7 +191,7 @@ export class SpaceRanges {
   }
 
   /**
-   * Widens a box by what a region's displacement is in it.
+   * Widen a box by the displacements of a region in it.
    * @param box low and high along x, y, z
    */
   widen(region: number, box: Float64Array) {
@@ -302,7 +302,7 @@ export function emptyCells(
     extremes: Extremes;
     /** Of the largest values of the blocks, or of their largest opacities */
     pairs: Uint8Array;
-    /** The same of what lies outside the volume */
+    /** The same outside the volume */
     beyond: number;
     /** Whether largest values are projected */
     isLargest: boolean;

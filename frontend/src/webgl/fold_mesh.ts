@@ -1,4 +1,4 @@
-// Folds of a volume's displacement: looked for in its maps once, and shown by the shader where there are some.
+// Folds of a volume's displacement: searched for in its maps once, and shown by the shader where there are some.
 
 import { MOST_BENDS } from "../generated.ts";
 import { AXES } from "../maths/axes.ts";
@@ -7,7 +7,7 @@ import type { PlanarField } from "./types.ts";
 
 export const FOLDS_GLSL = `
 #ifdef FOLDS
-// Whether tissue is turned over at x, which comes from there: the sign of the determinant of what lies around it.
+// Whether tissue is turned over at x, whose origin is there: the sign of the determinant of the places around it.
 bool folded(vec3 x, vec3 at) {
   vec3 u = onward(x + slopeStep * axisU) - at, v = onward(x + slopeStep * axisV) - at;
   vec3 n = onward(x + slopeStep * axisN) - at;
@@ -96,7 +96,7 @@ function severalFold(
         most += Math.max(Math.abs(from), Math.abs(to)) * steep[r * count + k]!;
         return { at: (r * count + k) * plane, from, way: to - from };
       });
-      if (most < 1) continue; // nothing is turned over by what moves less than the places lie apart
+      if (most < 1) continue; // displacements less than the distance of the places turn nothing over
       if (ends.length > MOST_BENDS || turnedBetween(maps, parts, [rows, columns], spacing)) return true;
     }
   }
@@ -120,7 +120,7 @@ function bendsOf(weights: Float32Array, count: number) {
 }
 
 /**
- * Whether a cell of a sum of maps is turned over while their weights go their way.
+ * Whether a cell of a sum of maps is turned over while their weights change.
  * @param parts of each map its first value, its weight and the change of it
  */
 function turnedBetween(

@@ -22,7 +22,7 @@ uniform sampler2D table;       // colour and opacity of one step
 uniform vec3 eye, right, up, ahead; uniform float bend;
 uniform vec2 place, resolution, shift; uniform float phase, stride;
 uniform vec3 boxLow, boxHigh, toTexture, toTexture0, cellCount, toCells, toCells0;
-uniform vec3 middle;           // of what is seen when nothing is cut away
+uniform vec3 middle;           // of the visible box when nothing is cut away
 #ifdef CLIPPED
 uniform vec3 openLow, openHigh; uniform float bareDepth; // 1 where a side of the box is a cut; how deep its face is lit
 #endif
@@ -36,23 +36,23 @@ ${DISPLACEMENT}
 ${FOLDS_GLSL}
 
 // A warm lamp with a soft edge between light and shade, a cool weak one, a broad gloss with a small bright one in it,
-// and darker where a surface turns away, as skin and wax have it. What lies deeper is a little darker too.
+// and darker where a surface turns away, as with skin and wax. Deeper tissue is a little darker too.
 vec3 lit(vec3 rgb, vec3 g, float light, float depth) {
   float size = length(g);
   vec3 n = g / max(size, 1e-6);
   float facing = dot(n, ahead);
-  if (facing < 0.) { n = -n; facing = -facing; } // g points into what is denser; seen from within, it is turned around
+  if (facing < 0.) { n = -n; facing = -facing; } // g points into denser tissue; seen from within, it is turned around
   float key = max(.16 - dot(n, lamp), 0.) / 1.16, fill = max(-dot(n, fillLamp), 0.), shine = max(-dot(n, halfway), 0.);
   float s2 = shine * shine, s4 = s2 * s2, s8 = s4 * s4, s16 = s8 * s8;
   float gloss = .09 * s8 + .27 * s16 * s16;
   float rim = 1. - .25 * (1. - facing) * (1. - facing);
   vec3 diffuse = light * (.36 + vec3(.17, .19, .22) * fill) + vec3(.96, .92, .87) * key * (.42 + .58 * light);
-  float sure = clamp(size * certain, 0., 1.); // where all is alike there is no surface to be lit
+  float sure = clamp(size * certain, 0., 1.); // where all is uniform there is no surface to be lit
   vec3 surface = rgb * diffuse * rim + vec3(gloss * light);
   return mix(rgb * .8 * (.3 + .7 * light), surface, sure) * (1. - .22 * depth);
 }
 
-// Numbers from 0 to 1 that are alike for no two neighbours, the same for a pixel in every picture.
+// Numbers from 0 to 1 that differ between neighbours, the same for a pixel in every picture.
 float hashed(ivec2 p) {
   uint h = uint(p.x) * 1597334677u ^ uint(p.y) * 3812015801u;
   h = (h ^ h >> 16) * 2246822519u;
@@ -90,13 +90,13 @@ void main() {
   vec4 sum = vec4(0.); float most = 0., entries = float(textureSize(table, 0).x - 1);
   float thin = 0.;                            // opacity of the sample before
 #ifdef FOLDS
-  bool turned = false;                        // what is seen of a largest value
+  bool turned = false;                        // the side seen of a largest value
 #endif
   float t = t0 + noise * stepLength, nearT = dot(middle - start, ray) - .25 * reach;
-  // A software renderer executes all of a loop's body for all rays: so what is rare is not in the body of what is not.
+  // A software renderer executes all of a loop's body for all rays: so rare work is kept out of frequent bodies.
   for (int i = 0; i < 4096; i++) {
     vec3 x, from, q; vec4 here, rgba = vec4(0.);
-    float steps = 1.;                         // that one sample stands for
+    float steps = 1.;                         // that one sample represents
     for (int j = 0; j < 4096; j++) {
       for (int k = 0; k < 4096; k++) {
         if (t >= t1) break;
@@ -122,7 +122,7 @@ void main() {
         t += leave * stepLength;
       }
       if (t >= t1) break;
-      x = start + (t + .5 * (steps - 1.) * stepLength) * ray; // the middle of what it stands for
+      x = start + (t + .5 * (steps - 1.) * stepLength) * ray; // the middle of the steps it represents
       from = origin(x);
       q = from * toTexture + toTexture0;
       t += steps * stepLength;
@@ -160,7 +160,7 @@ void main() {
     float light = 1.;
 #endif
     vec3 g = here.rgb * 255. - 128.;
-    // Where a long step has come upon something dense its surface lies a part of it back, and has another slope.
+    // Where a long step has come upon something dense its surface is a part of it back, with a different slope.
     if (rgba.a > 4. * thin + steep) {
       vec3 deep = q, bare = q - stepLength * ray * toTexture;
       for (int once = 0; once < 3; once++) {
@@ -178,7 +178,7 @@ void main() {
     else if (dot(g, g) * certain * certain > .01) g = pulledBack(x, from, g); // elsewhere no surface is lit
 #endif
 #ifdef CLIPPED
-    float bare = isOpen * clamp(1.5 - (t - t0) / bareDepth, 0., 1.); // what was deep inside lies open there
+    float bare = isOpen * clamp(1.5 - (t - t0) / bareDepth, 0., 1.); // deep tissue is exposed there
     g = mix(g, face * 127., bare);
     light = mix(light, max(light, .9), bare);
 #endif
@@ -187,10 +187,10 @@ void main() {
     for (int once = 0; once < faces; once++) { // no branch: see above
       vec3 inward = intoTissue(x);
       inward /= max(length(inward), 1e-4);
-      // A face that looks away lies behind its tissue: what is seen there is the surface in front of it.
+      // A face turned away is behind its tissue: the surface in front of it is visible there.
       float open = smoothstep(0., 1., 2. - 2. * closed) * smoothstep(-.05, .25, dot(inward, ray));
       g = mix(g, inward * 127., open);
-      light = mix(light, max(light, .9), open); // what was deep inside lies open now
+      light = mix(light, max(light, .9), open); // deep tissue is exposed now
     }
 #endif
     rgba.rgb = lit(rgba.rgb, g, light, clamp((t - nearT) / (.6 * reach), 0., 1.));
@@ -209,7 +209,7 @@ void main() {
 #else
   color = sum;
 #ifdef SHADED
-  // What is brighter than white would be an even patch: from three quarters on, brightness approaches white.
+  // Anything brighter than white would be an even patch: from three quarters on, brightness approaches white.
   vec3 bright = max(color.rgb / max(color.a, 1e-6) - .75, 0.);
   color.rgb -= color.a * (bright - .25 * (1. - exp(-4. * bright)));
 #endif
@@ -218,7 +218,7 @@ void main() {
 
 export const SIDE_SAMPLES = 64; // along each edge of a side of the box
 
-// Looks for tissue beyond the six sides of the box, which lie side by side.
+// Finds tissue beyond the six sides of the box, which are side by side.
 export const SIDES = `#version 300 es
 precision highp float; precision highp int;
 precision highp sampler2D; precision highp sampler3D; precision highp sampler2DArray;
@@ -243,7 +243,7 @@ void main() {
   color = vec4(there);
 }`;
 
-// Takes the pixels of four quarters, which lie side by side, in turn.
+// Takes the pixels of four quarters, which are side by side, in turn.
 export const MERGE = `#version 300 es
 precision highp float; precision highp int;
 uniform highp sampler2D picture; uniform ivec2 size;

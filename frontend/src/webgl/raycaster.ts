@@ -1,5 +1,5 @@
 // The ray caster: textures and programs on one WebGL2 context, pictures of any part at any resolution.
-// It has no widget and no pointer; all that comes in is arrays and numbers.
+// It has no widget and no pointer; all inputs are arrays and numbers.
 
 import type { PlaneData } from "../generated.ts";
 import { AMBIENT_CELL } from "../generated.ts";
@@ -57,11 +57,11 @@ export type Target = {
 export type Quarter = { stride: number; x: number; y: number };
 export type Unit = keyof typeof UNITS;
 /**
- * Cells that rays may skip: what they were found of, how many there are, the edges of one, and where they begin.
+ * Cells that rays may skip: their inputs, how many there are, the edges of one, and where they begin.
  */
 export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: Vector3 };
 
-// ---- programs: compiled, and chosen by what is shown ----------------------------------------------------------------
+// ---- programs: compiled, and chosen by the settings -----------------------------------------------------------------
 
 function compiled(gl: WebGL2RenderingContext, type: GLenum, source: string) {
   const shader = gl.createShader(type) as WebGLShader; // null only where the context is lost
@@ -101,7 +101,7 @@ function toTextures({ origin, u, v, n }: PlaneData, starts: Vector3, lengths: Ve
   };
 }
 
-/** The abilities that the shader needs, and no more: what is not needed costs nothing. */
+/** The abilities that the shader needs, and no more: an unused one costs nothing. */
 function definesOf(
   projection: string,
   planar: CastPlanar | null,
@@ -149,7 +149,7 @@ const UNITS = {
 };
 
 const FINEST = 2047; // entries of the table that is looked up without interpolation: 2048 fit into any texture
-const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope is another one
+const LONG = 1.25; // a step of more voxels than this may lead so far below a surface that its slope differs
 const FEWEST_SEEN = 4; // samples of tissue beyond a side of the box that are no speck
 const FACE_VOXELS = 3; // a cut face is lit this deep, half on each side of it
 
@@ -187,7 +187,7 @@ export class RayCaster {
   projection = "shaded";
   background: Background = "dark";
   showFolds = true;
-  occlusion = true; // whether hollows, and what lies deep inside, get less light
+  occlusion = true; // whether hollows and deep tissue get less light
   clip: Clip | null = null; // the shares of the volume's box that are seen, see maths/clipping.js; null: all
 
   /**
@@ -223,7 +223,7 @@ export class RayCaster {
     this.#plain();
   }
 
-  /** Sets the size of the full picture in pixels, which empties the canvas. */
+  /** Set the size of the full picture in pixels, which empties the canvas. */
   resize(width: number, height: number) {
     this.size = [width, height];
     this.#fit(width, height);
@@ -260,7 +260,7 @@ export class RayCaster {
     }
   }
 
-  /** Makes a texture anew, bound to its unit. */
+  /** Create a texture again, bound to its unit. */
   #texture(name: Unit, target: GLenum, linear: boolean) {
     const gl = this.gl;
     gl.deleteTexture(this.textures[name] || null);
@@ -277,7 +277,7 @@ export class RayCaster {
   }
 
   /**
-   * Takes a volume of bytes [z][y][x]. `tick` is awaited between slabs so that the page stays alive. Returns false if
+   * Take a volume of bytes [z][y][x]. `tick` is awaited between slabs so that the page stays alive. Returns false if
    * another volume came in meanwhile.
    */
   async setVolume(values: Uint8Array, info: VolumeData, tick?: (share: number) => Promise<void>) {
@@ -298,14 +298,14 @@ export class RayCaster {
       if (tick) await tick(last / nz);
       if (this.volume !== volume) return false;
     }
-    this.#held(); // some GPUs take the memory only when they are given what it holds
+    this.#held(); // some GPUs take the memory only when they get its values
     volume.extremes = blockExtremes(values, info.shape);
     volume.loaded = true;
     if (this.table) this.setTable(this.table.rgba, this.table.unit);
     return true;
   }
 
-  /** Throws a MemoryError, and gives back what was taken, where the GPU has not enough for the volume. */
+  /** Free the memory and throw a MemoryError, where the GPU has not enough for the volume. */
   #held() {
     const { gl } = this;
     if (gl.getError() !== gl.OUT_OF_MEMORY) return;
@@ -316,7 +316,7 @@ export class RayCaster {
   }
 
   /**
-   * Takes colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of a thickness of `unit`.
+   * Take colours and opacities: (255 k + 1) x 4 floats, every k-th for a byte; opacities of a thickness of `unit`.
    */
   setTable(rgba: Float32Array, unit: number) {
     this.table = { rgba, unit, step: 0 };
@@ -334,7 +334,7 @@ export class RayCaster {
   }
 
   /**
-   * Fits the table to a step. Opacities hold for one thickness: they are made anew for the step of this picture rather
+   * Fit the table to a step. Opacities hold for one thickness: they are recomputed for the step of this picture rather
    * than with a power at every sample.
    */
   #fitTable(table: ColorTable, step: number) {
@@ -356,7 +356,7 @@ export class RayCaster {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA16F, fitted.length / 4, 1, 0, gl.RGBA, gl.FLOAT, fitted);
   }
 
-  /** Takes displacement maps over a plane, or null. */
+  /** Take displacement maps over a plane, or null. */
   setPlanar(planar: PlanarField | null) {
     if (!planar) {
       this.planar = null;
@@ -421,7 +421,7 @@ export class RayCaster {
   }
 
   /**
-   * Takes a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a
+   * Take a displacement sampled in space, or null; the same one again costs nothing. Values are [z][y][x][3]. With a
    * cut they are numbers of half precision: values [region][z][y][x][4] with the depth of the place that the sample
    * leads to, and depths [region][z][y][x][2] with the depth of the sample and the share of it that is seen.
    */
@@ -461,7 +461,7 @@ export class RayCaster {
   }
 
   /**
-   * What rays may skip of a box of the result; found anew only where something of it has changed.
+   * The cells of a box of the result that rays may skip; recomputed only where something of it has changed.
    * @param voxels along the edge of a cell
    */
   #cells(
@@ -504,7 +504,7 @@ export class RayCaster {
     return this.programs[key];
   }
 
-  /** A picture to draw into, made anew when its size changes. With a stride it holds quarters, side by side. */
+  /** A picture to draw into, created again when its size changes. With a stride it holds quarters, side by side. */
   #target(name: string, width: number, height: number, stride = 1) {
     const gl = this.gl,
       old = this.targets[name];
@@ -532,7 +532,7 @@ export class RayCaster {
   }
 
   /**
-   * Casts rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
+   * Cast rays into a picture of that name; only where it isReady. tile: [x, y, width, height] in pixels from the lower
    * left, of the quarter where one is drawn. pass: 0 replaces, n > 0 averages with the n passes before it. A quarter has
    * the rays of the whole picture, each as it is there.
    * @param width of the whole picture
@@ -611,14 +611,14 @@ export class RayCaster {
     for (const name of ["eye", "right", "up", "ahead"] as const) gl.uniform3fv(at(name), camera[name]);
     gl.uniform1f(at("bend"), camera.bend || 0);
     gl.uniform2f(at("resolution"), width, height);
-    // Later passes look through other places of each pixel, spread by the fractional parts of two irrational numbers.
+    // Later passes sample other places of each pixel, spread by the fractional parts of two irrational numbers.
     const spread = (x: number) => x - Math.floor(x) - 0.5;
     gl.uniform2f(at("shift"), pass ? spread(0.5 + pass * 0.7548777) : 0, pass ? spread(0.5 + pass * 0.5698403) : 0);
     gl.uniform1f(at("phase"), (pass * 0.618034) % 1);
     const unit = (v: Vector3) => perAxis((i) => v[i] / Math.hypot(...v));
     const [r, u, n] = [unit(camera.right), unit(camera.up), camera.ahead];
     const mixed = (a: number, b: number, c: number) => unit(perAxis((i) => a * r[i] + b * u[i] + c * n[i]));
-    // A lamp above the viewer's left shoulder: light from the eye alone looks flat. A weak one from the other side.
+    // A lamp above the viewer's left shoulder: light from the eye alone appears flat. A weak one from the other side.
     const lamp = mixed(-0.42, 0.55, -0.72);
     gl.uniform3fv(at("lamp"), lamp);
     gl.uniform3fv(at("halfway"), unit(perAxis((i) => lamp[i] - n[i])));
@@ -740,7 +740,7 @@ export class RayCaster {
   }
 
   /**
-   * Puts four quarters together: the first of the quarters of half the stride, or the whole picture.
+   * Put four quarters together: the first of the quarters of half the stride, or the whole picture.
    * @param width of the whole picture
    * @param stride of the quarters
    */
@@ -767,7 +767,7 @@ export class RayCaster {
   }
 
   /**
-   * Shows a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
+   * Show a picture on the canvas, over the background; one that has parts side by side has it behind each. What has
    * fewer pixels than the canvas is enlarged smoothly, and of quarters the first is shown. `isQuick`: the canvas gets
    * the size of the picture, and the browser enlarges it: without a GPU that takes a tenth of the time.
    * @param name null: the background alone
@@ -814,7 +814,7 @@ export class RayCaster {
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
 
-  /** Gives the context back: a page has only about sixteen. */
+  /** Give the context back: a page has only about sixteen. */
   dispose() {
     this.volume = null;
     const lose = this.gl.getExtension("WEBGL_lose_context");

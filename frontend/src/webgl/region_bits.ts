@@ -1,4 +1,4 @@
-// How the shader is told which cuts the regions of the plane lie inside of.
+// Encoding for the shader of which cuts the regions of the plane are inside of.
 
 /** The sides of a region as one number: bit c is set inside cut c. */
 export function bitsOf(sides: boolean[]) {

@@ -1,4 +1,4 @@
-// Shapes of what the ray caster is given and what it makes of that. Lengths are physical, along the index axes of the
+// Types of the ray caster's inputs and of its results. Lengths are physical, along the index axes of the
 // volume, from its first voxel (its own frame).
 
 import type { PlanarData, PlaneCutData, SpaceData } from "../generated.ts";
@@ -23,7 +23,7 @@ export interface VolumeData {
   grey?: Vector2;
   /** The share of the range of all values that the bytes cover. */
   share?: number;
-  /** What is shown: the box of the result. */
+  /** The box of the result, which is shown. */
   box: Sides;
   /** The box of the volume itself. */
   ownBox: Sides;
@@ -78,7 +78,7 @@ export interface ToTexture {
   offset: Vector3;
 }
 
-/** A planar field with what the shader needs to know of it. */
+/** A planar field with the metadata for the shader. */
 export interface CastPlanar extends PlanarField {
   /** Maps of each region. */
   count: number;
@@ -87,7 +87,7 @@ export interface CastPlanar extends PlanarField {
   cut: (PlaneCut & { toCut: ToTexture; scale: Vector2; bits: number[] }) | null;
 }
 
-/** A displacement in space with what the shader needs to know of it. */
+/** A displacement in space with the metadata for the shader. */
 export interface CastSpace extends SpaceField {
   folds: boolean;
   ranges: SpaceRanges;
@@ -105,7 +105,7 @@ export interface RayCamera {
   bend: number;
 }
 
-/** What is seen in some columns of a canvas. */
+/** The picture in some columns of a canvas. */
 export interface Picture {
   /** The layer that is shown in turn with others, or 0. */
   layer: number;

@@ -34,8 +34,8 @@ const SMOOTHED = 4096; // sum of the weights 1 4 6 4 1 along three axes
 /**
  * Gradient (RGB, 128 is zero) and value (A) of a volume, slab by slab from the first slice on, for a texture with four
  * bytes a voxel. Gradients are differences of the volume smoothed by 1 4 6 4 1: those of its own values follow the steps
- * between slices, and surfaces look like carved wood; with 1 2 1 a skull still has rings where it is nearly parallel to
- * the slices. Beyond the edge lies the background, so that a body that is cut off there has a lit face; rows of
+ * between slices, and surfaces resemble carved wood; with 1 2 1 a skull still has rings where it is nearly parallel to
+ * the slices. Beyond the edge is the background, so that a body that is cut off there has a lit face; rows of
  * background amid background need no arithmetic.
  */
 export class GradientSlabs {
@@ -144,7 +144,7 @@ export class GradientSlabs {
         along.fill(16 * fill, start + row, end + row);
         continue;
       }
-      // Beyond the edge of a slice lies the voxel at the edge.
+      // Beyond the edge of a slice is the voxel at the edge.
       let a = values[start]!,
         b = a,
         c = a,
@@ -275,8 +275,8 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
 }
 
 /**
- * Visits every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
- * far it lies beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
+ * Visit every cell k with the place in front of it, where opacity falls: the cell (x, y, z) before that place and how
+ * far it is beyond that. Both arrays are the same ones at every visit: new ones would take most of the time.
  */
 function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Vector3, share: Vector3) => void) {
   const [nx, ny] = size,
@@ -308,7 +308,7 @@ function aheadOf(values: Float32Array, size: Vector3, visit: (k: number, at: Vec
 /**
  * Linear interpolation between cells; 0 beyond them.
  * @param at (x, y, z) of the cell before the place
- * @param share of the way to the next one along each axis
+ * @param share of the distance to the next one along each axis
  */
 function between(values: Float32Array, size: Vector3, at: Vector3, share: Vector3) {
   const nx = size[0],
