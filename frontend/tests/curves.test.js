@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { addedNode, curveThrough, movedNode, removedNode, shownNumber, ticksOf } from "../src/maths/curves.ts";
+import { addNode, curveThrough, formatNumber, moveNode, removeNode, ticksOf } from "../src/maths/curves.ts";
 
 const TENT = [
   [0, 0],
@@ -14,17 +14,17 @@ test("nodes stay between their neighbours and on the grid", () => {
   const rules = { x: [0, 1], y: [-1, 1.5], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 4 };
   const free = { ...rules, isPinned: false },
     before = structuredClone(TENT);
-  assert.deepEqual(movedNode(TENT, 1, [0.501, 9], rules)[1], [0.5, 1.5]);
-  assert.deepEqual(movedNode(TENT, 1, [7, -9], rules)[1], [127 / 128, -1]);
-  assert.deepEqual(movedNode(TENT, 1, [-7, 0], rules)[1], [1 / 128, 0]);
-  assert.deepEqual(movedNode(TENT, 0, [0.4, 0.7], rules)[0], [0, 0.7]);
-  assert.deepEqual(movedNode(TENT, 2, [0.4, 0.7], free)[2], [51 / 128, 0.7]);
-  assert.deepEqual(addedNode(TENT, [0.7, 0.1], rules), [[TENT[0], TENT[1], [90 / 128, 0.1], TENT[2]], 2]);
-  assert.equal(addedNode(TENT, [0.2501, 0.1], rules), null);
-  assert.equal(addedNode([...TENT, [1, 1]], [0.7, 0.1], rules), null);
-  assert.deepEqual(removedNode(TENT, 1, rules), [TENT[0], TENT[2]]);
-  assert.equal(removedNode(TENT, 0, rules), null);
-  assert.equal(removedNode(TENT, 0, free).length, 2);
+  assert.deepEqual(moveNode(TENT, 1, [0.501, 9], rules)[1], [0.5, 1.5]);
+  assert.deepEqual(moveNode(TENT, 1, [7, -9], rules)[1], [127 / 128, -1]);
+  assert.deepEqual(moveNode(TENT, 1, [-7, 0], rules)[1], [1 / 128, 0]);
+  assert.deepEqual(moveNode(TENT, 0, [0.4, 0.7], rules)[0], [0, 0.7]);
+  assert.deepEqual(moveNode(TENT, 2, [0.4, 0.7], free)[2], [51 / 128, 0.7]);
+  assert.deepEqual(addNode(TENT, [0.7, 0.1], rules), [[TENT[0], TENT[1], [90 / 128, 0.1], TENT[2]], 2]);
+  assert.equal(addNode(TENT, [0.2501, 0.1], rules), null);
+  assert.equal(addNode([...TENT, [1, 1]], [0.7, 0.1], rules), null);
+  assert.deepEqual(removeNode(TENT, 1, rules), [TENT[0], TENT[2]]);
+  assert.equal(removeNode(TENT, 0, rules), null);
+  assert.equal(removeNode(TENT, 0, free).length, 2);
   assert.deepEqual(TENT, before);
 });
 
@@ -56,7 +56,7 @@ test("numbers are short", () => {
       [1234.567, 4000],
       [0.12345, 1],
       [5e7, 1e8],
-    ].map(([x, range]) => shownNumber(x, range)),
+    ].map(([x, range]) => formatNumber(x, range)),
     ["\u22120.5", "1235", "0.12", "5.00e+7"],
   );
 });

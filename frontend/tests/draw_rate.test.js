@@ -8,7 +8,7 @@ import { Sender } from "../src/sync/edits.ts";
 function measured(events) {
   const rate = new DrawRate();
   for (const [what, at] of events) rate[what](at);
-  return rate.taken();
+  return rate.finish();
 }
 
 test("pictures of movements are counted and no others", () => {
@@ -44,7 +44,7 @@ test("a short drag gives nothing, and the next begins anew", () => {
     rate.moved(at);
     rate.drew(at + 5);
   }
-  assert.deepEqual([rate.taken(), rate.taken()], [{ hz: 50, ms: 5 }, null]);
+  assert.deepEqual([rate.finish(), rate.finish()], [{ hz: 50, ms: 5 }, null]);
 });
 
 test("it is sent with the next end of an edit only", () => {

@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import test from "node:test";
-import { addedPoint, nextId, samePoints, sameShapes } from "../src/maths/points.ts";
+import { addPoint, nextId, samePoints, sameShapes } from "../src/maths/points.ts";
 import { EditLink, RestingTrait, Sender } from "../src/sync/edits.ts";
 import { PlainModel } from "../src/sync/host_model.ts";
 
@@ -162,7 +162,7 @@ function worldOf(seed, { delay = 50, service = 20, isPythons = false } = {}) {
       r = random();
     const here = () => points.map((p) => ({ ...p, target: [Math.floor(1000 * random()), w.now] }));
     if (r < 0.35) sender.edit(here(), "move");
-    else if (r < 0.5) sender.edit(addedPoint(points, nextId(points, sender.nextId), [w.now, 1], [w.now, 1]), "add");
+    else if (r < 0.5) sender.edit(addPoint(points, nextId(points, sender.nextId), [w.now, 1], [w.now, 1]), "add");
     else if (r < 0.6 && points.length) sender.edit(points.slice(1), "remove");
     else if (r < 0.75) sender.step("undo");
     else if (r < 0.83) sender.step("redo");

@@ -3,15 +3,15 @@
 import assert from "node:assert/strict";
 import test from "node:test";
 import {
-  addedPoint,
+  addPoint,
   cleanPoints,
-  movedPoints,
   newPoint,
   nextId,
-  removedPoints,
-  renamedPoint,
+  removePoints,
+  renamePoint,
   resetPoints,
-  switchedPoints,
+  togglePoints,
+  translatePoints,
 } from "../src/maths/points.ts";
 
 const points = [0, 1, 2, 3].map((k) => newPoint(k, [10 * k, 5 * k], [10 * k + 1, 7 * k]));
@@ -22,7 +22,7 @@ const before = JSON.stringify(points);
 test.after(() => assert.equal(JSON.stringify(points), before, "an edit has changed the list that it was given"));
 
 test("targets, sources or whole points are moved", () => {
-  const moved = movedPoints(points, [1, 3], 5, -2);
+  const moved = translatePoints(points, [1, 3], 5, -2);
   assert.deepEqual(
     moved.map((p) => p.target),
     [targets[0], [targets[1][0] + 5, targets[1][1] - 2], targets[2], [targets[3][0] + 5, targets[3][1] - 2]],
@@ -31,7 +31,7 @@ test("targets, sources or whole points are moved", () => {
     moved.map((p) => p.source),
     sources,
   );
-  const [both] = movedPoints(points, [0], 1, 1, "both");
+  const [both] = translatePoints(points, [0], 1, 1, "both");
   assert.deepEqual(
     [both.source, both.target],
     [
@@ -39,7 +39,7 @@ test("targets, sources or whole points are moved", () => {
       [2, 1],
     ],
   );
-  const taken = movedPoints(points, [2], 3, 0, "source");
+  const taken = translatePoints(points, [2], 3, 0, "source");
   assert.deepEqual(
     taken.map((p) => p.target),
     targets,
@@ -53,11 +53,11 @@ test("targets, sources or whole points are moved", () => {
 
 test("points are removed, added and named", () => {
   assert.deepEqual(
-    removedPoints(points, [0, 2]).map((p) => p.id),
+    removePoints(points, [0, 2]).map((p) => p.id),
     [1, 3],
   );
-  assert.equal(renamedPoint(points, 2, "  fin ")[2].name, "fin");
-  assert.deepEqual(addedPoint(points, 9, [1, 2], [3, 4])[4], {
+  assert.equal(renamePoint(points, 2, "  fin ")[2].name, "fin");
+  assert.deepEqual(addPoint(points, 9, [1, 2], [3, 4])[4], {
     id: 9,
     name: "",
     source: [1, 2],
@@ -73,10 +73,10 @@ test("points are removed, added and named", () => {
 
 test("points are switched off, and on only where all are off", () => {
   const active = (list) => list.map((p) => p.active),
-    off = switchedPoints(points, [1]);
+    off = togglePoints(points, [1]);
   assert.deepEqual(active(off), [true, false, true, true]);
-  assert.deepEqual(active(switchedPoints(off, [1])), [true, true, true, true]);
-  assert.deepEqual(active(switchedPoints(off, [0, 1])), [false, false, true, true]);
+  assert.deepEqual(active(togglePoints(off, [1])), [true, true, true, true]);
+  assert.deepEqual(active(togglePoints(off, [0, 1])), [false, false, true, true]);
 });
 
 test("points from anywhere are cleaned", () => {

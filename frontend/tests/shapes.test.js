@@ -6,25 +6,25 @@ import { cleanShapes, sameShapes } from "../src/maths/points.ts";
 import {
   cornersOf,
   fixedSideThrough,
-  insertedCorner,
+  insertCorner,
+  inverseDirection,
   middleOfRegion,
   motionOf,
   motionWords,
-  movedCorner,
-  movedRegion,
+  moveCorner,
+  movePlace,
   openingPlaces,
-  partTurned,
   placeBefore,
-  placeMoved,
   placesAlong,
-  removedCorner,
+  removeCorner,
+  rotatePart,
+  setStop,
   shapeLabel,
-  simplified,
+  simplifyPath,
   stopsAt,
+  swapRegionSides,
+  translateRegion,
   turnAndShift,
-  turnedRegion,
-  wayBefore,
-  withStop,
 } from "../src/maths/shapes.ts";
 
 const line = {
@@ -43,13 +43,13 @@ test("a half plane is turned by two places on its line", () => {
     [-5, 5],
     [15, 5],
   ]);
-  const moved = movedCorner(region, 0, [-5, 15], 10),
+  const moved = moveCorner(region, 0, [-5, 15], 10),
     [p, q] = cornersOf(moved, 10);
   assert.ok(Math.hypot(p[0] + 5, p[1] - 15) < 1e-9);
   assert.ok(Math.abs((q[0] - p[0]) * -10 - (q[1] - p[1]) * 20) < 1e-9); // through the other place as before
   assert.ok(moved.normal[1] > 0.8); // the same side
   assert.deepEqual(
-    turnedRegion(region).normal.map((v) => v + 0),
+    swapRegionSides(region).normal.map((v) => v + 0),
     [0, -1],
   );
 });
@@ -78,7 +78,7 @@ test("a stroke keeps its corners and nothing else", () => {
     ...steps.map((k) => [20, k]),
     ...steps.map((k) => [20 + k, 20 + 0.2 * (k % 2)]),
   ];
-  assert.deepEqual(simplified(stroke, 0.5), [
+  assert.deepEqual(simplifyPath(stroke, 0.5), [
     [0, 0],
     [20, 0],
     [20, 20],
@@ -87,26 +87,26 @@ test("a stroke keeps its corners and nothing else", () => {
 });
 
 test("a line keeps two corners and a closed one three", () => {
-  const less = removedCorner(line, 1);
+  const less = removeCorner(line, 1);
   assert.deepEqual(less.vertices, [
     [0, 0],
     [9, 0],
   ]);
-  assert.equal(removedCorner(less, 0), null);
-  assert.equal(removedCorner(polygon, 0), null);
-  assert.deepEqual(insertedCorner(line, 1, [7, 3]).vertices, [
+  assert.equal(removeCorner(less, 0), null);
+  assert.equal(removeCorner(polygon, 0), null);
+  assert.deepEqual(insertCorner(line, 1, [7, 3]).vertices, [
     [0, 0],
     [5, 5],
     [7, 3],
     [9, 0],
   ]);
-  assert.deepEqual(movedRegion(line, 1, 2).vertices, [
+  assert.deepEqual(translateRegion(line, 1, 2).vertices, [
     [1, 2],
     [6, 7],
     [10, 2],
   ]);
-  assert.deepEqual(turnedRegion(line).vertices[0], [9, 0]);
-  assert.equal(turnedRegion(polygon), null);
+  assert.deepEqual(swapRegionSides(line).vertices[0], [9, 0]);
+  assert.equal(swapRegionSides(polygon), null);
 });
 
 test("regions that are known stay the same objects", () => {
@@ -130,16 +130,16 @@ test("regions that are known stay the same objects", () => {
 
 test("a part is turned about its pivot, and what is done is read back", () => {
   const part = { ...cleanShapes([{ region: polygon }], "parts")[0], pivot: [9, 0] };
-  const turned = partTurned(part, Math.PI / 2, [3, -4]),
-    place = placeMoved(turned.motion, [10, 0]);
+  const turned = rotatePart(part, Math.PI / 2, [3, -4]),
+    place = movePlace(turned.motion, [10, 0]);
   assert.ok(Math.hypot(place[0] - 12, place[1] + 3) < 1e-12); // a turns to b, and then the shift
   assert.ok(Math.hypot(...placeBefore(turned.motion, place).map((v, c) => v - [10, 0][c])) < 1e-12);
-  assert.deepEqual(wayBefore(turned.motion, [0, 5]).map(Math.round), [5, 0]);
+  assert.deepEqual(inverseDirection(turned.motion, [0, 5]).map(Math.round), [5, 0]);
   const { angle, shift } = turnAndShift(turned);
   assert.ok(Math.abs(angle - Math.PI / 2) < 1e-12);
   assert.ok(Math.hypot(shift[0] - 3, shift[1] + 4) < 1e-12);
   assert.equal(motionWords(turned), "moved 3, -4, turned 90\u00b0");
-  assert.equal(motionWords(partTurned(part, 0, [0.01, -0.01])), "");
+  assert.equal(motionWords(rotatePart(part, 0, [0.01, -0.01])), "");
   assert.equal(motionOf({ ...turned, enabled: false }), null);
 });
 
@@ -163,9 +163,9 @@ test("a cut stops at the ends of a line, and nowhere else", () => {
     [0, 1, 2].map((k) => stopsAt(line, k)),
     [false, null, false],
   );
-  assert.deepEqual([stopsAt(polygon, 0), withStop(polygon, 0, true), withStop(line, 1, true)], [null, null, null]);
-  const last = withStop(line, 2, true),
-    both = withStop(last, 0, true);
+  assert.deepEqual([stopsAt(polygon, 0), setStop(polygon, 0, true), setStop(line, 1, true)], [null, null, null]);
+  const last = setStop(line, 2, true),
+    both = setStop(last, 0, true);
   assert.deepEqual(
     [last.stops, both.stops],
     [
@@ -173,8 +173,8 @@ test("a cut stops at the ends of a line, and nowhere else", () => {
       [true, true],
     ],
   );
-  assert.deepEqual(turnedRegion(last).stops, [true, false]); // the same end of the line
-  assert.deepEqual(withStop(last, 2, false), line);
+  assert.deepEqual(swapRegionSides(last).stops, [true, false]); // the same end of the line
+  assert.deepEqual(setStop(last, 2, false), line);
   const [cut] = cleanShapes([{ region: { ...last, more: 1 } }], "cuts");
   assert.deepEqual(cut.region, last);
   assert.ok(sameShapes(cleanShapes([{ region: { ...line, stops: [false, false] } }], "cuts")[0].region, line));

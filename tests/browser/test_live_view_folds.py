@@ -72,7 +72,7 @@ def red(page: LivePage) -> NDArray[np.bool_]:
 def places(page: LivePage) -> NDArray[np.float64]:
     """Where on the plane each pixel looks, by the camera of the page; without perspective."""
     own = "document.querySelector('.dnb-view').deformnb"
-    camera = page.page.evaluate(f"() => {own}.camera.seen({own}.camera.aspect)")
+    camera = page.page.evaluate(f"() => {own}.camera.forAspect({own}.camera.aspect)")
     height, width = SIZE[1], SIZE[0]
     a, b = np.meshgrid((np.arange(width) + 0.5) / width * 2 - 1, 1 - (np.arange(height) + 0.5) / height * 2)
     frame = np.array(camera["eye"]) + a[..., None] * np.array(camera["right"]) + b[..., None] * np.array(camera["up"])

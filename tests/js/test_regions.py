@@ -109,7 +109,7 @@ def test_masks_of_every_packing_are_read() -> None:
     packed = np.packbits(noise).tobytes()
     dynamic = np.packbits(np.repeat(noise, 3, axis=1)[:, :211]).tobytes()
     texts = [*(zlib.compress(packed, k) for k in (0, 1, 9)), zlib.compress(dynamic, 9), zlib.compress(b"\x7f" * 9)]
-    main = "(texts) => texts.map((bits) => Array.from(inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0)))))"
+    main = "(texts) => texts.map((bits) => Array.from(inflate(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0)))))"
     found = run_script(FILES, main, [base64.b64encode(text).decode() for text in texts])
     assert [bytes(row) for row in found] == [zlib.decompress(text) for text in texts]
 
@@ -203,7 +203,7 @@ def test_fits_beside_rigid_parts_are_those_of_the_package(name: str, strength: f
 
 def test_a_point_in_a_part_that_asks_for_something_else_is_refused_alike() -> None:
     points = free_points().move(6, [44.0, 210.0])
-    main = """({ points, parts }) => { const held = heldPoints(points, parts);
+    main = """({ points, parts }) => { const held = findConflicts(points, parts);
       try { rigidFit(points, parts); } catch (e) { return [e.message, held[0].point.id, held[0].part.name]; } }"""
     message, held, name = run_script(FILES, main, {"points": as_json(points), "parts": [part_data(FIXED)]})
     with pytest.raises(DeformError) as caught:
@@ -219,9 +219,9 @@ def test_the_points_that_a_part_carries_go_with_it_here_and_there(strength: floa
     for place in inside:
         points = points.add(place, TURNED.motion(place))  # type: ignore[misc]
     points = points.edit(points.ids[-1], active=False)
-    main = """({ points, before, after, settings }) => { const moved = carriedPoints(points, before, after);
+    main = """({ points, before, after, settings }) => { const moved = carryPoints(points, before, after);
       const fit = rigidFit(moved, [after], settings);
-      return [moved.map(({ target }) => target), heldPoints(moved, [after], settings.strength).length,
+      return [moved.map(({ target }) => target), findConflicts(moved, [after], settings.strength).length,
         fieldAt(fit, 450, 300)]; }"""
     found, held, at = run_script(
         FILES,

@@ -70,7 +70,7 @@ export abstract class EditorDrawing {
     this.theme = new EditorTheme(this.root, model, this.frames);
   }
 
-  /** What its toolbar calls. */
+  /** Commands for its toolbar. */
   get host(): ToolbarHost {
     return {
       guard: (action) => this.frames.guard(action),

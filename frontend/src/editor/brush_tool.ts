@@ -1,7 +1,7 @@
 // The brush: its circle, its bar, and its strokes (maths/brushes.js) by mouse, pen, finger or keys.
 
 import type { Stroke } from "../maths/brushes.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
 import { setText } from "../ui/dom.ts";
 import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
@@ -109,7 +109,7 @@ export class Brush {
     if (!this.tool) return;
     const [least, most] = this.#limits;
     setText(this.title, BRUSH_WORDS[this.tool]!);
-    setText(this.value, shownLength(this.radius));
+    setText(this.value, formatLength(this.radius));
     this.slider.value = String((100 * Math.log(this.radius / least)) / Math.log(most / least));
   }
 
@@ -159,7 +159,7 @@ export class Brush {
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   /**
-   * Whether a key means something to the brush.
+   * Handle a key; returns whether the brush uses it.
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
@@ -182,7 +182,7 @@ export class Brush {
       if (this.stroke) this.drag(next);
       else this.at = next;
       this.isByKeys = true;
-      editor.messages.announce(`brush at ${editor.viewport.placeAt(next).map(shownLength).join(", ")}`);
+      editor.messages.announce(`brush at ${editor.viewport.placeAt(next).map(formatLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }

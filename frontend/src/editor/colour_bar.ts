@@ -4,7 +4,7 @@ import type { Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { context2d } from "./painter.ts";
 import type { EditorParts } from "./parts.ts";
-import { shownValue, windowStep } from "./window_tool.ts";
+import { formatValue, windowStep } from "./window_tool.ts";
 
 const ROWS = 256;
 const AIR = 0.3; // of the automatic window, on either side of it
@@ -87,12 +87,12 @@ export class ColourBar {
     setText(this.unit, grey.unit);
     for (const [k, handle] of this.handles.entries()) {
       handle.style.bottom = `${(100 * (window[k]! - first)) / (last - first)}%`;
-      const value = String(shownValue(window[k]!, grey.range));
+      const value = String(formatValue(window[k]!, grey.range));
       setText(handle, value);
       setAttributes(handle, {
         "aria-valuenow": value,
-        "aria-valuemin": shownValue(first, grey.range),
-        "aria-valuemax": shownValue(last, grey.range),
+        "aria-valuemin": formatValue(first, grey.range),
+        "aria-valuemax": formatValue(last, grey.range),
         "aria-valuetext": `${value} ${grey.unit}`.trim(),
       });
     }

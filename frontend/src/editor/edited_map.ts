@@ -24,7 +24,7 @@ export class EditedMap {
 
   error = ""; // the reason why the points cannot be fitted
 
-  /** The last fit that was made, and of what. */
+  /** The last fit, and its input. */
   made: { points: Point[]; settings: FitSettings; layered: LayeredFit } | null = null;
 
   /** The last good fit that is shown. */
@@ -57,16 +57,16 @@ export class EditedMap {
     return picture.isOriginal || x! < picture.original.share * viewport.view.width ? null : this.layered;
   }
 
-  /** The points or settings are others. */
-  changed(isMoving = false) {
+  /** Mark the fit as stale: points or settings have changed. */
+  invalidate(isMoving = false) {
     this.isDirty = true;
-    if (isMoving) this.editor.frames.moving();
+    if (isMoving) this.editor.frames.markMoving();
     else this.editor.frames.invalidate();
   }
 
   /**
-   * The fit of points, and of shapes, with the settings of now; the last one made if it was of the same. So a drag that
-   * a look at folds let pass, and its drop, are fitted once.
+   * The fit of points, and of shapes, with the present settings; the cached one if its input is the same. So a drag
+   * that a check of folds let pass, and its drop, are fitted once.
    * @throws {RbfError} where there is none
    */
   fitOf(points: Point[], shapes?: Partial<Shapes>): LayeredFit {
@@ -93,7 +93,7 @@ export class EditedMap {
       if (!(error instanceof RbfError)) throw error;
       this.error = error.message; // the last good picture stays
     }
-    this.folds = null; // of these points, looked at once more when they rest
+    this.folds = null; // of these points, computed once more when they rest
     const layered = this.error ? null : this.layered;
     if (!this.isFollowing) {
       publishPoints(bus, {

@@ -148,7 +148,7 @@ export class EditorView extends EditorDrawing {
     for (const name of ["beyond", "height", "label"]) on(`change:${name}`, () => this.layout());
     on("change:theme", () => this.theme.apply());
     on("change:waiting", () => this.showWaiting());
-    for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.changed());
+    for (const name of ["settings", "lone_support", "cut_rule"]) on(`change:${name}`, () => map.invalidate());
     on("change:air", () => this.#forgetFolds());
     on("change:window", () => tools.window.apply());
     on("change:colours", () => picture.applyColours());
@@ -208,7 +208,7 @@ export class EditorView extends EditorDrawing {
     tools.shapes.follow(sender.shapes);
     points.select([...points.selected]);
     tools.shapes.choice.receive();
-    map.changed();
+    map.invalidate();
   }
 
   #receiveMove({ origin, points: list, phase, settings }: PointsDetail) {
@@ -221,7 +221,7 @@ export class EditorView extends EditorDrawing {
     map.isFollowing = true; // only the view in which the user drags publishes points
     points.list = list;
     points.shapes = { cuts: settings.cuts ?? [], parts: settings.parts ?? [] };
-    map.changed(true);
+    map.invalidate(true);
   }
 
   message(message: EditorToFrontEnd) {
@@ -351,7 +351,7 @@ export class EditorView extends EditorDrawing {
       isLost = tools.shapes.draw();
     layers.handles.suspects = new Set(model.get("marked") ?? []);
     layers.nodes.update(fit);
-    const shown = layers.nodes.shown(points.list),
+    const shown = layers.nodes.magnify(points.list),
       marks = (p: Point) => tools.shapes.markOf(p);
     if (layers.handles.update(shown, points.selected, viewport.view, radius, reach, marks) || isLost) stage.focus();
     layers.marks.update({

@@ -1,6 +1,6 @@
-// The keys of the editor, turned into calls of its tools. The keys are listed in ui/keys.ts.
+// The keys of the editor, dispatched to its tools. The keys are listed in ui/keys.ts.
 
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
 import type { Vector2 } from "../types.ts";
 import { ARROWS } from "../ui/dom.ts";
@@ -109,7 +109,7 @@ export class EditorKeys {
       arrow = ARROWS[key];
     const focused = hits.pointAt(event),
       shape = focused ? null : hits.shapeAt(event);
-    if (!onButton && !isAlt && modes.held?.key(key, event, arrow)) return true;
+    if (!onButton && !isAlt && modes.activeTool?.key(key, event, arrow)) return true;
     if ((key === "Enter" || key === " ") && hits.markAt(event) === "swap") {
       editor.tools.shapes.turn();
       return true;
@@ -163,7 +163,7 @@ export class EditorKeys {
       } = pointTools,
       c = mirror.axis === "a" ? 0 : 1;
     pointTools.mirror.moveAxis(mirror.at + pixels * arrow[c] * editor.model.get("raster").spacing[c], true);
-    editor.messages.announce(`axis at ${shownLength(pointTools.mirror.state.at)}`);
+    editor.messages.announce(`axis at ${formatLength(pointTools.mirror.state.at)}`);
     return true;
   }
 }

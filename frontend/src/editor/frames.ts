@@ -32,7 +32,7 @@ export class DrawRate {
   }
 
   /** {hz, ms} of the drag that ends now, or null after a short one; the next starts from zero. */
-  taken() {
+  finish() {
     const { spans, waits } = this;
     Object.assign(this, { movedAt: null, last: null, spans: [], waits: [] });
     if (waits.length < FEWEST_PICTURES || spans.length === 0) return null;
@@ -101,7 +101,7 @@ export class Frames {
     this.guard(() => this.draw());
   }
 
-  moving() {
+  markMoving() {
     this.isMoving = true;
     clearTimeout(this.#restTimer);
     this.#restTimer = 0;

@@ -43,7 +43,7 @@ export abstract class Gesture {
   /** @param by since the press */
   abstract drag(at: Vector2, by: Vector2, event: PointerEvent): void;
 
-  /** The pointer was released at a place; where it is cancelled, all is as if it had not begun. */
+  /** The pointer was released at a place; a cancelled gesture changes nothing. */
   abstract end(isCancelled: boolean, at: Vector2): void;
 }
 
@@ -134,7 +134,7 @@ export class BandGesture extends ClickGesture {
   }
 }
 
-/** What drags points: `by` in CSS pixels since the press, `isLoose` where they need not keep to the grid. */
+/** A tool that drags points: `by` in CSS pixels since the press, `isLoose` where they need not keep to the grid. */
 export interface PointDragger {
   beginDrag(): void;
   drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean): void;

@@ -1,4 +1,4 @@
-// The gestures of the editor of a picture that its tools take, each with the one that it moves.
+// The gestures of the editor of a picture of its tools, each with its tool.
 
 import type { Vector2 } from "../types.ts";
 import type { Brush } from "./brush_tool.ts";
@@ -98,7 +98,7 @@ export class BrushGesture extends Gesture {
 
   end(isCancelled: boolean) {
     this.brush.lift(isCancelled);
-    if (this.isFinger) this.brush.hover(null); // one that is away points nowhere
+    if (this.isFinger) this.brush.hover(null); // one that has left has no place
   }
 }
 

@@ -15,7 +15,7 @@ export type NodeParts = { root: SVGGElement; tip: SVGElement; hit: SVGElement; c
 export type NodeDrag = { n: number; pointer: number; from: Vector2; id: number | null; slack: number };
 
 const NODE_SAME = 1e-6; // of the picture's size: a point whose source is so near a node is that node's
-const LEAST_STRENGTH = 0.02; // below it a drag would have to go fifty times as far
+const LEAST_STRENGTH = 0.02; // below it a drag would have to be fifty times as long
 const NODE_HINT = "Drag a node of the grid; Enter makes it a control point, Delete removes that point";
 const STILL_GRID = "Drags are magnified 0 times: the grid is that of the original. Set the slider to 1 to drag";
 
@@ -89,9 +89,9 @@ export class GridNodes {
   }
 
   /**
-   * The points where their tissue is: next to the nodes they must lie on the grid, however drags are magnified.
+   * The points with their displacements times the strength, so that they lie on the grid next to its nodes.
    */
-  shown(points: Point[]) {
+  magnify(points: Point[]) {
     const strength = this.editor.map.strength;
     if (strength === 1 || !this.isOn) return points;
     return points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
@@ -137,7 +137,7 @@ export class GridNodes {
       return;
     }
     const { columns, rows, target, isSeen } = this.placesOf(layered),
-      held = this.#held();
+      held = this.#occupied();
     const { k, x, y } = this.editor.viewport.view;
     const [a0, a1] = this.editor.picture.box,
       reach = Math.max(5, Math.min(11, (0.42 * k * (a1 - a0)) / (columns - 1)));
@@ -185,7 +185,7 @@ export class GridNodes {
   }
 
   /** The numbers of the nodes that are control points. */
-  #held() {
+  #occupied() {
     const {
         picture: { box },
         points: { list: points },
@@ -215,7 +215,7 @@ export class GridNodes {
 
   // ---- dragging -----------------------------------------------------------------------------------------------------
 
-  /** The points with one more at a node, with its target at the node: nothing moves by it. */
+  /** The points and a new one at a node, whose target is the node's place: nothing moves by it. */
   #point({ columns, source, target }: GridPlaces, n: number) {
     const { editor, pull } = this,
       id = nextId(editor.points.list, editor.sender.nextId);
@@ -246,7 +246,7 @@ export class GridNodes {
       editor.tools.gestures.isSpaceDown ||
       editor.tools.gestures.pointers.size
     )
-      return; // the others' business
+      return; // for other listeners
     event.stopPropagation();
     event.preventDefault();
     if (this.drag || !this.#isFree()) return;
@@ -307,7 +307,7 @@ export class GridNodes {
 
   /** Hold a node where it is. */
   #take(n: number | null) {
-    if (n === null || !this.made || !this.#isFree() || this.#held().has(n)) return;
+    if (n === null || !this.made || !this.#isFree() || this.#occupied().has(n)) return;
     const { points: pointTools } = this.editor.tools,
       { id, points } = this.#point(this.made.places, n);
     if (pointTools.edit(points, "add")) pointTools.present(id, "holds the grid");

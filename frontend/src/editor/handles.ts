@@ -1,7 +1,7 @@
 // The control points as SVG over the picture: a ring where a feature was, an arrow, a disc where it shall be.
 // Their shapes differ as well as their colours: ring = source, disc = target, hollow square = switched off.
 
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import { middleOf } from "../maths/points.ts";
 import type { Mirror, Vector, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
@@ -83,7 +83,7 @@ export class WheelSteps {
 }
 
 /** Prevent fingers on draggable elements from scrolling the page: touch-action of a part of an SVG does not. */
-export function keepFromScrolling(event: TouchEvent) {
+export function preventScrolling(event: TouchEvent) {
   const { target } = event,
     held = "[data-id], [data-source], [data-mark], [data-node], .dnb-ed-grip, " + ".dnb-ed-chosen, [data-motion]";
   if (event.cancelable && target instanceof Element && target.closest(held)) event.preventDefault();
@@ -94,22 +94,22 @@ export function pointLabel(p: DrawnPoint) {
   const da = p.target[0] - p.source[0],
     db = p.target[1] - p.source[1];
   const moves: string[] = [];
-  if (da) moves.push(`${shownLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
-  if (db) moves.push(`${shownLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
+  if (da) moves.push(`${formatLength(Math.abs(da))} ${da > 0 ? "right" : "left"}`);
+  if (db) moves.push(`${formatLength(Math.abs(db))} ${db > 0 ? "down" : "up"}`);
   const drag = moves.length ? `dragged ${moves.join(", ")}` : "not dragged";
   const name = p.name ? ` ${p.name}` : "";
   const states = `${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`;
-  return `Point ${p.id}${name}, at ${p.target.map(shownLength).join(", ")}, ${drag}${states}`;
+  return `Point ${p.id}${name}, at ${p.target.map(formatLength).join(", ")}, ${drag}${states}`;
 }
 
 /** The text where the mouse rests on a point. */
 function pointTip(p: DrawnPoint, reach: number) {
   const by = p.target.map((value, k) => value - p.source[k]!) as Vector2;
-  const place = (at: Vector2) => at.map(shownLength).join(", ");
+  const place = (at: Vector2) => at.map(formatLength).join(", ");
   const drag = by.some((value) => value !== 0)
     ? `dragged by ${place(by)} from ${place(p.source as Vector2)}`
     : "not dragged";
-  const state = !p.active ? "; switched off" : reach ? `; reaches ${shownLength(reach)}` : "";
+  const state = !p.active ? "; switched off" : reach ? `; reaches ${formatLength(reach)}` : "";
   return `${p.name || `point ${p.id}`}: ${drag}${state}`;
 }
 
@@ -208,7 +208,7 @@ export class Handles<P extends DrawnPoint = DrawnPoint> {
   }
 
   /**
-   * Give the focus to the next point of a list of ids or, by -1, to the one before; from none of them to that at
+   * Move the focus to the next point of a list of ids or, by -1, to the one before; from none of them to that at
    * which Tab stops.
    */
   focusNext(ids: number[], by: number, from: number | null = null) {
@@ -365,7 +365,7 @@ const GRIP_AWAY = 14; // from the edge of the view to the grip of the axis
 
 /**
  * Marks that can be dragged besides points and shapes: the handle that rotates the selection, and the axis of a
- * mirror. And the circle of the brush, which shows where it works.
+ * mirror. And the circle of the brush, which shows its area.
  */
 export class ToolMarks {
   root: SVGGElement;
@@ -439,7 +439,7 @@ export class ToolMarks {
     const place = (isUpright ? [at, gripAway] : [gripAway, at]).map((v) => v.toFixed(1)).join(" ");
     setAttributes(this.grip, {
       transform: `translate(${place})${isUpright ? "" : " rotate(90)"}`,
-      "aria-valuenow": shownLength(mirror.at),
+      "aria-valuenow": formatLength(mirror.at),
       "aria-orientation": isUpright ? "horizontal" : "vertical",
     });
   }

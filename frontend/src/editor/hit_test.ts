@@ -45,8 +45,8 @@ export class HitTest {
   }
 
   /**
-   * What of a shape an event is about: its line, a corner, the middle of an edge, or a handle of a part's motion, of
-   * which its inside is one.
+   * The grip of a shape that an event is about: its line, a corner, the middle of an edge, or a handle of a part's
+   * motion, of which its inside is one.
    */
   shapeAt(event: Event): ShapeGrip | null {
     const hit = this.#hit(event),

@@ -14,7 +14,7 @@ const NO_ANSWER: Record<string, string> = {
 const FINAL = new Set(["detached", "lost"]); // these messages stay as long as the page is open
 const LONGEST_TIMER = 2 ** 31 - 1; // milliseconds
 
-/** The elements of the messages, which the editor puts where they belong. */
+/** The elements of the messages, which the editor places. */
 export class Messages {
   tip = pageElement("div", "dnb-ed-hint", null, { hidden: "", "aria-hidden": "true" });
 
@@ -61,7 +61,7 @@ export class Messages {
     }, duration);
   }
 
-  /** Take a hint away before its time, if it is one of these. */
+  /** Hide a hint early, if it is one of these. */
   hideHint(texts: string[]) {
     if (texts.includes(this.tip.textContent)) this.tip.hidden = true;
   }

@@ -1,6 +1,6 @@
-// The mirror of the editor: a line, on both sides of which edits of points are the same.
+// The mirror of the editor: a line, at which edits of points are mirrored.
 
-import { mirroredEdit, mirrorSide, nextId } from "../maths/points.ts";
+import { mirrorEdit, mirrorSide, nextId } from "../maths/points.ts";
 import { placeSeen } from "../maths/warp_map.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Point, Vector } from "../types.ts";
@@ -57,7 +57,7 @@ export class PointMirror {
     frames.invalidate();
   }
 
-  /** The side on which a point was taken: 1, -1, or 0 on the axis and without a mirror. */
+  /** The side of a point when its drag began: 1, -1, or 0 on the axis and without a mirror. */
   sideOf(id: number) {
     const { state } = this,
       p = this.editor.points.withId(id);
@@ -79,6 +79,6 @@ export class PointMirror {
       holds && layered && map.strength === 1 && !picture.isOriginal
         ? placeSeen(layered, source, 1e-6 * near.axis)
         : null;
-    return mirroredEdit(state, before, after, { near, lead, id: nextId(after, sender.nextId), seenAt });
+    return mirrorEdit(state, before, after, { near, lead, id: nextId(after, sender.nextId), seenAt });
   }
 }

@@ -12,7 +12,7 @@ interface HeldTool {
   grab(at: Vector2, isFinger: boolean): Gesture | null;
   /** Follow a pointer that is not down. */
   hover?(at: Vector2): void;
-  /** Whether a key means something to the tool. */
+  /** Handle a key; returns whether the tool uses it. */
   key(key: string, event: KeyboardEvent, arrow?: Vector2): boolean;
 }
 
@@ -34,7 +34,7 @@ export class Modes {
   setAdding(isAdding: boolean) {
     const { frames, messages, points, stage } = this.editor;
     if (isAdding) {
-      this.putDownTools();
+      this.deactivateTools();
       this.setSelecting(false);
     }
     this.isAdding = isAdding && !points.isLocked;
@@ -50,7 +50,7 @@ export class Modes {
   setSelecting(isSelecting: boolean) {
     const { frames, messages, stage } = this.editor;
     if (isSelecting) {
-      this.putDownTools();
+      this.deactivateTools();
       this.setAdding(false);
     }
     this.isSelecting = isSelecting;
@@ -59,8 +59,8 @@ export class Modes {
     frames.invalidate();
   }
 
-  /** The tool that is taken up; undefined for none. */
-  get held(): HeldTool | undefined {
+  /** The active tool; undefined for none. */
+  get activeTool(): HeldTool | undefined {
     const { pen, brush, wand, window } = this.editor.tools;
     return [pen, brush, wand, window].find(({ isOn }) => isOn);
   }
@@ -71,8 +71,8 @@ export class Modes {
     return pen.cancel() || brush.stop() || window.stop() || wand.stop();
   }
 
-  /** Put away the pen, the brush, the wand, and the tool of the window. */
-  putDownTools() {
+  /** Switch off the pen, the brush, the wand, and the tool of the window. */
+  deactivateTools() {
     const { pen, brush, window, wand } = this.editor.tools;
     for (const tool of [pen, brush, window, wand]) tool.stop();
   }
@@ -86,13 +86,13 @@ export class Modes {
   }
 
   /**
-   * Take up the pen, or put it away if it is drawing this already.
+   * Switch the pen on, or off if it is drawing this already.
    * @param tool a name of PEN_WORDS
    */
   setPen(tool: string) {
     const { frames, points, stage, tools } = this.editor,
       was = tools.pen.draft?.tool;
-    this.putDownTools();
+    this.deactivateTools();
     if (was === tool || points.isLocked) {
       frames.invalidate();
       return;
@@ -104,11 +104,11 @@ export class Modes {
     stage.focus();
   }
 
-  /** Take up a brush, or put it away. */
+  /** Switch a brush on or off. */
   setBrush(tool: string) {
     const { points, stage, tools } = this.editor,
       was = tools.brush.tool;
-    this.putDownTools();
+    this.deactivateTools();
     if (was === tool || points.isLocked) return;
     this.stopModes();
     tools.shapes.choice.choose(null);

@@ -1,8 +1,8 @@
 // The handles of the motion of a rigid part as SVG: a ring around its pivot with a knob, which turn it, and a cross at
 // the pivot, which can be dragged. Both are drawn where the part has moved to.
 
-import { shownLength } from "../maths/numbers.ts";
-import { pivotOf, placeMoved, shapeName, turnAndShift } from "../maths/shapes.ts";
+import { formatLength } from "../maths/numbers.ts";
+import { movePlace, pivotOf, shapeName, turnAndShift } from "../maths/shapes.ts";
 import type { PartData, Vector2 } from "../types.ts";
 import { OWN_KEYS, setAttributes, svgElement, treeOf } from "../ui/dom.ts";
 import type { View } from "./painter.ts";
@@ -81,10 +81,10 @@ export class MotionHandles {
     for (const handle of [this.knob, this.cross]) setAttributes(handle, { tabindex: part ? "0" : "-1" });
     if (!part) return isLost;
     const pivot = pivotOf(part) as Vector2,
-      at = placeMoved(part.motion, pivot),
+      at = movePlace(part.motion, pivot),
       [u, v] = [k * at[0] + x, k * at[1] + y];
     const { angle } = turnAndShift(part),
-      degrees = shownLength((angle * 180) / Math.PI);
+      degrees = formatLength((angle * 180) / Math.PI);
     const name = shapeName(part, "parts", index),
       extent = k * farthest(part.region, pivot);
     const radius = Math.max(RING[0]!, Math.min(RING[1]!, extent + AROUND));
@@ -99,7 +99,7 @@ export class MotionHandles {
       transform: `translate(${p.toFixed(1)} ${q.toFixed(1)})`,
     });
     setAttributes(this.cross, {
-      "aria-label": `Pivot of ${name}, at ${at.map(shownLength).join(", ")}`,
+      "aria-label": `Pivot of ${name}, at ${at.map(formatLength).join(", ")}`,
       visibility: extent < CROSS_ROOM ? "hidden" : "inherit",
       transform: `translate(${u.toFixed(1)} ${v.toFixed(1)})`,
     });

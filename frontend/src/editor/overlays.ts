@@ -107,7 +107,7 @@ export const GHOST_TRAITS = ["ghost", "ghost_opacity"];
 /** Dependencies of the ghost on the editor. */
 export type GhostEditor = EditorParts<"model" | "stage" | "viewport" | "picture">;
 
-/** A translucent picture over the editor's, under the overlay and the handles: the goal of the drags. */
+/** A translucent picture over the editor's, under the overlay and the handles: the target of the drags. */
 export class Ghost {
   image: HTMLImageElement;
   bytes: DataView<ArrayBuffer> | null = null;
@@ -506,7 +506,7 @@ export class Overlay {
     setAttributes(this.worst, { transform: `translate(${x.toFixed(1)} ${y.toFixed(1)})` });
   }
 
-  /** Put the legend into a corner in which it hides no point, or few; it does not jump while something moves. */
+  /** Put the legend into a corner in which it hides no point, or few; it stays there while something moves. */
   #placeKey(isMoving: boolean) {
     if (this.key.hidden || isMoving) return;
     const {
@@ -583,7 +583,7 @@ export class Overlay {
       const item = pageElement("span", "", row);
       item.textContent = text;
       item.style.left = `${(100 * share).toFixed(1)}%`;
-      item.style.transform = `translateX(${(-100 * share).toFixed(1)}%)`; // nothing hangs over the ends
+      item.style.transform = `translateX(${(-100 * share).toFixed(1)}%)`; // no text extends beyond the ends
     }
     return { bar, row };
   }

@@ -87,7 +87,7 @@ export function colourTable(colours: ArrayLike<number> | null | undefined) {
   return GREYS.map((_, g) => OPAQUE | (colours[3 * g + 2]! << 16) | (colours[3 * g + 1]! << 8) | colours[3 * g]!);
 }
 
-/** The pixels of a picture, at as many sizes as are looked at. */
+/** The pixels of a picture, at all sizes in use. */
 export class PictureSource {
   grey: GreyValues | null;
   channels: number;
@@ -159,7 +159,7 @@ export class PictureSource {
     return this.around.pixels[i * nu + j] === 0;
   }
 
-  /** 1 at the pixels of the air that hangs together with the rim of the picture. */
+  /** 1 at the pixels of the air that is connected to the rim of the picture. */
   #airAround(air: number) {
     const {
         raster: {
@@ -201,9 +201,9 @@ export class PictureSource {
     return [a - du / 2, a + (nu - 0.5) * du, b - dv / 2, b + (nv - 0.5) * dv];
   }
 
-  /** The picture averaged to half its size, `level` times: a picture seen from far must not shimmer. */
+  /** The picture averaged to half its size, `level` times: a minified picture must not alias. */
   level(level: number) {
-    while (this.levels.length <= level) this.levels.push(halved(this.levels[this.levels.length - 1]!, this.channels));
+    while (this.levels.length <= level) this.levels.push(halve(this.levels[this.levels.length - 1]!, this.channels));
     return this.levels[level];
   }
 }
@@ -230,7 +230,7 @@ export async function decodePicture(bytes: Buffered, raster: PictureRaster) {
   return new PictureSource(new GreyValues(numbers, raster), raster);
 }
 
-/** The bytes of a trait: a front end gives a view of its buffer, or the buffer. */
+/** The bytes of a trait: a front end has a view of its buffer, or the buffer. */
 export function bytesOf(bytes: Buffered) {
   if (!ArrayBuffer.isView(bytes)) return new Uint8Array(bytes);
   return new Uint8Array(bytes.buffer, bytes.byteOffset, bytes.byteLength);
@@ -243,7 +243,7 @@ export function context2d(canvas: HTMLCanvasElement, settings?: CanvasRenderingC
 }
 
 /** A picture averaged to half its size. */
-export function halved({ pixels, width, height }: Level, channels: number): Level {
+export function halve({ pixels, width, height }: Level, channels: number): Level {
   const w = Math.max(1, width >> 1),
     h = Math.max(1, height >> 1),
     out = new Uint8Array(w * h * channels);
@@ -729,7 +729,7 @@ class LayerPlan {
       fill(
         this.depths[k]!,
         (at) => marginOf(regions, key, this.#a(map[2 * at]!), this.#b(map[2 * at + 1]!)),
-        (m, at) => wayBetween(map, m, at, scale),
+        (m, at) => distanceBetween(map, m, at, scale),
       );
     }
   }
@@ -742,7 +742,7 @@ class LayerPlan {
     return (q - this.places.shift) / this.places.scale[1] + this.places.origin[1];
   }
 
-  /** The content of all of a cell: the number of a map, nothing, or not the same everywhere. */
+  /** The content of a whole cell: the number of a map, nothing, or mixed. */
   #cell(i: number, j: number) {
     const { columns, rows, step } = this.nodes,
       { layered, here, still } = this,
@@ -794,8 +794,8 @@ class LayerPlan {
     const reach =
       half +
       0.5 *
-        (Math.max(wayBetween(map, p, q, scale), wayBetween(map, r, s, scale)) +
-          Math.max(wayBetween(map, p, r, scale), wayBetween(map, q, s, scale)));
+        (Math.max(distanceBetween(map, p, q, scale), distanceBetween(map, r, s, scale)) +
+          Math.max(distanceBetween(map, p, r, scale), distanceBetween(map, q, s, scale)));
     return least > reach ? 1 : most < -reach ? -1 : 0;
   }
 
@@ -833,7 +833,7 @@ class LayerPlan {
    * @param s the place of the pixel in its cell
    */
   look(cell: number, s: number, t: number, out: number[]) {
-    // Between several cuts, one distance does not decide what stays.
+    // Between several cuts, one distance does not decide the region.
     if (this.isMoving && (this.here.length === 1 || !this.layered.hasRest)) this.#lookQuickly(cell, s, t, out);
     else this.#lookExactly(cell, s, t, out);
   }
@@ -924,7 +924,7 @@ export function between(values: Float32Array, at: number, east: number, south: n
 }
 
 /** The distance of two nodes' images in the picture. */
-function wayBetween(map: Float32Array, m: number, n: number, scale: Vector2) {
+function distanceBetween(map: Float32Array, m: number, n: number, scale: Vector2) {
   const a = (map[2 * m]! - map[2 * n]!) / scale[0],
     b = (map[2 * m + 1]! - map[2 * n + 1]!) / scale[1];
   return Math.sqrt(a * a + b * b);

@@ -1,19 +1,19 @@
 // The editor's tools for the motion of the chosen rigid part: it is dragged by its inside, turned by its ring, and its
-// pivot is set by a cross. The points that it carries go with it.
+// pivot is set by a cross. The points that it carries follow it.
 
-import { shownLength } from "../maths/numbers.ts";
-import { changed, cleanShapes, sameShapes } from "../maths/points.ts";
-import { carriedPoints, heldPoints } from "../maths/rigid_stages.ts";
+import { formatLength } from "../maths/numbers.ts";
+import { cleanShapes, sameShapes, updatePoints } from "../maths/points.ts";
+import { carryPoints, findConflicts } from "../maths/rigid_stages.ts";
 import {
   motionWords,
-  partTurned,
+  movePlace,
   pivotOf,
   placeBefore,
-  placeMoved,
+  rotatePart,
   SHAPE_NAMES,
   shapeName,
   turnAndShift,
-  withShape,
+  updateShape,
 } from "../maths/shapes.ts";
 import type { PartData, Point, Shapes, Vector2 } from "../types.ts";
 import type { PartHandle } from "./motion_handles.ts";
@@ -80,10 +80,10 @@ export class PartTools {
    * The state with a part of another motion. Points that contradict it there are left out until the user has decided.
    */
   #stateOf(before: PartData, after: PartData, index: number, start: { points: Point[]; shapes: Shapes }): PartState {
-    const shapes = { ...start.shapes, parts: withShape(start.shapes.parts, index, after) },
+    const shapes = { ...start.shapes, parts: updateShape(start.shapes.parts, index, after) },
       strength = this.editor.map.strength;
-    const points = carriedPoints(start.points, before, after);
-    const held = heldPoints(points, shapes.parts, strength).map(({ point }) => point.id);
+    const points = carryPoints(start.points, before, after);
+    const held = findConflicts(points, shapes.parts, strength).map(({ point }) => point.id);
     return { shapes, points, held };
   }
 
@@ -95,7 +95,7 @@ export class PartTools {
     let points = editor.points.list;
     parts.forEach((part, k) => {
       const was = before[k];
-      if (was && sameShapes(was.region, part.region)) points = carriedPoints(points, was, part);
+      if (was && sameShapes(was.region, part.region)) points = carryPoints(points, was, part);
     });
     editor.tools.shapes.edit("parts", parts, kind, { wasFine: true, points });
   }
@@ -132,19 +132,19 @@ export class PartTools {
       to = editor.viewport.placeAt(at);
     const make =
       handle === "pivot"
-        ? this.#pivoting(part, drag0.start, to)
+        ? this.#movePivot(part, drag0.start, to)
         : handle === "turn"
-          ? turning(part, drag0.start, to, isStepped)
-          : moving(part, drag0.start, to);
+          ? turnPart(part, drag0.start, to, isStepped)
+          : movePart(part, drag0.start, to);
     drag0.now = editor.tools.foldStop.limit((share) => {
       const state = this.#stateOf(part, make(share), index, drag0);
-      return { ...state, points: without(state.points, state.held) };
+      return { ...state, points: deactivate(state.points, state.held) };
     });
     Object.assign(editor.points, { list: drag0.now.points, shapes: drag0.now.shapes });
     const shown = drag0.now.shapes.parts[index]!;
     editor.messages.hint(this.#words(shown, handle, drag0.now.held.length));
     this.isLive = true;
-    editor.map.changed(true);
+    editor.map.invalidate(true);
   }
 
   /** Send the part being moved, if Python follows the drag. */
@@ -166,7 +166,7 @@ export class PartTools {
    * @param held how many points contradict the part
    */
   #words(part: PartData, handle: PartHandle, held: number) {
-    if (handle === "pivot") return `pivot at ${placeMoved(part.motion, pivotOf(part)).map(shownLength).join(", ")}`;
+    if (handle === "pivot") return `pivot at ${movePlace(part.motion, pivotOf(part)).map(formatLength).join(", ")}`;
     const { layered } = this.editor.map,
       words = motionWords(part) || "where it was";
     const isAlone = (layered?.fits ?? []).every(({ fit }) => fit.count === 0 && (fit.rigid?.length ?? 0) < 2);
@@ -185,7 +185,7 @@ export class PartTools {
       after = now.shapes.parts[index];
     if (!isCancelled && after && this.#edit(part, after, index, kind, { wasFine })) return;
     Object.assign(editor.points, { list: editor.sender.points, shapes: editor.sender.shapes });
-    editor.map.changed();
+    editor.map.invalidate();
     if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now
   }
 
@@ -216,7 +216,7 @@ export class PartTools {
     if (!own || editor.points.isLocked) return;
     const { part, index } = own,
       by: Vector2 = [dx * pixels * du, dy * pixels * dv];
-    const after = handle === "pivot" ? this.#pivoting(part, [0, 0], by)(1) : moving(part, [0, 0], by as Vector2)(1);
+    const after = handle === "pivot" ? this.#movePivot(part, [0, 0], by)(1) : movePart(part, [0, 0], by as Vector2)(1);
     const kind = `${VERBS[handle]} ${part.name || SHAPE_NAMES.parts}`;
     this.#edit(part, after, index, kind, { join: `${handle} part ${index}` });
     editor.frames.drawNow();
@@ -229,12 +229,12 @@ export class PartTools {
     if (!own || editor.points.isLocked) return;
     const { part, index } = own,
       { angle, shift } = turnAndShift(part);
-    const after = partTurned(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0]! * Math.PI) / 180, shift);
+    const after = rotatePart(part, angle + (way * TURN_STEPS[isLarge ? 1 : 0]! * Math.PI) / 180, shift);
     this.#edit(part, after, index, `turn ${part.name || SHAPE_NAMES.parts}`, { join: `turn part ${index}` });
     editor.frames.drawNow();
   }
 
-  /** Put the part back to where it was: it is fixed again. */
+  /** Reset the part's motion: it is fixed again. */
   reset() {
     const own = this.#own;
     if (!own || this.editor.points.isLocked || !own.part.motion) return;
@@ -243,9 +243,9 @@ export class PartTools {
   }
 
   /** The part with its pivot moved from one place towards another, within the picture. Its motion stays. */
-  #pivoting(part: PartData, from: Vector2, to: Vector2) {
+  #movePivot(part: PartData, from: Vector2, to: Vector2) {
     const [a0, a1, b0, b1] = this.editor.picture.sheet,
-      [a, b] = placeMoved(part.motion, pivotOf(part));
+      [a, b] = movePlace(part.motion, pivotOf(part));
     return (share: number): PartData => {
       const at: Vector2 = [a + share * (to[0] - from[0]), b + share * (to[1] - from[1])];
       const inside: Vector2 = [Math.max(a0, Math.min(a1, at[0])), Math.max(b0, Math.min(b1, at[1]))];
@@ -255,25 +255,25 @@ export class PartTools {
 }
 
 /** The points with some of them switched off. */
-function without(points: Point[], ids: number[]) {
-  return ids.length ? changed(points, ids, () => ({ active: false })) : points;
+function deactivate(points: Point[], ids: number[]) {
+  return ids.length ? updatePoints(points, ids, () => ({ active: false })) : points;
 }
 
 /** A part moved from one place to another. */
-function moving(part: PartData, from: Vector2, to: Vector2) {
+function movePart(part: PartData, from: Vector2, to: Vector2) {
   const { angle, shift } = turnAndShift(part);
   return (share: number) =>
-    partTurned(part, angle, [shift[0] + share * (to[0] - from[0]), shift[1] + share * (to[1] - from[1])]);
+    rotatePart(part, angle, [shift[0] + share * (to[0] - from[0]), shift[1] + share * (to[1] - from[1])]);
 }
 
 /** A part that turns about its pivot by the angle between two places of the pointer. */
-function turning(part: PartData, from: Vector2, to: Vector2, isStepped: boolean) {
+function turnPart(part: PartData, from: Vector2, to: Vector2, isStepped: boolean) {
   const { angle, shift } = turnAndShift(part),
-    [a, b] = placeMoved(part.motion, pivotOf(part));
+    [a, b] = movePlace(part.motion, pivotOf(part));
   const [x, y] = [from[0] - a, from[1] - b],
     [u, v] = [to[0] - a, to[1] - b],
     step = (TURN_STEPS[1]! * Math.PI) / 180;
   const by = Math.atan2(x * v - y * u, x * u + y * v);
   const way = isStepped ? step * Math.round((angle + by) / step) - angle : by;
-  return (share: number) => partTurned(part, angle + share * way, shift);
+  return (share: number) => rotatePart(part, angle + share * way, shift);
 }

@@ -3,30 +3,30 @@
 import type { PointsEdit } from "../generated.ts";
 import { Stroke } from "../maths/brushes.ts";
 import { placeOf } from "../maths/cuts.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import {
+  addRim,
   freeIds,
-  lockedPoints,
+  includeRims,
   middleOf,
   mirrorSide,
-  movedPoints,
   newPoint,
   nextId,
-  onAxis,
   placeBetween,
-  removedPoints,
-  renamedPoint,
+  projectOnAxis,
+  removePoints,
+  renamePoint,
   resetPoints,
-  rimmedPoints,
   rimOf,
+  rotatePoints,
   samePoints,
-  switchedPoints,
-  turnedPoints,
+  toggleLocks,
+  togglePoints,
+  translatePoints,
   turnOfKey,
-  withRims,
 } from "../maths/points.ts";
 import { RbfError, rbfLabel } from "../maths/rbf.ts";
-import { heldPoints, partLabel } from "../maths/rigid_stages.ts";
+import { findConflicts, partLabel } from "../maths/rigid_stages.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { LayeredFit, PartData, Point, Shapes, Vector, Vector2 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
@@ -37,7 +37,7 @@ import type { EditorParts } from "./parts.ts";
 import { SnapGrid } from "./snap_grid.ts";
 /** Points, ids of those that turn, the centre */
 export type Turn = { points: Point[]; ids: number[]; about: Vector2 };
-/** A point that a rigid part does not let in */
+/** A point that contradicts a rigid part */
 export type Held = { point: Point; part: PartData };
 
 const NEAR = 6; // CSS pixels: a new handle nearer than this to an old one selects that
@@ -46,16 +46,16 @@ const BRUSH_SETTLES = 0.3; // of the radius: nearer than this to a mirror's axis
 /**
  * The part of a drag from `before` to `points` after which a point would enter a rigid part and contradict its motion.
  */
-function allowedMove(
+function limitMove(
   before: Point[],
   points: Point[],
   parts: PartData[],
   strength: number,
 ): { points: Point[]; held: Held[] } {
   if (!parts.length) return { points, held: [] };
-  const was = new Set(heldPoints(before, parts, strength).map(({ point }) => point.id));
-  const heldIn = (given: Point[]) => heldPoints(given, parts, strength).filter(({ point }) => !was.has(point.id));
-  const held = heldIn(points);
+  const was = new Set(findConflicts(before, parts, strength).map(({ point }) => point.id));
+  const conflicts = (given: Point[]) => findConflicts(given, parts, strength).filter(({ point }) => !was.has(point.id));
+  const held = conflicts(points);
   if (!held.length) return { points, held };
   const then = new Map(points.map((p) => [p.id, p]));
   const between = (t: number) =>
@@ -67,7 +67,7 @@ function allowedMove(
     high = 1;
   for (let turn = 0; turn < 10; turn++) {
     const middle = (low + high) / 2;
-    if (heldIn(between(middle)).length) high = middle;
+    if (conflicts(between(middle)).length) high = middle;
     else low = middle;
   }
   return { points: between(low), held };
@@ -156,15 +156,17 @@ export class PointTools {
   drag(ids: number[], by: Vector2, what: Moved, id: number, isLoose: boolean = false) {
     const { editor, drag0 } = this;
     if (!drag0) return;
-    const free = freeIds(drag0, withRims(drag0, ids));
+    const free = freeIds(drag0, includeRims(drag0, ids));
     if (!free.length) {
       this.hintLocked([id]);
       return;
     }
     const f = (what === "target" ? editor.layers.nodes.pull : 1) / editor.viewport.view.k;
-    const way = this.#snappedWay(id, [f * by[0], f * by[1]], what, isLoose),
+    const way = this.#snapMove(id, [f * by[0], f * by[1]], what, isLoose),
       lead = this.mirror.sideOf(id);
-    this.#show(drag0, (t) => this.mirror.edit(drag0, movedPoints(drag0, free, t * way[0]!, t * way[1]!, what), lead));
+    this.#show(drag0, (t) =>
+      this.mirror.edit(drag0, translatePoints(drag0, free, t * way[0]!, t * way[1]!, what), lead),
+    );
   }
 
   /**
@@ -174,16 +176,16 @@ export class PointTools {
     const { editor } = this,
       shapes = editor.points.shapes;
     const { points: wanted } = editor.tools.foldStop.limit((share) => ({ points: make(share), shapes }));
-    const { points, held } = allowedMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
+    const { points, held } = limitMove(drag0, wanted, editor.points.shapes.parts, editor.map.strength);
     editor.layers.handles.lock(held.map(({ point }) => point.id));
-    if (held.length) this.#hintHeld(held[0]!);
+    if (held.length) this.#hintConflict(held[0]!);
     editor.frames.rate.moved(performance.now());
     this.#follow(points);
   }
 
   #follow(points: Point[]) {
     this.editor.points.list = points;
-    this.editor.map.changed(true);
+    this.editor.map.invalidate(true);
     this.isLive = true;
   }
 
@@ -198,7 +200,7 @@ export class PointTools {
     editor.tools.parts.sendMove();
   }
 
-  #hintHeld({ point, part }: Held) {
+  #hintConflict({ point, part }: Held) {
     const why = part.motion ? "has a motion of its own" : "is fixed";
     this.editor.messages.hint(`${rbfLabel(point)} cannot go into ${partLabel(part)}, which ${why}`);
   }
@@ -207,21 +209,21 @@ export class PointTools {
     const { editor, drag0 } = this,
       points = editor.points.list;
     this.drag0 = null;
-    editor.sender.drawn = editor.frames.rate.taken();
+    editor.sender.drawn = editor.frames.rate.finish();
     editor.layers.handles.lock([]);
     if (!drag0) return;
     editor.points.list = drag0;
     if (!isCancelled && this.edit(points, kind)) return;
     editor.points.list = editor.sender.points; // Python may have moved them meanwhile
-    editor.map.changed();
+    editor.map.invalidate();
     if (this.isSent) editor.sender.move(editor.points.list); // Python has followed the drag, which is void now
   }
 
   // ---- single edits -------------------------------------------------------------------------------------------------
 
-  /** Those that may be changed, with the rims that go along; a hint if there are none. */
-  freed(ids: number[]) {
-    const free = freeIds(this.editor.points.list, withRims(this.editor.points.list, ids));
+  /** Ids that may be changed, with those of their rims; a hint if there are none. */
+  movableIds(ids: number[]) {
+    const free = freeIds(this.editor.points.list, includeRims(this.editor.points.list, ids));
     if (ids.length && !free.length) this.hintLocked(ids);
     return free;
   }
@@ -243,9 +245,9 @@ export class PointTools {
     }
     if (focused !== null && !editor.points.selected.has(focused)) editor.points.select([focused]);
     const [du, dv] = editor.model.get("raster").spacing,
-      free = this.freed(ids);
+      free = this.movableIds(ids);
     this.change(
-      movedPoints(editor.points.list, free, dx * pixels * du, dy * pixels * dv, what),
+      translatePoints(editor.points.list, free, dx * pixels * du, dy * pixels * dv, what),
       "nudge",
       `nudge ${ids}`,
     );
@@ -265,7 +267,7 @@ export class PointTools {
     };
   }
 
-  /** The place of the original picture that is seen at a place, null in a gap. */
+  /** The place of the original picture that is visible at a place, null in a gap. */
   seenAt([a, b]: Vector2): Vector2 | null {
     const { editor } = this,
       layered = editor.picture.isComparing ? null : editor.map.layered;
@@ -321,10 +323,10 @@ export class PointTools {
 
   remove(wanted: number[]) {
     const { editor } = this,
-      ids = this.freed(wanted),
+      ids = this.movableIds(wanted),
       at = editor.points.list.findIndex((p) => p.id === ids[0]);
     const hadFocus = editor.stage.svg.contains(treeOf(editor.stage.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(editor.points.list, ids), "remove")) return;
+    if (!ids.length || !this.change(removePoints(editor.points.list, ids), "remove")) return;
     editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
     editor.frames.drawNow();
@@ -338,24 +340,24 @@ export class PointTools {
     if (!p || editor.points.isLocked) return;
     editor.panels.names.prompt(p.name, `point ${id}`, editor.viewport.onView(p.target as Vector2), {
       take: (text) => {
-        this.edit(renamedPoint(editor.points.list, id, text), "rename");
+        this.edit(renamePoint(editor.points.list, id, text), "rename");
       },
       focus: () => editor.layers.handles.focus(id),
     });
   }
 
   switch(ids: number[]) {
-    this.change(switchedPoints(this.editor.points.list, ids), "switch");
+    this.change(togglePoints(this.editor.points.list, ids), "switch");
   }
 
-  /** Put these points back where they were taken, all if there are none. */
+  /** Reset these points to their sources, all if there are none. */
   reset(ids: number[]) {
     const points = this.editor.points.list;
-    this.change(resetPoints(points, this.freed(ids.length ? ids : points.map((p) => p.id))), "reset");
+    this.change(resetPoints(points, this.movableIds(ids.length ? ids : points.map((p) => p.id))), "reset");
   }
 
   /** The displacement that brings the point under the pointer onto a node; the others follow it. */
-  #snappedWay(id: number, way: Vector2, what: Moved, isLoose: boolean) {
+  #snapMove(id: number, way: Vector2, what: Moved, isLoose: boolean) {
     const p = this.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what === "both" || !(this.snap.step > 0)) return way;
     const [a, b] = p[what] as Vector2,
@@ -365,7 +367,7 @@ export class PointTools {
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------
 
-  /** The points that a turn of the selection turns. A single point gets a rim, which turns around it. */
+  /** The points that a rotation of the selection moves. A single point gets a rim, which turns around it. */
   #turnables(): Turn | null {
     const { editor } = this,
       points = editor.points.list,
@@ -374,7 +376,7 @@ export class PointTools {
       this.hintLocked([...editor.points.selected]);
       return null;
     }
-    if (chosen.length > 1) return { points, ids: this.freed(chosen.map((p) => p.id)), about: middleOf(chosen) };
+    if (chosen.length > 1) return { points, ids: this.movableIds(chosen.map((p) => p.id)), about: middleOf(chosen) };
     const [pin] = chosen as [Point],
       rim = rimOf(points, pin).filter((p) => !p.locked);
     if (rim.length) return { points, ids: rim.map((p) => p.id), about: pin.target as Vector2 };
@@ -387,7 +389,7 @@ export class PointTools {
     );
     const id = nextId(points, editor.sender.nextId),
       distance = Math.min(editor.tools.brush.radius, 0.6 * room);
-    const rimmed = rimmedPoints(points, pin, distance, id, this.#sourcesOf(editor.map.layered));
+    const rimmed = addRim(points, pin, distance, id, this.#sourcesOf(editor.map.layered));
     return { points: rimmed, ids: rimmed.slice(points.length).map((p) => p.id), about: pin.target as Vector2 };
   }
 
@@ -401,10 +403,10 @@ export class PointTools {
       turn = editor.points.isLocked ? null : this.#turnables();
     if (!turn) return;
     const kind = angle ? "turn" : "scale";
-    const points = turnedPoints(turn.points, turn.ids, turn.about, angle, factor);
+    const points = rotatePoints(turn.points, turn.ids, turn.about, angle, factor);
     this.change(points, kind, `${kind} ${[...editor.points.selected]}`);
     editor.messages.announce(
-      angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
+      angle ? `turned by ${formatLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
   }
 
@@ -418,9 +420,9 @@ export class PointTools {
   turnTo({ points, ids, about }: Turn, angle: number, factor: number) {
     const { drag0 } = this;
     if (!drag0) return;
-    this.#show(drag0, (t) => this.mirror.edit(drag0, turnedPoints(points, ids, about, t * angle, factor ** t)));
+    this.#show(drag0, (t) => this.mirror.edit(drag0, rotatePoints(points, ids, about, t * angle, factor ** t)));
     this.editor.messages.hint(
-      factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
+      factor === 1 ? `${formatLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
     );
   }
 
@@ -432,7 +434,7 @@ export class PointTools {
       editor.messages.hint("Select points to lock them");
       return;
     }
-    if (!this.edit(lockedPoints(editor.points.list, ids), "lock")) return;
+    if (!this.edit(toggleLocks(editor.points.list, ids), "lock")) return;
     const isLocked = editor.points.withId(ids[0]!)?.locked;
     editor.messages.announce(
       `${ids.length === 1 ? `point ${ids[0]}` : `${ids.length} points`} ${isLocked ? "locked" : "free"}`,
@@ -460,7 +462,7 @@ export class PointTools {
         box: editor.picture.box,
         reach: typeof settings.support === "number" ? settings.support : 0,
         sourceAt: (points) => this.#sourcesOf(points.some((p) => p.active) ? editor.map.fitOf(points) : null),
-        settle: (at) => (isNear(at as Vector2) ? onAxis(mirror, at) : at),
+        settle: (at) => (isNear(at as Vector2) ? projectOnAxis(mirror, at) : at),
       },
     );
     if (stroke.lockedBy) {
@@ -487,9 +489,9 @@ export class PointTools {
         },
         map: { strength },
       } = editor;
-    const held = parts.length ? heldPoints(points, parts, strength) : [];
-    if (held.length > heldPoints(drag0, parts, strength).length) {
-      this.#hintHeld(held[held.length - 1]!);
+    const held = parts.length ? findConflicts(points, parts, strength) : [];
+    if (held.length > findConflicts(drag0, parts, strength).length) {
+      this.#hintConflict(held[held.length - 1]!);
       return false;
     }
     if (

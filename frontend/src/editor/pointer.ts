@@ -12,7 +12,7 @@ import {
   TurnGesture,
 } from "./gesture.ts";
 import { AxisGesture, PartGesture, PinchGesture, ShapeGesture, WindowGesture } from "./gestures.ts";
-import { isRightClick, keepFromScrolling } from "./handles.ts";
+import { isRightClick, preventScrolling } from "./handles.ts";
 import type { ShapeGrip } from "./hit_test.ts";
 import type { EditorParts } from "./parts.ts";
 
@@ -65,7 +65,7 @@ export class Gestures {
       svg,
       "touchstart",
       (e) => {
-        if (this.isOthers) keepFromScrolling(e);
+        if (this.isOthers) preventScrolling(e);
       },
       { signal, passive: false },
     );
@@ -122,7 +122,7 @@ export class Gestures {
       return new WindowGesture(at, window, isRightClick(event) ? () => this.#rightClicked(id, under) : null);
     }
     if (event.button !== 0) return null;
-    const tool = modes.held;
+    const tool = modes.activeTool;
     if (tool && !(tool === window && this.isOthers) && !(tool === brush && mark === "axis")) {
       stage.focus();
       return tool.grab(at, this.kind === "touch");
@@ -233,7 +233,7 @@ export class Gestures {
       this.pointers.set(event.pointerId, at);
       this.gesture?.move(at, slackOf(this.kind), event);
     } else {
-      tools.modes.held?.hover?.(at);
+      tools.modes.activeTool?.hover?.(at);
       panels.status.pointAt(event.pointerType === "touch" ? null : at);
     }
   }
@@ -257,7 +257,7 @@ export class Gestures {
     gesture.end(isCancelled, stage.placeOf(event));
   }
 
-  /** Escape during a drag: as if it had not begun. */
+  /** Cancel a drag (Escape). */
   cancel() {
     const { gesture } = this;
     this.gesture = null;
@@ -273,8 +273,8 @@ export class Gestures {
       event.preventDefault();
       return;
     }
-    const { held, isSelecting } = editor.tools.modes;
-    if (editor.points.isWaiting || (held && held !== pen) || isSelecting) return;
+    const { activeTool, isSelecting } = editor.tools.modes;
+    if (editor.points.isWaiting || (activeTool && activeTool !== pen) || isSelecting) return;
     const grabbed = this.editor.tools.hits.pointAt(event),
       shape = this.editor.tools.hits.shapeAt(event);
     if (pen.draft) pen.finish(pen.draft.tool === "part");

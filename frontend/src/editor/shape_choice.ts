@@ -1,6 +1,6 @@
 // The shape that is chosen in the editor: a cut, a rigid part, or a fixed side.
 
-import { followedShape, motionWords, shapeName, shapeRecord, turnedRegion } from "../maths/shapes.ts";
+import { motionWords, shapeName, shapeRecord, swapRegionSides, trackShape } from "../maths/shapes.ts";
 import type { ShapeData, Shapes } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
 import type { Chosen } from "./shape_handles.ts";
@@ -36,7 +36,7 @@ export class ShapeChoice {
 
   /** Whether the chosen shape has two sides to swap. */
   get canTurn() {
-    return this.shape !== null && turnedRegion(this.shape.region) !== null;
+    return this.shape !== null && swapRegionSides(this.shape.region) !== null;
   }
 
   /** Whether the chosen shape is a cut with ends. */
@@ -56,10 +56,10 @@ export class ShapeChoice {
     frames.invalidate();
   }
 
-  /** Find the chosen shape in lists that come. */
+  /** Find the chosen shape in new lists. */
   follow(shapes: Shapes) {
     const { chosen } = this;
-    const index = chosen && followedShape(this.editor.points.shapes[chosen.what], shapes[chosen.what], chosen.index);
+    const index = chosen && trackShape(this.editor.points.shapes[chosen.what], shapes[chosen.what], chosen.index);
     this.chosen = chosen && index !== null ? { what: chosen.what, index } : null;
   }
 

@@ -3,13 +3,13 @@
 // it was. Of the chosen shape the line can be dragged, its corners (squares) and the middles of its edges (dots); of a
 // part its inside too, which moves it (editor/part_tools.js).
 
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import { maskPixels } from "../maths/regions.ts";
 import {
   cornersOf,
   middleOfRegion,
   motionOf,
-  placeMoved,
+  movePlace,
   SHAPE_NAMES,
   shapeLabel,
   shapeName,
@@ -37,7 +37,7 @@ export type Draft = {
 
 /**
  * Paths in CSS pixels: the line as drawn, its continuation without end, discs where a cut stops, the inside, and where
- * its name stands.
+ * its name is.
  */
 export type ShapePaths = { line: string; far: string; tips: string; inside: string; label: Vector2 };
 
@@ -246,7 +246,7 @@ export class ShapeHandles {
     setAttributes(this.swap, { visibility: shape ? "visible" : "hidden", tabindex: shape ? "0" : "-1" });
     if (!shape) return true;
     const [[p, q], [r, s]] = cornersOf(shape.region, reach)
-      .map((place) => placeMoved(motionOf(shape), place))
+      .map((place) => movePlace(motionOf(shape), place))
       .map(([a, b]) => [k * a + x, k * b + y]) as [[number, number], [number, number]];
     const length = Math.hypot(r - p, s - q) || 1,
       way = Math.max(length / 2 + SWAP_ROOM[0]!, SWAP_ROOM[1]!) / length;
@@ -343,7 +343,7 @@ function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
     name = shapeName(shape, what, index),
     motion = motionOf(shape);
   const room = what === "parts" ? (LEAST_ROOM / SMALL) * extentOf(region) : Infinity;
-  const corners = cornersOf(region, reach).map((place) => placeMoved(motion, place)),
+  const corners = cornersOf(region, reach).map((place) => movePlace(motion, place)),
     n = corners.length;
   const edges = corners.slice(0, region.kind === "polygon" ? n : region.kind === "line" ? n - 1 : 0);
   return [
@@ -361,7 +361,7 @@ function gripsOf(shape: ShapeData, { what, index }: Chosen, reach: number) {
         place,
         room,
         isTip: isTip === true,
-        label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(shownLength).join(", ")}${words}`,
+        label: `Corner ${i + 1} of ${n} of ${name}, at ${place.map(formatLength).join(", ")}${words}`,
       };
     }),
     ...edges.map((p, i) => {
@@ -384,11 +384,11 @@ function isStill(motion: Motion) {
   return !motion || (motion.matrix[0][0] === 1 && motion.shift.every((value) => value === 0));
 }
 
-/** The place of the name of a shape in CSS pixels of the view, within it. */
+/** Position of the name of a shape in CSS pixels of the view, within it. */
 export function namePlace(region: RegionData, motion: Motion, view: View, reach: number) {
   const { k, x, y, width, height } = view,
     at = shapePaths(region, view, reach).label;
-  const [a, b] = placeMoved(motion, [(at[0] - x) / k, (at[1] - y) / k]);
+  const [a, b] = movePlace(motion, [(at[0] - x) / k, (at[1] - y) / k]);
   const name = [k * a + x, k * b + y];
   return isStill(motion)
     ? at
@@ -554,9 +554,9 @@ function sideBands(region: RegionData, { k, x, y, width, height }: View, reach: 
     if (!length) continue;
     const [ta, tb] = [(q[0] - p[0]) / length, (q[1] - p[1]) / length],
       isOpen = region.kind !== "polygon";
-    const goesOn = (corner: number) => isOpen && stopsAt(region, corner) !== true;
-    const before = j === 0 && goesOn(0) ? endless : 0,
-      after = j === edges - 1 && goesOn(n - 1) ? endless : 0;
+    const continues = (corner: number) => isOpen && stopsAt(region, corner) !== true;
+    const before = j === 0 && continues(0) ? endless : 0,
+      after = j === edges - 1 && continues(n - 1) ? endless : 0;
     for (const side of [-1, 1]) {
       const na = -side * tb,
         nb = side * ta,

@@ -1,32 +1,32 @@
-// The editor's tools for cuts, rigid parts and fixed sides: the pen that draws them, and edits of those that are there.
+// The editor's tools for cuts, rigid parts and fixed sides: the pen that draws them, and edits of existing ones.
 
 import { LONGEST_KIND } from "../generated.ts";
 import { sidesKey } from "../maths/cuts.ts";
-import { shownLength } from "../maths/numbers.ts";
-import { changed, cleanShapes, middleOf, sameShapes } from "../maths/points.ts";
+import { formatLength } from "../maths/numbers.ts";
+import { cleanShapes, middleOf, sameShapes, updatePoints } from "../maths/points.ts";
 import { rbfLabel } from "../maths/rbf.ts";
 import { regionFault } from "../maths/regions.ts";
-import { heldPoints } from "../maths/rigid_stages.ts";
+import { findConflicts } from "../maths/rigid_stages.ts";
 import {
   cornersOf,
   fixedSideThrough,
-  insertedCorner,
+  insertCorner,
+  inverseDirection,
   isOutline,
   MOST_SHAPES,
   motionOf,
-  movedCorner,
-  movedRegion,
-  placeMoved,
-  removedCorner,
+  moveCorner,
+  movePlace,
+  removeCorner,
   SHAPE_NAMES,
+  setStop,
   shapeLabel,
   shapeName,
-  simplified,
+  simplifyPath,
   stopsAt,
-  turnedRegion,
-  wayBefore,
-  withShape,
-  withStop,
+  swapRegionSides,
+  translateRegion,
+  updateShape,
 } from "../maths/shapes.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { PartData, Point, RegionData, ShapeData, ShapeKind, Shapes, Vector2, Vector4 } from "../types.ts";
@@ -153,7 +153,7 @@ export class Pen {
       isNear = this.#gap(all[0]!, at) < 2 * CLOSE_BY;
     draft.shown = undefined;
     const path =
-      draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplified(all, STROKE_ERROR / editor.viewport.view.k);
+      draft.tool === "fixed" ? [all[0], all[all.length - 1]] : simplifyPath(all, STROKE_ERROR / editor.viewport.view.k);
     const isClosed = draft.tool === "part" || (path.length > 3 && isNear);
     draft.places = [...before, ...(isWhole && isClosed && isNear ? path.slice(0, -1) : path)] as Vector2[];
     this.#count(draft);
@@ -192,7 +192,7 @@ export class Pen {
   // ---- keys ---------------------------------------------------------------------------------------------------------
 
   /**
-   * Whether a key means something to the pen.
+   * Handle a key; returns whether the pen uses it.
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
@@ -214,7 +214,7 @@ export class Pen {
       const from = draft.next ?? draft.places[draft.places.length - 1] ?? middle;
       const next = from.map((v, c) => v + step * arrow[c]!);
       Object.assign(draft, { next, isByKeys: true, isSet: false });
-      editor.messages.announce(`pen at ${next.map(shownLength).join(", ")}`);
+      editor.messages.announce(`pen at ${next.map(formatLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }
@@ -240,7 +240,7 @@ export class Pen {
     }
     const region: RegionData =
       tool === "fixed"
-        ? fixedSideThrough(places[0]!, places[1]!, movedPlace(editor.points.list, editor.picture.box))
+        ? fixedSideThrough(places[0]!, places[1]!, movingMiddle(editor.points.list, editor.picture.box))
         : { kind: isClosed || tool === "part" ? "polygon" : "line", vertices: places as Vector2[] };
     const fault = regionFault(region);
     if (fault) {
@@ -253,8 +253,8 @@ export class Pen {
   }
 }
 
-/** The place that surely moves: the middle of the points that were dragged, or of the picture where none was. */
-function movedPlace(points: Point[], [a0, a1, b0, b1]: Vector4): Vector2 {
+/** The place on the moving side: the middle of the points that were dragged, or of the picture where none was. */
+function movingMiddle(points: Point[], [a0, a1, b0, b1]: Vector4): Vector2 {
   const dragged = points.filter((p) => p.active && p.target.some((value, c) => value !== p.source[c]));
   if (!dragged.length) return [(a0 + a1) / 2, (b0 + b1) / 2];
   return middleOf(dragged);
@@ -391,7 +391,7 @@ export class ShapeTools {
     const { what, index } = chosen;
     return this.edit(
       what,
-      withShape(editor.points.shapes[what], index, change),
+      updateShape(editor.points.shapes[what], index, change),
       `${kind} ${shape.name || SHAPE_NAMES[what]}`,
     );
   }
@@ -419,7 +419,7 @@ export class ShapeTools {
 
   /** Swap the sides of the chosen shape: of a fixed side the other half stays then. */
   turn() {
-    const region = this.choice.shape && turnedRegion(this.choice.shape.region);
+    const region = this.choice.shape && swapRegionSides(this.choice.shape.region);
     if (!region) {
       this.editor.messages.hint("What is closed has only one inside");
       return;
@@ -437,7 +437,7 @@ export class ShapeTools {
       [x, y] = namePlace(shape.region, motionOf(shape), editor.viewport.view, this.reach) as Vector2;
     editor.panels.names.prompt(shape.name, shapeName({ ...shape, name: "" }, what, index), [x - 12, y + 18], {
       take: (text) => {
-        this.edit(what, withShape(editor.points.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
+        this.edit(what, updateShape(editor.points.shapes[what], index, { name: text.trim().slice(0, 80) }), "rename");
       },
       focus: () => {
         this.handles.focus(chosen);
@@ -447,7 +447,7 @@ export class ShapeTools {
   }
 
   removeCorner(k: number) {
-    const region = this.choice.shape && removedCorner(this.choice.shape.region, k);
+    const region = this.choice.shape && removeCorner(this.choice.shape.region, k);
     if (!region) {
       this.remove();
       return;
@@ -465,7 +465,7 @@ export class ShapeTools {
         editor,
       } = this,
       isStop = shape && !stopsAt(shape.region, k);
-    const region = shape && isStop !== null && chosen?.what === "cuts" ? withStop(shape.region, k, isStop) : null;
+    const region = shape && isStop !== null && chosen?.what === "cuts" ? setStop(shape.region, k, isStop) : null;
     if (!region || editor.points.isLocked) return false;
     if (!this.#change({ region }, isStop ? "stop" : "lengthen")) return true;
     editor.frames.drawNow();
@@ -506,10 +506,10 @@ export class ShapeTools {
     const corner = grip.middle !== null ? this.insertCorner(grip.middle) : grip.corner,
       shape = this.choice.shape;
     if (!shape) return;
-    if (corner === null) this.#change({ region: movedRegion(shape.region, da, db) }, "move");
+    if (corner === null) this.#change({ region: translateRegion(shape.region, da, db) }, "move");
     else {
       const [a, b] = cornersOf(shape.region, this.reach)[corner]!;
-      this.#change({ region: movedCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
+      this.#change({ region: moveCorner(shape.region, corner, [a + da, b + db], this.reach) }, "change");
     }
     editor.frames.drawNow();
   }
@@ -518,7 +518,7 @@ export class ShapeTools {
    * A displacement of the picture as one of the chosen shape's outline, which is where the shape was before its motion.
    */
   #wayOf(way: Vector2) {
-    return this.choice.shape ? wayBefore(motionOf(this.choice.shape), way) : way;
+    return this.choice.shape ? inverseDirection(motionOf(this.choice.shape), way) : way;
   }
 
   // ---- drags --------------------------------------------------------------------------------------------------------
@@ -556,8 +556,8 @@ export class ShapeTools {
     const [da, db] = this.#wayOf([dx / k, dy / k]);
     const region =
       corner === null
-        ? movedRegion(region0, da, db)
-        : movedCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
+        ? translateRegion(region0, da, db)
+        : moveCorner(region0, corner, [at[0] + da, at[1] + db], this.reach);
     const fault = regionFault(region);
     editor.stage.element.classList.toggle("dnb-ed-refusing", Boolean(fault));
     if (fault) {
@@ -566,9 +566,9 @@ export class ShapeTools {
     }
     editor.points.shapes = {
       ...editor.points.shapes,
-      [what]: withShape(editor.points.shapes[what], index, { region }),
+      [what]: updateShape(editor.points.shapes[what], index, { region }),
     };
-    editor.map.changed(true);
+    editor.map.invalidate(true);
   }
 
   endDrag(isCancelled: boolean) {
@@ -591,7 +591,7 @@ export class ShapeTools {
       return;
     }
     editor.points.shapes = editor.sender.shapes;
-    editor.map.changed();
+    editor.map.invalidate();
   }
 
   // ---- points that contradict a part --------------------------------------------------------------------------------
@@ -600,7 +600,7 @@ export class ShapeTools {
    * Keep the outline, show the problem, and offer what may become of the points; false if none contradicts a part.
    */
   #offer(offer: Offer) {
-    const held = heldPoints(offer.points, offer.parts, this.editor.map.strength),
+    const held = findConflicts(offer.points, offer.parts, this.editor.map.strength),
       { editor } = this;
     if (!held.length) return false;
     const one = held.length === 1,
@@ -624,13 +624,13 @@ export class ShapeTools {
     return true;
   }
 
-  /** Points that are carried go where their part takes them: back to where they were taken in a fixed one. */
+  /** Carried points follow their part; in a fixed one their targets return to their sources. */
   #takeOffer({ parts, points, kind }: Offer, how: string) {
     const { editor } = this,
       count = editor.points.shapes.parts.length;
-    const held = new Map(heldPoints(points, parts, editor.map.strength).map(({ point, part }) => [point.id, part]));
-    const freed = changed(points, [...held.keys()], ({ id, source }) =>
-      how === "carry" ? { target: placeMoved(held.get(id)?.motion ?? null, source) } : { active: false },
+    const held = new Map(findConflicts(points, parts, editor.map.strength).map(({ point, part }) => [point.id, part]));
+    const freed = updatePoints(points, [...held.keys()], ({ id, source }) =>
+      how === "carry" ? { target: movePlace(held.get(id)?.motion ?? null, source) } : { active: false },
     );
     editor.messages.show("");
     editor.stage.focus();
@@ -640,7 +640,7 @@ export class ShapeTools {
     if (parts.length > count) this.#added("parts");
   }
 
-  /** Take the question back. False if there is none. */
+  /** Withdraw the question. False if there is none. */
   dropOffer() {
     if (!this.offered) return false;
     this.editor.messages.show("");
@@ -659,13 +659,13 @@ export class ShapeTools {
       { sender } = this.editor;
     const part = parts?.find((one, k) => !sameShapes(one, sender.shapes.parts[k]));
     if (!part) return null;
-    const corners = cornersOf(part.region, this.reach).map((place) => placeMoved(part.motion, place));
+    const corners = cornersOf(part.region, this.reach).map((place) => movePlace(part.motion, place));
     return { tool: "part", places: [...corners, ...corners.slice(0, 1)], next: null };
   }
 
-  /** Take other lists; the chosen shape stays chosen, wherever it is in them. */
+  /** Take new lists; the chosen shape stays chosen, at any index. */
   follow(shapes: Shapes) {
-    this.dropOffer(); // it was about other points and parts
+    this.dropOffer(); // it was about the old points and parts
     this.choice.follow(shapes);
     this.editor.points.shapes = shapes;
   }
@@ -677,5 +677,5 @@ function withMiddle(region: RegionData, k: number) {
   const { vertices } = region;
   const p = vertices[k]!,
     q = vertices[(k + 1) % vertices.length]!;
-  return insertedCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
+  return insertCorner(region, k, [(p[0] + q[0]) / 2, (p[1] + q[1]) / 2]);
 }

@@ -24,7 +24,7 @@ export class ShownPicture {
 
   constructor(readonly editor: PictureEditor) {
     this.painter = new Painter(editor.stage.canvas);
-    this.compare = new CompareControls(editor.stage.element, () => editor.frames.moving());
+    this.compare = new CompareControls(editor.stage.element, () => editor.frames.markMoving());
     this.slices = new Slices(editor.model, editor.messages);
   }
 

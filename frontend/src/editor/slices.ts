@@ -15,18 +15,18 @@ export class Slices {
   }
 
   /** The slices, one of which is visible; null for another projection. */
-  get seen() {
+  get current() {
     const { count = 0, first = 0, spacing = 1 } = this.#model.get("slices") ?? {};
     return count > 0 ? { count, first, spacing, index: Number(this.#model.get("slice")) || 0 } : null;
   }
 
   /** Such as "slice 57 / 128, 12.0 mm"; empty where the picture is no slice. */
   get words() {
-    const { seen } = this;
-    if (!seen) return "";
-    const depth = (seen.first + seen.index * seen.spacing).toFixed(1),
+    const { current } = this;
+    if (!current) return "";
+    const depth = (current.first + current.index * current.spacing).toFixed(1),
       { lengths = "" } = this.#model.get("raster");
-    return `slice ${seen.index + 1} / ${seen.count}, ${depth} ${lengths}`.trim();
+    return `slice ${current.index + 1} / ${current.count}, ${depth} ${lengths}`.trim();
   }
 
   /**
@@ -34,10 +34,10 @@ export class Slices {
    * @param by so many slices to the back
    */
   move(by: number, isDragging: boolean) {
-    const { seen } = this;
-    if (!seen) return false;
-    const next = Math.max(0, Math.min(seen.count - 1, seen.index + by));
-    if (next !== seen.index && !isDragging) {
+    const { current } = this;
+    if (!current) return false;
+    const next = Math.max(0, Math.min(current.count - 1, current.index + by));
+    if (next !== current.index && !isDragging) {
       setTrait(this.#model, "slice", next);
       this.#messages.announce(this.words);
     }

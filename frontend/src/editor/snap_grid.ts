@@ -1,6 +1,6 @@
-// The grid to whose nodes targets keep.
+// The grid to whose nodes targets snap.
 
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Vector2 } from "../types.ts";
 import type { EditorParts } from "./parts.ts";
@@ -17,7 +17,7 @@ export class SnapGrid {
     return Math.max(a1 - a0, b1 - b0) / (this.editor.model.get("density") || 16);
   }
 
-  /** The distance of its nodes; 0 where targets keep to none. */
+  /** The distance of its nodes; 0 where targets do not snap. */
   get step() {
     return Number(this.editor.model.get("snap")) || 0;
   }
@@ -26,7 +26,7 @@ export class SnapGrid {
     const { messages, model } = this.editor;
     setTrait(model, "snap", this.step > 0 ? 0 : this.#cell);
     const { step } = this;
-    if (step > 0) messages.hint(`Targets keep to a grid of ${shownLength(step)}; hold Alt to go between`, 4000);
+    if (step > 0) messages.hint(`Targets keep to a grid of ${formatLength(step)}; hold Alt to go between`, 4000);
   }
 
   /** The next node; the drawn grid fills the box with whole cells, which may be a little larger or smaller. */

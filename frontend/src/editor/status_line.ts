@@ -2,12 +2,12 @@
 
 import { NEARLY_FOLDED } from "../generated.ts";
 import { placeOf } from "../maths/cuts.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import type { Vector2 } from "../types.ts";
 import { pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import type { EditorParts } from "./parts.ts";
 import { REGION_FORMS } from "./shape_handles.ts";
-import { shownValue } from "./window_tool.ts";
+import { formatValue } from "./window_tool.ts";
 
 const FOLD_TIP =
   "the smallest factor by which areas are stretched on the way back from this picture to " +
@@ -49,7 +49,7 @@ export class StatusLine {
   get sliceWords() {
     const {
       picture: {
-        slices: { seen: slices },
+        slices: { current: slices },
       },
       model,
     } = this.editor;
@@ -60,7 +60,7 @@ export class StatusLine {
   }
 
   /**
-   * Show the place under the pointer, and the grey value that is seen there.
+   * Show the place under the pointer, and the grey value there.
    * @param at CSS pixels of the view; null for none
    */
   pointAt(at: Vector2 | null) {
@@ -83,10 +83,10 @@ export class StatusLine {
     const value = source.valueAt([place[0] + da, place[1] + db]),
       { grey } = source;
     const { lengths = "" } = model.get("raster"),
-      where = `${place.map(shownLength).join(", ")} ${lengths}`.trim();
+      where = `${place.map(formatLength).join(", ")} ${lengths}`.trim();
     setText(
       this.value,
-      value === null || !grey ? where : `${where}: ${shownValue(value, grey.range)} ${grey.unit}`.trim(),
+      value === null || !grey ? where : `${where}: ${formatValue(value, grey.range)} ${grey.unit}`.trim(),
     );
   }
 
@@ -102,7 +102,7 @@ export class StatusLine {
     const count = `${points.length} ${points.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`;
     const one = selected.size === 1 ? points.find((p) => selected.has(p.id)) : null;
     const chosen = one
-      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
         : shapeTools.choice.name;

@@ -1,4 +1,4 @@
-// The viewport of a picture in an editor: which part of the picture is seen, and how large.
+// The viewport of a picture in an editor: the visible part of the picture, and its scale.
 
 import type { Vector2, Vector4 } from "../types.ts";
 import type { Frames } from "./frames.ts";
@@ -7,7 +7,7 @@ import type { View } from "./painter.ts";
 
 export const MARGIN = 20; // CSS pixels around the picture, so that points on its edge can be seen and grabbed
 const LEAST_SEEN = 0.1; // share of the picture, or of the view, that stays in view
-const LOOK_ZOOM = 2.5; // times the whole picture, where one looks at a point
+const LOOK_ZOOM = 2.5; // times the whole picture, when a point is centred
 
 export class Viewport {
   view: View = { k: 1, x: 0, y: 0, width: 1, height: 1, ratio: 1 };
@@ -101,6 +101,6 @@ export class Viewport {
     v.x = Math.max(across - v.k * a1, Math.min(v.width - across - v.k * a0, v.x));
     v.y = Math.max(down - v.k * b1, Math.min(v.height - down - v.k * b0, v.y));
     this.isFitted = false;
-    this.frames.moving();
+    this.frames.markMoving();
   }
 }

@@ -1,9 +1,9 @@
-// The wand: a click selects what hangs together within a range of values, which Python computes; its outline, and the
-// bar with the range and what becomes of it.
+// The wand: a click selects the pixels connected within a range of values, which Python computes; its outline, and the
+// bar with the range and the uses of the selection.
 // Messages to Python: wand (what, place, tolerance, rule, through). The trait "wand" has the answer: region, words, share.
 
 import type { WandRequest } from "../generated.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import type { RegionData, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText, svgElement } from "../ui/dom.ts";
 import { EDITOR_KEYS, keyPlace } from "../ui/keys.ts";
@@ -109,7 +109,7 @@ export class Wand {
       editor.messages.hint(NO_WAND, 5000);
       return;
     }
-    editor.tools.modes.putDownTools();
+    editor.tools.modes.deactivateTools();
     editor.tools.modes.setAdding(false);
     editor.tools.modes.setSelecting(false);
     editor.tools.shapes.choice.choose(null);
@@ -192,14 +192,14 @@ export class Wand {
       d: this.at ? `M${this.at[0] - 9} ${this.at[1]}h18M${this.at[0]} ${this.at[1] - 9}v18` : "",
     });
     const { unit = "" } = editor.picture.painter.source?.grey ?? {};
-    setText(this.tolerated, `\u00b1 ${shownLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
+    setText(this.tolerated, `\u00b1 ${formatLength(this.tolerance)}${unit ? ` ${unit}` : ""}`);
     setText(this.words, words && share < 1 ? `${words} ${Math.round(100 * share)} %` : words || "Click on the picture");
     this.words.classList.toggle("dnb-ed-wand-failed", failed);
     for (const button of [this.part, this.cut]) button.disabled = !region;
   }
 
   /**
-   * Whether a key means something to the wand.
+   * Handle a key; returns whether the wand uses it.
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
@@ -215,7 +215,7 @@ export class Wand {
       const step = KEY_PIXELS[event.shiftKey ? 0 : 1]!,
         [x, y] = this.at ?? middle;
       this.at = [x + step * arrow[0], y + step * arrow[1]];
-      editor.messages.announce(`wand at ${editor.viewport.placeAt(this.at).map(shownLength).join(", ")}`);
+      editor.messages.announce(`wand at ${editor.viewport.placeAt(this.at).map(formatLength).join(", ")}`);
       editor.frames.invalidate();
       return true;
     }

@@ -22,7 +22,7 @@ export class Wheel {
       isWanted = event.ctrlKey || event.metaKey || editor.stage.isWorkedIn;
     if (!isWanted) {
       editor.messages.hint(
-        editor.picture.slices.seen
+        editor.picture.slices.current
           ? "Click the picture to go through the slices with the wheel, or hold Ctrl to zoom"
           : "Click the picture, or hold Ctrl, to zoom with the wheel",
       );
@@ -35,7 +35,7 @@ export class Wheel {
       editor.tools.brush.grow(-delta / 60);
       return;
     }
-    if (editor.picture.slices.seen && !event.ctrlKey && !event.metaKey) {
+    if (editor.picture.slices.current && !event.ctrlKey && !event.metaKey) {
       const steps = this.#steps.add(delta);
       if (steps !== 0) editor.picture.slices.move(steps, editor.points.isDragging);
       return;

@@ -29,7 +29,7 @@ export function windowStep(range: Vector2) {
 }
 
 /** A value of a range, rounded as it is shown. */
-export function shownValue(value: number, range: Vector2) {
+export function formatValue(value: number, range: Vector2) {
   return Number(value.toFixed(clamp(-exponent(range), 0, 20)));
 }
 
@@ -38,7 +38,7 @@ export function shownValue(value: number, range: Vector2) {
  * @param window the values shown as black and white
  * @param range the smallest and the largest value of the picture
  */
-export function draggedWindow([low, high]: Vector2, [dx, dy]: Vector2, [first, last]: Vector2): Vector2 {
+export function dragWindow([low, high]: Vector2, [dx, dy]: Vector2, [first, last]: Vector2): Vector2 {
   const step = windowStep([first, last]),
     whole = last - first;
   const rounded = (value: number) => Math.round(value / step) * step;
@@ -49,7 +49,7 @@ export function draggedWindow([low, high]: Vector2, [dx, dy]: Vector2, [first, l
 
 /** Such as "window 80, level 40 HU". */
 export function windowWords([low, high]: Vector2, range: Vector2, unit: string) {
-  const words = `window ${shownValue(high - low, range)}, level ${shownValue((low + high) / 2, range)}`;
+  const words = `window ${formatValue(high - low, range)}, level ${formatValue((low + high) / 2, range)}`;
   return unit ? `${words} ${unit}` : words;
 }
 
@@ -104,7 +104,7 @@ export class WindowTool {
   /** Show the picture in the window of the trait. */
   apply() {
     if (this.window) this.editor.picture.painter.source?.setWindow(this.window);
-    this.editor.frames.moving();
+    this.editor.frames.markMoving();
   }
 
   toggle() {
@@ -114,7 +114,7 @@ export class WindowTool {
       editor.messages.hint(NO_WINDOW, 5000);
       return;
     }
-    editor.tools.modes.putDownTools();
+    editor.tools.modes.deactivateTools();
     editor.tools.modes.setAdding(false);
     editor.tools.modes.setSelecting(false);
     this.isOn = true;
@@ -168,7 +168,7 @@ export class WindowTool {
   drag(by: Vector2) {
     const grey = this.#grey;
     if (!this.from || !grey) return;
-    this.#set(draggedWindow(this.start, by, grey.range));
+    this.#set(dragWindow(this.start, by, grey.range));
   }
 
   end(isCancelled: boolean) {
@@ -212,7 +212,7 @@ export class WindowTool {
   }
 
   /**
-   * Whether a key means something to the tool.
+   * Handle a key; returns whether the tool uses it.
    * @param arrow the direction of an arrow key
    */
   key(key: string, event: KeyboardEvent, arrow?: Vector2) {
@@ -224,7 +224,7 @@ export class WindowTool {
     }
     if (!arrow || !grey || !window) return false;
     const pixels = KEY_PIXELS[event.shiftKey ? 0 : 1]!;
-    const next = draggedWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);
+    const next = dragWindow(window, [pixels * arrow[0], pixels * arrow[1]], grey.range);
     this.#set(next);
     this.trait.sendSoon(next);
     this.editor.messages.announce(this.words);

@@ -2,7 +2,7 @@
 
 import type { CurveEditorToFrontEnd } from "../generated.ts";
 import type { Node, NodeRules } from "../maths/curves.ts";
-import { shownNumber } from "../maths/curves.ts";
+import { formatNumber } from "../maths/curves.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { OWN_KEYS, pageElement, setAttributes, setText } from "../ui/dom.ts";
 import { widgetOf } from "../ui/widget.ts";
@@ -140,7 +140,7 @@ class CurveEditorView extends CurvePlot {
 
   words(k: number) {
     const [z, f] = this.nodes[k]!;
-    return `z ${z.toFixed(2)}, f ${shownNumber(f, 1)}`;
+    return `z ${z.toFixed(2)}, f ${formatNumber(f, 1)}`;
   }
 
   describe() {

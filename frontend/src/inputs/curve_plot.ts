@@ -2,15 +2,7 @@
 // rules() as in maths/curves.js, axes() with the ends of both, the power of the vertical axis, and the texts.
 
 import type { Node, NodeRules } from "../maths/curves.ts";
-import {
-  addedNode,
-  curveOfSamples,
-  curveThrough,
-  movedNode,
-  removedNode,
-  shownNumber,
-  ticksOf,
-} from "../maths/curves.ts";
+import { addNode, curveOfSamples, curveThrough, formatNumber, moveNode, removeNode, ticksOf } from "../maths/curves.ts";
 import type { Model, Vector2 } from "../types.ts";
 import { pageElement, setAttributes, setText, svgElement, treeOf } from "../ui/dom.ts";
 import { markElement, NodesView } from "./nodes_view.ts";
@@ -180,7 +172,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     if ("pan" in grabbed) return;
     const { k, from, before, isFree } = grabbed;
     const place = this.tidy(this.toPlace([from[0] + dx, from[1] + dy]), isFree);
-    this.show(movedNode(before.nodes, k, place, this.rules()), k);
+    this.show(moveNode(before.nodes, k, place, this.rules()), k);
     this.move(this.value());
   }
 
@@ -213,7 +205,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     const place: Vector2 = dy ? this.tidy([x, moved[1]], true) : [x + dx * times * (step || (x1 - x0) / 200), y];
     this.nudged ??= k;
     this.isHeld = true;
-    this.show(movedNode(this.nodes, k, place, this.rules()), k);
+    this.show(moveNode(this.nodes, k, place, this.rules()), k);
     this.move(this.value());
     this.settleSoon();
   }
@@ -225,7 +217,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   add(place: Vector2) {
     if (this.isReadOnly) return;
     this.settle();
-    const added = addedNode(this.nodes, place, this.rules());
+    const added = addNode(this.nodes, place, this.rules());
     if (!added) {
       this.showMessage("There is no room for another node here.");
       return;
@@ -246,7 +238,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   remove(k: number) {
     if (this.isReadOnly) return;
     this.settle();
-    const nodes = removedNode(this.nodes, k, this.rules());
+    const nodes = removeNode(this.nodes, k, this.rules());
     if (!nodes) {
       this.showMessage(
         this.nodes.length <= 2 ? "A curve needs two nodes." : "The outer nodes stay: the curve runs from end to end.",
@@ -340,14 +332,14 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
       const px = this.toPixel([x, y0])[0];
       svgElement("path", { class: "dnb-cv-tick", d: `M${px} ${top + height}v3` }, layer);
       const hasRoom = px > left + taken && px < left + width - taken;
-      if (hasRoom) this.write(px, top + height + 16, shownNumber(x, x1 - x0), "middle");
+      if (hasRoom) this.write(px, top + height + 16, formatNumber(x, x1 - x0), "middle");
     }
   }
 
   // Texts at the ends of the horizontal axis.
   endWords(): [string, string] {
     const [[x0, x1]] = this.view;
-    return [shownNumber(x0, x1 - x0), shownNumber(x1, x1 - x0)];
+    return [formatNumber(x0, x1 - x0), formatNumber(x1, x1 - x0)];
   }
 
   /** The place of a node in words. */
@@ -356,7 +348,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
   }
 
   tickText(y: number) {
-    return shownNumber(y, this.view[1][1] - this.view[1][0]);
+    return formatNumber(y, this.view[1][1] - this.view[1][0]);
   }
 
   placeTicks(low: number, high: number): number[] {
@@ -404,7 +396,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     setText(this.facts, `Node ${this.chosen + 1} of ${this.nodes.length}: ${this.words(this.chosen)}`);
     const { isReadOnly } = this;
     setAttributes(this.adder, { "aria-disabled": isReadOnly || this.nodes.length >= this.rules().most });
-    const canRemove = removedNode(this.nodes, this.chosen, this.rules()) !== null;
+    const canRemove = removeNode(this.nodes, this.chosen, this.rules()) !== null;
     setAttributes(this.remover, { "aria-disabled": isReadOnly || !canRemove });
   }
 }

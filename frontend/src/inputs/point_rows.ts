@@ -177,7 +177,7 @@ export function editedText(value: string | number | boolean) {
   return Number.isNaN(value) ? "" : String(value);
 }
 
-export function shownNumber(value: number) {
+export function formatNumber(value: number) {
   if (Number.isNaN(value)) return "";
   const size = Math.abs(value);
   if (size === 0) return "0";

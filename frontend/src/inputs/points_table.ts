@@ -25,12 +25,12 @@ import {
   cellValue,
   editedText,
   fittingColumns,
+  formatNumber,
   leastWidth,
   orderedPoints,
   pointColumns,
   pointsAsCsv,
   readPoints,
-  shownNumber,
 } from "./point_rows.ts";
 
 const ROW_HEIGHT = 26;
@@ -448,7 +448,7 @@ class PointsTableView extends Widget {
       isNumber = typeof value === "number" && column.key !== "id";
     const isSuspect = column.key === "error" && p.suspect;
     const isFixed = p.locked && column.axis !== undefined;
-    const text = isNumber ? shownNumber(value) : String(value);
+    const text = isNumber ? formatNumber(value) : String(value);
     setText(cell, `${isSuspect ? "! " : ""}${text}`);
     cell.classList.toggle("dnb-pt-suspect", isSuspect);
     const tip = isSuspect

@@ -1,7 +1,7 @@
 // The transfer editor: opacity over the histogram of a volume, below it colours and the window of both.
 
 import type { Node, NodeRules } from "../maths/curves.ts";
-import { lineAt, shownNumber } from "../maths/curves.ts";
+import { formatNumber, lineAt } from "../maths/curves.ts";
 import type { Model, Vector2, Vector3, Vector4 } from "../types.ts";
 import {
   ARROWS,
@@ -984,7 +984,7 @@ class TransferEditorView extends CurvePlot {
 
   shownValue(value: number) {
     const [[low, high]] = this.view;
-    return shownNumber(value, high - low);
+    return formatNumber(value, high - low);
   }
 
   words(k: number) {

@@ -1,7 +1,7 @@
 // Brushes that write ordinary control points.
 //
 // A brush is a circle of a radius with a smooth falloff. The tissue in it moves as in a flow that is strongest in the
-// middle and at rest on the rim: such a flow never folds. Points represent it: those that are there already move with
+// middle and at rest on the rim: such a flow never folds. Points represent it: the existing ones move with
 // it, and where there are none the stroke places some, each holding the tissue there. Rings of still points around
 // the brush keep the rest of the picture where it is: kernels reach far, and one ring alone would be overshot.
 
@@ -12,7 +12,7 @@ const BRUSH_STEP = 0.125; // of the radius: the longest piece of a stroke that i
 const BRUSH_LEG = 0.5; // of the radius: after that distance the rings are replaced around the brush
 const BRUSH_CARRIES = 0.6,
   BRUSH_SLIPS = 0.5; // radii that the middle is carried; then it is left behind bit by bit
-const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is taken instead of a new one
+const BRUSH_TAKES = 0.4; // of the radius: a point nearer than this to the middle is used instead of a new one
 const BRUSH_ROOM = 0.45; // of the radius: no new point nearer than this to an old one
 const BRUSH_RINGS = [1.1, 1.7, 2.6]; // of still points, in radii
 const BRUSH_RING = 8; // points of a ring
@@ -64,7 +64,7 @@ export class Stroke {
   /** The id of the point in the middle */
   held: number | null = null;
   isBegun = false;
-  lead = 0; // the side of a mirror that decides, for mirroredEdit
+  lead = 0; // the side of a mirror that decides, for mirrorEdit
   lockedBy: Point | null;
   source: (place: Vector) => Vector | null;
 

@@ -90,18 +90,18 @@ export class Camera {
   }
 
   /**
-   * Move the view so that at least a tenth of what all corners (vectors from the middle) span stays in it, or fills a
+   * Move the view so that at least a tenth of the span of all corners (vectors from the middle) stays in it, or fills a
    * tenth of it.
    */
   keepInView(corners: Vector3[], aspect: number) {
     const height = this.height / 2,
-      limited = (way: number, axis: Vector3, side: number) => {
+      clampPan = (way: number, axis: Vector3, side: number) => {
         const half = Math.max(...corners.map((corner) => Math.abs(dot(corner, axis))));
         const most = half + side - 2 * LEAST_SEEN * Math.min(half, side);
         return Math.max(-most, Math.min(most, way));
       };
     const [across, up] = this.pan;
-    this.pan = [limited(across, this.right, height * aspect), limited(up, this.up, height)];
+    this.pan = [clampPan(across, this.right, height * aspect), clampPan(up, this.up, height)];
   }
 
   /**

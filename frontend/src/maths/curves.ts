@@ -79,8 +79,8 @@ export function curveOfSamples(samples: ArrayLike<number>): (x: number) => numbe
   };
 }
 
-/** The nodes with node k as near to a place as the rules allow. */
-export function movedNode(nodes: Node[], k: number, [x, y]: Node, rules: NodeRules) {
+/** Move node k as near to a place as the rules allow. */
+export function moveNode(nodes: Node[], k: number, [x, y]: Node, rules: NodeRules) {
   const before = k > 0 ? nodes[k - 1]![0] + rules.gap : rules.x[0];
   const after = k < nodes.length - 1 ? nodes[k + 1]![0] - rules.gap : rules.x[1];
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
@@ -94,7 +94,7 @@ export function movedNode(nodes: Node[], k: number, [x, y]: Node, rules: NodeRul
 }
 
 /** [nodes, index of the new one], or null where there is no room. */
-export function addedNode(nodes: Node[], [x, y]: Node, rules: NodeRules): [nodes: Node[], index: number] | null {
+export function addNode(nodes: Node[], [x, y]: Node, rules: NodeRules): [nodes: Node[], index: number] | null {
   if (nodes.length >= rules.most) return null;
   const rounded = rules.step ? Math.round(x / rules.step) * rules.step : x;
   const at = Math.max(rules.x[0], Math.min(rules.x[1], rounded));
@@ -106,8 +106,8 @@ export function addedNode(nodes: Node[], [x, y]: Node, rules: NodeRules): [nodes
   return [[...nodes.slice(0, k), node, ...nodes.slice(k)], k];
 }
 
-/** The nodes without node k; null where it must stay. */
-export function removedNode(nodes: Node[], k: number, rules: NodeRules) {
+/** Remove node k; null where it must not be removed. */
+export function removeNode(nodes: Node[], k: number, rules: NodeRules) {
   if (nodes.length <= 2 || (rules.isPinned && (k === 0 || k === nodes.length - 1))) return null;
   return nodes.filter((_, j) => j !== k);
 }
@@ -123,7 +123,7 @@ export function ticksOf(low: number, high: number, count: number) {
 }
 
 /** A number with as many digits as distinguish values of this range. */
-export function shownNumber(value: number, range: number) {
+export function formatNumber(value: number, range: number) {
   const digits = Math.max(0, Math.min(6, 2 - Math.floor(Math.log10(range || 1))));
   const text = Math.abs(value) >= 1e6 ? value.toExponential(2) : String(Number(value.toFixed(digits)));
   return text.replace("-", "\u2212");

@@ -18,7 +18,7 @@ export function layeredFit(points: Point[], settings: FitSettings & { previous?:
   const found = !regions.length
     ? [{ key: 0, fit: fitOf(points, before.get(0) ?? null) }]
     : regions.some(({ opening }) => opening)
-      ? fitsBesideSlits(points, regions, before, fitOf)
+      ? slitFits(points, regions, before, fitOf)
       : [...groupsOf(points, regions)].map(([key, own]) => ({ key, fit: fitOf(own, before.get(key) ?? null) }));
   const order = regions.map((_, k) => 1 << k);
   const fits = found
@@ -73,7 +73,7 @@ function checkSlits(regions: Region[], rule: string) {
 }
 
 /** The blended fits of every region between cuts of which some stop, as fits_beside_slits in deformnb.rbf.slits. */
-function fitsBesideSlits(
+function slitFits(
   points: Point[],
   regions: Region[],
   before: Map<number, Fit>,

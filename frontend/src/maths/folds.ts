@@ -147,7 +147,7 @@ export function probesOf(layered: LayeredFit, most: number = 2e5) {
  * The smallest det J over a lattice in a box and near the points in it, followed downhill from there, its place, and
  * the share of the lattice that folds (<= 0). With cuts, only visible tissue counts, and points. Where there is no
  * tissue, a det J up to NEARLY_FOLDED does not count: `air` is the share of such folds, and NEARLY_FOLDED < least where
- * all folds are of that sort.
+ * all folds are such.
  * @param box [a0, a1, b0, b1]
  * @param nodes of each side of the lattice
  * @param isTissue at a place; default everywhere
@@ -198,7 +198,7 @@ export function foldsOf(
 
 /**
  * From a place in a box to the least det J nearby, never out of the box.
- * @param isTissue where alone a fold counts
+ * @param isTissue the places where a fold counts
  */
 function downhill(
   layered: LayeredFit,

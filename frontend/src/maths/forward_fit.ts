@@ -23,7 +23,7 @@ import { RBF_KERNELS, rbfFit, rbfLinearAt, rbfQuadraticAt, rbfSupport } from "./
 const NEAR_STEP = 0.02; // of a pixel: a residual that one step of Newton's method squares
 
 /** Points with sources and targets exchanged. */
-export function turnedPoints(points: Point[]) {
+export function exchangePoints(points: Point[]) {
   return points.map((p) => ({ ...p, source: p.target, target: p.source }));
 }
 
@@ -34,11 +34,11 @@ export function forwardFit(
   dim: number = 2,
 ): Fit {
   const strength = settings.strength ?? 1,
-    support = rbfSupport(turnedPoints(points), settings);
+    support = rbfSupport(exchangePoints(points), settings);
   const dragged =
     strength === 1 ? points : points.map((p) => ({ ...p, target: placeBetween(p.source, p.target, strength) }));
   const previous = settings.previous?.forward ?? null;
-  const forward = rbfFit(turnedPoints(dragged), { ...settings, strength: 1, support, previous }, dim);
+  const forward = rbfFit(exchangePoints(dragged), { ...settings, strength: 1, support, previous }, dim);
   return { ...forward, forward };
 }
 
@@ -395,7 +395,7 @@ function alongRows(
     let isGood = false;
     for (let j = 0; j < count; j++, n += dim) {
       y[0] = start + j * step;
-      if (isGood) isGood = stepped(fit, inverse, y, x, t, near, step);
+      if (isGood) isGood = tryStep(fit, inverse, y, x, t, near, step);
       if (!isGood) isGood = placeBefore(fit, y, x, t);
       for (let k = 0; k < dim; k++) out[n + k] = x[k]! - y[k]!;
     }
@@ -407,7 +407,7 @@ function alongRows(
  * that is not enough.
  * @param t as mapAndSlope has left it
  */
-function stepped(
+function tryStep(
   fit: RbfFit,
   { dim, sign }: Inverse,
   y: ArrayLike<number>,

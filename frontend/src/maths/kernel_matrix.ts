@@ -30,7 +30,7 @@ export function kernelMatrix(centres: Centres, profile: (s: number) => number) {
   let best = null,
     fewest = n / 2;
   for (const matrix of kept) {
-    const moved = matrix.profile === profile ? matrix.movedIn(centres, fewest) : null;
+    const moved = matrix.profile === profile ? matrix.findMoved(centres, fewest) : null;
     if (moved && (moved.length < fewest || !best)) {
       best = { matrix, moved };
       fewest = moved.length;
@@ -69,9 +69,9 @@ class KernelMatrix {
   }
 
   /**
-   * The centres that are others than here, null if those are more than a number or the matrix is of another kind.
+   * The centres that differ from these, null if those are more than a number or the matrix is of another kind.
    */
-  movedIn(now: Centres, most: number) {
+  findMoved(now: Centres, most: number) {
     const { n, dim, centres: old } = this,
       found = [];
     const isOther = old.kernel !== now.kernel || old.radius !== now.radius || !old.radii !== !now.radii;
@@ -162,7 +162,7 @@ function dot(a: Float64Array, p: number, b: Float64Array, q: number, count: numb
     t = 0,
     u = 0,
     v = 0,
-    k = 0; // four sums: one would wait for itself at each term
+    k = 0; // four sums: a single one would stall at each term
   for (; k + 3 < count; k += 4) {
     s += a[p + k]! * b[q + k]!;
     t += a[p + k + 1]! * b[q + k + 1]!;

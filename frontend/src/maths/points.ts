@@ -36,60 +36,60 @@ export function placeBetween<V extends Vector>(p: V, q: V, share: number) {
 }
 
 /** The points with these ids changed. */
-export function changed(points: Point[], ids: number[], change: (point: Point) => Partial<Point>) {
+export function updatePoints(points: Point[], ids: number[], change: (point: Point) => Partial<Point>) {
   const chosen = new Set(ids);
   return points.map((p) => (chosen.has(p.id) ? { ...p, ...change(p) } : p));
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by (da, db). */
-export function movedPoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
+export function translatePoints(points: Point[], ids: number[], da: number, db: number, what: string = "target") {
   const by = ([a, b]: Vector): Vector => [a + da, b + db];
-  return changed(points, ids, (p) => ({
+  return updatePoints(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
   }));
 }
 
-/** A point, its fields in the order in which Python sends them: lists are compared as text. */
+/** A point with its fields in the order in which Python sends them: lists are compared as text. */
 export function newPoint(id: number, source: Vector, target: Vector, name: string = ""): Point {
   return { id, name, source: [...source], target: [...target], active: true, weight: 1, locked: false, radius: null };
 }
 
-export function addedPoint(points: Point[], id: number, source: Vector, target: Vector) {
+export function addPoint(points: Point[], id: number, source: Vector, target: Vector) {
   return [...points, newPoint(id, source, target)];
 }
 
-export function removedPoints(points: Point[], ids: number[]) {
+export function removePoints(points: Point[], ids: number[]) {
   const gone = new Set(ids);
   return points.filter((p) => !gone.has(p.id));
 }
 
-export function renamedPoint(points: Point[], id: number, name: string) {
-  return changed(points, [id], () => ({ name: name.trim().slice(0, 80) }));
+export function renamePoint(points: Point[], id: number, name: string) {
+  return updatePoints(points, [id], () => ({ name: name.trim().slice(0, 80) }));
 }
 
-/** On if all chosen are off, else off: one press always does something visible. */
-export function switchedPoints(points: Point[], ids: number[]) {
+/** Switch points on if all chosen are off, else off: one press always has a visible effect. */
+export function togglePoints(points: Point[], ids: number[]) {
   const chosen = new Set(ids),
     some = points.some((p) => chosen.has(p.id) && p.active);
-  return changed(points, ids, () => ({ active: !some }));
+  return updatePoints(points, ids, () => ({ active: !some }));
 }
 
-/** Locked if some of the chosen are not yet, else free. */
-export function lockedPoints(points: Point[], ids: number[]) {
+/** Lock points if some of the chosen are free, else unlock them. */
+export function toggleLocks(points: Point[], ids: number[]) {
   const chosen = new Set(ids),
     isFree = points.some((p) => chosen.has(p.id) && !p.locked);
-  return changed(points, ids, () => ({ locked: isFree }));
+  return updatePoints(points, ids, () => ({ locked: isFree }));
 }
 
-/** Those of the ids that may be moved and removed. */
+/** The ids of points that may be moved and removed. */
 export function freeIds(points: Point[], ids: number[]) {
   const locked = new Set(points.filter((p) => p.locked).map((p) => p.id));
   return ids.filter((id) => !locked.has(id));
 }
 
 export function resetPoints(points: Point[], ids: number[]) {
-  return changed(points, ids, (p) => ({ target: [...p.source] }));
+  return updatePoints(points, ids, (p) => ({ target: [...p.source] }));
 }
 
 /** The next free id, at least `least`. */
@@ -144,7 +144,7 @@ export function sameShapes(p: unknown, q: unknown) {
 }
 
 // ---- points rotated and scaled about their middle, and the rim of a single one -------------------------------------
-// A point alone has nothing to rotate; three still ones around it, its rim, are rotated instead.
+// A single point cannot be rotated; three still ones around it, its rim, are rotated instead.
 
 /**
  * Keys that rotate, clockwise is 1. With Shift the same keys write other signs, with Alt on some keyboards as well.
@@ -161,10 +161,10 @@ export function middleOf(points: { target: Vector }[]): Vector2 {
 }
 
 /** Targets rotated by an angle (clockwise on the screen, where b runs down) and scaled, about a place. */
-export function turnedPoints(points: Point[], ids: number[], about: Vector, angle: number, factor: number = 1) {
+export function rotatePoints(points: Point[], ids: number[], about: Vector, angle: number, factor: number = 1) {
   const c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
-  return changed(points, ids, (p) => {
+  return updatePoints(points, ids, (p) => {
     const x = p.target[0] - about[0],
       y = p.target[1] - about[1];
     return { target: [about[0] + c * x - s * y, about[1] + s * x + c * y] };
@@ -205,8 +205,8 @@ export function rimOf(points: Point[], pin: Point) {
     .slice(0, 3);
 }
 
-/** Those points, and the rims of those that have one. */
-export function withRims(points: Point[], ids: number[]) {
+/** The ids with those of the points' rims. */
+export function includeRims(points: Point[], ids: number[]) {
   const chosen = new Set(ids);
   for (const p of points) if (ids.includes(p.id)) for (const rim of rimOf(points, p)) chosen.add(rim.id);
   return [...chosen];
@@ -217,7 +217,7 @@ export function withRims(points: Point[], ids: number[]) {
  * @param id of the first new point
  * @param sourceAt null outside the tissue
  */
-export function rimmedPoints(
+export function addRim(
   points: Point[],
   pin: Point,
   distance: number,
@@ -250,29 +250,29 @@ function mirrorNormal({ normal, axis }: Mirror): Vector {
   return normal ?? (axis === "a" ? [1, 0] : [0, 1]);
 }
 
-/** The distance of a place on the positive side. */
-function awayFrom(mirror: Mirror, place: Vector) {
+/** The signed distance of a place from the axis. */
+function axisDistance(mirror: Mirror, place: Vector) {
   return mirrorNormal(mirror).reduce((sum, n, k) => sum + n * place[k]!, 0) - mirror.at;
 }
 
-/** A place, moved along the normal. */
-function acrossBy(mirror: Mirror, place: Vector, way: number) {
+/** Move a place along the normal. */
+function moveAcross(mirror: Mirror, place: Vector, way: number) {
   return mapVector(mirrorNormal(mirror), (n, k) => place[k]! + way * n);
 }
 
 function mirrorPlace(mirror: Mirror, place: Vector) {
-  return acrossBy(mirror, place, -2 * awayFrom(mirror, place));
+  return moveAcross(mirror, place, -2 * axisDistance(mirror, place));
 }
 
 /** 1 or -1 for the side of the axis for a place, 0 within `near` of it. */
 export function mirrorSide(mirror: Mirror, place: Vector, near: number) {
-  const away = awayFrom(mirror, place);
+  const away = axisDistance(mirror, place);
   return Math.abs(away) <= near ? 0 : Math.sign(away);
 }
 
 /** The nearest place on the axis. */
-export function onAxis(mirror: Mirror, place: Vector) {
-  return acrossBy(mirror, place, -awayFrom(mirror, place));
+export function projectOnAxis(mirror: Mirror, place: Vector) {
+  return moveAcross(mirror, place, -axisDistance(mirror, place));
 }
 
 export function distance(p: Vector, q: Vector) {
@@ -280,7 +280,7 @@ export function distance(p: Vector, q: Vector) {
 }
 
 /** The point whose source is the mirror image of that of `p`, or null. */
-function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
+function findPartner(mirror: Mirror, points: Point[], p: Point, near: number) {
   const place = mirrorPlace(mirror, p.source);
   let best = null,
     least = near;
@@ -294,20 +294,20 @@ function partnerOf(mirror: Mirror, points: Point[], p: Point, near: number) {
   return best;
 }
 
-/** A target that stays on the side of its source: beyond the axis it would meet its partner. */
-function keptOnSide(mirror: Mirror, place: Vector, side: number, near: number) {
-  const away = awayFrom(mirror, place);
-  return away * side >= near ? place : acrossBy(mirror, place, side * near - away);
+/** Keep a target on the side of its source: beyond the axis it would meet its partner. */
+function clampToSide(mirror: Mirror, place: Vector, side: number, near: number) {
+  const away = axisDistance(mirror, place);
+  return away * side >= near ? place : moveAcross(mirror, place, side * near - away);
 }
 
 /**
- * An edit (`before` to `after`) and the same on the other side.
+ * Mirror an edit (`before` to `after`) to the other side.
  *
  * near: the lengths within which a source is on the axis and a partner is found; id: of the next new point; lead: the
  * side that decides where both have changed; seenAt(source): where that tissue is seen now, or null. The partner of a
  * new point holds it there, and moves nothing, also where the two sides have been deformed in different ways.
  */
-export function mirroredEdit(
+export function mirrorEdit(
   mirror: Mirror,
   before: Point[],
   after: Point[],
@@ -331,7 +331,7 @@ export function mirroredEdit(
   const sideNow = (p: Point) => mirrorSide(mirror, (was.get(p.id) ?? p).source, near.axis);
   for (const p of before) {
     if (result.has(p.id) || sideNow(p) === 0) continue;
-    const partner = partnerOf(mirror, before, p, near.partner);
+    const partner = findPartner(mirror, before, p, near.partner);
     if (partner && !partner.locked) result.delete(partner.id);
   }
   const handled = new Set<number>(),
@@ -341,29 +341,29 @@ export function mirroredEdit(
       old = was.get(p.id);
     if (handled.has(p.id) || !result.has(p.id)) continue;
     if (side === 0) {
-      result.set(p.id, centredPoint(mirror, p, old));
+      result.set(p.id, projectPoint(mirror, p, old));
       continue;
     }
     if (side !== leads && !old && isLed) {
       result.delete(p.id);
       continue;
     } // its partner is being moved
-    const kept = { ...p, target: keptOnSide(mirror, p.target, side, near.axis) };
+    const kept = { ...p, target: clampToSide(mirror, p.target, side, near.axis) };
     result.set(p.id, kept);
-    const partner = partnerOf(mirror, before, old ?? p, near.partner);
+    const partner = findPartner(mirror, before, old ?? p, near.partner);
     if (partner && (partner.locked || !result.has(partner.id))) continue;
     if (partner) handled.add(partner.id);
     else if (old && !hasMoved(old, p)) continue; // switched only: nothing to make
-    const made = mirroredPoint(mirror, kept, old, partner, partner ? partner.id : id);
-    if (!partner && !old) made.target = heldPlace(made, seenAt(made.source), near.axis);
+    const made = mirrorPoint(mirror, kept, old, partner, partner ? partner.id : id);
+    if (!partner && !old) made.target = visiblePlace(made, seenAt(made.source), near.axis);
     if (!partner) id += 1;
     result.set(made.id, made);
   }
   return [...result.values()];
 }
 
-/** The place where the tissue is seen; one that differs by rounding alone is the mirror's own. */
-function heldPlace({ target }: Point, seen: Vector | null, near: number) {
+/** The place where the tissue is visible; one that differs by rounding alone is the mirror's own. */
+function visiblePlace({ target }: Point, seen: Vector | null, near: number) {
   return seen === null || distance(seen, target) < 1e-3 * near ? target : seen;
 }
 
@@ -375,14 +375,18 @@ function isUnmoved(p: Point | undefined, q: Point) {
   return p !== undefined && !hasMoved(p, q) && p.active === q.active;
 }
 
-/** A point whose places are moved to the axis. */
-function centredPoint(mirror: Mirror, p: Point, old?: Point) {
+/** Project the places of a point on the axis. */
+function projectPoint(mirror: Mirror, p: Point, old?: Point) {
   const isTaken = old && samePoints(old.source, p.source);
-  return { ...p, source: isTaken ? p.source : onAxis(mirror, p.source), target: onAxis(mirror, p.target) };
+  return {
+    ...p,
+    source: isTaken ? p.source : projectOnAxis(mirror, p.source),
+    target: projectOnAxis(mirror, p.target),
+  };
 }
 
 /** The point on the other side: the partner, or a new one with this id. */
-function mirroredPoint(mirror: Mirror, p: Point, old: Point | undefined, partner: Point | null, id: number) {
+function mirrorPoint(mirror: Mirror, p: Point, old: Point | undefined, partner: Point | null, id: number) {
   const target = mirrorPlace(mirror, p.target),
     source = mirrorPlace(mirror, p.source);
   if (partner === null) return { ...p, id, name: old ? "" : p.name, source, target, locked: false };

@@ -62,7 +62,7 @@ export type Kernel = {
 };
 /** A control point with its weight, its target x and its displacement d. */
 export type Span = { basis: number[][]; ridge: Matrix | null; quadrics?: number[][]; bend?: Matrix };
-/** Points made ready for a solve. */
+/** Points prepared for a solve. */
 export type Place = { point: Point; w: number; x: Vector; d: Vector };
 export type Ready = Span & {
   n: number;
@@ -180,7 +180,7 @@ function rbfPairs(dim: number): Vector2[] {
   return [...all.map((a) => [a, a] as Vector2), ...all.flatMap((a) => all.slice(0, a).map((b) => [a, b] as Vector2))];
 }
 
-/** @param x n x dim; the products of each row come back */
+/** @param x n x dim; returns the products of each row */
 function rbfProducts(x: Float64Array, dim: number) {
   const pairs = rbfPairs(dim),
     n = x.length / dim,
@@ -278,7 +278,7 @@ function rbfAffineColumns(x: Float64Array, basis: number[][], dim: number) {
   return p;
 }
 
-/** What columns p (n x r) leave of columns b (n x m), by Gram-Schmidt, twice. */
+/** Columns b (n x m) less their projection on columns p (n x r), by Gram-Schmidt, twice. */
 function rbfProjected(p: Float64Array, b: Float64Array, n: number, r: number, m: number) {
   const e = Float64Array.from(p),
     out = b.slice(0, n * m);
@@ -1205,13 +1205,13 @@ function rbfDiameter(places: Vector[]) {
   return size * Math.sqrt(most);
 }
 
-/** The support of documents of before 2.0, which depends on the axes; nothing else does. */
+/** The support of documents before 2.0, which depends on the axes; nothing else does. */
 export function rbfBoxDiagonal(points: Ends[]) {
   return Math.hypot(...rbfSizes(rbfAtRest(points))) || null;
 }
 
 /**
- * The usual support of points: a share of their diameter, not below the distance at which they hang together, and less
+ * The usual support of points: a share of their diameter, not below the distance at which they are connected, and less
  * for points in a row.
  */
 function rbfUsualSupport(points: Point[], kernel: string) {
@@ -1226,7 +1226,7 @@ function rbfUsualSupport(points: Point[], kernel: string) {
   return wide === spreads.length ? usual : Math.min(usual, size * Math.min(0.5, gaps / across));
 }
 
-/** The longest edge of the shortest tree of places: the distance at which they hang together. */
+/** The longest edge of the minimum spanning tree of places: the distance at which they are connected. */
 function rbfGap(places: Vector[]) {
   if (places.length < 2) return 0;
   const near = places.map((p) => rbfDistance(p, places[0]!)),
@@ -1408,7 +1408,7 @@ function rbfRefuseConflicts(places: Place[], pairs: Vector2[], radius: number) {
     const p = places[i]!,
       q = places[j]!;
     if (rbfDistance(p.d, q.d) <= SAME_DISPLACEMENT * radius + rbfDistance(p.x, q.x)) continue;
-    const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfShown).join(", ")})`);
+    const [place, one, two] = [p.x, p.d, q.d].map((v) => `(${v.map(rbfFormat).join(", ")})`);
     throw new RbfError(
       `${rbfLabel(p.point)} and ${rbfLabel(q.point)} are at the same place ${place} but require ` +
         `different displacements ${one} and ${two}; move or delete one, or turn smoothing on.`,
@@ -1416,11 +1416,11 @@ function rbfRefuseConflicts(places: Place[], pairs: Vector2[], radius: number) {
   }
 }
 
-function rbfShown(value: number) {
+function rbfFormat(value: number) {
   return String(Number(value.toPrecision(6)));
 }
 
-/** The trend that so many points bear, and a remark. */
+/** The trend that so many points determine, and a remark. */
 function rbfDeterminedTrend(
   trend: string,
   kernel: string,
@@ -1528,7 +1528,7 @@ function rbfSolvePrepared(ready: Ready, kernel: string, smoothing: number, previ
   const isExact = largest(miss) <= RESIDUAL * largest(d) + ROUNDING * largest(fit.centers);
   if (!isExact && !(largest(miss) <= MOST_MISSED * largest(d))) {
     throw new RbfError(
-      `the ${kernel} kernel with support ${rbfShown(r)} is too flat for these ${n} control points: ` +
+      `the ${kernel} kernel with support ${rbfFormat(r)} is too flat for these ${n} control points: ` +
         `the system is singular to working precision (closest are ${rbfClosest(ready)}). Use a smaller support, a ` +
         "Wendland kernel, or a little smoothing.",
     );

@@ -5,8 +5,8 @@
 // {kind: "mask", shape: [nv, nu], spacing, origin, bits}, where bits is base64 of zlib of the pixels, eight to a byte,
 // the first in the highest bit.
 //
-// A line continues without end beyond its ends. Inside is on the left for one who looks at the picture and walks along
-// it (b points down), the same as everywhere in the package.
+// A line continues without end beyond its ends. Inside is to the left of its direction as the picture is seen (b points
+// down), the same as everywhere in the package.
 
 import { LARGEST_SHAPE } from "../generated.ts";
 import type { HalfSpaceData, LineData, MaskData, OutlineData, Region, RegionData, Vector2 } from "../types.ts";
@@ -51,7 +51,7 @@ function maskRegion(data: MaskData): Region {
 
 /** The pixels of a mask, 0 or 1. */
 export function maskPixels({ shape: [nv, nu], bits }: MaskData) {
-  const bytes = inflated(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))),
+  const bytes = inflate(Uint8Array.from(atob(bits), (c) => c.charCodeAt(0))),
     out = new Uint8Array(nv * nu);
   for (let k = 0; k < out.length; k++) out[k] = (bytes[k >> 3]! >> (7 - (k & 7))) & 1;
   return out;
@@ -124,10 +124,10 @@ const INFLATE_REPEATS: Vector2[] = [
 const INFLATE_ORDER = [16, 17, 18, 0, 8, 7, 9, 6, 10, 5, 11, 4, 12, 3, 13, 2, 14, 1, 15];
 
 /** The data in a stream of zlib (RFC 1950, 1951). */
-export function inflated(bytes: Uint8Array) {
+export function inflate(bytes: Uint8Array) {
   let at = 16,
     out = new Uint8Array(1 << 14),
-    size = 0; // at: in bits; a header of two bytes comes first
+    size = 0; // at: in bits; after a header of two bytes
   const take = (n: number) => {
     let value = 0;
     for (let k = 0; k < n; k++, at++) {
@@ -155,7 +155,7 @@ export function inflated(bytes: Uint8Array) {
       continue;
     }
     if (kind === 3) throw new Error("a mask is not packed as zlib does");
-    const [symbols, distances] = kind === 1 ? fixedCodes() : sentCodes(take);
+    const [symbols, distances] = kind === 1 ? fixedCodes() : readCodes(take);
     for (let symbol = symbols(take); symbol !== 256; symbol = symbols(take)) {
       if (symbol < 256) {
         put(symbol);
@@ -204,7 +204,7 @@ function fixedCodes(): Codes {
   return [codeReader(lengths), codeReader(new Array<number>(30).fill(5))];
 }
 
-function sentCodes(take: Take): Codes {
+function readCodes(take: Take): Codes {
   const literals = take(5) + 257,
     distances = take(5) + 1,
     count = take(4) + 4,
@@ -233,7 +233,7 @@ export function regionDistance(data: RegionData) {
   return regionOf(data).distance;
 }
 
-/** A region made ready for use, once for each object of data. */
+/** A region prepared for use, once for each object of data. */
 export function regionOf(data: RegionData) {
   const made = regionsMade.get(data);
   if (made) return made;
@@ -266,7 +266,7 @@ function halfSpaceRegion({ kind, point: [pa, pb], normal: [na, nb] }: HalfSpaceD
  */
 function outlineEdges({ kind, vertices }: OutlineData) {
   const isClosed = kind === "polygon",
-    corners = withoutTwins(vertices, isClosed),
+    corners = removeDuplicates(vertices, isClosed),
     n = corners.length;
   const count = isClosed ? n : n - 1,
     turn = isClosed && signedArea(corners) > 0 ? -1 : 1;
@@ -309,7 +309,7 @@ function outlineEdges({ kind, vertices }: OutlineData) {
 }
 
 /** The vertices without those that repeat the one before. */
-function withoutTwins(vertices: Vector2[], isClosed: boolean) {
+function removeDuplicates(vertices: Vector2[], isClosed: boolean) {
   return vertices.filter(([a, b], k) => {
     const before = k ? vertices[k - 1] : isClosed ? vertices.at(-1) : null;
     return !before || vertices.length < 2 || before[0] !== a || before[1] !== b;
@@ -350,7 +350,7 @@ function outlineRegion(data: OutlineData): Region {
  * How far a cut along a line is open, as Line.opening in deformnb.rbf.regions: from 0, at its tips and beyond, to 1.
  */
 function openingOf({ vertices, stops = [false, false] }: LineData): NonNullable<Region["opening"]> {
-  const corners = withoutTwins(vertices, false),
+  const corners = removeDuplicates(vertices, false),
     n = corners.length;
   const way = (p: Vector2, q: Vector2) => Math.hypot(q[0] - p[0], q[1] - p[1]);
   let whole = 0;
@@ -441,7 +441,7 @@ export function regionFault(data: RegionData) {
   }
   if (data.kind === "mask") return "";
   const isClosed = data.kind === "polygon",
-    corners = withoutTwins(data.vertices, isClosed);
+    corners = removeDuplicates(data.vertices, isClosed);
   if (isClosed && corners.length < 3) return "A closed shape needs three corners.";
   if (corners.length < 2) return "A line needs two places.";
   if (corners.length > LARGEST_SHAPE) return `A shape has at most ${LARGEST_SHAPE} corners.`;

@@ -17,7 +17,7 @@ import type {
   Vector2,
   Vector3,
 } from "../types.ts";
-import { forwardAt, forwardFit, forwardOnRaster, turnedPoints } from "./forward_fit.ts";
+import { exchangePoints, forwardAt, forwardFit, forwardOnRaster } from "./forward_fit.ts";
 import { placeBetween } from "./points.ts";
 import {
   RbfError,
@@ -32,7 +32,7 @@ import {
 } from "./rbf.ts";
 import { regionDistance } from "./regions.ts";
 import { sampledAt, sampledOnRaster } from "./sampled_fit.ts";
-import { placeMoved } from "./shapes.ts";
+import { movePlace } from "./shapes.ts";
 
 // ---- fits with rigid parts ------------------------------------------------------------------------------------------
 
@@ -123,8 +123,8 @@ function readyParts(parts: PartData[] | undefined, strength: number): ReadyPart[
     }));
 }
 
-/** The points dragged `strength` times as far; those that a part carries go as far as it does then. */
-function draggedPoints(points: Point[], strength: number, parts: PartData[] = []) {
+/** Scale the displacements by the strength; points that a part carries follow its scaled motion. */
+function scaleDisplacements(points: Point[], strength: number, parts: PartData[] = []) {
   if (strength === 1) return points;
   const turning = parts.filter((part) => part.motion),
     near = turning.length ? SAME_MOTION * sizeOf(points) : 0;
@@ -139,7 +139,7 @@ function draggedPoints(points: Point[], strength: number, parts: PartData[] = []
   });
 }
 
-/** Where a part takes a place. */
+/** The image of a place under a part's motion. */
 function forward({ back: { m, s } }: ReadyPart, [a, b]: Vector): Vector2 {
   const x = a - s[0],
     y = b - s[1];
@@ -148,26 +148,26 @@ function forward({ back: { m, s } }: ReadyPart, [a, b]: Vector): Vector2 {
 
 /** Whether a part maps a point's source to its target. */
 function isCarried(part: ReadyPart, point: Point, near: number) {
-  const { isIn, gap } = heldBy(part, point);
+  const { isIn, gap } = pointInPart(part, point);
   return isIn && gap <= near;
 }
 
 /** The points in a part that require another displacement than the part's. */
-export function heldPoints(points: Point[], parts: PartData[], strength: number = 1) {
+export function findConflicts(points: Point[], parts: PartData[], strength: number = 1) {
   const ready = readyParts(parts, strength);
-  return ready.length ? sortedPoints(draggedPoints(points, strength, parts), ready).refused : [];
+  return ready.length ? partitionPoints(scaleDisplacements(points, strength, parts), ready).refused : [];
 }
 
 /**
  * The points after a change of a part's motion: those that it carried, the active points in it that
  * require its displacement, follow it.
  */
-export function carriedPoints(points: Point[], before: PartData, after: PartData) {
+export function carryPoints(points: Point[], before: PartData, after: PartData) {
   const [ready] = readyParts([before], 1),
     near = SAME_MOTION * sizeOf(points);
   if (!ready) return points;
   return points.map((p) =>
-    p.active !== false && isCarried(ready, p, near) ? { ...p, target: placeMoved(after.motion, p.source) } : p,
+    p.active !== false && isCarried(ready, p, near) ? { ...p, target: movePlace(after.motion, p.source) } : p,
   );
 }
 
@@ -190,21 +190,21 @@ function sizeOf(points: Point[]) {
 }
 
 /** Whether a point is in a part, and the distance of its displacement from the part's. */
-function heldBy({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b] }: Point) {
+function pointInPart({ back: { m, s }, distance }: ReadyPart, { source, target: [a, b] }: Point) {
   const x = m[0] * a + m[1] * b + s[0],
     y = m[2] * a + m[3] * b + s[1];
   return { isIn: distance(x, y) <= 0, gap: Math.hypot(source[0] - x, source[1] - y) };
 }
 
-/** The active points outside all parts, notes on those that a part holds anyway, and the points that it refuses. */
-function sortedPoints(points: Point[], ready: ReadyPart[]) {
+/** The active points outside all parts, notes on those that a part holds already, and the conflicting points. */
+function partitionPoints(points: Point[], ready: ReadyPart[]) {
   const free: Point[] = [];
   const notes: string[] = [];
   const refused: { point: Point; part: PartData }[] = [];
   const size = sizeOf(points);
   for (const p of points) {
     if (p.active === false) continue;
-    const holders = ready.map((r) => ({ r, ...heldBy(r, p) })).filter(({ isIn }) => isIn);
+    const holders = ready.map((r) => ({ r, ...pointInPart(r, p) })).filter(({ isIn }) => isIn);
     const other = holders.find(({ gap }) => gap > SAME_MOTION * size);
     if (other) refused.push({ point: p, part: other.r.part });
     else if (!holders.length) {
@@ -239,7 +239,7 @@ export function rigidFit(
     settings.support ?? null,
   );
   rbfCheckPoints(points);
-  const { free, notes, refused } = sortedPoints(draggedPoints(points, strength, parts), ready),
+  const { free, notes, refused } = partitionPoints(scaleDisplacements(points, strength, parts), ready),
     out: Vector3 = [0, 0, 1];
   const [first] = refused;
   if (first) {
@@ -341,7 +341,7 @@ export function fieldOnRaster(fit: Fit, raster: Raster, out: Float32Array | null
 }
 
 // ---- fits in stages -------------------------------------------------------------------------------------------------
-// The points go from source to target in equal parts, and the maps follow one another: a place of the result is looked
+// The points move from source to target in equal parts, and the maps are composed: a place of the result is looked
 // up in the last stage first.
 
 /** The fit of control points in `settings.stages` stages; with one as rigidFit. */
@@ -363,11 +363,11 @@ export function stagedFit(
   );
   rbfCheckPoints(points);
   // The same for all stages: that of the points as dragged, at full strength.
-  const support = rbfSupport(settings.direction === "forward" ? turnedPoints(points) : points, settings);
-  const dragged = draggedPoints(points, settings.strength ?? 1);
+  const support = rbfSupport(settings.direction === "forward" ? exchangePoints(points) : points, settings);
+  const dragged = scaleDisplacements(points, settings.strength ?? 1);
   const stages = Array.from({ length: count }, (_, k) =>
     stageFit(
-      partOfWay(dragged, k + 1, count),
+      stagePoints(dragged, k + 1, count),
       parts,
       { ...settings, strength: 1, support, previous: null },
       k + 1,
@@ -418,7 +418,7 @@ function checkStages(count: number, parts: PartData[] | undefined) {
 }
 
 /** The points of stage j, from 1. */
-function partOfWay(points: Point[], j: number, count: number) {
+function stagePoints(points: Point[], j: number, count: number) {
   return points.map((p) => {
     const way = (t: number) => placeBetween(p.source, p.target, t);
     return { ...p, source: way((j - 1) / count), target: j === count ? p.target : way(j / count) };

@@ -14,14 +14,14 @@ import type {
   Vector4,
 } from "../types.ts";
 import { difference } from "./camera.ts";
-import { shownLength } from "./numbers.ts";
+import { formatLength } from "./numbers.ts";
 import { maskPixels } from "./regions.ts";
 
 export const MOST_SHAPES = { cuts: 8, parts: 32 };
 export const SHAPE_NAMES = { cuts: "cut", parts: "rigid part" };
 
-/** The shapes with one of them changed. */
-export function withShape<S extends ShapeData>(shapes: S[], index: number, change: Partial<NoInfer<S>>) {
+/** Change one of the shapes. */
+export function updateShape<S extends ShapeData>(shapes: S[], index: number, change: Partial<NoInfer<S>>) {
   return shapes.map((shape, k) => (k === index ? { ...shape, ...change } : shape));
 }
 
@@ -29,7 +29,7 @@ export function withShape<S extends ShapeData>(shapes: S[], index: number, chang
  * The index of a shape after an edit of its list, or null: the same shape is the equal one, or the only one that was
  * changed. Python follows by the same rule (widgets/messages/shapes.py).
  */
-export function followedShape(before: ShapeData[], after: ShapeData[], index: number) {
+export function trackShape(before: ShapeData[], after: ShapeData[], index: number) {
   if (before[index] === undefined) return null;
   const texts = after.map((shape) => JSON.stringify(shape)),
     was = before.map((shape) => JSON.stringify(shape));
@@ -39,7 +39,7 @@ export function followedShape(before: ShapeData[], after: ShapeData[], index: nu
   return isChanged ? index : null;
 }
 
-/** A shape in a message that need only identify it: a mask without its pixels. */
+/** A shape in a message that only has to identify it: a mask without its pixels. */
 export function shapeRecord(shape: ShapeData) {
   if (shape.region.kind !== "mask") return shape;
   const { bits, ...region } = shape.region;
@@ -70,7 +70,7 @@ export function cornersOf(region: RegionData, reach: number): Vector2[] {
 }
 
 /** The region with corner k at a place. */
-export function movedCorner(region: RegionData, k: number, place: Vector2, reach: number): RegionData {
+export function moveCorner(region: RegionData, k: number, place: Vector2, reach: number): RegionData {
   if (region.kind === "mask") return region;
   if (region.kind !== "half_space") {
     return { ...region, vertices: region.vertices.map((v, i) => (i === k ? place : v)) };
@@ -89,18 +89,18 @@ export function movedCorner(region: RegionData, k: number, place: Vector2, reach
 }
 
 /** The region with a new corner between corner k and the next one. */
-export function insertedCorner(region: RegionData, k: number, place: Vector2): RegionData {
+export function insertCorner(region: RegionData, k: number, place: Vector2): RegionData {
   if (!isOutline(region)) return region;
   return { ...region, vertices: [...region.vertices.slice(0, k + 1), place, ...region.vertices.slice(k + 1)] };
 }
 
 /** The region without corner k; null where too few would be left. */
-export function removedCorner(region: RegionData, k: number): OutlineData | null {
+export function removeCorner(region: RegionData, k: number): OutlineData | null {
   if (!isOutline(region) || region.vertices.length <= (region.kind === "polygon" ? 3 : 2)) return null;
   return { ...region, vertices: region.vertices.filter((_, i) => i !== k) };
 }
 
-export function movedRegion(region: RegionData, da: number, db: number): RegionData {
+export function translateRegion(region: RegionData, da: number, db: number): RegionData {
   const by = ([a, b]: Vector2): Vector2 => [a + da, b + db];
   if (region.kind === "half_space") return { ...region, point: by(region.point) };
   if (region.kind === "mask") return { ...region, origin: by(region.origin) };
@@ -108,7 +108,7 @@ export function movedRegion(region: RegionData, da: number, db: number): RegionD
 }
 
 /** The other side of a straight or open line; null for closed ones, which have only one inside. */
-export function turnedRegion(region: RegionData): RegionData | null {
+export function swapRegionSides(region: RegionData): RegionData | null {
   if (region.kind === "half_space") return { ...region, normal: [-region.normal[0], -region.normal[1]] };
   if (region.kind !== "line") return null;
   const { stops } = region;
@@ -122,7 +122,7 @@ export function stopsAt(region: RegionData, k: number) {
 }
 
 /** The region of a cut that stops at its corner k, or does not; null where the corner is no end of a line. */
-export function withStop(region: RegionData, k: number, isStop: boolean): RegionData | null {
+export function setStop(region: RegionData, k: number, isStop: boolean): RegionData | null {
   if (region.kind !== "line" || stopsAt(region, k) === null) return null;
   const { kind, vertices, stops = [false, false] } = region,
     next: [boolean, boolean] = k === 0 ? [isStop, stops[1]] : [stops[0], isStop];
@@ -197,8 +197,8 @@ export function motionOf(shape: ShapeData) {
   return "motion" in shape && shape.enabled ? shape.motion : null;
 }
 
-/** Where a motion takes a place. */
-export function placeMoved(motion: Motion, [a, b]: Vector): Vector2 {
+/** The image of a place under a motion. */
+export function movePlace(motion: Motion, [a, b]: Vector): Vector2 {
   if (!motion) return [a, b];
   const {
     matrix: [[c, d], [e, f]],
@@ -208,7 +208,7 @@ export function placeMoved(motion: Motion, [a, b]: Vector): Vector2 {
 }
 
 /** A direction as it was before a motion. */
-export function wayBefore(motion: Motion, [a, b]: Vector2): Vector2 {
+export function inverseDirection(motion: Motion, [a, b]: Vector2): Vector2 {
   if (!motion) return [a, b];
   const {
     matrix: [[c, d], [e, f]],
@@ -216,10 +216,10 @@ export function wayBefore(motion: Motion, [a, b]: Vector2): Vector2 {
   return [c * a + e * b, d * a + f * b];
 }
 
-/** The place that a motion takes to this one. */
+/** The place whose image under a motion is this one. */
 export function placeBefore(motion: Motion, [a, b]: Vector2) {
   const [s, t] = motion?.shift ?? [0, 0];
-  return wayBefore(motion, [a - s, b - t]);
+  return inverseDirection(motion, [a - s, b - t]);
 }
 
 /** Middles of masks: all pixels are counted once. */
@@ -276,12 +276,12 @@ export function pivotOf(part: PartData) {
 export function turnAndShift(part: PartData): { angle: number; shift: Vector2 } {
   const { motion } = part,
     [a, b] = pivotOf(part),
-    [x, y] = placeMoved(motion, [a, b]);
+    [x, y] = movePlace(motion, [a, b]);
   return { angle: motion ? Math.atan2(motion.matrix[1][0], motion.matrix[0][0]) : 0, shift: [x - a, y - b] };
 }
 
 /** A part turned by an angle and shifted, whatever its motion was. */
-export function partTurned(part: PartData, angle: number, [da, db]: Vector2): PartData {
+export function rotatePart(part: PartData, angle: number, [da, db]: Vector2): PartData {
   const [a, b] = pivotOf(part),
     c = Math.cos(angle),
     s = Math.sin(angle);
@@ -297,11 +297,11 @@ export function partTurned(part: PartData, angle: number, [da, db]: Vector2): Pa
   };
 }
 
-/** "moved 12, -3.5, turned 15\u00b0"; "" of a part that is where it was. */
+/** "moved 12, -3.5, turned 15\u00b0"; "" of a part without motion. */
 export function motionWords(part: PartData) {
   const { angle, shift } = turnAndShift(part),
-    degrees = shownLength((angle * 180) / Math.PI);
-  const by = shift.map(shownLength).map((text) => text.replace(/^-0$/, "0"));
+    degrees = formatLength((angle * 180) / Math.PI);
+  const by = shift.map(formatLength).map((text) => text.replace(/^-0$/, "0"));
   return [
     by.some((text) => text !== "0") ? `moved ${by.join(", ")}` : "",
     Number(degrees) !== 0 ? `turned ${degrees}\u00b0` : "",
@@ -324,8 +324,8 @@ export function fixedSideThrough(p: Vector2, q: Vector2, place: Vector2): HalfSp
   };
 }
 
-/** The corners of a drawn stroke: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
-export function simplified(path: Vector2[], tolerance: number): Vector2[] {
+/** Reduce a drawn stroke to corners: no place of it is farther than `tolerance` from them (Douglas and Peucker). */
+export function simplifyPath(path: Vector2[], tolerance: number): Vector2[] {
   if (path.length < 3) return path;
   const p = path[0]!,
     q = path.at(-1)!,
@@ -342,7 +342,7 @@ export function simplified(path: Vector2[], tolerance: number): Vector2[] {
     }
   });
   if (far <= tolerance) return [p, q];
-  return [...simplified(path.slice(0, at + 1), tolerance).slice(0, -1), ...simplified(path.slice(at), tolerance)];
+  return [...simplifyPath(path.slice(0, at + 1), tolerance).slice(0, -1), ...simplifyPath(path.slice(at), tolerance)];
 }
 
 // ---- words ----------------------------------------------------------------------------------------------------------

@@ -4,8 +4,8 @@ import type { FlatPoint, Matrix3, PaneInfo, Plane, Point, RbfFit, Vector, Vector
 import type { Axis } from "./axes.ts";
 import { perAxis } from "./axes.ts";
 import { added, difference, dot, scaled } from "./camera.ts";
-import { shownLength } from "./numbers.ts";
-import { changed } from "./points.ts";
+import { formatLength } from "./numbers.ts";
+import { updatePoints } from "./points.ts";
 
 /** The coordinates [a, b, c] in a picture of a place in space. */
 export function inPane({ origin, u, v, n }: Plane, place: Vector): Vector3 {
@@ -19,27 +19,27 @@ export function fromPane({ origin, u, v, n }: Plane, [a, b, c]: Vector3): Vector
 }
 
 /** The displacement in space of a displacement in a picture: it is parallel to the picture's plane. */
-export function wayInPane({ u, v }: Plane, da: number, db: number) {
+export function vectorFromPane({ u, v }: Plane, da: number, db: number) {
   return added(scaled(u, da), scaled(v, db));
 }
 
 /** Move targets ("target"), sources ("source") or whole points ("both") by a displacement in space. */
-export function movedInSpace(points: Point[], ids: number[], way: Vector3, what: string = "target") {
+export function translateInSpace(points: Point[], ids: number[], way: Vector3, what: string = "target") {
   const by = (place: Vector): Vector => added(place as Vector3, way);
-  return changed(points, ids, (p) => ({
+  return updatePoints(points, ids, (p) => ({
     source: what === "target" ? p.source : by(p.source),
     target: what === "source" ? p.target : by(p.target),
   }));
 }
 
 /** Targets rotated in a picture (clockwise there) and scaled in space, about their middle. */
-export function turnedInSpace(points: Point[], ids: number[], pane: PaneInfo, angle: number, factor: number = 1) {
+export function rotateInSpace(points: Point[], ids: number[], pane: PaneInfo, angle: number, factor: number = 1) {
   const chosen = points.filter((p) => ids.includes(p.id)),
     c = factor * Math.cos(angle),
     s = factor * Math.sin(angle);
   const mean = (k: number) => chosen.reduce((sum, p) => sum + p.target[k]!, 0) / chosen.length,
     about = inPane(pane, perAxis(mean));
-  return changed(points, ids, (p) => {
+  return updatePoints(points, ids, (p) => {
     const [a, b, d] = difference(inPane(pane, p.target), about);
     return { target: fromPane(pane, [about[0] + c * a - s * b, about[1] + s * a + c * b, about[2] + factor * d]) };
   });
@@ -97,8 +97,8 @@ export function fitInFrame(fit: RbfFit, axes: Matrix3, origin: Vector3): RbfFit 
   };
 }
 
-/** The points with the sources of other points of the same ids, which Python has found meanwhile. */
-export function withSources(points: Point[], known: Point[]) {
+/** Replace sources by those of points of the same ids, which Python has found meanwhile. */
+export function updateSources(points: Point[], known: Point[]) {
   const sources = new Map(known.map((p) => [p.id, p.source]));
   return points.map((p) => {
     const source = sources.get(p.id);
@@ -115,7 +115,7 @@ export function flatPoint(p: Point, pane: PaneInfo, depth: number | null): FlatP
     source = inPane(pane, p.source);
   const away = depth === null ? 0 : target[2] - depth;
   const isFar = depth !== null && Math.abs(away) > 0.75 * pane.spacing[2];
-  const name = isFar ? `${p.name || p.id} ${away > 0 ? "+" : "\u2212"}${shownLength(Math.abs(away))}` : p.name;
+  const name = isFar ? `${p.name || p.id} ${away > 0 ? "+" : "\u2212"}${formatLength(Math.abs(away))}` : p.name;
   return {
     id: p.id,
     name,
@@ -143,9 +143,9 @@ const SIDES = [
   ["S", "I"],
 ] as const; // of a patient, along growing and falling x, y, z
 
-function wayInWords(way: Vector3) {
+function shiftWords(way: Vector3) {
   const parts = perAxis((k) =>
-    Math.abs(way[k]) < 0.05 ? "" : `${shownLength(Math.abs(way[k]))} ${SIDES[k][way[k] > 0 ? 0 : 1]}`,
+    Math.abs(way[k]) < 0.05 ? "" : `${formatLength(Math.abs(way[k]))} ${SIDES[k][way[k] > 0 ? 0 : 1]}`,
   );
   const shown = parts.filter(Boolean);
   return shown.length ? `dragged ${shown.join(", ")}` : "not dragged";
@@ -154,9 +154,9 @@ function wayInWords(way: Vector3) {
 /** The label of a point in a picture for screen readers. */
 export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
   const way = difference(p.target, p.source) as Vector3;
-  const far = isFar ? `, ${shownLength(Math.abs(away))} off the slice` : "";
+  const far = isFar ? `, ${formatLength(Math.abs(away))} off the slice` : "";
   return (
-    `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(shownLength).join(", ")}, ${wayInWords(way)}` +
+    `Point ${p.id}${p.name ? ` ${p.name}` : ""}, at ${p.target.map(formatLength).join(", ")}, ${shiftWords(way)}` +
     `${far}${p.active ? "" : ", switched off"}${p.locked ? ", locked" : ""}`
   );
 }
@@ -164,9 +164,9 @@ export function spaceLabel({ whole: p, isFar, away }: FlatPoint) {
 /** The tip of a point in a picture. */
 export function spaceTip({ whole: p, isFar, away }: FlatPoint) {
   const way = difference(p.target, p.source) as Vector3;
-  const far = isFar ? `; ${shownLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
+  const far = isFar ? `; ${formatLength(Math.abs(away))} ${away > 0 ? "behind" : "in front of"} this slice` : "";
   return (
-    `${p.name || `point ${p.id}`}: ${wayInWords(way)}${p.active ? "" : "; switched off"}` +
+    `${p.name || `point ${p.id}`}: ${shiftWords(way)}${p.active ? "" : "; switched off"}` +
     `${p.locked ? "; locked" : ""}${far}`
   );
 }

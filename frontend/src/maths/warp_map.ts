@@ -224,7 +224,7 @@ function gridLines(box: Vector4, cells: number) {
   return lines;
 }
 
-/** Move a place along with its image, by the last result of fieldWithSlope. */
+/** Move a place and its image, by the last result of fieldWithSlope. */
 export function follow(at: Numbers2, da: number, db: number, { 2: j00, 3: j01, 4: j10, 5: j11 }: Numbers6) {
   const det = j00 * j11 - j01 * j10,
     isFlat = !(Math.abs(det) > 1e-3);
@@ -292,7 +292,7 @@ function piecesOfLine(layered: LayeredFit, from: Vector2, to: Vector2, n: number
 }
 
 /**
- * Trace a line through fit k (-1: what does not move) and add its runs. Each place is found from the one before it and
+ * Trace a line through fit k (-1: tissue at rest) and add its runs. Each place is found from the one before it and
  * the slope there, so that Newton's method has a step to do at most.
  * @param place of the line, j from 0 to count
  */
@@ -329,19 +329,19 @@ function traceLine(
   };
   for (let j = 0; j <= count; j++) {
     const [x, y] = place(j);
-    const isSeen = find(x, y) && (!hasCuts || isSeenFrom(layered, k, at[0], at[1]));
-    // Where other tissue begins to cover the line, it is followed to the very place.
+    const isSeen = find(x, y) && (!hasCuts || isVisibleFrom(layered, k, at[0], at[1]));
+    // Where other tissue begins to cover the line, it is traced to that place.
     if (hasCuts && j > 0 && isSeen !== (run !== null) && fit) {
       let low = j - 1,
         high = j;
-      let edge: number[] = []; // the last place that is seen
+      let edge: number[] = []; // the last visible place
       const kept = run,
         { 0: a, 1: b } = at;
       run = null;
       for (let turn = 0; turn < 6; turn++) {
         const middle = (low + high) / 2,
           [p, q] = place(middle);
-        const isGood = find(p, q) && isSeenFrom(layered, k, at[0], at[1]);
+        const isGood = find(p, q) && isVisibleFrom(layered, k, at[0], at[1]);
         if (isGood) edge = [at[0], at[1]];
         if (isGood === isSeen) high = middle;
         else low = middle;
@@ -361,8 +361,8 @@ function traceLine(
   }
 }
 
-/** Whether a place of the result shows what fit k (-1: what does not move) has brought there. */
-function isSeenFrom(layered: LayeredFit, k: number, a: number, b: number) {
+/** Whether a place of the result shows the tissue of fit k (-1: tissue at rest). */
+function isVisibleFrom(layered: LayeredFit, k: number, a: number, b: number) {
   const own = regionKey(layered, a, b),
     at = layered.byKey.get(own) ?? -1;
   if (at === k || layered.rule === "paper") return at === k;
@@ -382,7 +382,7 @@ export function gridShape([a0, a1, b0, b1]: Vector4, cells: number): Vector2 {
 }
 
 /**
- * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of a node that is not seen is meaningless.
+ * The nodes of the grid row by row, as numbers a, b, a, b, ...; the target of an invisible node is meaningless.
  */
 export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: number, tolerance: number) {
   const [a0, a1, b0, b1] = box,
@@ -423,7 +423,7 @@ export function gridPlaces(layered: LayeredFit | null, box: Vector4, cells: numb
       }
     }
     last = isFound ? fit : null;
-    isSeen[n] = isFound && (!layered || !regions.length || isSeenFrom(layered, k, at[0], at[1])) ? 1 : 0;
+    isSeen[n] = isFound && (!layered || !regions.length || isVisibleFrom(layered, k, at[0], at[1])) ? 1 : 0;
     target.set(at, 2 * n);
   }
   return { columns, rows, source, target, isSeen };
@@ -434,7 +434,7 @@ function fitFrom(layered: LayeredFit | null, x: number, y: number) {
   return layered?.fits.length ? (layered.byKey.get(regionKey(layered, x, y)) ?? -1) : -1;
 }
 
-/** The place where the tissue of a place is seen, null where it is not. */
+/** The place where the tissue of a place is visible, null where it is not. */
 export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance: number): Vector2 | null {
   const k = fitFrom(layered, x, y),
     at = new Float64Array(2) as Numbers2;
@@ -447,7 +447,7 @@ export function placeSeen(layered: LayeredFit | null, [x, y]: Vector, tolerance:
     at[1] = y;
     isFound = mapInverse(fit, x, y, at, tolerance);
   }
-  return isFound && (!layered.regions.length || isSeenFrom(layered, k, at[0], at[1])) ? [at[0], at[1]] : null;
+  return isFound && (!layered.regions.length || isVisibleFrom(layered, k, at[0], at[1])) ? [at[0], at[1]] : null;
 }
 
 /** A first guess of the inverse. */
@@ -459,7 +459,7 @@ function startFrom(fit: Fit, x: number, y: number, at: Numbers2) {
 
 /**
  * Both principal stretches of the tissue at each node (2 is twice as long) and the direction of the first; NaN where
- * the map folds or the node is not seen.
+ * the map folds or the node is not visible.
  */
 export function strainsAt(
   layered: LayeredFit | null,

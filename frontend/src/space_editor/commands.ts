@@ -1,7 +1,7 @@
 // The commands of the toolbar and of keys in the editor in space.
 
 import type { EditorCommands } from "../editor/base.ts";
-import { freeIds, renamedPoint, resetPoints, switchedPoints } from "../maths/points.ts";
+import { freeIds, renamePoint, resetPoints, togglePoints } from "../maths/points.ts";
 import { flatPoint } from "../maths/space.ts";
 import type { SpacePane } from "./pane.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -22,7 +22,7 @@ function rename({ edits, names, points, row }: SpaceCommandEditor, id: number, p
     stage = pane.stage.getBoundingClientRect(),
     [x, y] = pane.viewport.onView([a, b]);
   names.prompt(p.name, `point ${id}`, [stage.left - box.left + x, stage.top - box.top + y], {
-    take: (text) => edits.edit(renamedPoint(points.list, id, text), "rename"),
+    take: (text) => edits.edit(renamePoint(points.list, id, text), "rename"),
     focus: () => pane.handles.focus(id),
   });
 }
@@ -44,7 +44,7 @@ const COMMANDS: Record<string, Command> = {
   rename: (editor, ids, pane) => {
     if (ids.length === 1) rename(editor, ids[0]!, pane);
   },
-  switch: ({ points, tools }, ids) => tools.change(switchedPoints(points.list, ids), "switch"),
+  switch: ({ points, tools }, ids) => tools.change(togglePoints(points.list, ids), "switch"),
   reset: ({ points: { list }, tools }, ids) =>
     tools.change(resetPoints(list, freeIds(list, ids.length ? ids : list.map((p) => p.id))), "reset"),
   lock: ({ tools }, ids) => tools.toggleLock(ids),

@@ -328,7 +328,7 @@ export class SpaceEditorView extends EditorDrawing {
     this.frames.invalidate();
   }
 
-  /** Bring a point into sight. */
+  /** Scroll a point into view. */
   lookAt(id: number) {
     const { points, row } = this.parts,
       p = points.withId(id);

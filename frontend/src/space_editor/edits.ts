@@ -2,7 +2,7 @@
 
 import type { PointsEdit } from "../generated.ts";
 import { samePoints } from "../maths/points.ts";
-import { withSources } from "../maths/space.ts";
+import { updateSources } from "../maths/space.ts";
 import { busOf, publishPoints, settingsOf } from "../sync/bus.ts";
 import { MOST_CHARACTERS } from "../sync/edits.ts";
 import type { Point, PointsDetail } from "../types.ts";
@@ -59,7 +59,7 @@ export class SpaceEdits {
     points.list = drag0;
     if (!isCancelled && this.edit(list, kind)) return;
     this.#publish(sender.points, "end"); // Python may have moved them meanwhile
-    sender.move(points.list); // Python has seen the drag, and now that it is no more
+    sender.move(points.list); // Python has received the drag, and now its end
   }
 
   #publish(list: Point[], phase: "move" | "end") {
@@ -77,8 +77,8 @@ export class SpaceEdits {
     } = this.editor;
     if (this.drag0) {
       // Python has found a new point's source; the pointer's values stay
-      this.drag0 = withSources(this.drag0, list);
-      points.list = withSources(points.list, list);
+      this.drag0 = updateSources(this.drag0, list);
+      points.list = updateSources(points.list, list);
       return;
     }
     if (samePoints(list, points.list)) return;

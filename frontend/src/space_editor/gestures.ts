@@ -1,4 +1,4 @@
-// The gestures of the editor in space that a picture of a plane has not.
+// The gestures of the editor in space that the editor of a picture lacks.
 
 import { Gesture } from "../editor/gesture.ts";
 import { scaled } from "../maths/camera.ts";

@@ -1,10 +1,10 @@
-// The keys of the editor in space, turned into calls of its parts. The keys are listed in ui/keys.ts.
+// The keys of the editor in space, dispatched to its parts. The keys are listed in ui/keys.ts.
 
 import { POINT_STEPS } from "../editor/handles.ts";
 import { added, scaled } from "../maths/camera.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import { TURN_CODES, TURN_WAYS } from "../maths/points.ts";
-import { wayInPane } from "../maths/space.ts";
+import { vectorFromPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
 import { ARROWS, targetOf } from "../ui/dom.ts";
 import { commandOf, SPACE_EDITOR_KEYS } from "../ui/keys.ts";
@@ -82,9 +82,9 @@ function mirrorKey(editor: SpaceKeysEditor, pane: SpacePane, [dx, dy]: Vector2, 
     } = pane,
     { tools } = editor,
     { at, normal } = tools.mirror;
-  const way = wayInPane(info, dx * voxels * du, dy * voxels * dv);
+  const way = vectorFromPane(info, dx * voxels * du, dy * voxels * dv);
   tools.moveMirror(added(scaled(normal, at), way), true);
-  editor.messages.announce(`mirror at ${shownLength(tools.mirror.at)}`);
+  editor.messages.announce(`mirror at ${formatLength(tools.mirror.at)}`);
   return true;
 }
 

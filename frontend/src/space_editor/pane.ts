@@ -108,7 +108,7 @@ export class SpacePane {
 
   // ---- places -------------------------------------------------------------------------------------------------------
 
-  /** Bring a place into the middle of the view, if the picture is not all in sight anyway. */
+  /** Bring a place into the middle of the view, if the picture is not fully visible. */
   lookAt(place: Vector3) {
     const [x, y] = this.onView(place),
       { isFitted, view } = this.viewport;

@@ -89,7 +89,7 @@ export class PaneImage {
     this.#shapes = shapes && shares && tinted(shapes, shares);
   }
 
-  /** Paint it, unless it is on the canvas: of moving points most frames bring no other picture. */
+  /** Paint it, unless it is on the canvas: most frames with moving points have the same picture. */
   paint({ k, x, y, ratio }: View, around: string) {
     const picture = this.picture,
       shapes = this.#shapes,

@@ -4,18 +4,18 @@
 import type { Moved } from "../editor/gesture.ts";
 import type { PointsEdit } from "../generated.ts";
 import { added, difference, dot, scaled } from "../maths/camera.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import {
-  addedPoint,
+  addPoint,
   freeIds,
-  lockedPoints,
-  mirroredEdit,
+  mirrorEdit,
   mirrorSide,
   nextId,
-  removedPoints,
+  removePoints,
+  toggleLocks,
   turnOfKey,
 } from "../maths/points.ts";
-import { fromPane, inPane, movedInSpace, turnedInSpace, wayInPane } from "../maths/space.ts";
+import { fromPane, inPane, rotateInSpace, translateInSpace, vectorFromPane } from "../maths/space.ts";
 import { setTrait } from "../sync/edits.ts";
 import type { Mirror, PaneInfo, Point, Vector2, Vector3 } from "../types.ts";
 import { treeOf } from "../ui/dom.ts";
@@ -54,8 +54,8 @@ export class SpacePointTools {
     if (!drag0) return;
     const free = freeIds(drag0, ids);
     if (!free.length) this.announceLocked(id);
-    const way = this.#snappedWay(pane.info, id, wayInPane(pane.info, by[0] / k, by[1] / k), what, isLoose);
-    edits.show(this.symmetric(drag0, movedInSpace(drag0, free, way, what), this.#sideOfPoint(id)));
+    const way = this.#snapMove(pane.info, id, vectorFromPane(pane.info, by[0] / k, by[1] / k), what, isLoose);
+    edits.show(this.symmetric(drag0, translateInSpace(drag0, free, way, what), this.#sideOfPoint(id)));
   }
 
   /**
@@ -66,7 +66,7 @@ export class SpacePointTools {
     const {
       spacing: [du, dv],
     } = pane.info;
-    this.#nudgeBy(id, wayInPane(pane.info, dx * voxels * du, dy * voxels * dv), what);
+    this.#nudgeBy(id, vectorFromPane(pane.info, dx * voxels * du, dy * voxels * dv), what);
   }
 
   /** Move points across the slices. */
@@ -85,9 +85,9 @@ export class SpacePointTools {
     if (id !== null && !editor.points.selected.has(id)) editor.points.select([id]);
     const free = freeIds(editor.points.list, ids);
     if (!free.length) this.announceLocked(ids[0]!);
-    this.change(movedInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
+    this.change(translateInSpace(editor.points.list, free, way, what), "nudge", `nudge ${ids}`);
     const p = ids.length === 1 ? editor.points.withId(ids[0]!) : null;
-    if (p) editor.messages.announce(`point ${p.id} at ${p.target.map(shownLength).join(", ")}`);
+    if (p) editor.messages.announce(`point ${p.id} at ${p.target.map(formatLength).join(", ")}`);
   }
 
   /**
@@ -116,11 +116,11 @@ export class SpacePointTools {
   addPlace(place: Vector3, pane: SpacePane) {
     const { editor } = this,
       id = nextId(editor.points.list, editor.sender.nextId);
-    if (!this.change(addedPoint(editor.points.list, id, place, place), "add")) return null;
+    if (!this.change(addPoint(editor.points.list, id, place, place), "add")) return null;
     editor.points.select([id]);
     editor.frames.drawNow();
     pane.handles.focus(id);
-    editor.messages.announce(`point ${id} added at ${place.map(shownLength).join(", ")}`);
+    editor.messages.announce(`point ${id} added at ${place.map(formatLength).join(", ")}`);
     return id;
   }
 
@@ -132,7 +132,7 @@ export class SpacePointTools {
   toggleLock(ids: number[]) {
     const { editor } = this;
     if (!ids.length) editor.messages.hint("Select points to lock them");
-    else if (editor.edits.edit(lockedPoints(editor.points.list, ids), "lock")) {
+    else if (editor.edits.edit(toggleLocks(editor.points.list, ids), "lock")) {
       editor.messages.announce(editor.points.withId(ids[0]!)?.locked ? "locked" : "free");
     }
   }
@@ -144,7 +144,7 @@ export class SpacePointTools {
     const at = editor.points.list.findIndex((p) => p.id === ids[0]),
       pane = editor.row.paneOf(document.activeElement);
     const hadFocus = editor.row.root.contains(treeOf(editor.row.root).activeElement);
-    if (!ids.length || !this.change(removedPoints(editor.points.list, ids), "remove")) return;
+    if (!ids.length || !this.change(removePoints(editor.points.list, ids), "remove")) return;
     editor.messages.announce(ids.length === 1 ? `point ${ids[0]} deleted` : `${ids.length} points deleted`);
     editor.frames.drawNow();
     const next = editor.points.list[Math.min(at, editor.points.list.length - 1)];
@@ -237,7 +237,7 @@ export class SpacePointTools {
     const { mirror } = this;
     if (!mirror.on) return after;
     const id = nextId(after, this.editor.sender.nextId);
-    return mirroredEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
+    return mirrorEdit(mirror, before, after, { near: this.#mirrorNear, lead, id });
   }
 
   // ---- the lattice to which targets snap ----------------------------------------------------------------------------
@@ -257,7 +257,7 @@ export class SpacePointTools {
     const step = voxel * Math.max(1, Math.round(Math.max(a1 - a0, b1 - b0, c1 - c0) / SNAP_PARTS / voxel));
     setTrait(editor.model, "snap", this.snap > 0 ? 0 : step);
     if (this.snap > 0)
-      editor.messages.hint(`Targets keep to a lattice of ${shownLength(step)}; hold Alt to go between`, 4000);
+      editor.messages.hint(`Targets keep to a lattice of ${formatLength(step)}; hold Alt to go between`, 4000);
   }
 
   /** The next node in a picture, whose nodes begin at the middle of its first voxel; the depth stays. */
@@ -273,7 +273,7 @@ export class SpacePointTools {
   }
 
   /** The displacement that brings the point under the pointer onto a node; the others follow it. */
-  #snappedWay(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
+  #snapMove(pane: PaneInfo, id: number, way: Vector3, what: Moved, isLoose: boolean): Vector3 {
     const p = this.editor.edits.drag0?.find((q) => q.id === id);
     if (!p || isLoose || what !== "target" || !(this.snap > 0)) return way;
     const target = p.target as Vector3;
@@ -282,7 +282,7 @@ export class SpacePointTools {
 
   // ---- turning and scaling ------------------------------------------------------------------------------------------
 
-  /** The ids that a turn takes along; null, and a hint, where there is nothing to turn. */
+  /** The ids that a rotation moves; null, and a hint, where there is nothing to turn. */
   #turnables() {
     const { editor } = this,
       chosen = [...editor.points.selected],
@@ -303,9 +303,9 @@ export class SpacePointTools {
       [angle, factor] = turnOfKey(way, how);
     const kind = angle ? "turn" : "scale";
     if (!ids) return;
-    this.change(turnedInSpace(editor.points.list, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
+    this.change(rotateInSpace(editor.points.list, ids, pane.info, angle, factor), kind, `${kind} ${pane.index} ${ids}`);
     editor.messages.announce(
-      angle ? `turned by ${shownLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
+      angle ? `turned by ${formatLength((angle * 180) / Math.PI)} degrees` : `scaled by ${factor.toFixed(2)}`,
     );
   }
 
@@ -320,9 +320,9 @@ export class SpacePointTools {
   turnTo(pane: SpacePane, ids: number[], angle: number, factor: number) {
     const { editor } = this,
       { drag0 } = editor.edits;
-    if (drag0) editor.edits.show(this.symmetric(drag0, turnedInSpace(drag0, ids, pane.info, angle, factor)));
+    if (drag0) editor.edits.show(this.symmetric(drag0, rotateInSpace(drag0, ids, pane.info, angle, factor)));
     editor.messages.hint(
-      factor === 1 ? `${shownLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
+      factor === 1 ? `${formatLength((angle * 180) / Math.PI)}\u00b0` : `\u00d7 ${factor.toFixed(2)}`,
     );
   }
 }

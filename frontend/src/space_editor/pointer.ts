@@ -2,7 +2,7 @@
 
 import type { Gesture, GrabbedPoint } from "../editor/gesture.ts";
 import { BandGesture, PanGesture, PointsGesture, TapGesture, TurnGesture } from "../editor/gesture.ts";
-import { isRightClick, keepFromScrolling, WheelSteps } from "../editor/handles.ts";
+import { isRightClick, preventScrolling, WheelSteps } from "../editor/handles.ts";
 import { middleOf } from "../maths/points.ts";
 import { inPane } from "../maths/space.ts";
 import type { Vector2 } from "../types.ts";
@@ -46,7 +46,7 @@ export class PaneGestures {
     frames.listen(svg, "lostpointercapture", (e) => this.#up(e, true), options);
     frames.listen(svg, "dblclick", (e) => this.#doubleClick(e), options);
     frames.listen(svg, "contextmenu", (e) => this.#contextMenu(e), options);
-    frames.listen(svg, "touchstart", (e) => this.isOthers && keepFromScrolling(e), active);
+    frames.listen(svg, "touchstart", (e) => this.isOthers && preventScrolling(e), active);
     frames.listen(stage, "wheel", (e) => this.#wheel(e), active);
     const forget = () => {
       this.box = null;
@@ -194,7 +194,7 @@ export class PaneGestures {
     if (hit && isRightClick(event)) this.editor.tools.remove([hit.id]);
   }
 
-  /** Go through the slices, with Ctrl zoom. The wheel scrolls the page until the user works in here. */
+  /** Scroll through the slices, with Ctrl zoom. The wheel scrolls the page until the editor has the focus. */
   #wheel(event: WheelEvent) {
     const { cursor, messages, row } = this.editor,
       { info, viewport } = this.pane,

@@ -13,7 +13,7 @@ export class PictureRequests {
   shownCount = 0; // of the messages with pictures
   isSlow = false; // whether pictures have been waited for long
 
-  /** The request that waits. */
+  /** The pending request. */
   pending: (ViewRequest & { moving: boolean }) | null = null;
 
   #sent = new Set<string>(); // places
@@ -72,7 +72,7 @@ export class PictureRequests {
     this.pending = null;
   }
 
-  /** Whether a place that comes from Python is one that was sent, or older than one that waits. */
+  /** Whether a place that comes from Python is one that was sent, or older than a pending one. */
   knows(place: unknown) {
     return this.#sent.delete(JSON.stringify(place)) || this.pending !== null;
   }

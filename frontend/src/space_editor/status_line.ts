@@ -1,7 +1,7 @@
 // The line below the pictures: points, folds, and a remark or a next step.
 
 import { NEARLY_FOLDED } from "../generated.ts";
-import { shownLength } from "../maths/numbers.ts";
+import { formatLength } from "../maths/numbers.ts";
 import type { Vector3 } from "../types.ts";
 import { pageElement, setAttributes, setText } from "../ui/dom.ts";
 import type { SpaceParts } from "./parts.ts";
@@ -50,7 +50,7 @@ export class SpaceStatus {
       count = `${list.length} ${list.length === 1 ? "point" : "points"}${off ? `, ${off} off` : ""}`,
       one = selected.size === 1 ? list.find((p) => selected.has(p.id)) : null;
     const chosen = one
-      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(shownLength).join(", ")}`
+      ? `point ${one.id}${one.name ? ` ${one.name}` : ""} at ${one.target.map(formatLength).join(", ")}`
       : selected.size
         ? `${selected.size} selected`
         : "";

@@ -1,4 +1,4 @@
-// The maps of a field as the ray caster takes them, with those that an editor makes put in. No DOM. Equal to
+// The maps of a field in the ray caster's form, with an editor's maps in place of some. No DOM. Equal to
 // deformnb/widgets/textures.py: one layer for each map of each region, and the distance to each cut.
 
 import type { FieldMaps } from "../generated.ts";
@@ -29,9 +29,9 @@ export type KnownCuts = { id?: string; distances?: Float32Array };
 export type Shapes = Record<string, unknown>;
 export type Detail = Pick<PointsDetail, "points" | "settings"> & Partial<PointsDetail>;
 
-const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are looked at
+const CUT_TILE = 32; // nodes along a square for which only the near edges of an outline are evaluated
 
-/** What messages about a field have in common. */
+/** The common part of messages about a field. */
 export type FieldContent = Pick<FieldMaps, "box" | "planar" | "space" | "coarse" | "buffers">;
 
 /** The content of a field with its buffers in place; null if it builds on distances that `known` does not hold. */
@@ -95,7 +95,7 @@ export function withLayers(
 }
 
 /**
- * The cuts of a fit: the base's own while the same lines are drawn, for then nothing of them changes but the maps.
+ * The cuts of a fit: the base's own while the lines are unchanged, for then only the maps change.
  */
 function cutOf(base: PlanarField, layered: LayeredFit, cuts: CutData[]): PlaneCut | null {
   const name = JSON.stringify(cuts.filter((cut) => cut.enabled !== false).map((cut) => cut.region));
@@ -180,7 +180,7 @@ export class FieldLink {
   ms = 0; // of the last of them
   isMoving = false;
   index: number | null = null; // of the map that the editor's points make
-  expected: string | null = null; // of what Python's maps are made
+  expected: string | null = null; // the input of Python's maps
   settled = "";
 
   /**
@@ -197,7 +197,7 @@ export class FieldLink {
   }
 
   async follow(reference: string | Model | null) {
-    if (reference === this.followed.reference) return; // following again tears nothing down
+    if (reference === this.followed.reference) return; // following again removes no listener
     this.close();
     const found = await this.followed.choose(reference);
     if (!found) return;
@@ -220,7 +220,7 @@ export class FieldLink {
    * Python's maps, with the editor's newer map in place of one of them.
    * @param follow if Python follows the editor: the map of the editor's points, and the points, cuts and parts that the maps are of; null if it shows something else
    */
-  merged(planar: PlanarField | null, follow: { index: number; points: Point[]; shapes?: Shapes } | null) {
+  merge(planar: PlanarField | null, follow: { index: number; points: Point[]; shapes?: Shapes } | null) {
     const { bus, editor } = this,
       isSwitch = follow !== null && this.index !== null && this.index !== follow.index;
     this.base = planar;
@@ -272,7 +272,7 @@ export class FieldLink {
     } catch (error) {
       if (!(error instanceof RbfError)) throw error; // the editor shows what is wrong
     }
-    if (!found) return null; // the last good picture stays
+    if (!found) return null; // the last good picture remains
     this.base = found;
     this.isMoving = phase === "move";
     this.settled = "";

@@ -54,7 +54,7 @@ export class SpaceLink {
   }
 
   async follow(reference: string | Model | null) {
-    if (reference === this.followed.reference) return; // following again tears nothing down
+    if (reference === this.followed.reference) return; // following again removes no listener
     this.close();
     const found = await this.followed.choose(reference);
     if (!found) return;
@@ -66,7 +66,7 @@ export class SpaceLink {
   }
 
   /** The field to show when Python has sent one: that of points changed since is sampled here. */
-  merged(space: SpaceField | null, moved: Moved | null) {
+  merge(space: SpaceField | null, moved: Moved | null) {
     const { bus, editor } = this,
       isMoving = bus?.latest?.phase === "move";
     this.given = space && moved && { space, key: pointsKey(moved.points), shape: moved.shape };
@@ -96,7 +96,7 @@ export class SpaceLink {
   #show(detail: Detail, isMoving: boolean) {
     const { given } = this;
     const space = given && (pointsKey(detail.points) === given.key ? given.space : this.#sampled(detail));
-    if (!space || space === this.shown) return; // what cannot be fitted leaves the last good picture, as in Python
+    if (!space || space === this.shown) return; // a failed fit leaves the last good picture, as in Python
     this.shown = space;
     this.view.apply(space, isMoving);
   }

@@ -62,7 +62,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
   /** Draw again, as something has changed. `held`: a finger or a button is still down. */
   abstract touch(held?: boolean): void;
 
-  /** The finger or the button is lifted. */
+  /** Called when the finger or the button is lifted. */
   release() {}
 
   fail(error: unknown) {
@@ -97,7 +97,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     if (this.camera.read(isForced)) this.cameraRead();
   }
 
-  /** The camera was changed by Python or by a button. */
+  /** Called when Python or a button has changed the camera. */
   cameraRead() {
     this.touch();
   }
@@ -108,7 +108,7 @@ export abstract class VolumeFrontEnd implements VolumeViewLike {
     this.settled();
   }
 
-  /** The camera rests. */
+  /** Called when the camera is at rest. */
   settled() {}
 
   showView(view: ViewName) {

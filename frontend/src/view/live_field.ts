@@ -69,11 +69,11 @@ export class LiveField {
       : fieldOf(content, buffers, this.cuts);
     if (!field) return false;
     view.camera.reframed(() => {
-      // a larger field of view is seen whole
+      // a larger field of view is fully visible
       this.shown = {
         ...field,
-        planar: this.link.merged(field.planar, content.follow || null),
-        space: this.spaceLink.merged(field.space, content.moved || null),
+        planar: this.link.merge(field.planar, content.follow || null),
+        space: this.spaceLink.merge(field.space, content.moved || null),
       };
     });
     view.mark();
@@ -103,7 +103,7 @@ export class LiveField {
     if (!isDrawing && this.view.caster?.volume) this.view.touch(this.link.isMoving);
   }
 
-  /** The same of a displacement in space. */
+  /** The same for a displacement in space. */
   #followSpace(space: SpaceField, isMoving: boolean) {
     if (!this.shown) return;
     this.shown.space = space;

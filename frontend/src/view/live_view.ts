@@ -40,7 +40,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
   caster: RayCaster | null = null; // null where WebGL is missing
   loop: FrameLoop | null = null;
   still: StillPicture | null = null; // where WebGL is missing
-  wasTooMuch = false; // whether the graphics context was lost by the voxels that it was given
+  wasTooMuch = false; // whether the graphics context was lost because of the voxels
   stats: Record<string, number> | null = null; // measurements of the last full picture
   voxels: LiveVoxels;
   shownField: LiveField;
@@ -66,7 +66,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     this.setInfo();
   }
 
-  /** The voxels, once all are here. */
+  /** The voxels, once all have arrived. */
   get values() {
     return this.voxels.values;
   }
@@ -133,7 +133,7 @@ export class LiveVolumeView extends VolumeFrontEnd {
     const pictures = picturesOf(this.elements.shows, width, this.elements.compare.share);
     return pictures.map((picture) => ({
       ...picture,
-      camera: this.camera.seen((picture.whole ?? picture).width / height),
+      camera: this.camera.forAspect((picture.whole ?? picture).width / height),
     }));
   }
 

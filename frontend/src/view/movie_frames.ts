@@ -88,7 +88,7 @@ class MovieFrames {
     this.canvas = Object.assign(document.createElement("canvas"), { width, height });
     this.caster = new RayCaster(this.canvas);
     const { model, info } = view;
-    // What a camera needs of a view, as it is in the movie.
+    // The properties of a view that a camera needs, with the movie's values.
     const like: MovieFrames["seen"] = {
       info,
       shown: looks.shows,
@@ -131,7 +131,7 @@ class MovieFrames {
   #pictures(width: number, height: number) {
     return picturesOf(this.looks.shows, width).map((picture) => ({
       ...picture,
-      camera: this.camera.seen((picture.whole ?? picture).width / height),
+      camera: this.camera.forAspect((picture.whole ?? picture).width / height),
     }));
   }
 

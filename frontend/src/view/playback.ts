@@ -28,7 +28,7 @@ export class TimeLink {
   }
 
   async follow(reference: string | Model | null) {
-    if (reference === this.followed.reference) return; // following again tears nothing down
+    if (reference === this.followed.reference) return; // following again removes no listener
     this.close();
     const found = await this.followed.choose(reference);
     if (!found) return;

@@ -84,7 +84,7 @@ export class PointerControls {
     const { camera } = this.view,
       length = camera.height / box.height;
     camera.pan = [camera.pan[0] - dx * length, camera.pan[1] + dy * length];
-    camera.keepSeen();
+    camera.keepBoxInView();
   }
 
   pinch(id: number, before: Vector2, now: Vector2, box: ScreenBox) {
@@ -114,7 +114,7 @@ export class PointerControls {
       camera.pan[1] -= change * ((y - box.top - box.height / 2) / box.height);
     }
     camera.height = height;
-    camera.keepSeen();
+    camera.keepBoxInView();
   }
 
   wheel(event: WheelEvent) {

@@ -4,7 +4,7 @@
 // Never more than one piece of work is in flight, so the next movement waits for that piece only.
 // The view consists of pictures side by side, or of alternating layers; each has a place and a camera.
 // A browser whose canvas has changed waits, as it puts its next frame together, for all that the GPU was given: so the
-// canvas changes when the GPU has nothing left to do, and gets no more until that frame is in flight.
+// canvas changes when the GPU has nothing left to do, and receives no more until that frame is in flight.
 
 import type { Vector2, Vector4 } from "../types.ts";
 import type { Quarter, RayCaster } from "../webgl/raycaster.ts";
@@ -31,9 +31,9 @@ export interface Stage {
   layer: number;
   /** The next one last */
   pieces: Piece[];
-  /** The picture that is whole then */
+  /** The picture that is complete then */
   shows: string;
-  /** The quarters that it is put together of */
+  /** The quarters that it is assembled from */
   merged: { from: string; stride: number } | null;
 }
 
@@ -57,11 +57,11 @@ const GPU_SHARE = 0.5,
 const HEARD_MS = 3; // from the end of the GPU's work until the page is notified
 const COARSEST = 6; // halvings of the pixels: an eighth of them along both axes
 const FEWEST_PIXELS = 8000; // of a quick picture: 7 to 12 ms of drawing; with fewer it waits for other work as long
-const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one is the fault of something else
+const KNOWN_COSTS = 5; // of quick pictures, whose median counts: a single slow one has other causes
 const FITS_EASILY = 0.75,
   EXCEEDS = 1.3; // of the time: between the two the scale stays, or the picture would flicker
 const ANSWER_MS = 1000; // after a drag: what changes within that time is an answer to it, and no movement follows
-const SHOW_MS = 150; // of work, after which there shall be a first whole picture at rest
+const SHOW_MS = 150; // of work, after which a first whole picture at rest is due
 const LONGEST_STRIDE = 4; // a quick picture of a slow volume has about every eighth
 const FINER = 1.2; // than the quick picture by at least so much, or the first at rest shows nothing new
 const MOST_PIECES = 3; // each waits for its turn at the GPU: many small ones take longer than they save
@@ -213,7 +213,7 @@ export class FrameLoop {
     return this.mixture !== null || layer === this.layer;
   }
 
-  #seen(width: number, height: number) {
+  #choosePictures(width: number, height: number) {
     const pictures = this.pictures(width, height);
     if (!pictures.some((p) => p.layer === this.layer)) this.layer = 0;
     this.parts = pictures.filter((p) => p.layer === this.layer && !p.whole).length || 1;
@@ -229,7 +229,7 @@ export class FrameLoop {
     const count = Math.max(1, Math.min(MOST_PIECES, Math.round((this.quickCost * width * height) / PIECE_MS)));
     const rows = Math.max(4, Math.ceil(height / count));
     const pieces: Rush["pieces"] = [];
-    for (const picture of this.#seen(width, height)) {
+    for (const picture of this.#choosePictures(width, height)) {
       if (!this.#isSeen(picture)) continue;
       for (let y = 0; y < height; y += rows) {
         pieces.push({ picture, tile: [picture.x, y, picture.width, Math.min(rows, height - y)] });
@@ -259,12 +259,12 @@ export class FrameLoop {
       if (rush.pieces.length > 0 || this.rush !== rush) return false;
       for (const layer of rush.layers) this.drawn[layer] = `coarse${layer}`;
       this.#present();
-      this.#rushed(rush);
+      this.#finishRush(rush);
       return true;
     });
   }
 
-  #rushed(rush: Rush) {
+  #finishRush(rush: Rush) {
     this.rush = null;
     const ms = performance.now() - rush.start;
     this.times.drag = [...this.times.drag.slice(-49), ms];
@@ -302,7 +302,7 @@ export class FrameLoop {
   #begin(last: Work | null): Work {
     const [w, h] = this.size,
       pass = last ? last.pass + 1 : 0,
-      pictures = last ? last.pictures : this.#seen(w, h);
+      pictures = last ? last.pictures : this.#choosePictures(w, h);
     const layers = [...new Set(pictures.map((p) => p.layer))].sort((a) => (a === this.layer ? -1 : 1)); // first the seen
     const stages = layers.flatMap((layer) => {
       const own = pictures.filter((p) => p.layer === layer);
@@ -468,7 +468,7 @@ export class FrameLoop {
     this.rush = null;
     this.#settle();
     const [w, h] = this.size,
-      pictures = this.#seen(w, h).filter((p) => this.#isSeen(p));
+      pictures = this.#choosePictures(w, h).filter((p) => this.#isSeen(p));
     for (const picture of pictures) {
       for (let pass = 0; pass < passes; pass++) this.caster.cast(`full${picture.layer}`, w, h, picture, { pass });
     }

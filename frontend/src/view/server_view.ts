@@ -17,7 +17,7 @@ const PATIENCE = 700; // milliseconds after which a camera without a picture is 
 const LONG = 12000; // milliseconds without a first picture, after which something is likely to be wrong
 
 export class ServerVolumeView extends VolumeFrontEnd {
-  layers: ImageBitmap[] = []; // the pictures that came last
+  layers: ImageBitmap[] = []; // the latest pictures
   drawn = 0; // their number in Python
   count = 0; // of pictures that have been drawn
   isFull = false;
@@ -93,7 +93,7 @@ export class ServerVolumeView extends VolumeFrontEnd {
       height: within(height),
       background: theme.name,
       ...(this.isFramed && { origin: window.location.origin }),
-    }; // a frame of ours may be shown in pages of it
+    }; // our frame may be shown in pages of it
     const sent = JSON.stringify(now);
     if (sent === this.sized) return;
     this.camera.reframed(() => {
@@ -237,7 +237,7 @@ export interface UndrawnView {
 }
 
 /**
- * A picture in place of a front end that cannot draw: pictures by Python, or without Python the one that is there.
+ * A picture in place of a front end that cannot draw: pictures by Python, or without Python the existing one.
  */
 export class StillPicture {
   pictures: ServerVolumeView | null = null; // as soon as Python draws
@@ -270,7 +270,7 @@ export class StillPicture {
   receive(png: Bytes) {
     URL.revokeObjectURL(this.image.src);
     this.image.src = URL.createObjectURL(new Blob([bytesOf(png)], { type: "image/png" }));
-    this.#shown();
+    this.#runCallback();
   }
 
   /** Replace a front end that cannot draw by Python's pictures. */
@@ -292,7 +292,7 @@ export class StillPicture {
     this.pictures = new ServerVolumeView(part, view.elements.host);
     this.pictures.elements.showMessage(this.why);
     opened(this.pictures);
-    this.#shown();
+    this.#runCallback();
   }
 
   /** Take the box that Python's pictures show, which is the result's and not always the volume's own. */
@@ -301,7 +301,7 @@ export class StillPicture {
     this.pictures?.readInfo();
   }
 
-  #shown() {
+  #runCallback() {
     const { after } = this;
     this.after = null;
     after?.();

@@ -1,14 +1,14 @@
 // Control points in space over a view of the volume: shown, dragged, and put on visible tissue. A view that has the
 // voxels as well (values, field, caster) determines which points are behind the body and where a ray meets it. Points
-// go to Python by the sender of their own editor (sync/edits.js).
+// are sent to Python by the sender of their own editor (sync/edits.js).
 
 import { Handles, isRightClick, POINT_STEPS } from "../editor/handles.ts";
 import { AXES, type Axis, perAxis } from "../maths/axes.ts";
 import type { Camera } from "../maths/camera.ts";
 import { added, dot, scaled, unitVector } from "../maths/camera.ts";
 import { type Clip, clipSides, leftOf } from "../maths/clipping.ts";
-import { addedPoint, nextId, removedPoints, samePoints } from "../maths/points.ts";
-import { movedInSpace, spaceLabel, spaceTip, withSources } from "../maths/space.ts";
+import { addPoint, nextId, removePoints, samePoints } from "../maths/points.ts";
+import { spaceLabel, spaceTip, translateInSpace, updateSources } from "../maths/space.ts";
 import { FollowedModel, publishPoints, settingsOf } from "../sync/bus.ts";
 import type { Sender } from "../sync/edits.ts";
 import { senderOf } from "../sync/edits.ts";
@@ -72,7 +72,7 @@ export class SpaceCamera {
     this.eye = added(middle, added(scaled(right, pan[0]), scaled(up, pan[1])));
   }
 
-  /** The pixel where a place is seen, its distance, and the length in space of one pixel there. */
+  /** The pixel of a place, its distance, and the length in space of one pixel there. */
   see(place: Vector3): { at: Vector2; depth: number; scale: number } {
     const { box, bend, half } = this,
       from = perAxis((k) => place[k] - this.eye[k]),
@@ -179,7 +179,7 @@ export class Body {
     return perAxis((k) => dot(this.info.to_frame[k], vector));
   }
 
-  /** The place that the value at x comes from. */
+  /** The origin of the value at x. */
   origin(x: Vector3) {
     const { planar, space } = this,
       moved = planar ? added(x, planarAt(planar, x)) : x;
@@ -342,7 +342,7 @@ export class SpacePoints {
   }
 
   async follow(reference: string | Model | null) {
-    if (reference === this.followed.reference) return; // following again tears nothing down
+    if (reference === this.followed.reference) return; // following again removes no listener
     this.leave();
     const found = await this.followed.choose(reference);
     if (!found) return;
@@ -386,7 +386,7 @@ export class SpacePoints {
     this.liveRegion.remove();
   }
 
-  /** The editor with what its views share; there must be one. */
+  /** The editor and the state that its views share; there must be one. */
   get edited() {
     const { editor, bus, sender } = this;
     if (!editor || !bus || !sender) throw new Error("no points are edited");
@@ -397,8 +397,8 @@ export class SpacePoints {
     const { points } = this.edited.sender;
     if (this.drag0) {
       // Python has found a new point's source; the drag's values stay
-      this.drag0 = withSources(this.drag0, points);
-      this.points = withSources(this.points, points);
+      this.drag0 = updateSources(this.drag0, points);
+      this.points = updateSources(this.points, points);
     } else this.points = points;
     this.draw();
   }
@@ -447,7 +447,7 @@ export class SpacePoints {
     setAttributes(svg, { viewBox: `0 0 ${width} ${height}` });
     const flat = this.#flatFrom(camera);
     if (!this.drag0)
-      flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; nothing jumps in a drag
+      flat.sort((p, q) => q.depth - p.depth); // nearer ones in front; no reordering in a drag
     else flat.sort((p, q) => this.order.indexOf(p.id) - this.order.indexOf(q.id));
     this.order = flat.map((p) => p.id);
     const isFocusLost = this.handles.update(flat, this.selected, { ...PIXELS, width, height }, 0, 0);
@@ -586,7 +586,7 @@ export class SpacePoints {
     if (!drag0 || !point) return;
     const place = held.what === "source" ? point.source : point.target;
     const way = this.#way(place as Vector3, [at[0] - held.from[0], at[1] - held.from[1]]);
-    this.points = movedInSpace(drag0, held.ids, way, held.what);
+    this.points = translateInSpace(drag0, held.ids, way, held.what);
     this.#publish("move");
     this.edited.sender.move(this.points);
     this.draw();
@@ -623,7 +623,7 @@ export class SpacePoints {
 
   remove(hit: Hit | null) {
     if (!hit || this.isLocked) return;
-    this.edited.sender.edit(removedPoints(this.points, [hit.id]), "remove");
+    this.edited.sender.edit(removePoints(this.points, [hit.id]), "remove");
     this.liveRegion.textContent = `point ${hit.id} deleted`;
   }
 
@@ -637,7 +637,7 @@ export class SpacePoints {
     const place = body.surface(camera.ray(at));
     if (!place) return false;
     const id = nextId(this.points, sender.nextId);
-    sender.edit(addedPoint(this.points, id, place, place), "add"); // Python finds its source
+    sender.edit(addPoint(this.points, id, place, place), "add"); // Python finds its source
     this.select([id]);
     this.drawNow(); // else nothing could take the focus
     this.handles.focus(id);
@@ -705,6 +705,6 @@ export class SpacePoints {
     if (!this.selected.has(id)) this.select([id]);
     const way = unitVector(this.#way(p.target as Vector3, by)),
       ids = [...this.selected];
-    if (way) this.edited.sender.edit(movedInSpace(this.points, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
+    if (way) this.edited.sender.edit(translateInSpace(this.points, ids, scaled(way, length)), "nudge", `nudge ${ids}`);
   }
 }

@@ -55,7 +55,7 @@ export interface Field {
   space: SpaceField | null;
 }
 
-/** The front end of a view, as its camera, its pointer and its points need it. */
+/** The front end of a view, as its camera, its pointer and its points use it. */
 export interface VolumeViewLike {
   model: Model;
   messages: ViewMessages;

@@ -67,7 +67,7 @@ export class ViewCamera extends Camera {
   }
 
   /** The camera in the volume's own frame, for a picture of this width by height. */
-  seen(aspect: number) {
+  forAspect(aspect: number) {
     return this.inFrame(this.info.to_frame, this.middle, aspect);
   }
 
@@ -87,7 +87,7 @@ export class ViewCamera extends Camera {
   }
 
   /** Keep some of the box in the picture, wherever it is moved. */
-  keepSeen() {
+  keepBoxInView() {
     this.keepInView(boxCorners(this.box, this.info.axes), this.aspect);
   }
 

@@ -19,7 +19,7 @@ export interface ElementActions {
   showView: (view: ViewName) => void;
   /** The host page has changed its theme */
   rethemed: () => void;
-  /** The other picture of two in turn is seen */
+  /** The other one of two alternating pictures is visible */
   flip: (layer: number) => void;
   /** The line between original and deformed was moved, or the slider of their mixture */
   compared: () => void;

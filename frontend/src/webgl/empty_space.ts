@@ -48,7 +48,7 @@ class PlanarRanges {
       // of all tiles that a box meets, at the first of them: one look-up for each box
       const stride = axis ? 4 * this.tiles[0] : 4,
         most = Math.ceil((2 * this.half[axis]) / PLANAR_TILE);
-      this.values = gathered(this.values, stride, this.tiles[axis], most);
+      this.values = gatherTiles(this.values, stride, this.tiles[axis], most);
     }
   }
 
@@ -119,7 +119,7 @@ function tileOf(node: number, edge: number, count: number) {
  * @param values four of each tile
  * @param tiles along the axis
  */
-function gathered(values: Float32Array, stride: number, tiles: number, most: number) {
+function gatherTiles(values: Float32Array, stride: number, tiles: number, most: number) {
   const out = values.slice();
   for (let i = 0; i < values.length; i++) {
     const left = Math.min(most, tiles - 1 - (Math.floor(i / stride) % tiles));
@@ -349,7 +349,7 @@ export function emptyCells(
     }
   }
   const rings = emptyRings(values, size),
-    most = isLargest ? grown(values, size) : values;
+    most = isLargest ? dilate(values, size) : values;
   const cells = new Uint8Array(2 * o);
   for (let i = 0; i < o; i++) {
     cells[2 * i] = rings[i]!;
@@ -448,7 +448,7 @@ export function emptyRings(values: Uint8Array, [nx, ny, nz]: Vector3) {
 }
 
 /** The largest of every value and its 26 neighbours. */
-function grown(values: Uint8Array, size: Vector3) {
+function dilate(values: Uint8Array, size: Vector3) {
   let from = values;
   for (const axis of AXES) {
     const stride = axis === 0 ? 1 : axis === 1 ? size[0] : size[0] * size[1],

@@ -97,7 +97,7 @@ function severalFold(
         return { at: (r * count + k) * plane, from, way: to - from };
       });
       if (most < 1) continue; // displacements less than the distance of the places turn nothing over
-      if (ends.length > MOST_BENDS || turnedBetween(maps, parts, [rows, columns], spacing)) return true;
+      if (ends.length > MOST_BENDS || isTurnedOver(maps, parts, [rows, columns], spacing)) return true;
     }
   }
   return false;
@@ -123,7 +123,7 @@ function bendsOf(weights: Float32Array, count: number) {
  * Whether a cell of a sum of maps is turned over while their weights change.
  * @param parts of each map its first value, its weight and the change of it
  */
-function turnedBetween(
+function isTurnedOver(
   maps: Float32Array,
   parts: { at: number; from: number; way: number }[],
   [rows, columns]: Vector2,

@@ -63,7 +63,7 @@ export type Cells = { of: unknown[]; size: Vector3; edge: Vector3; low: Vector3 
 
 // ---- programs: compiled, and chosen by the settings -----------------------------------------------------------------
 
-function compiled(gl: WebGL2RenderingContext, type: GLenum, source: string) {
+function compileShader(gl: WebGL2RenderingContext, type: GLenum, source: string) {
   const shader = gl.createShader(type) as WebGLShader; // null only where the context is lost
   gl.shaderSource(shader, source);
   gl.compileShader(shader);
@@ -73,10 +73,10 @@ function compiled(gl: WebGL2RenderingContext, type: GLenum, source: string) {
   return shader;
 }
 
-export function linked(gl: WebGL2RenderingContext, fragment: string): Program {
+export function linkProgram(gl: WebGL2RenderingContext, fragment: string): Program {
   const program = gl.createProgram();
-  gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTEX));
-  gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, fragment));
+  gl.attachShader(program, compileShader(gl, gl.VERTEX_SHADER, VERTEX));
+  gl.attachShader(program, compileShader(gl, gl.FRAGMENT_SHADER, fragment));
   gl.bindAttribLocation(program, 0, "corner");
   gl.linkProgram(program);
   if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost()) {
@@ -287,7 +287,7 @@ export class RayCaster {
     this.volume = volume;
     this.#texture("volume", gl.TEXTURE_3D, !info.isLabels);
     gl.texStorage3D(gl.TEXTURE_3D, 1, gl.RGBA8, nx, ny, nz);
-    this.#held();
+    this.#checkMemory();
     const slab = Math.max(1, Math.round(2 ** 20 / (nx * ny))); // 10 to 20 ms of work
     const gradients = new GradientSlabs(values, info.shape, info.spacing, info.outside);
     for (let z = 0; z < nz; z += slab) {
@@ -298,7 +298,7 @@ export class RayCaster {
       if (tick) await tick(last / nz);
       if (this.volume !== volume) return false;
     }
-    this.#held(); // some GPUs take the memory only when they get its values
+    this.#checkMemory(); // some GPUs take the memory only when they get its values
     volume.extremes = blockExtremes(values, info.shape);
     volume.loaded = true;
     if (this.table) this.setTable(this.table.rgba, this.table.unit);
@@ -306,7 +306,7 @@ export class RayCaster {
   }
 
   /** Free the memory and throw a MemoryError, where the GPU has not enough for the volume. */
-  #held() {
+  #checkMemory() {
     const { gl } = this;
     if (gl.getError() !== gl.OUT_OF_MEMORY) return;
     this.volume = null;
@@ -500,7 +500,7 @@ export class RayCaster {
     });
     const key = defines.join(" ");
     const lines = defines.map((d) => `#define ${d}\n`).join("");
-    this.programs[key] ??= linked(this.gl, FRAGMENT.replace("#version 300 es\n", `#version 300 es\n${lines}`));
+    this.programs[key] ??= linkProgram(this.gl, FRAGMENT.replace("#version 300 es\n", `#version 300 es\n${lines}`));
     return this.programs[key];
   }
 
@@ -718,7 +718,7 @@ export class RayCaster {
     const defines = definesOf("", planar, space),
       key = `sides ${defines.join(" ")}`;
     const lines = defines.map((d) => `#define ${d}\n`).join("");
-    this.programs[key] ??= linked(gl, SIDES.replace("#version 300 es\n", `#version 300 es\n${lines}`));
+    this.programs[key] ??= linkProgram(gl, SIDES.replace("#version 300 es\n", `#version 300 es\n${lines}`));
     const { program, at } = this.programs[key],
       { buffer } = this.#target("sides", width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, buffer);
@@ -748,7 +748,7 @@ export class RayCaster {
     const gl = this.gl,
       { texture, ...quarters } = this.targets[from]!,
       next = stride / 2;
-    this.programs.merge ??= linked(gl, MERGE);
+    this.programs.merge ??= linkProgram(gl, MERGE);
     const target = this.#target(to, width, height, next),
       { program, at } = this.programs.merge;
     gl.bindFramebuffer(gl.FRAMEBUFFER, target.buffer);
@@ -786,7 +786,7 @@ export class RayCaster {
       ground = BACKGROUNDS[this.background];
     const [width, height] = name && isQuick ? (this.targets[name]!.extent.map(Math.ceil) as Vector2) : this.size;
     this.#fit(width, height);
-    this.programs.present ??= linked(gl, PRESENT);
+    this.programs.present ??= linkProgram(gl, PRESENT);
     const { program, at } = this.programs.present;
     const nothing: Pick<Target, "extent" | "start"> & { texture: WebGLTexture | null } = {
       texture: this.textures.picture ?? null,

@@ -264,8 +264,8 @@ export function ambientLight(values: Uint8Array, shape: Vector3, alphas: Float32
   }
   const [close, strength] = AMBIENT_NEAR as Vector2,
     [wide, strengthFar] = AMBIENT_FAR as Vector2;
-  const near = blurred(sum, size, close),
-    far = blurred(blurred(near, size, wide), size, wide);
+  const near = blur(sum, size, close),
+    far = blur(blur(near, size, wide), size, wide);
   const out = new Uint8Array(sum.length);
   aheadOf(near, size, (k, at, share) => {
     const stopped = strength * between(near, size, at, share) + strengthFar * between(far, size, at, share);
@@ -332,7 +332,7 @@ function between(values: Float32Array, size: Vector3, at: Vector3, share: Vector
 }
 
 /** Running mean over 2 r + 1 cells along every axis; beyond the edge nothing stops light. */
-function blurred(values: Float32Array, size: Vector3, r: number) {
+function blur(values: Float32Array, size: Vector3, r: number) {
   let from = values;
   for (const axis of AXES) {
     const to = new Float32Array(from.length),

@@ -248,7 +248,7 @@ def test_the_page_follows_a_shape_as_python_does() -> None:
         (*(rng.integers(0, 4, rng.integers(0, 6)).tolist() for _ in range(2)), int(rng.integers(0, 6)))
         for _ in range(500)
     ]
-    found = run_script(("maths/shapes.ts",), "(cases) => cases.map((given) => followedShape(...given))", cases)
+    found = run_script(("maths/shapes.ts",), "(cases) => cases.map((given) => trackShape(...given))", cases)
     assert found == [followed(*case) for case in cases]
     assert {type(place) for place in found} == {int, type(None)}
 

@@ -369,7 +369,7 @@ def test_its_still_picture_is_a_png(editor: SpaceEditor) -> None:
 
 # A drag in each picture by each way, for whole grids of any direction.
 DRAGS = """({ panes, points, ways }) => panes.map((pane) => ways.map(([da, db]) => {
-  const moved = movedInSpace(points, points.map((p) => p.id), wayInPane(pane, da, db));
+  const moved = translateInSpace(points, points.map((p) => p.id), vectorFromPane(pane, da, db));
   return { depths: moved.map((p) => inPane(pane, p.target)[2]), before: points.map((p) => inPane(pane, p.target)[2]),
     moved: moved.map((p) => p.target), sources: moved.map((p) => p.source) };
 }))"""

@@ -225,14 +225,14 @@ FOLLOWED = """async ({ info, moves, fields, settings }) => {
   const view = { info: () => info, apply: (space) => shown.push(space), move() {}, follows: (s) => said.push(s) };
   const link = new SpaceLink({}, view), bus = busOf(editor);
   await link.follow(editor);
-  link.merged({ ...fields[0].space, values: [] }, fields[0].moved);
+  link.merge({ ...fields[0].space, values: [] }, fields[0].moved);
   const publish = (points, phase) => publishPoints(bus, { origin: "o", points, settings, fit: null, phase });
   publish(moves[1], "move");
   publish(moves[2], "move");
   const early = shown.length;
   link.catchUp();
   publish(moves[0], "end");
-  const late = link.merged({ ...fields[0].space, values: [7] }, { ...fields[0].moved, points: moves[1] });
+  const late = link.merge({ ...fields[0].space, values: [7] }, { ...fields[0].moved, points: moves[1] });
   return { early, sender: said[0] === bus.sender.id, count: link.count, back: shown[1].values.length,
     isOwn: late.values.length > 1, space: { ...shown[0], values: Array.from(shown[0].values) } };
 }"""
