@@ -1,4 +1,4 @@
-"""How well maps predict places that were left out: ``python -m benchmarks prediction > docs/prediction.md``.
+"""Errors of maps at places that were left out: ``python -m benchmarks prediction > docs/prediction.md``.
 
 For each of D'Arcy Thompson's pairs of grids a part of the nodes is left out, maps are fitted to the others, and their
 error is the root of the mean squared distance between where a left-out node of the first drawing comes to in the second
@@ -35,8 +35,8 @@ METHODS = ("plate backward", "plate forward", "default", "chosen", "all-knowing"
 _PAGE = """# Prediction accuracy
 
 Thompson drew every node of his grids by hand. Here a part of the nodes of each pair is left out, maps are fitted to the
-others, and what is measured is how far from where he drew it a left-out node of the first drawing comes to lie in the
-second: the root of the mean square, in pixels of the scan of the first, where a node is read with an error of about 2.
+others, and the distance is measured between a left-out node of the first drawing as mapped to the second and as he drew
+it: the root of the mean square, in pixels of the scan of the first, where a node is read with an error of about 2.
 "checkerboard" knows every other node, "rows and columns" every other row and column (a quarter), and "interior" only
 those at the rim.
 
@@ -110,7 +110,7 @@ def landmarks(first: str, second: str) -> Iterator[Case]:
         yield Case("landmarks of two mice (mm)", name, points.source, points.target, known)
 
 
-def measured(case: Case) -> Found:
+def measure(case: Case) -> Found:
     """The errors of all methods."""
     points = ControlPoints.from_arrays(case.source[case.known], case.target[case.known])
     plate = "thin_plate" if points.dim == 2 else "linear"
@@ -132,8 +132,8 @@ def measured(case: Case) -> Found:
 
 
 def errors(cases: Iterator[Case] | None = None) -> list[Found]:
-    """What is measured of Thompson's grids, or of other cases."""
-    return [measured(case) for case in (grids() if cases is None else cases)]
+    """The errors of all methods for Thompson's grids, or for other cases."""
+    return [measure(case) for case in (grids() if cases is None else cases)]
 
 
 def is_reached(found: Found) -> bool:
@@ -142,7 +142,7 @@ def is_reached(found: Found) -> bool:
 
 
 def _verdict(found: list[Found]) -> str:
-    """What the table says in words."""
+    """Summary of the table in words."""
     ratios = [one.ratio for one in found]
     better, worse = sum(r < 0.95 for r in ratios), sum(r > 1.05 for r in ratios)
     missed = [f"{one.case.name}, {one.case.left_out}" for one in found if not is_reached(one)]
@@ -150,7 +150,7 @@ def _verdict(found: list[Found]) -> str:
     count = len(found)
     text = (
         f"Against the better of the two thin plates, which nobody knows beforehand, the choice is better by more "
-        f"than 5 % in {better} of {count} rows, alike in {count - better - worse} and worse by more than 5 % in "
+        f"than 5 % in {better} of {count} rows, within 5 % in {count - better - worse} and worse by more than 5 % in "
         f"{worse}; the median ratio is {np.median(ratios):.2f}, and that of the all-knowing choice {best:.2f}. "
     )
     backward = np.median([one.error["chosen"] / one.error["plate backward"] for one in found])

@@ -45,12 +45,12 @@ nb_ipywidgets_js: dict[str, dict[str, str]] = {}  # by default a script of a ser
 
 # -- the reference ----------------------------------------------------------------------------------------------------
 autosummary_generate = True
-autodoc_typehints = "none"  # the signature has them in full, the table of parameters says what they mean
+autodoc_typehints = "none"  # the signature has them in full, the table of parameters explains them
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 
-# -- looks ------------------------------------------------------------------------------------------------------------
+# -- appearance -------------------------------------------------------------------------------------------------------
 templates_path = ["_templates"]
 html_theme = "pydata_sphinx_theme"
 html_title = "deformnb"
@@ -84,7 +84,7 @@ def _mathml(display: str) -> Any:
     return visit, None
 
 
-# -- what is made at each build ---------------------------------------------------------------------------------------
+# -- generated at each build -------------------------------------------------------------------------------------------
 def _make_live_pages() -> None:
     """The studio of the front page, exported of a procedural carp, and the page that opens files."""
     target = HERE / "_made" / "carp.html"

@@ -227,7 +227,7 @@ def test_a_chosen_fit_predicts_a_pair_of_grids_as_the_documentation_says() -> No
     case = list(prediction.grids())[4]
     start = f"| {case.name} | {case.left_out} |"
     row = next(line.split("|")[1:-1] for line in said.splitlines() if line.startswith(start))
-    found = prediction.measured(case)
+    found = prediction.measure(case)
     assert found.error["chosen"] == pytest.approx(float(row[5]), abs=0.06)
     assert found.ratio < 0.75
     assert found.chosen == row[8].strip()
