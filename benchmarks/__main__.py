@@ -20,12 +20,12 @@ _THREADS = (
 
 
 _COMMANDS = ("latency", "drags", "start", "prediction", "chunked", "classroom", "gpu")
-"""Modules of this package with a command line of their own."""
+"""Modules of this package with a separate command line."""
 
 
 def main() -> int:
     command = sys.argv[1:2]
-    if command and command[0] in _COMMANDS:  # they settle their threads themselves, or take those that they get
+    if command and command[0] in _COMMANDS:  # they choose their threads, or take all
         return int(importlib.import_module(f"benchmarks.{command[0]}").main(sys.argv[2:]))
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks",
@@ -44,7 +44,7 @@ def main() -> int:
     parser.add_argument(
         "--loops",
         action="store_true",
-        help="leave the libraries out of RBF, W and E: only our own results beside the loops in C and numba",
+        help="leave the libraries out of RBF, W and E: only our own results and the loops in C and numba",
     )
     parser.add_argument(
         "--ratios",
@@ -58,7 +58,7 @@ def main() -> int:
         os.environ.update(dict.fromkeys(_THREADS, str(options.threads)))
         if hasattr(os, "sched_setaffinity"):
             os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.threads])
-    from benchmarks.run import run  # not before the threads are settled
+    from benchmarks.run import run  # not before the threads are chosen
 
     return run(options)
 

@@ -1,6 +1,6 @@
-"""Whole edits, from control points that have moved to the new volume: E1 beside a cut, E2 beside a rigid part, E3 of
-points in space, E4 of several deformations one after the other. Each is what happens when a hand lets go of a point;
-the previews are what happens while it moves."""
+"""Whole edits, from control points that have moved to the new volume: E1 near a cut, E2 near a rigid part, E3 of
+points in space, E4 of several deformations one after the other. Each is the work after a point is dropped;
+the previews are the work while it moves."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ def groups(options: Namespace) -> Iterator[Group]:
     cut = Cut(Line(((middle, options.size), (middle + 3, middle), (middle, -1.0))))
     on_picture = Step((flat,), plane, kernel="thin_plate", cuts=(cut,), cut_rule="paper")
     loop = _loop(volume, solid)
-    yield _beside_a_cut(volume, on_picture, loop, options)
+    yield _near_cut(volume, on_picture, loop, options)
     ground = RigidPart(HalfSpace((0.0, 1.02 * options.size), (0.0, -1.0)))
     yield _alone(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)), loop)
     below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
     yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)), loop)
     yield _replicated(volume, Step((flat,), plane), loop, options)
-    yield _in_space(volume, Step((solid,), kernel="thin_plate"), loop, options)
+    yield _space_edits(volume, Step((solid,), kernel="thin_plate"), loop, options)
     yield _composed(volume, flat, solid, plane, cut, loop)
 
 
 def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
-    """The general warp in C, its field given: what an edit of every kind is measured by."""
+    """The general warp in C, its field given: the reference of every kind of edit."""
     if c_loops.why_absent():
         return []
     field = Step((solid,)).field(volume.grid).on_grid(volume.grid)
@@ -60,7 +60,7 @@ def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
 
 
 def _edits(volume: Volume, edited: Step, **options: Any) -> Callable[[], NDArray[Any]]:
-    """Every call moves the points a little, so that nothing of the edit before can be kept."""
+    """Calls that move the points a little, so that nothing of the edit before can be reused."""
     warper = Warper(volume, fill=FILL, **options)
     if edited.plane is not None:
         warper.prepare(0)
@@ -102,7 +102,7 @@ def _scipy_picture(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
 def _composed(
     volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut, loop: list[Case]
 ) -> Group:
-    """Chains of displacements beside one fit in space that is evaluated at every voxel."""
+    """Chains of displacements, and one fit in space that is evaluated at every voxel."""
     side = Plane((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     first, then = Step((flat,), front), Step((flat,), side)
     chains = {
@@ -137,7 +137,7 @@ def _alone(volume: Volume, name: str, step: Step, loop: list[Case]) -> Group:
     return Group(f"{name}, {volume.dtype}", cases + loop, 0, "grey levels")
 
 
-def _beside_a_cut(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
+def _near_cut(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
     truth = _edits(volume, step)().astype(np.float32)
     field = step.field(volume.grid)
     raster = np.stack(np.meshgrid(*[np.arange(n, dtype=float) for n in volume.shape[:0:-1]]), axis=-1)
@@ -188,7 +188,7 @@ def _scipy_cut(volume: Volume, step: Step, raster: NDArray[np.float64]) -> Calla
     return edit
 
 
-def _in_space(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
+def _space_edits(volume: Volume, step: Step, loop: list[Case], options: Namespace) -> Group:
     truth = _edits(volume, step, step=STEP)().astype(np.float32)
 
     def error(result: NDArray[Any]) -> NDArray[np.float32]:

@@ -1,4 +1,4 @@
-"""What a fit says of itself: Q1 leave-one-out of all points, Q2 the uncertainty of the map on a picture."""
+"""Diagnostics of a fit: Q1 leave-one-out of all points, Q2 the uncertainty of the map on a picture."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _uncertain(points: ControlPoints, support: float, size: int) -> Group:
     right = known.at(raster.points())
 
     def dense() -> NDArray[Any]:
-        """Universal kriging as it is written, in NumPy."""
+        """Universal kriging by its textbook formula, in NumPy."""
         kernel, x, at = WendlandC2(support), points.target, raster.points().reshape(-1, 2)
         phi = kernel(np.linalg.norm(x[:, None] - x[None], axis=-1))
         p, here = (np.column_stack([np.ones(len(a)), a]) for a in (x, at))

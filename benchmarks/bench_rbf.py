@@ -25,7 +25,7 @@ def groups(options: Namespace) -> Iterator[Group]:
     size = options.size
     raster = Raster((size, size), (1.0, 1.0), (0.0, 0.0))
     for count in sorted({8, options.points, 128}):
-        # a wrong formula is wrong by pixels; how exact each one is stands in the table
+        # a wrong formula is wrong by pixels; the exactness of each is in the table
         name = f"RBF: solve {count} points and evaluate {size} x {size}"
         yield Group(name, _cases(problem.control_points(count, 2, size), raster, options), 0.01, "pixels")
     for count, share in ((512, 0.2), (2048, 0.1)):
@@ -33,11 +33,11 @@ def groups(options: Namespace) -> Iterator[Group]:
 
 
 MOVES = 40
-"""Sets of points that take turns, each moved a little: more than the factors that are kept, so that none is found."""
+"""Sets of points in rotation, each moved a little: more than the factors that are cached, so that none is found."""
 
 
 def _moving(points: ControlPoints, which: Any) -> Callable[[], ControlPoints]:
-    """Every call gives the points with some of them elsewhere; made beforehand, for an editor has them already."""
+    """Calls that return the points with some of them moved; prepared, since an editor has them already."""
     sets = []
     for k in range(1, MOVES + 1):
         target = np.array(points.target)
@@ -87,7 +87,7 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
 
 
 def _events(event: Callable[[], Any]) -> Any:
-    """The last of several events of a drag: what the first one keeps serves the others."""
+    """The last of several events of a drag: the cache of the first serves the others."""
     for _ in range(_EVENTS - 1):
         event()
     return event()

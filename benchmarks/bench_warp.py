@@ -1,4 +1,4 @@
-"""Warps of a volume: W1 one replicated map, W2 a map that comes and goes with depth, W3 any field, given or fitted."""
+"""Warps of a volume: W1 one replicated map, W2 a map that varies with depth, W3 any field, given or fitted."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def _replicated(volume: Volume, field: AbstractField, view: str, axis: int, opti
     given = volume.values, flat[..., rest[0]], flat[..., rest[1]], FILL, axis
     if not c_loops.why_absent():  # both have the layout of the prepared one
         cases.append(Case("C loop", c_loops.rows(*given), error))
-    if _there("numba"):
+    if _is_installed("numba"):
         from benchmarks import loops
 
         cases.append(Case("numba loop", loops.rows(*given), error))
@@ -73,7 +73,7 @@ def _modulated(volume: Volume, field: AbstractField, options: Namespace) -> Grou
         weights = np.abs(displacement).max(axis=(1, 2, 3)) / np.abs(middle).max()
         loop = c_loops.modulated(volume.values, middle[..., 1], middle[..., 0], weights, FILL)
         cases.append(Case("C loop", loop, error))
-    if _there("numba"):
+    if _is_installed("numba"):
         from benchmarks import loops
 
         cases.append(Case("numba loop", loops.general(volume.values, displacement, FILL), error))
@@ -88,12 +88,12 @@ def _general(volume: Volume, field: AbstractField, options: Namespace) -> Group:
     cases = [Case("deformnb, field given", lambda: warper(stored).values, error, ours=True)]
     if not c_loops.why_absent():
         cases.append(Case("C loop", c_loops.general(volume.values, displacement, FILL), error))
-    if _there("numba"):
+    if _is_installed("numba"):
         from benchmarks import loops
 
         cases.append(Case("numba loop", loops.general(volume.values, displacement, FILL), error))
     cases += _rivals(volume, displacement, lookup, error, options)
-    if _there("skimage") and not options.loops:
+    if _is_installed("skimage") and not options.loops:
         cases.append(Case("scikit-image warp", peers.skimage_warp(volume.values, lookup, FILL), error))
     for step in (1, 2, 4):
         coarse = Warper(volume, fill=FILL, step=step)
@@ -115,19 +115,19 @@ def _rivals(
     if options.loops:
         return []
     cases = [Case("scipy map_coordinates", peers.scipy_warp(volume.values, lookup, FILL), error)]
-    if _there("SimpleITK"):
+    if _is_installed("SimpleITK"):
         warp = peers.sitk_warp(volume.values, displacement, FILL, options.threads)
         resample = peers.sitk_resample(volume.values, displacement, FILL, options.threads)
         cases += [Case("SimpleITK Warp", warp, error), Case("SimpleITK Resample", resample, error)]
-    if _there("vtkmodules"):
+    if _is_installed("vtkmodules"):
         cases.append(Case("VTK ImageReslice", peers.vtk_reslice(volume.values, displacement, FILL), error))
     return cases
 
 
 def _truth(volume: Volume, field: AbstractField) -> tuple[NDArray[np.float32], NDArray[np.float64], Error]:
-    """Displacements (nz, ny, nx, 3), where they look (3, nz, ny, nx), and the error of a result by scipy's float64.
+    """Displacements (nz, ny, nx, 3), their lookups (3, nz, ny, nx), and the error of a result by scipy's float64.
 
-    Compared is only what lies between the outermost voxel centres: at the rim each library has its own rule.
+    Only places between the outermost voxel centres are compared: at the rim each library has its own rule.
     """
     if isinstance(field, DisplacementField):
         displacement = np.asarray(field.values, dtype=np.float32)
@@ -144,9 +144,9 @@ def _truth(volume: Volume, field: AbstractField) -> tuple[NDArray[np.float32], N
 
 
 def _tolerance(volume: Volume) -> tuple[float, str]:
-    # Some cut the fraction off where we round; VTK reads the field with float32 places, 2e-5 voxels beside.
+    # Some cut the fraction off where we round; VTK reads the field with float32 places, 2e-5 voxels off.
     return (1.01 if volume.dtype.kind in "iu" else 255 * 1e-4), "grey levels"
 
 
-def _there(module: str) -> bool:
+def _is_installed(module: str) -> bool:
     return importlib.util.find_spec(module) is not None

@@ -1,14 +1,14 @@
-"""Volumes larger than memory: voxels per second and memory of the chunked warp, beside scipy over the same blocks.
+"""Volumes larger than memory: speed and memory of the chunked warp, compared with scipy over the same blocks.
 
 ``python -m benchmarks chunked --size 512``. The source is made on the fly in Zarr. Both are given the field: samples on
 a coarse lattice in space, or on the picture's plane for a replicated map; both read the source block by block,
-deform it and write the result to Zarr. They take turns, and medians are printed. "cpu" is processor time, which is what
-to compare on a busy machine. Memory is the resident memory of this process and all of its children together; the
-seconds in which JAX compiled are part of the time and stated beside it.
+deform it and write the result to Zarr. They are interleaved, and medians are printed. "cpu" is processor time, to be
+compared on a busy machine. Memory is the resident memory of this process and all of its children together; the
+seconds in which JAX compiled are part of the time and also stated separately.
 
-``--workers`` measures instead how much two workers of dask with one thread each gain over one, beside two processes of
-plain C over one, each process on a processor of its own; and how much processor time two take for the same work as one,
-which is what to compare on a busy machine.
+``--workers`` measures instead how much two workers of dask with one thread each gain over one, compared with two
+processes of plain C over one, each process on a separate processor; and how much processor time two take for the same
+work as one, to be compared on a busy machine.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--fields", nargs="*", default=["replicated", "general"])
     parser.add_argument("--without-scipy", action="store_true", help="measure this package alone")
     parser.add_argument("--rounds", type=int, default=1, help="turns of each (default 1)")
-    parser.add_argument("--workers", action="store_true", help="what two workers gain, beside two processes of C")
+    parser.add_argument(
+        "--workers", action="store_true", help="the gain of two workers, compared with two processes of C"
+    )
     options = parser.parse_args(arguments)
     folder = Path(tempfile.mkdtemp(prefix="chunked-"))
     try:
@@ -80,9 +82,9 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
             )
         }
         if not options.without_scipy:
-            cases["scipy"] = partial(_with_scipy, source, field, name, folder / "scipy.zarr", n, block, options.threads)
+            cases["scipy"] = partial(_scipy_warp, source, field, name, folder / "scipy.zarr", n, block, options.threads)
         compiling.clear()
-        times = _in_turns(cases, options.rounds)
+        times = _interleave(cases, options.rounds)
         for case, (wall, cpu, peak) in times.items():
             print(
                 f"{name:11} {case:9}{n**3 / wall / 1e6:8.1f} Mvoxel/s  {cpu / n**3 * 1e9:6.1f} ns cpu/voxel  "
@@ -96,7 +98,7 @@ def _run(folder: Path, options: argparse.Namespace) -> None:
         print(flush=True)
 
 
-def _in_turns(
+def _interleave(
     cases: dict[str, Callable[[], Any]],
     rounds: int,
     processor: Callable[[str], float] = lambda _name: time.process_time(),
@@ -150,10 +152,12 @@ def _run_workers(folder: Path, options: argparse.Namespace) -> None:
                     overwrite=True,
                     client=client,
                 )
-                cases[f"C {count}"] = partial(_in_processes, [str(loops), name, "256", str(rounds)], processors[:count])
+                cases[f"C {count}"] = partial(
+                    _run_processes, [str(loops), name, "256", str(rounds)], processors[:count]
+                )
             for count in (1, 2):
                 cases[f"deformnb {count}"]()  # compiles
-            times = _in_turns(cases, options.rounds, partial(_processor_seconds, clients))
+            times = _interleave(cases, options.rounds, partial(_processor_seconds, clients))
         more = {
             name: times[f"{name} 2"][1] / times[f"{name} 1"][1] / (2 if name == "C" else 1)
             for name in ("deformnb", "C")
@@ -190,7 +194,7 @@ def _compiled_loops(folder: Path) -> Path:
     return program
 
 
-def _in_processes(command: list[str], processors: list[int]) -> None:
+def _run_processes(command: list[str], processors: list[int]) -> None:
     running = [subprocess.Popen(command, stdout=subprocess.DEVNULL) for _ in processors]
     for process, processor in zip(running, processors, strict=True):
         os.sched_setaffinity(process.pid, {processor})
@@ -212,7 +216,7 @@ def _make_source(path: Path, n: int) -> Path:
 
 
 def _field(name: str, grid: Any) -> Any:
-    """The field as samples: given, so that nobody evaluates radial functions."""
+    """The field as samples, so that no case evaluates radial functions."""
     from deformnb import ControlPoints, Deformation
     from deformnb.rbf import DisplacementField
     from deformnb.rbf.extrusion import extrude, replicate
@@ -230,7 +234,7 @@ def _field(name: str, grid: Any) -> Any:
     return DisplacementField.sample(Deformation.from_space_points(points), grid.resampled(shape=(65, 65, 65)))
 
 
-def _with_scipy(
+def _scipy_warp(
     source: Path, field: Any, name: str, target: Path, n: int, block: tuple[int, int, int], threads: int
 ) -> None:
     """The same job as its users write it: map_coordinates on blocks of dask, each with its part of the source."""
@@ -287,15 +291,15 @@ def _compare(folder: Path, n: int) -> None:
 
 
 class _PeakMemory:
-    """The largest resident memory of this process and its children, looked at every few hundredths of a second."""
+    """The largest resident memory of this process and its children, sampled every few hundredths of a second."""
 
     def __enter__(self) -> _PeakMemory:
         self.bytes, self._stop = 0, threading.Event()
-        self._thread = threading.Thread(target=self._look)
+        self._thread = threading.Thread(target=self._sample)
         self._thread.start()
         return self
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         while not self._stop.wait(0.02):
             self.bytes = max(self.bytes, _resident(os.getpid()))
 

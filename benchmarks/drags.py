@@ -1,9 +1,9 @@
 """Drags of one point: ``python -m benchmarks drags [--against CHECKOUT]``.
 
-Each case is a notebook in a real JupyterLab and a real, headless Chromium, an editor beside its live view. A point is
+Each case is a notebook in a real JupyterLab and a real, headless Chromium, an editor next to its live view. A point is
 dragged in a circle by 60 events a second, and dropped; then the view is turned by a drag on it. Rest is the time from
-the end of such a drag until the picture in full is on the screen. With another checkout, bundled, both take turns in
-one run, so what else the machine does falls on both; the fastest round of each counts.
+the end of such a drag until the picture in full is on the screen. With another checkout, bundled, both are interleaved
+in one run, so other load of the machine affects both; the fastest round of each counts.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from benchmarks.latency_page import Seat
 _CUT = "cuts=[dn.Cut(dn.Line(corner + size * np.array([[0.48, -0.05], [0.55, 0.45], [0.5, 1.05]])))]"
 _PART = "parts=[dn.RigidPart(dn.Polygon(corner + size * np.array([[.61, .61], [.71, .6], [.72, .7], [.6, .71]])))]"
 
-# Points of the unit square with drags so small that nothing folds at first, none of them where the part lies.
+# Points of the unit square with drags so small that nothing folds at first, none of them in the part.
 _EDITOR = """
 picture = dn.project(volume, dn.Plane.from_view(volume.grid, "+z"), "mip")
 corner = np.array(picture.raster.origin)
@@ -57,7 +57,7 @@ CASES: dict[str, tuple[tuple[int, int, int], int, str]] = {
     "16 points, space": ((256, 256, 256), 15, _SPACE),
     "512 x 512 x 200, 200 points": ((512, 512, 200), 200, ""),
 }
-"""Columns, rows and slices of the volume, number of points, and what else the editor is given: or another editor."""
+"""Columns, rows and slices of the volume, number of points, and further arguments of the editor, or another editor."""
 
 _CELL = f"""
 import sys
@@ -115,16 +115,16 @@ def cells(case: str, checkout: Path, volume: Path | None = None) -> list[str]:
 
 def drag(seat: Seat, seconds: float) -> dict[str, Any]:
     """Pictures and grids a second, the long tasks of the main thread, and its own time for a picture, in ms."""
-    seat.hand.move(0.0)
+    seat.pointer.move(0.0)
     seat.rest(600)
     seat.fresh()
     session = seat.page.context.new_cdp_session(seat.page)
-    session.send("Performance.enable", {"timeDomain": "threadTicks"})  # what others take from the processor is left out
-    worked = _worked(session)
+    session.send("Performance.enable", {"timeDomain": "threadTicks"})  # without the time of other processes
+    worked = _processor_seconds(session)
     seat.page.evaluate(_WATCH)
-    seat.hand.drag(seconds, 60.0)
+    seat.pointer.drag(seconds, 60.0)
     tasks = seat.page.evaluate(_WATCHED)
-    worked = _worked(session) - worked
+    worked = _processor_seconds(session) - worked
     session.detach()
     seat.collect()
     inputs, span = seat.seen.inputs, (max(seat.seen.inputs) - seat.seen.inputs[0]) / 1e3
@@ -138,7 +138,7 @@ def drag(seat: Seat, seconds: float) -> dict[str, Any]:
         "tasks": tasks,
         "pause": max([50.0, *tasks]),
         "work": work,
-        "rest": _rest(seat, seat.hand.release),
+        "rest": _rest(seat, seat.pointer.release),
         "turned": _rest(seat, lambda: _turn(seat)),
     }
 
@@ -155,7 +155,7 @@ def _turn(seat: Seat) -> None:
 
 
 def _rest(seat: Seat, end: Callable[[], None]) -> float:
-    """Milliseconds from the end of a drag until the picture in full is on the screen, when nothing comes after it."""
+    """Milliseconds from the end of a drag until the final picture in full is on the screen."""
     seat.fresh()
     seat.page.evaluate(_SHOWS)
     end()
@@ -166,7 +166,7 @@ def _rest(seat: Seat, end: Callable[[], None]) -> float:
     return min(t for t in seat.seen.view if t > last) - up
 
 
-def _worked(session: Any) -> float:
+def _processor_seconds(session: Any) -> float:
     """Seconds for which the main thread has run."""
     return float({m["name"]: m["value"] for m in session.send("Performance.getMetrics")["metrics"]}["TaskDuration"])
 
@@ -174,7 +174,7 @@ def _worked(session: Any) -> float:
 def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks drags", description=__doc__.split("\n\n")[0])
     parser.add_argument("--cases", nargs="+", help="only cases whose name contains one of these")
-    parser.add_argument("--against", type=Path, help="another checkout, bundled, that takes turns with this one")
+    parser.add_argument("--against", type=Path, help="another checkout, bundled, interleaved with this one")
     parser.add_argument("--volume", type=Path, help="a file with the volume of all cases")
     parser.add_argument("--rounds", type=int, default=3, help="turns (default %(default)s)")
     parser.add_argument("--seconds", type=float, default=4.0, help="of each drag (default %(default)s)")
@@ -185,8 +185,8 @@ def main(arguments: list[str]) -> int:
     here = Path(__file__).resolve().parents[1]
     checkouts = {**({"before": options.against.resolve()} if options.against else {}), "now": here}
     print(
-        f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest pause that is seen, and work is "
-        "the main thread's time for one picture, whoever else is on the processor. Long tasks are counted from "
+        f"{machine()}\n\nFastest of {options.rounds} drags; 50 ms is the shortest visible pause, and work is "
+        "the main thread's own processor time for one picture. Long tasks are counted from "
         f"{', '.join(f'{low:.0f}' for low in _BINS)} ms on, in the drag that has fewest.\n"
     )
     measured = "picture Hz", "grid Hz", "view Hz", "pause ms", "work ms", "rest ms", "turned ms", "long tasks"
@@ -195,7 +195,7 @@ def main(arguments: list[str]) -> int:
     found: dict[str, dict[str, list[dict[str, Any]]]] = {}
     for case in CASES:
         if not options.cases or any(part in case for part in options.cases):
-            found[case] = _measured(case, checkouts, options)
+            found[case] = _measure(case, checkouts, options)
             print(f"| {case} | {' | '.join(_row(found[case][name]) for name in checkouts)} |", flush=True)
     if options.json:
         options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
@@ -216,7 +216,7 @@ def _histogram(tasks: list[float]) -> list[int]:
     return [sum(low <= task < high for task in tasks) for low, high in zip(_BINS, ends, strict=True)]
 
 
-def _measured(case: str, checkouts: dict[str, Path], options: argparse.Namespace) -> dict[str, Any]:
+def _measure(case: str, checkouts: dict[str, Path], options: argparse.Namespace) -> dict[str, Any]:
     from playwright.sync_api import sync_playwright
 
     make_lab, browser_arguments = hosts()

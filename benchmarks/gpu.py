@@ -1,6 +1,6 @@
-"""On a GPU: ``python -m benchmarks gpu``. Parts of a warp beside CuPy and PyTorch on the same card, and whole edits.
+"""On a GPU: ``python -m benchmarks gpu``. Parts of a warp compared with CuPy and PyTorch, and whole edits.
 
-The first table has what stays in the card's memory: a field of control points evaluated at every voxel, and the warp of
+The first table has what stays in the GPU's memory: a field of control points evaluated at every voxel, and the warp of
 a volume through it. The share of the bandwidth counts what must be read and written once: three displacements, and a
 voxel before and after. The second has whole edits, from control points that have moved to voxels in NumPy's memory, on
 the GPU and on the processors of the same machine.
@@ -30,7 +30,7 @@ from deformnb.warping import planning
 
 Run = Callable[[], Any]
 
-# What a card's bandwidth is measured with: more than its caches hold.
+# Size for measuring the bandwidth: more than the caches hold.
 _COPIED = 2**28
 
 
@@ -50,25 +50,25 @@ def main(arguments: list[str]) -> int:
     rate = _bandwidth(options.rounds)
     least = volume.grid.size * (3 * 4 + 2) / rate
     print(
-        f"Memory of the card: {rate / 1e12:.2f} TB/s copied (read and written); "
+        f"Memory of the GPU: {rate / 1e12:.2f} TB/s copied (read and written); "
         f"a general warp takes {1e3 * least:.3f} ms at least.\n"
     )
-    print("| in the card's memory | ms | least | share of the bandwidth |\n|---|---|---|---|")
+    print("| in the GPU's memory | ms | least | share of the bandwidth |\n|---|---|---|---|")
     for name, run, moved in _kernels(volume, field):
-        median, best = _timed(run, options.rounds)
+        median, best = _time(run, options.rounds)
         share = f"{moved / best / rate:.0%}" if moved else ""
         print(f"| {name} | {1e3 * median:.3f} | {1e3 * best:.3f} | {share} |", flush=True)
     print(f"\n| whole edit | {devices.device_name()} ms | processors ms |\n|---|---|---|", flush=True)
     found = {}
     for device in (options.device, "cpu"):
         devices.use_device(device)
-        found[device] = {name: _timed(run, options.rounds) for name, run in _edits(options)}
+        found[device] = {name: _time(run, options.rounds) for name, run in _edits(options)}
     for name, (_, best) in found[options.device].items():
         print(f"| {name} | {1e3 * best:.1f} | {1e3 * found['cpu'][name][1]:.1f} |")
     return 0
 
 
-def _timed(run: Run, rounds: int) -> tuple[float, float]:
+def _time(run: Run, rounds: int) -> tuple[float, float]:
     """Median and least seconds of a call whose result has arrived; the first one compiles and does not count."""
     seconds = []
     for _ in range(rounds + 1):
@@ -82,11 +82,11 @@ def _bandwidth(rounds: int) -> float:
     """Bytes a second that are read and written by a kernel that does nothing else."""
     with devices.device_context():
         values, add = jnp.zeros(_COPIED, jnp.float32), jax.jit(lambda x: x + 1)
-        return 2 * values.nbytes / _timed(lambda: add(values), rounds)[1]
+        return 2 * values.nbytes / _time(lambda: add(values), rounds)[1]
 
 
 def _kernels(volume: Volume, field: RBFInterpolant) -> Iterator[tuple[str, Run, int]]:
-    """Names, calls, and the bytes that must be moved at least where that is what takes the time."""
+    """Names, calls, and the bytes that must be moved at least where that bounds the time."""
     with devices.device_context():
         voxels, (d, _) = sampling.to_device(volume.values), field.on_device(volume.grid)
         at, fill = planning.places(volume.grid, volume.grid, "float32"), np.uint8(0)

@@ -1,8 +1,8 @@
-"""From the hand to the pixels: ``python -m benchmarks latency``.
+"""From the pointer to the pixels: ``python -m benchmarks latency``.
 
 Each view is a notebook in a real JupyterLab and a real, headless Chromium; a mouse drags a control point, or for
-pyvista a slider, and hooks in the page say when pixels changed. All views of a size are open at once and edited in
-turns, so what else the machine does falls on all of them. A view that is missing or fails is reported as such. The
+pyvista a slider, and hooks in the page report when pixels changed. All views of a size are open at once and edited in
+turns, so other load of the machine affects all of them. A view that is missing or fails is reported as such. The
 last lines are the targets; if one is missed the exit status is 1.
 """
 
@@ -25,7 +25,7 @@ from benchmarks.latency_report import TARGETS, Results, table, verdicts
 
 _SHORT = 2.0  # seconds of a drag that shows how far behind a view is before any lag can have grown
 
-_FEWER = 3  # what no target is of, a smaller volume or another package, is edited that many times less
+_FEWER = 3  # cases without a target (a smaller volume, another package) get this many times fewer edits
 
 
 def main(arguments: list[str]) -> int:
@@ -41,13 +41,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--edits", type=int, default=18, help="timed edits of each view (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=3, help="turns in which they are done (default %(default)s)")
     parser.add_argument("--drag", type=float, default=10.0, help="seconds of the long drag (default %(default)s)")
-    parser.add_argument("--memory-edits", type=int, default=500, help="edits after which memory is looked at again")
+    parser.add_argument("--memory-edits", type=int, default=500, help="edits after which memory is measured again")
     parser.add_argument("--minutes", type=float, default=9.0, help="after which no other size is begun")
     parser.add_argument("--json", type=Path, help="file for all single figures")
     options = parser.parse_args(arguments)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # server and browser must not outlive this
     _introduce()
-    report = _measured(options)
+    report = _measure_all(options)
     print(f"Load of the machine before and after: {report['load_before'][0]:.1f}, {report['load_after'][0]:.1f}")
     if options.json:
         options.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
@@ -61,7 +61,7 @@ def _failures(report: dict[str, Any]) -> list[str]:
     return [name for results in report["sizes"].values() for name, result in results.items() if "failed" in result]
 
 
-def _measured(options: argparse.Namespace) -> dict[str, Any]:
+def _measure_all(options: argparse.Namespace) -> dict[str, Any]:
     """All figures by size and view; what takes too long is left out."""
     chosen = [n for n in CASES if not options.views or any(part in n for part in options.views)]
     report: dict[str, Any] = {"load_before": os.getloadavg(), "sizes": {}}
@@ -74,7 +74,7 @@ def _measured(options: argparse.Namespace) -> dict[str, Any]:
             report["sizes"][size] = results = {name: {} for name in chosen}
             try:
                 _measure_size(size, results, options, Path(folder))
-            finally:  # also what was measured before somebody stopped it
+            finally:  # also figures from before an interrupt
                 print(table(size, results), flush=True)
     return {**report, "load_after": os.getloadavg()}
 
@@ -84,7 +84,7 @@ def _introduce() -> None:
 
     print(
         f"{machine()}\n\n{POINTS} points, uint8, views of {WIDTH} x {HEIGHT} pixels; JupyterLab and Chromium without "
-        "a graphics card.\n"
+        "a GPU.\n"
     )
 
 
@@ -170,14 +170,14 @@ def _prove(seat: Seat, result: dict[str, Any]) -> None:
 
 
 def _round(seat: Seat, result: dict[str, Any], edits: int) -> None:
-    seat.hand.release()
+    seat.pointer.release()
     seat.edit(0.0)  # the first after others had their turn is cold
     for k in range(edits):
         view, picture = seat.edit(k + 1.0)
         result.setdefault("edit_ms", []).append(view)
         if picture is not None:
             result.setdefault("picture_ms", []).append(picture)
-    seat.hand.release()
+    seat.pointer.release()
     seat.rest(800)
 
 
@@ -197,7 +197,7 @@ def _drag(seat: Seat, result: dict[str, Any], name: str, seconds: float) -> None
 
 
 def _memory(seat: Seat, result: dict[str, Any], edits: int) -> None:
-    seat.many(edits // 5)  # what is kept once is there
+    seat.many(edits // 5)  # caches are filled
     kernel, page = seat.memory()
     seat.many(edits)
     kernel_after, page_after = seat.memory()

@@ -24,10 +24,10 @@ view.follow(editor, Deformation((editor.step(),)).field(volume.grid))
 times = []
 """
 
-# What a user of pyvista writes, with what it takes to be right and as fast as it can be: the map of the picture is
+# The code of a user of pyvista, correct and as fast as possible: the map of the picture is
 # coarse; VTK or scipy, whichever is faster here, warps the voxels into an array that stays; the mapper is the fastest
-# without a graphics card; and the picture is asked for in the loop of the kernel, because a slider's callback runs in a
-# thread of its own, which OpenGL does not bear.
+# without a GPU; and the picture is requested in the loop of the kernel, because a slider's callback runs in a
+# separate thread, which OpenGL does not support.
 _PYVISTA = f"""
 import asyncio, os, time
 os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
@@ -125,7 +125,7 @@ def _pyvista(size: int) -> list[str]:
 
 
 # pyvista's newer view, that of trame-rca. Its style sheet is found only if its module is enabled before the server
-# starts, and it draws when it is told to, not with the plotter.
+# starts, and it draws on request, not with the plotter.
 _RCA = f"""
 from pyvista.trame.jupyter import launch_server
 import trame_pyvista.module

@@ -1,9 +1,9 @@
-// What the page itself sees, for benchmarks/latency.py: when a hand did something, and when pixels changed because of
-// it. Put into every frame of the page before its own scripts. Times are milliseconds of the epoch, so that frames of
+// Times recorded in the page, for benchmarks/latency.py: of input events, and of the changes of pixels that follow
+// them. Put into every frame of the page before its own scripts. Times are milliseconds of the epoch, so that frames of
 // one page agree.
 //
 // A picture counts when it is on its way to the screen: in the animation frame after the image was decoded, the canvas
-// drawn, or WebGL had finished drawing. What is drawn again as it was is no change. Each entry of `paints` is
+// drawn, or WebGL had finished drawing. An identical picture is no change. Each entry of `paints` is
 // [time, place, kind]; the kind "grid" is of lines that an editor draws over its picture.
 
 (() => {
@@ -15,7 +15,7 @@
   }
 
   const placeOf = (element) => {
-    if (window !== window.top) return "view"; // a view that is a page of its own
+    if (window !== window.top) return "view"; // a view that is a separate page
     if (element.closest(".dnb-editor")) return "editor";
     return element.closest(".jp-OutputArea, .jp-LinkedOutputView") ? "view" : "";
   };
@@ -65,14 +65,14 @@
     };
   }
 
-  // A number for some thousand of the pixels, which costs nothing beside making them.
+  // A number for some thousand of the pixels, which costs little relative to drawing them.
   function sumOf({ data }) {
     const step = 4 * Math.max(1, Math.floor(data.length / 4 / 4099)) + 1;
     let sum = data.length;
     for (let i = 0; i < data.length; i += step) sum = (Math.imul(sum, 31) + data[i]) | 0;
     return sum;
   }
-  const sums = new WeakMap(); // of pixels that were put into a canvas beside the screen
+  const sums = new WeakMap(); // of pixels that were put into a canvas off screen
   const drawn = window.CanvasRenderingContext2D?.prototype;
   wrap(drawn, "putImageData", function after(image) {
     const sum = sumOf(image);
@@ -105,7 +105,7 @@
     });
   });
 
-  // WebGL draws later than it is told to: a fence says when it has.
+  // WebGL draws asynchronously: a fence reports when it has.
   const targets = new WeakMap(), fences = new WeakSet();
   const gl2 = window.WebGL2RenderingContext?.prototype;
   wrap(gl2, "bindFramebuffer", function after(target, buffer) { targets.set(this, buffer); });

@@ -1,4 +1,4 @@
-"""One notebook in a tab of a real browser: a hand that edits, and what the page saw of it."""
+"""One notebook in a tab of a real browser: a pointer that edits, and the times of inputs and pictures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _VIEW_BOX = """() => {
   return found && found.width > 0 ? { x: found.x, y: found.y, width: found.width, height: found.height } : null;
 }"""
 
-# The point nearest the middle of the picture, where a drag moves what is seen; in slices those far from them are marks.
+# The point nearest the middle of the picture, where a drag moves visible tissue; in slices distant points are marks.
 _POINT = """() => {
   const at = (e) => { const b = e.getBoundingClientRect(); return [b.x + b.width / 2, b.y + b.height / 2]; };
   const middle = at(document.querySelector(".dnb-editor .dnb-ed-canvas"));
@@ -36,7 +36,7 @@ _POINT = """() => {
 }"""
 
 
-# The path of PointHand at 6 steps a second.
+# The path of EditorPointer at 6 steps a second.
 _DRAG = """([x, y, seconds, rate]) => new Promise((done) => {
   const stage = document.querySelector(".dnb-editor .dnb-ed-svg"), start = performance.now();
   const timer = setInterval(() => {
@@ -48,8 +48,8 @@ _DRAG = """([x, y, seconds, rate]) => new Promise((done) => {
 })"""
 
 
-class Hand(ABC):
-    """What edits: takes a handle and moves it along a path around the place where it was first."""
+class Pointer(ABC):
+    """A pointer that presses a handle and moves it along a path around its first place."""
 
     def __init__(self, page: Any) -> None:
         self.page = page
@@ -59,14 +59,14 @@ class Hand(ABC):
 
     @abstractmethod
     def selector(self) -> str:
-        """Which element is the handle."""
+        """Selector of the element that is the handle."""
 
     @abstractmethod
     def away(self, step: float) -> tuple[float, float]:
-        """How far from its first place the handle is after a number of steps."""
+        """Displacement of the handle from its first place after a number of steps."""
 
     def place(self) -> tuple[float, float]:
-        """Where the handle is on the screen."""
+        """Place of the handle on the screen."""
         box = self.handle.bounding_box()
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -82,7 +82,7 @@ class Hand(ABC):
         self.page.mouse.move(x + dx, y + dy)
 
     def drag(self, seconds: float, rate: float) -> None:
-        """Moves the held handle as often as the driver of the browser can, at most ``rate`` times a second."""
+        """Move the pressed handle as often as the driver of the browser can, at most ``rate`` times a second."""
         start, k = time.perf_counter(), 0
         while (now := time.perf_counter() - start) < seconds:
             self.move(6 * now)
@@ -95,7 +95,7 @@ class Hand(ABC):
         self.is_down = False
 
 
-class PointHand(Hand):
+class EditorPointer(Pointer):
     """Drags a control point of the editor in a circle."""
 
     def selector(self) -> str:
@@ -105,12 +105,12 @@ class PointHand(Hand):
         return 24 * math.cos(step / 2.1), 24 * math.sin(step / 2.1)
 
     def drag(self, seconds: float, rate: float) -> None:
-        """By events that the page makes: a driver waits for each to be drawn, and would set the pace itself."""
-        self.move(0.0)  # the mouse itself took hold
+        """Drag by events made in the page: a driver waits for each to be drawn, and would set the pace itself."""
+        self.move(0.0)  # the mouse itself has pressed it
         self.page.evaluate(_DRAG, [*self.home, seconds, rate])
 
 
-class SliderHand(Hand):
+class SliderPointer(Pointer):
     """Drags the handle of the slider there and back, never as far as its ends."""
 
     def selector(self) -> str:
@@ -131,7 +131,7 @@ class Seen:
 
 
 class Seat:
-    """A view in a notebook of its own, ready to be edited.
+    """A view in a separate notebook, ready to be edited.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class Seat:
         if not self.seen.view:
             raise RuntimeError(self.trouble())
         self.rest(1500)
-        self.hand: Hand = (PointHand if self.page.query_selector(".dnb-editor") else SliderHand)(self.page)
+        self.pointer: Pointer = (EditorPointer if self.page.query_selector(".dnb-editor") else SliderPointer)(self.page)
         self.pid = int(lab.run(self.page, "import os; print(os.getpid())"))
         self.comms: dict[str, str] = {}  # by the name of the widget; a rival has none of ours
         if self.page.query_selector(".dnb-editor"):
@@ -176,11 +176,11 @@ class Seat:
             self.collect()
 
     def trouble(self) -> str:
-        """What the page and the notebook complain of."""
+        """Errors of the page and of the notebook."""
         return "; ".join([*self.errors[-2:], *self._complaints()]) or "(no error was shown)"
 
     def _complaints(self) -> list[str]:
-        """The last lines of what cells ended with."""
+        """Last lines of the errors of cells."""
         return list(
             self.page.evaluate("""() => [...document.querySelectorAll("[data-mime-type$='stderr']")]
             .map((e) => e.textContent.trim().split("\\n").pop()).filter((line) => /Error/.test(line))""")
@@ -203,12 +203,12 @@ class Seat:
                 getattr(self.seen, here).append(t)
 
     def fresh(self) -> None:
-        """Forget what was seen."""
+        """Clear the recorded times."""
         self.collect()
         self.seen = Seen()
 
     def rest(self, quiet: float = 500.0, patience: float = 30.0) -> None:
-        """Until the view has shown nothing new for ``quiet`` milliseconds."""
+        """Wait until the view has shown nothing new for ``quiet`` milliseconds."""
         end = time.monotonic() + patience
         last, since = len(self.seen.view), time.monotonic()
         while time.monotonic() - since < quiet / 1e3 and time.monotonic() < end:
@@ -217,17 +217,17 @@ class Seat:
             if len(self.seen.view) != last:
                 last, since = len(self.seen.view), time.monotonic()
 
-    # -- what is measured ----------------------------------------------------------------------------------------------
+    # -- measurements --------------------------------------------------------------------------------------------------
 
     def edit(self, step: float, patience: float = 20.0) -> tuple[float, float | None]:
-        """Milliseconds from one movement of the held handle to new pixels: in the view, and in the editor."""
-        if not self.hand.is_down:
+        """Milliseconds from one movement of the pressed handle to new pixels: in the view, and in the editor."""
+        if not self.pointer.is_down:
             self.fresh()
-            self.hand.move(step - 0.5)
+            self.pointer.move(step - 0.5)
             self._wait(lambda: bool(self.seen.view), patience, "the first movement changed nothing")
         self.rest(self._long_rest)  # a picture of the edit before must not be taken for one of this
         self.fresh()
-        self.hand.move(step)
+        self.pointer.move(step)
         self._wait(lambda: bool(self.after(self.seen.view)), patience, "an edit changed no pixel")
         view, picture = self.after(self.seen.view)[0], self.after(self.seen.picture)
         self.slowest = max(self.slowest, view)
@@ -244,26 +244,26 @@ class Seat:
         return sorted(t - start for t in times if t > start)
 
     def whole_edit(self, step: float) -> float:
-        """Milliseconds from a movement, after which the handle is let go, to the last picture."""
-        if not self.hand.is_down:
-            self.hand.take()
+        """Milliseconds from a movement, after which the handle is released, to the last picture."""
+        if not self.pointer.is_down:
+            self.pointer.take()
         self.rest(self._long_rest)
         self.fresh()
-        self.hand.move(step)
-        self.hand.release()
+        self.pointer.move(step)
+        self.pointer.release()
         self._wait(lambda: bool(self.after(self.seen.view)), 20, "an edit changed no pixel")
         self.rest(self._long_rest)
         return self.after(self.seen.view)[-1]
 
     def drag(self, seconds: float, rate: float = 60.0) -> dict[str, float]:
         """Frames a second of a drag, bytes of the view meanwhile, and how long after it the last quick picture came."""
-        if not self.hand.is_down:
-            self.hand.take()
+        if not self.pointer.is_down:
+            self.pointer.take()
         self._set_settle(60_000)  # no full pictures, which would hide how far behind the quick ones are
         self.rest(self._long_rest)
         self.fresh()
 
-        carried = self.bytes_of(lambda: self.hand.drag(seconds, rate))
+        carried = self.bytes_of(lambda: self.pointer.drag(seconds, rate))
         self.rest(self._long_rest)
         inputs, end = self.seen.inputs, max(self.seen.inputs)
         span = (end - inputs[0]) / 1e3
@@ -271,7 +271,7 @@ class Seat:
         def rated(times: list[float]) -> float:
             return sum(inputs[0] < t <= end for t in times) / span
 
-        self.hand.release()
+        self.pointer.release()
         self._set_settle(250)
         return {
             "inputs_hz": len(inputs) / span,
@@ -289,13 +289,13 @@ class Seat:
     def many(self, steps: int) -> None:
         """Drags of 50 movements each, with a pause in which all is drawn."""
         for k in range(steps):
-            self.hand.move(k / 3)
+            self.pointer.move(k / 3)
             self.page.wait_for_timeout(15)
             if k % 50 == 49:
-                self.hand.release()
+                self.pointer.release()
                 self.rest(self._long_rest / 2)
                 self.fresh()
-        self.hand.release()
+        self.pointer.release()
 
     def memory(self) -> tuple[float, float]:
         """MiB of the kernel, and of the page's own objects after a collection."""
@@ -311,7 +311,7 @@ class Seat:
         return kernel / 2**10, used / 2**20
 
     def _sessions(self) -> list[Any]:
-        """The browser's own tools, for the page and for each frame that has a process of its own."""
+        """The browser's own tools, for the page and for each frame that has a separate process."""
         sessions = [self.page.context.new_cdp_session(self.page)]
         for frame in self.page.frames[1:]:
             try:
@@ -336,13 +336,13 @@ class Seat:
             session.on("Network.webSocketFrameReceived", lambda e: counted("down", e))
             session.send("Network.enable")
         work()
-        self.page.wait_for_timeout(150)  # what is on its way is told
+        self.page.wait_for_timeout(150)  # messages in transit are counted
         for session in sessions:
             session.detach()
         return carried
 
     def changes(self, step: float) -> bool:
-        """Whether an edit changes the picture on the screen: by screenshots, which say nothing of time."""
+        """Whether an edit changes the picture on the screen, by screenshots, which measure no time."""
         self._wait(lambda: self.page.evaluate(_VIEW_BOX), 20, "the view has no size on the page")
         box = self.page.evaluate(_VIEW_BOX)
         before = _pixels(self.page.screenshot(clip=box))

@@ -25,7 +25,7 @@ Results = dict[str, dict[str, Any]]
 
 
 def median(result: dict[str, Any], what: str = "edit_ms") -> float:
-    """Of the times of a view."""
+    """Median of the times of a view."""
     return statistics.median(result[what])
 
 
@@ -79,7 +79,7 @@ def _against(rival: dict[str, Any]) -> Callable[[dict[str, Any]], str]:
 def _cell(make: Callable[[dict[str, Any]], str], result: dict[str, Any]) -> str:
     try:
         return make(result)
-    except (KeyError, statistics.StatisticsError):  # it failed before that was measured, or was not asked for
+    except (KeyError, statistics.StatisticsError):  # it failed before that was measured, or was not requested
         return ""
 
 
@@ -92,7 +92,7 @@ class Verdict:
 
     Parameters
     ----------
-    what : view and target; found : what was measured, or an empty text.
+    what : view and target; found : the measured value, or an empty text.
     """
 
     what: str
@@ -104,7 +104,7 @@ class Verdict:
 
 
 def verdicts(results: Results) -> list[Verdict]:
-    """Each target of each view that was asked for."""
+    """Each target of each view that was requested."""
     return [verdict for name in TARGETS if name in results for verdict in _of_view(name, results)]
 
 

@@ -1,4 +1,4 @@
-/* The loops one would write in C: the arithmetic of loops.py, a row at a time. VOXEL is the type of voxels, HALF what is
+/* Plain loops in C: the arithmetic of loops.py, a row at a time. VOXEL is the type of voxels, HALF what is
    added before they are cut off. Arrays are [z][y][x]; places more than half a voxel outside get the fill value. */
 #include <math.h>
 #include <stdint.h>

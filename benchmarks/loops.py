@@ -1,4 +1,4 @@
-"""The loops one would write with numba: the same arithmetic, nothing more. Places outside get the fill value."""
+"""Plain loops in numba: the same arithmetic, nothing more. Places outside get the fill value."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the others offer for the same warp, each in the way its own manual gives. Absent packages are left out."""
+"""The same warp by other packages, each as its manual recommends. Absent packages are left out."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Run = Callable[[], NDArray[Any]]
 
 
 def scipy_warp(values: NDArray[Any], lookup: NDArray[np.float64], fill: float) -> Run:
-    # float output and rounding: asked for bytes, scipy cuts the fraction off
+    # float output and rounding: with bytes as output, scipy cuts the fraction off
     def run() -> NDArray[Any]:
         out = ndimage.map_coordinates(values, lookup, output=np.float32, order=1, mode="grid-constant", cval=fill)
         return rounded(out, values.dtype)
@@ -54,7 +54,7 @@ def sitk_warp(values: NDArray[Any], displacement: NDArray[Any], fill: float, thr
     _limit(sitk, threads)
     warper.SetOutputParameteresFromImage(image)
     warper.SetEdgePaddingValue(fill)
-    return _viewed(sitk, lambda: warper.Execute(image, field))
+    return _view_result(sitk, lambda: warper.Execute(image, field))
 
 
 def sitk_resample(values: NDArray[Any], displacement: NDArray[Any], fill: float, threads: int) -> Run:
@@ -63,16 +63,16 @@ def sitk_resample(values: NDArray[Any], displacement: NDArray[Any], fill: float,
     image = sitk.GetImageFromArray(values)
     transform = sitk.DisplacementFieldTransform(sitk.GetImageFromArray(displacement.astype(np.float64), isVector=True))
     _limit(sitk, threads)
-    return _viewed(sitk, lambda: sitk.Resample(image, image, transform, sitk.sitkLinear, fill))
+    return _view_result(sitk, lambda: sitk.Resample(image, image, transform, sitk.sitkLinear, fill))
 
 
-def _viewed(sitk: Any, make: Callable[[], Any]) -> Run:
-    """The voxels without a copy; the image must live as long as they are looked at."""
-    kept: list[Any] = []
+def _view_result(sitk: Any, make: Callable[[], Any]) -> Run:
+    """The voxels without a copy; the image must live as long as they are used."""
+    images: list[Any] = []
 
     def run() -> NDArray[Any]:
-        kept[:] = [make()]
-        return np.asarray(sitk.GetArrayViewFromImage(kept[0]))
+        images[:] = [make()]
+        return np.asarray(sitk.GetArrayViewFromImage(images[0]))
 
     return run
 

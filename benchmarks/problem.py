@@ -1,4 +1,4 @@
-"""The test problem: a volume that looks like a scan, and control points that drag it about."""
+"""The test problem: a volume that looks like a scan, and control points that deform it."""
 
 from __future__ import annotations
 
@@ -38,5 +38,5 @@ def control_points(count: int, dim: int, size: int, seed: int = 0) -> ControlPoi
 
 
 def lookup(displacement: NDArray[Any]) -> NDArray[np.float64]:
-    """Where each voxel is looked up, (3, nz, ny, nx) in the order z, y, x, for unit voxels."""
+    """Lookup of each voxel, (3, nz, ny, nx) in the order z, y, x, for unit voxels."""
     return np.indices(displacement.shape[:3]) + np.moveaxis(displacement[..., ::-1], -1, 0).astype(np.float64)

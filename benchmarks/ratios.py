@@ -1,7 +1,7 @@
-"""The ratios of a run to its fastest peers, kept from run to run, and what of them has become worse.
+"""The ratios of a run to its fastest peers, stored from run to run, and those that have become worse.
 
-Ratios within one run can be compared from day to day where milliseconds cannot, on one kind of machine: the file keeps
-the ratios of each by itself.
+Ratios within one run can be compared from day to day where milliseconds cannot, on one kind of machine: the file stores
+the ratios of each separately.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 PEERS = ("C loop", "numba loop")
-"""Peers whose ratios are kept: the others are far behind, and change with their versions."""
+"""Peers whose ratios are stored: the others are far behind, and change with their versions."""
 
 _KEPT = 30  # runs
 
@@ -26,7 +26,7 @@ Ratios = Mapping[str, float]
 
 
 def worse(before: list[Ratios], now: Ratios) -> list[str]:
-    """Ratios that are 35 % above what was usual, or 20 % for the third time in a row; empty if there are none.
+    """Ratios that are 35 % above the usual, or 20 % for the third time in a row; empty if there are none.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def worse(before: list[Ratios], now: Ratios) -> list[str]:
 
 
 def compare(file: Path, machine: str, now: Ratios) -> list[str]:
-    """What is worse than in the runs of this machine that the file has; this run is added to them.
+    """Ratios that are worse than in the runs of this machine in the file; this run is added to them.
 
     Raises
     ------

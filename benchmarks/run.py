@@ -1,4 +1,4 @@
-"""Runs the groups and prints a report in Markdown."""
+"""Run the groups and print a report in Markdown."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _MODULES = {"R": bench_rbf, "W": bench_warp, "E": bench_edits, "M": bench_maps, 
 
 _SUMMARY = """### Summary
 
-Milliseconds and ratios are those of the least times; of one thread: of the processor, which others that use the machine
-change least.
+Milliseconds and ratios are those of the least times; of one thread: of the processor, which other load of the machine
+changes least.
 
 | | ms | C | numba | best library | / C | / numba |
 |---|---|---|---|---|---|---|"""
@@ -31,7 +31,7 @@ def run(options: Namespace) -> int:
     print(f"{machine()}; {options.threads or 'all'} thread(s)\n")
     print(", ".join(_versions()) + "\n")
     print(_LEGEND + (f"{c_loops.why_absent()}\n" if c_loops.why_absent() else ""), flush=True)
-    summary, kept = [_SUMMARY], dict[str, float]()
+    summary, measured = [_SUMMARY], dict[str, float]()
     for initial, module in _MODULES.items():
         if options.groups and all(part[:1] in _MODULES and part[:1] != initial for part in options.groups):
             continue  # their problems take long to make
@@ -47,13 +47,13 @@ def run(options: Namespace) -> int:
             for result in filter(lambda result: result.case.ours, results):
                 one_thread = options.threads == 1
                 summary.append(_line(group.name, result, results, one_thread=one_thread))
-                beside = _beside(result, results, one_thread=one_thread)
-                kept |= {f"{group.name} | {result.case.name} / {peer}": ratio for peer, ratio in beside.items()}
+                ratio_of = _ratios_to_loops(result, results, one_thread=one_thread)
+                measured |= {f"{group.name} | {result.case.name} / {peer}": ratio for peer, ratio in ratio_of.items()}
     print("\n".join(summary), flush=True)
     if options.ratios is None:
         return 0
     settings = f"{machine()}; {options.threads} thread(s), {options.size} voxels, {options.dtype}"
-    for line in (found := ratios.compare(options.ratios, settings, kept)):
+    for line in (found := ratios.compare(options.ratios, settings, measured)):
         print(f"- WORSE: {line}")
     return 1 if found else 0
 
@@ -62,8 +62,8 @@ def _least(measured: Measured, *, one_thread: bool) -> float:
     return min(measured.processor if one_thread else measured.seconds)
 
 
-def _beside(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
-    """How many times as long as the loops one of ours takes."""
+def _ratios_to_loops(result: Measured, results: list[Measured], *, one_thread: bool) -> dict[str, float]:
+    """Ratios of the time of one of our cases to the loops."""
     own = _least(result, one_thread=one_thread)
     return {
         other.case.name: own / _least(other, one_thread=one_thread)

@@ -1,7 +1,7 @@
 """The first minute: ``python -m benchmarks start [--against CHECKOUT]``.
 
 A cell of a fresh kernel in a real JupyterLab makes a studio of a volume; hooks in the page, a headless Chromium without
-a graphics card, say when the first pixels of the picture and of the live volume are there, from the moment in which the
+a GPU, report when the first pixels of the picture and of the live volume are there, from the moment in which the
 cell is run. With ``--against`` another checkout takes turns with this one. The first edit is one in Python, after the
 studio has warmed up; processor time and memory are those of the kernel at its end (memory as in ``... classroom``).
 """
@@ -83,7 +83,7 @@ def main(arguments: list[str]) -> int:
 
 
 def measure(checkouts: dict[str, Path], volume: str, rounds: int) -> dict[str, list[dict[str, float]]]:
-    """What each checkout takes, in turns, each time in a kernel of its own."""
+    """Times of each checkout, interleaved, each in a separate kernel."""
     from playwright.sync_api import sync_playwright
 
     # Kernels have the modules as bytecode, as where the package was installed: to compile them takes 0.4 s.

@@ -1,4 +1,4 @@
-"""Timing in turns: on a busy machine only cases that were run side by side can be compared."""
+"""Interleaved timing: on a busy machine only cases that were run side by side can be compared."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def measure(group: Group, rounds: int) -> list[Measured]:
     times: dict[str, list[float]] = {case.name: [] for case in group.cases}
     processor: dict[str, list[float]] = {case.name: [] for case in group.cases}
     for k in range(rounds):
-        first = k % len(group.cases)  # nobody always comes after the one that leaves the caches cold
+        first = k % len(group.cases)  # no case always follows the one that leaves the caches cold
         for case in group.cases[first:] + group.cases[:first]:
             taken = times[case.name]
             if len(taken) >= 3 and sum(taken) > _BUDGET:
@@ -83,7 +83,7 @@ def measure(group: Group, rounds: int) -> list[Measured]:
 
 def _check(group: Group, case: Case) -> tuple[int | None, float, float]:
     warm = case.run()  # compiles, fills caches
-    peak, result = peak_memory(case.run)  # while the first result is kept, so that its memory is not taken again
+    peak, result = peak_memory(case.run)  # while the first result is held, so that its memory is not taken again
     del warm
     if case.error is None:
         return peak, float("nan"), float("nan")
@@ -96,10 +96,10 @@ def _check(group: Group, case: Case) -> tuple[int | None, float, float]:
 
 
 def peak_memory(run: Callable[[], Any]) -> tuple[int | None, Any]:
-    """How far the process's memory rises above its level before the call, result included; Linux only."""
+    """Rise of the process's memory above its level before the call, result included; Linux only."""
     if not sys.platform.startswith("linux"):
         return None, run()
-    ctypes.CDLL(None).malloc_trim(0)  # what earlier calls have freed must not hide what this one takes
+    ctypes.CDLL(None).malloc_trim(0)  # memory freed by earlier calls must not hide that of this one
     Path("/proc/self/clear_refs").write_text("5", encoding="utf-8")
     before = _status("VmRSS")
     result = run()

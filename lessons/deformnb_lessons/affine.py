@@ -21,8 +21,8 @@ BENT = 5.0
 """Millimetres by which its places may differ from a straight map."""
 
 
-def _turned(session: Session, step: Step) -> str:
-    """Fault of a carp that is turned and keeps its form; empty if there is none."""
+def _turn_fault(session: Session, step: Step) -> str:
+    """Fault of a rotation of the carp that preserves its form; empty if there is none."""
     a, b = np.meshgrid(np.linspace(20, 480, 9), np.linspace(60, 140, 5))
     places = np.stack([a, b], axis=-1).reshape(-1, 2)
     moved, found = warp_points(places, picture_field(step, session.volume.grid))
@@ -40,25 +40,25 @@ def _turned(session: Session, step: Step) -> str:
     long = np.linalg.svd(linear, compute_uv=False)
     if np.abs(long - 1).max() > STRETCH:
         return (
-            f"Lengths become {long[1]:.2f} to {long[0]:.2f} times as long, and a turn keeps them. Keep both points "
+            f"Lengths become {long[1]:.2f} to {long[0]:.2f} times as long, and a turn preserves them. Keep both points "
             "as far apart as they were, and choose Rigid for Trend in the panel (Shape)."
         )
     degrees = abs(float(np.degrees(np.arctan2(linear[1, 0] - linear[0, 1], linear[0, 0] + linear[1, 1]))))
     if degrees < TURN:
-        return f"The carp is turned by {degrees:.0f} degrees. {TURN:g} or more are asked for."
+        return f"The carp is turned by {degrees:.0f} degrees. {TURN:g} or more are required."
     return ""
 
 
 EXERCISES: dict[str, AbstractExercise] = {
     "distances": Choice(
-        "Which maps keep all distances?",
+        "Which maps preserve all distances?",
         "Only rigid maps do: turns and shifts.",
         ("rigid", "similar", "affine", "shear"),
         ("rigid",),
         {
             "similar": "A similar map may make everything twice as large, and distances too.",
             "affine": "An affine map may stretch in one direction only.",
-            "shear": "A shear keeps areas and the rows, but slanted lines become longer or shorter.",
+            "shear": "A shear preserves areas and the rows, but slanted lines become longer or shorter.",
         },
     ),
     "turn": Numbers(
@@ -112,9 +112,9 @@ EXERCISES: dict[str, AbstractExercise] = {
         ),
     ),
     "turned": StudioTask(
-        f"Turn the whole carp by {TURN:g} degrees or more, so that it keeps its form.",
-        "It is turned, and every distance is kept.",
-        _turned,
+        f"Turn the whole carp by {TURN:g} degrees or more, so that its form is preserved.",
+        "It is turned, and every distance is preserved.",
+        _turn_fault,
     ),
 }
 """Exercises by name."""

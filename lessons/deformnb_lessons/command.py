@@ -31,7 +31,7 @@ def add_lesson(commands: Any) -> None:
         "lesson",
         help=what,
         description=f"""{what[0].upper()}{what[1:]}: the lesson is copied into
-        a folder, where a file of the same name is kept as it is, and opened. Its exercises check themselves.""",
+        a folder, where a file of the same name is not replaced, and opened. Its exercises check themselves.""",
     )
     p.add_argument("name", nargs="?", help="the lesson; without a name all are listed")
     p.add_argument("folder", nargs="?", default=".", help="where the lesson goes (default: the working directory)")
@@ -69,7 +69,7 @@ def _lesson(options: argparse.Namespace) -> None:
         return
     if not options.copy:
         check_lab(*(["voila"] if options.voila else []))
-    with _in_language(lesson_notebook(options.name), code) as notebook:
+    with _localized(lesson_notebook(options.name), code) as notebook:
         if options.copy:
             copy_and_list([notebook], Path(options.folder))
         else:
@@ -77,16 +77,16 @@ def _lesson(options: argparse.Namespace) -> None:
 
 
 @contextlib.contextmanager
-def _in_language(notebook: Path, code: str) -> Iterator[Path]:
-    """The notebook of a lesson in a language: itself, or a file with its words translated."""
-    from deformnb_lessons.translation import write_translated
+def _localized(notebook: Path, code: str) -> Iterator[Path]:
+    """The notebook of a lesson in a language: itself, or a temporary translation."""
+    from deformnb_lessons.translation import write_translation
 
     if code == "en":
         yield notebook
         return
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / f"{notebook.stem}.{code}.ipynb"
-        write_translated(notebook, made, code)
+        write_translation(notebook, made, code)
         yield made
 
 

@@ -15,14 +15,14 @@ GOAL_NODES = [8 * row + column for row in (0, 3, 6) for column in (0, 2, 4, 7)]
 EXERCISES: dict[str, AbstractExercise] = {
     "place": Numbers(
         "A point at (120, 80) is dragged 30 mm to the right and 20 mm up. Where is it now?",
-        "a grows to the right and b grows down, so the way up is subtracted.",
+        "a grows to the right and b grows down, so a displacement up is subtracted.",
         (150, 60),
         0.5,
-        "Add the way to the place: one sum for a, to the right, and one for b, downwards.",
+        "Add the displacement to the place: one sum for a, to the right, and one for b, downwards.",
         (
-            ((150, 100), "b grows downwards on a picture: a way up makes b smaller."),
+            ((150, 100), "b grows downwards on a picture: a displacement up makes b smaller."),
             ((60, 150), "The order is (a, b): first to the right, then down."),
-            ((30, -20), "That is the way it goes. Where does it arrive?"),
+            ((30, -20), "That is the displacement. Where does it arrive?"),
             ((30, 20), "That is how far it goes. Where does it arrive?"),
             ((90, 60), "To the right makes a larger."),
         ),
@@ -32,7 +32,7 @@ EXERCISES: dict[str, AbstractExercise] = {
         "6 x 7: there is one cell fewer than nodes in each direction.",
         42,
         0.1,
-        "Draw two rows of three nodes. How many cells lie between them?",
+        "Draw two rows of three nodes. How many cells are between them?",
         (
             (56, "56 is the number of nodes. A row of 8 nodes has only 7 cells between them."),
             (72, "A row of 8 nodes has one cell fewer than nodes, not one more."),
@@ -50,8 +50,8 @@ EXERCISES: dict[str, AbstractExercise] = {
             (0.345, "The size is right. From top to bottom, does the column go to the right or to the left?"),
             (-2.9, "That is how far it goes down for each pixel to the left. Divide the other way round."),
             (2.9, "Divide the other way round, and look at the sign."),
-            (-93, "That is the way to the left over the whole height. Divide it by the height."),
-            (-89, "That is the way to the left over the whole height. Divide it by the height."),
+            (-93, "That is the shift to the left over the whole height. Divide it by the height."),
+            (-89, "That is the shift to the left over the whole height. Divide it by the height."),
         ),
     ),
     "angle": Numbers(

@@ -1,4 +1,4 @@
-"""Exercises as data: the right answer, how near is near enough, and what to say to each usual mistake.
+"""Exercises as data: the right answer, the tolerance, and the hint for each usual mistake.
 
 An exercise never passes on an empty answer, on nothing, or on an answer of another kind.
 """
@@ -15,17 +15,17 @@ import numpy as np
 from deformnb.checks import real_array, short_value
 from deformnb.words import translate
 
-_COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words say it too
+_COLOURS = {True: "#1a7f37", False: "#9a6700"}  # contrast over 4.5 on white; the words state it too
 
 
 @dataclass(frozen=True)
 class Result:
-    """Verdict on an answer, and a word about it; a notebook shows it in the language that was chosen.
+    """Verdict on an answer, with its reason; a notebook shows it in the language that was chosen.
 
     Parameters
     ----------
     right : whether it is.
-    text : what to look at next.
+    text : the reason, or a hint.
     drawing : an SVG to be shown below, or nothing.
 
     Examples
@@ -71,7 +71,7 @@ class AbstractExercise(ABC):
     Parameters
     ----------
     question : in one or two sentences.
-    praise : what is said to a right answer, with the reason why it is right.
+    praise : text for a right answer, with the reason why it is right.
     """
 
     question: str
@@ -79,7 +79,7 @@ class AbstractExercise(ABC):
 
     @abstractmethod
     def judge(self, answer: object) -> Result:
-        """Right or not yet, with a hint that depends on what is wrong."""
+        """Judge an answer: right or not yet, with a hint that depends on the mistake."""
 
     def _no(self, hint: str) -> Result:
         return Result(False, hint)
@@ -97,8 +97,8 @@ class Numbers(AbstractExercise):
     question, praise : see :class:`AbstractExercise`.
     answer : a number, or a tuple of numbers.
     tolerance : how far each number may be off.
-    hint : what is said where no known mistake has been made.
-    mistakes : wrong answers and what is said to each, within the same tolerance.
+    hint : text for any other wrong answer.
+    mistakes : wrong answers and the text for each, within the same tolerance.
 
     Examples
     --------
@@ -146,7 +146,7 @@ class Choice(AbstractExercise):
     question, praise : see :class:`AbstractExercise`.
     among : all words; an answer may have them in the language that was chosen, too.
     right : those that belong to the answer, all of them.
-    mistakes : what is said where one of the others is chosen.
+    mistakes : the text for each of the others.
 
     Examples
     --------

@@ -19,10 +19,10 @@ DRAG = 75.0
 OPENING = 10.0
 """Millimetres between the two sides of the cut at least in the exercise "cut"."""
 
-_BESIDE = 1.0  # millimetres from the line of a cut to the places whose ways are compared
+_OFFSET = 1.0  # millimetres from the line of a cut to the places whose displacements are compared
 
 
-def _unfolded(session: Session, step: Step) -> str:
+def _fold_fault(session: Session, step: Step) -> str:
     """Fault of a long drag without a fold; empty if there is none."""
     far = step.strength * float(np.linalg.norm(step.points.displacement[step.points.active], axis=1).max(initial=0.0))
     if far < DRAG:
@@ -36,12 +36,12 @@ def _unfolded(session: Session, step: Step) -> str:
     return ""
 
 
-def _cut(session: Session, step: Step) -> str:
+def _cut_fault(session: Session, step: Step) -> str:
     """Fault of a cut that is pulled open; empty if there is none."""
     lines = [cut.region for cut in step.cuts if cut.enabled and isinstance(cut.region, Line)]
     if not lines:
         return (
-            "There is no cut yet. Press the scissors beside the picture, click along a line across the carp, then "
+            "There is no cut yet. Press the scissors next to the picture, click along a line across the carp, then "
             "Enter."
         )
     opening = max(_opening(line, session, step) for line in lines)
@@ -54,15 +54,15 @@ def _cut(session: Session, step: Step) -> str:
 
 
 def _opening(line: Line, session: Session, step: Step) -> float:
-    """Largest distance by which places on both sides of a line come apart."""
+    """Largest distance by which places on both sides of a line are separated."""
     vertices = np.asarray(line.vertices)
     ways = np.diff(vertices, axis=0)
     normals = ways[:, ::-1] * (-1, 1) / np.linalg.norm(ways, axis=1)[:, None]
     share = np.linspace(0.1, 0.9, 9)[:, None, None]
     middle = vertices[:-1] + share * ways
-    sides = np.stack([middle - _BESIDE * normals, middle + _BESIDE * normals])
+    sides = np.stack([middle - _OFFSET * normals, middle + _OFFSET * normals])
     moved, found = warp_points(sides, picture_field(step, session.volume.grid))
-    apart = np.linalg.norm(moved[1] - moved[0], axis=-1) - 2 * _BESIDE
+    apart = np.linalg.norm(moved[1] - moved[0], axis=-1) - 2 * _OFFSET
     return float(apart[found.all(axis=0)].max(initial=0.0))
 
 
@@ -105,7 +105,7 @@ EXERCISES: dict[str, AbstractExercise] = {
         ),
     ),
     "sign": Choice(
-        "The determinant of the way back is -0.4 at a place. What does the tissue do there?",
+        "The determinant of the backward map is -0.4 at a place. What does the tissue do there?",
         "A negative determinant turns tissue over: the map folds.",
         ("grows", "shrinks", "stays", "folds"),
         ("folds",),
@@ -130,12 +130,14 @@ EXERCISES: dict[str, AbstractExercise] = {
         ),
     ),
     "unfold": StudioTask(
-        f"Remove the fold, and keep the drag of {DRAG:g} mm or more.", "As far as before, and nothing folds.", _unfolded
+        f"Remove the fold, and keep the drag of {DRAG:g} mm or more.",
+        "As far as before, and nothing folds.",
+        _fold_fault,
     ),
     "cut": StudioTask(
         f"Cut the carp and pull the two sides apart by {OPENING:g} mm or more.",
         "A cut lets neighbours part, which no smooth map can.",
-        _cut,
+        _cut_fault,
     ),
 }
 """Exercises by name."""

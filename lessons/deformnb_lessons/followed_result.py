@@ -66,7 +66,7 @@ class FollowedResult(ipw.HTML):  # type: ignore[misc]  # ipywidgets has no types
         )  # low, so that the picture below is seen too
 
     def close(self) -> None:
-        """Follow no more."""
+        """Stop following the studio."""
         session = self.__dict__.pop("_session", None)  # ipywidgets closes a half-made widget too, and each one twice
         if session is not None:
             session.editing.unobserve(self._judge, ["deformation", "index"])

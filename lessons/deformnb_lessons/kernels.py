@@ -23,7 +23,7 @@ HEAD = (20.0, 100.0, 60.0, 140.0)
 """The head of the lesson's carp from the left: (a_min, a_max, b_min, b_max)."""
 
 
-def _local(session: Session, step: Step) -> str:
+def _lift_fault(session: Session, step: Step) -> str:
     """Fault of a back that is lifted while the head stays; empty if there is none."""
     points = step.points
     on_back = points.active & (points.source[:, 0] > BACK[0]) & (points.source[:, 0] < BACK[1])
@@ -48,7 +48,7 @@ def _local(session: Session, step: Step) -> str:
 
 EXERCISES: dict[str, AbstractExercise] = {
     "between": Numbers(
-        "At a = 0 the way is 10 mm and at a = 100 it is 50 mm. How far does a straight line say it is at a = 25?",
+        "At a = 0 the displacement is 10 mm and at a = 100 it is 50 mm. How large is it on a straight line at a = 25?",
         "A quarter of the way from 10 to 50.",
         20,
         0.5,
@@ -112,7 +112,7 @@ EXERCISES: dict[str, AbstractExercise] = {
     "local": StudioTask(
         f"Lift the back of the carp by {LIFT:g} mm or more, so that its head moves by {STILL:g} mm at most.",
         "The back is lifted, and the head has not noticed.",
-        _local,
+        _lift_fault,
     ),
 }
 """Exercises by name."""

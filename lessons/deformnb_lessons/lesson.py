@@ -45,12 +45,12 @@ class Lesson:
     exercises: Mapping[str, AbstractExercise]
 
     def check(self, exercise: str, answer: object = None) -> Result:
-        """Judge an answer: right or not yet, with a hint that depends on what is wrong.
+        """Judge an answer: right or not yet, with a hint that depends on the mistake.
 
         Parameters
         ----------
         exercise : its name.
-        answer : a number, a list of numbers, words, or the studio, as the exercise says.
+        answer : a number, a list of numbers, words, or the studio, as the exercise requires.
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Lesson:
         Raises
         ------
         DeformError
-            If the lesson has no such exercise, or what is followed is no studio.
+            If the lesson has no such exercise, or the object is no studio.
         """
         from deformnb_lessons.followed_result import FollowedResult
 
@@ -118,7 +118,7 @@ LESSONS: dict[str, Lesson] = {
         "3_rigid_similar_affine.ipynb",
         (20, 30),
         (
-            "tell rigid, similar and affine maps apart by what they keep",
+            "distinguish rigid, similar and affine maps by what they preserve",
             "count the numbers of a map and the points that determine it",
             "find how an affine map changes areas",
             "turn a carp without bending it",

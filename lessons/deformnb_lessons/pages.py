@@ -1,4 +1,4 @@
-"""The picture with which each lesson begins, and the page that shows it without Python.
+"""The first picture of each lesson, and the page that shows it without Python.
 
 A notebook of a lesson begins with :func:`lesson_start`; ``deformnb lesson NAME --page`` writes the same picture as one
 offline file, for a pupil who has a phone and no JupyterLab.
@@ -50,7 +50,7 @@ def lesson_start(name: str, volume: VolumeLike) -> Deformation:
     Parameters
     ----------
     name : a key of :data:`~deformnb_lessons.LESSONS`.
-    volume : on whose picture from the left they lie, such as :func:`lesson_carp`.
+    volume : on whose picture from the left they are, such as :func:`lesson_carp`.
 
     Raises
     ------

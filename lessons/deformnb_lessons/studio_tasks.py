@@ -1,4 +1,4 @@
-"""Exercises whose answer is what was done in the studio: the studio itself is handed to the check."""
+"""Exercises that are done in the studio: the studio itself is the argument of the check."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from deformnb.volume.volume import VolumeLike
 from deformnb.words import translate
 from deformnb_lessons.exercises import AbstractExercise, Result
 
-_NEAR = 0.5  # percent of the way, and pixels of the drawing: a smaller drag was not meant
+_NEAR = 0.5  # percent of the change, and pixels of the drawing: a smaller drag was accidental
 
 
 def session_of(answer: object) -> Session | None:
@@ -29,12 +29,12 @@ def session_of(answer: object) -> Session | None:
 
 @dataclass(frozen=True)
 class StudioTask(AbstractExercise):
-    """Something to be done in the studio.
+    """A task in the studio.
 
     Parameters
     ----------
     question, praise : see :class:`AbstractExercise`.
-    look : what is still missing in the step that is edited, as a hint; an empty text if nothing is.
+    fault : hint to a deficit of the edited step; an empty text if nothing is.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class StudioTask(AbstractExercise):
     Not yet. Give the studio itself, as in lesson.check("name", studio): its cell has to be run first.
     """
 
-    look: Callable[[Session, Step], str]
+    fault: Callable[[Session, Step], str]
 
     def judge(self, answer: object) -> Result:
         session = session_of(answer)
@@ -55,7 +55,7 @@ class StudioTask(AbstractExercise):
         if not step.enabled or not step.points.displacement.any():
             return self._no("Nothing has been dragged yet. Drag a point on the picture, and check again.")
         try:
-            missing = self.look(session, step)
+            missing = self.fault(session, step)
         except DeformError as error:
             return self._no(str(error))
         return self._no(missing) if missing else self._yes()
@@ -66,13 +66,13 @@ _GIVE = 'Give the studio itself, as in lesson.check("name", studio): its cell ha
 
 @dataclass(frozen=True)
 class FishTask(AbstractExercise):
-    """Thompson's transformation done by hand in the studio.
+    """Thompson's transformation, done in the studio.
 
     Parameters
     ----------
     question, praise : see :class:`AbstractExercise`.
     source, target : the pair of animals.
-    percent : of the way that must be done.
+    percent : share of the transformation that must be done.
     """
 
     source: str
@@ -80,7 +80,7 @@ class FishTask(AbstractExercise):
     percent: float
 
     def grids(self, volume: VolumeLike, side: str = "-x") -> ThompsonMap:
-        """The pair laid around what is seen of a volume, as it will be scored.
+        """The pair of grids on the visible part of a volume, as it will be scored.
 
         Examples
         --------
@@ -109,16 +109,16 @@ class FishTask(AbstractExercise):
                 "Nothing has been dragged yet. Drag the points to where their nodes belong, and check again."
             )
         drawing = grids_svg(score, grids)
-        said = f"Your fish: {score}. {_advice(score)}"
+        verdict = f"Your fish: {score}. {_advice(score)}"
         if score.percent >= self.percent:
-            return Result(True, f"{said} {self.praise}", drawing)
+            return Result(True, f"{verdict} {self.praise}", drawing)
         more = f"{self.percent:g} % is enough for a boarfish."
         if score.percent < 0:
             more = (
                 "Your grid is farther away than at the start: are some points exchanged? Ctrl+Z in the studio goes "
                 "back."
             )
-        return Result(False, f"{said} {more}", drawing)
+        return Result(False, f"{verdict} {more}", drawing)
 
 
 def _advice(score: GridScore) -> str:

@@ -31,7 +31,7 @@ class LessonWords:
     Parameters
     ----------
     cells : Markdown by the ids of cells.
-    words : what stands in strings of the code, by the English.
+    words : strings of the code, by the English.
     """
 
     cells: Mapping[str, str]
@@ -39,7 +39,7 @@ class LessonWords:
 
     @classmethod
     def read(cls, path: Path) -> LessonWords:
-        """Read a file of the form that is described above.
+        """Read a file of the form described above.
 
         Raises
         ------
@@ -57,15 +57,15 @@ class LessonWords:
                 cells[name] = text.strip()
         return cls(cells, words)
 
-    def of_code(self, source: str) -> str:
-        """Code with its words translated; what is done stays the same."""
+    def translate_code(self, source: str) -> str:
+        """Translate the strings of code; what it does is unchanged."""
         for english, own in self.words.items():
             source = source.replace(english, own)
         return source
 
 
-def translated(notebook: Mapping[str, Any], words: LessonWords, code: str) -> dict[str, Any]:
-    r"""A lesson's notebook in a language, which its first cell of code chooses for studio and answers.
+def translate_notebook(notebook: Mapping[str, Any], words: LessonWords, code: str) -> dict[str, Any]:
+    r"""Translate a lesson's notebook; its first cell of code chooses the language of studio and answers.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def translated(notebook: Mapping[str, Any], words: LessonWords, code: str) -> di
     --------
     >>> cells = [{"cell_type": "markdown", "id": "title", "source": ["# Grids"]},
     ...          {"cell_type": "code", "id": "begin", "source": ["import deformnb as dn\n", "print('done')"]}]
-    >>> made = translated({"cells": cells}, LessonWords({"title": "# Gitter"}, {"done": "fertig"}), "de")
+    >>> made = translate_notebook({"cells": cells}, LessonWords({"title": "# Gitter"}, {"done": "fertig"}), "de")
     >>> made["cells"][0]["source"], made["cells"][1]["source"]
     ('# Gitter', 'import deformnb as dn\n\ndn.set_language("de")\nprint(\'fertig\')')
     """
@@ -87,27 +87,27 @@ def translated(notebook: Mapping[str, Any], words: LessonWords, code: str) -> di
         if cell["cell_type"] == "markdown":
             source = words.cells[cell["id"]]
         else:
-            source = words.of_code(source)
+            source = words.translate_code(source)
             if not is_chosen and _PACKAGE in source:
-                source, is_chosen = _with_language(source, code), True
+                source, is_chosen = _insert_language(source, code), True
         cells.append({**cell, "source": source})
     return {**notebook, "cells": cells}
 
 
-def _with_language(source: str, code: str) -> str:
-    """Code that chooses the language after its imports."""
+def _insert_language(source: str, code: str) -> str:
+    """Insert the choice of the language after the imports of a cell."""
     lines = source.splitlines(keepends=True)
     last = max(k for k, line in enumerate(lines) if line.startswith(("import ", "from ")))
     lines.insert(last + 1, f'\ndn.set_language("{code}")\n')
     return "".join(lines)
 
 
-def write_translated(notebook: Path, target: Path, code: str) -> None:
+def write_translation(notebook: Path, target: Path, code: str) -> None:
     """Write the notebook of a lesson in a language.
 
     Parameters
     ----------
-    notebook : the English one; its translation is beside it, in a folder named by the code.
+    notebook : the English one; its translation is next to it, in a folder named by the code.
     target : the file to write.
     code : of the language.
 
@@ -117,5 +117,5 @@ def write_translated(notebook: Path, target: Path, code: str) -> None:
         If the lesson has no such translation.
     """
     words = LessonWords.read(notebook.parent / code / f"{notebook.stem}.md")
-    made = translated(json.loads(notebook.read_text(encoding="utf-8")), words, code)
+    made = translate_notebook(json.loads(notebook.read_text(encoding="utf-8")), words, code)
     target.write_text(json.dumps(made, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")

@@ -9,7 +9,7 @@ import pytest
 from browser.hosts import Lab
 
 from deformnb_lessons.command import lesson_notebook
-from deformnb_lessons.translation import write_translated
+from deformnb_lessons.translation import write_translation
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -48,7 +48,7 @@ def test_a_lesson_is_done_by_the_keyboard_alone(browser: Any, lab: Lab) -> None:
     notebook = lesson_notebook("affine")
     name = f"{lab.place}lesson.ipynb"
     (lab.folder / lab.place).mkdir(exist_ok=True)
-    write_translated(notebook, lab.folder / name, "de")
+    write_translation(notebook, lab.folder / name, "de")
     cells = [cell["id"] for cell in json.loads((lab.folder / name).read_text("utf-8"))["cells"]]
     page = browser.new_page(viewport={"width": 1280, "height": 1000})
     page.goto(lab.url(f"/lab/tree/{name}"))

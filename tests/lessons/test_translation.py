@@ -16,7 +16,7 @@ import deformnb_lessons
 from deformnb.errors import DeformError
 from deformnb.words import LANGUAGES, translate
 from deformnb_lessons import LESSONS, Numbers
-from deformnb_lessons.translation import LessonWords, translated, write_translated
+from deformnb_lessons.translation import LessonWords, translate_notebook, write_translation
 
 FOLDER = Path(deformnb_lessons.__file__).parent / "notebooks"
 ALL = [(code, name) for code in LANGUAGES if code != "en" for name in LESSONS]
@@ -64,10 +64,10 @@ def test_translated_code_does_the_same_with_other_words(code: str, name: str) ->
     cells, words = _pair(code, name)
     code_cells = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     for source in code_cells:
-        assert _without_words(words.of_code(source)) == _without_words(source)
+        assert _without_words(words.translate_code(source)) == _without_words(source)
     for english in words.words:
         assert any(english in source for source in code_cells), english
-    made = translated({"cells": cells}, words, code)["cells"]
+    made = translate_notebook({"cells": cells}, words, code)["cells"]
     assert sum(f'dn.set_language("{code}")' in cell["source"] for cell in made) == 1
 
 
@@ -103,8 +103,8 @@ def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() ->
 
 def test_a_translation_is_written_and_a_lesson_without_one_is_refused(tmp_path: Path) -> None:
     notebook = FOLDER / LESSONS["affine"].notebook
-    write_translated(notebook, tmp_path / "a.ipynb", "de")
+    write_translation(notebook, tmp_path / "a.ipynb", "de")
     made = json.loads((tmp_path / "a.ipynb").read_text("utf-8"))
     assert made["cells"][0]["source"].startswith("# Lektion 3")
     with pytest.raises(DeformError, match="has no translation fr/3_rigid_similar_affine"):
-        write_translated(notebook, tmp_path / "b.ipynb", "fr")
+        write_translation(notebook, tmp_path / "b.ipynb", "fr")
