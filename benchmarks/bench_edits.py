@@ -43,12 +43,12 @@ def groups(options: Namespace) -> Iterator[Group]:
     loop = _loop(volume, solid)
     yield _near_cut(volume, on_picture, loop, options)
     ground = RigidPart(HalfSpace((0.0, 1.02 * options.size), (0.0, -1.0)))
-    yield _alone(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)), loop)
+    yield _plain_edit(volume, "E2: rigid part on the picture", Step((flat,), plane, parts=(ground,)), loop)
     below = RigidPart(HalfSpace((0.0, 0.0, -0.02 * options.size), (0.0, 0.0, 1.0)))
-    yield _alone(volume, "E2: rigid part in space", Step((solid,), parts=(below,)), loop)
+    yield _plain_edit(volume, "E2: rigid part in space", Step((solid,), parts=(below,)), loop)
     yield _replicated(volume, Step((flat,), plane), loop, options)
     yield _space_edits(volume, Step((solid,), kernel="thin_plate"), loop, options)
-    yield _composed(volume, flat, solid, plane, cut, loop)
+    yield _composition(volume, flat, solid, plane, cut, loop)
 
 
 def _loop(volume: Volume, solid: ControlPoints) -> list[Case]:
@@ -99,7 +99,7 @@ def _scipy_picture(volume: Volume, step: Step) -> Callable[[], NDArray[Any]]:
     return edit
 
 
-def _composed(
+def _composition(
     volume: Volume, flat: ControlPoints, solid: ControlPoints, front: Plane, cut: Cut, loop: list[Case]
 ) -> Group:
     """Chains of displacements, and one fit in space that is evaluated at every voxel."""
@@ -126,7 +126,7 @@ def _edits_of_steps(volume: Volume, steps: tuple[Step, ...]) -> Callable[[], NDA
     return edit
 
 
-def _alone(volume: Volume, name: str, step: Step, loop: list[Case]) -> Group:
+def _plain_edit(volume: Volume, name: str, step: Step, loop: list[Case]) -> Group:
     coarse = {} if step.plane is not None else {"step": STEP}
     free = replace(step, parts=())
     cases = [

@@ -23,11 +23,11 @@ from deformnb.volume.plane import Raster
 def groups(options: Namespace) -> Iterator[Group]:
     support = problem.SUPPORT * (options.size - 1)
     for count in (128, 512):
-        yield _left_out(problem.control_points(count, 2, options.size), support)
-    yield _uncertain(problem.control_points(options.points, 2, options.size), support, options.size)
+        yield _leave_one_out(problem.control_points(count, 2, options.size), support)
+    yield _uncertainty(problem.control_points(options.points, 2, options.size), support, options.size)
 
 
-def _left_out(points: ControlPoints, support: float) -> Group:
+def _leave_one_out(points: ControlPoints, support: float) -> Group:
     def ours(trend: str) -> NDArray[Any]:
         return fit_quality(points, support=support, trend=trend).leave_one_out
 
@@ -49,7 +49,7 @@ def _left_out(points: ControlPoints, support: float) -> Group:
     return Group(f"Q1: leave-one-out of {len(points)} points", cases, 1e-6, "pixels")
 
 
-def _uncertain(points: ControlPoints, support: float, size: int) -> Group:
+def _uncertainty(points: ControlPoints, support: float, size: int) -> Group:
     raster = Raster((size, size), (1.0, 1.0), (0.0, 0.0))
     known = uncertainty(points, support=support)
     right = known.at(raster.points())

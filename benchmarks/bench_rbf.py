@@ -36,7 +36,7 @@ MOVES = 40
 """Sets of points in rotation, each moved a little: more than the factors that are cached, so that none is found."""
 
 
-def _moving(points: ControlPoints, which: Any) -> Callable[[], ControlPoints]:
+def _move_points(points: ControlPoints, which: Any) -> Callable[[], ControlPoints]:
     """Calls that return the points with some of them moved; prepared, since an editor has them already."""
     sets = []
     for k in range(1, MOVES + 1):
@@ -54,7 +54,7 @@ def _many(count: int, support: float, raster: Raster, options: Namespace) -> Gro
     points = problem.control_points(count, 2, options.size)
     fit = fit_rbf(points, support=support)
     exact = np.moveaxis(fit.displacement(raster.points()), -1, 0)
-    every, one = _moving(points, slice(None)), _moving(points, [count // 2])
+    every, one = _move_points(points, slice(None)), _move_points(points, [count // 2])
 
     def error(result: NDArray[Any]) -> NDArray[Any]:
         return result - exact

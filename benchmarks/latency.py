@@ -188,7 +188,7 @@ def _whole_edits(seat: Seat, result: dict[str, Any], edits: int) -> None:
         for k in range(edits):
             result["whole_ms"].append(seat.whole_edit(k + 1.0))
 
-    for way, count in seat.bytes_of(work).items():
+    for way, count in seat.measure_bytes(work).items():
         result[f"bytes_{way}"] = count / edits
 
 

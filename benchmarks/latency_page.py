@@ -62,7 +62,7 @@ class Pointer(ABC):
         """Selector of the element that is the handle."""
 
     @abstractmethod
-    def away(self, step: float) -> tuple[float, float]:
+    def displacement(self, step: float) -> tuple[float, float]:
         """Displacement of the handle from its first place after a number of steps."""
 
     def place(self) -> tuple[float, float]:
@@ -78,7 +78,7 @@ class Pointer(ABC):
     def move(self, step: float) -> None:
         if not self.is_down:
             self.take()
-        (x, y), (dx, dy) = self.home, self.away(step)
+        (x, y), (dx, dy) = self.home, self.displacement(step)
         self.page.mouse.move(x + dx, y + dy)
 
     def drag(self, seconds: float, rate: float) -> None:
@@ -101,7 +101,7 @@ class EditorPointer(Pointer):
     def selector(self) -> str:
         return f".dnb-editor [data-id='{self.page.evaluate(_POINT)}'] .dnb-ed-disc"
 
-    def away(self, step: float) -> tuple[float, float]:
+    def displacement(self, step: float) -> tuple[float, float]:
         return 24 * math.cos(step / 2.1), 24 * math.sin(step / 2.1)
 
     def drag(self, seconds: float, rate: float) -> None:
@@ -116,7 +116,7 @@ class SliderPointer(Pointer):
     def selector(self) -> str:
         return ".noUi-handle"
 
-    def away(self, step: float) -> tuple[float, float]:
+    def displacement(self, step: float) -> tuple[float, float]:
         return 8 * abs((1.3 * step + 7) % 20 - 10) - 40, 0.0  # a zigzag: no step is small
 
 
@@ -263,21 +263,21 @@ class Seat:
         self.rest(self._long_rest)
         self.fresh()
 
-        carried = self.bytes_of(lambda: self.pointer.drag(seconds, rate))
+        carried = self.measure_bytes(lambda: self.pointer.drag(seconds, rate))
         self.rest(self._long_rest)
         inputs, end = self.seen.inputs, max(self.seen.inputs)
         span = (end - inputs[0]) / 1e3
 
-        def rated(times: list[float]) -> float:
+        def frequency(times: list[float]) -> float:
             return sum(inputs[0] < t <= end for t in times) / span
 
         self.pointer.release()
         self._set_settle(250)
         return {
             "inputs_hz": len(inputs) / span,
-            "view_hz": rated(self.seen.view),
-            "picture_hz": rated(self.seen.picture),
-            "grid_hz": rated(self.seen.grid),
+            "view_hz": frequency(self.seen.view),
+            "picture_hz": frequency(self.seen.picture),
+            "grid_hz": frequency(self.seen.grid),
             "catch_up_ms": max([t - end for t in self.seen.view] + [0.0]),
             "view_bytes": carried["view"],
         }
@@ -320,20 +320,20 @@ class Seat:
                 continue
         return sessions
 
-    def bytes_of(self, work: Any) -> dict[str, int]:
+    def measure_bytes(self, work: Any) -> dict[str, int]:
         """Bytes of websockets while something is done: "up" and "down", and of those the "view"'s own messages."""
         carried = {"up": 0, "down": 0, "view": 0}
         ours = self.comms.get("view", "no such comm").encode()
 
-        def counted(way: str, event: dict[str, Any]) -> None:
+        def count(way: str, event: dict[str, Any]) -> None:
             data = _payload(event["response"])
             carried[way] += len(data)
             carried["view"] += len(data) if ours in data else 0
 
         sessions = self._sessions()
         for session in sessions:
-            session.on("Network.webSocketFrameSent", lambda e: counted("up", e))
-            session.on("Network.webSocketFrameReceived", lambda e: counted("down", e))
+            session.on("Network.webSocketFrameSent", lambda e: count("up", e))
+            session.on("Network.webSocketFrameReceived", lambda e: count("down", e))
             session.send("Network.enable")
         work()
         self.page.wait_for_timeout(150)  # messages in transit are counted

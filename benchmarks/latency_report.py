@@ -64,7 +64,7 @@ def _longest(result: dict[str, Any]) -> dict[str, float]:
 def table(size: int, results: Results) -> str:
     """All figures of one size, and what failed."""
     rivals = [name for name in RIVALS if name in results]
-    columns = {**_COLUMNS, **{f"times faster than {name}": _against(results[name]) for name in rivals}}
+    columns = {**_COLUMNS, **{f"times faster than {name}": _compare_with(results[name]) for name in rivals}}
     lines = [f"### {size} x {size} x {size}\n", f"| view | {' | '.join(columns)} |", f"|---{'|---' * len(columns)}|"]
     for name, result in results.items():
         lines.append(f"| {name} | {' | '.join(_cell(make, result) for make in columns.values())} |")
@@ -72,7 +72,7 @@ def table(size: int, results: Results) -> str:
     return "\n".join([*lines, "", *notes, ""])
 
 
-def _against(rival: dict[str, Any]) -> Callable[[dict[str, Any]], str]:
+def _compare_with(rival: dict[str, Any]) -> Callable[[dict[str, Any]], str]:
     return lambda r: f"{_faster(r, rival):.1f}" if r is not rival else ""
 
 
@@ -105,10 +105,10 @@ class Verdict:
 
 def verdicts(results: Results) -> list[Verdict]:
     """Each target of each view that was requested."""
-    return [verdict for name in TARGETS if name in results for verdict in _of_view(name, results)]
+    return [verdict for name in TARGETS if name in results for verdict in _view_verdicts(name, results)]
 
 
-def _of_view(name: str, results: Results) -> Iterator[Verdict]:
+def _view_verdicts(name: str, results: Results) -> Iterator[Verdict]:
     result, limit = results[name], TARGETS[name]
     checks: list[tuple[str, Callable[[], tuple[str, bool]]]] = [
         (f"edit to pixels within {limit:.0f} ms", partial(_time, result, limit)),

@@ -128,11 +128,11 @@ class Numbers(AbstractExercise):
             return self._no(f"Give {form}, instead of {short_value(answer)}.")
         if not np.isfinite(numbers).all():
             return self._no(f"Give {form}; a number is missing in {short_value(answer)}.")
-        if self._near(numbers, wanted):
+        if self._is_close(numbers, wanted):
             return self._yes()
-        return self._no(next((hint for wrong, hint in self.mistakes if self._near(numbers, wrong)), self.hint))
+        return self._no(next((hint for wrong, hint in self.mistakes if self._is_close(numbers, wrong)), self.hint))
 
-    def _near(self, numbers: np.ndarray, wanted: object) -> bool:
+    def _is_close(self, numbers: np.ndarray, wanted: object) -> bool:
         other = np.asarray(wanted, dtype=np.float64)
         return other.shape == numbers.shape and bool((np.abs(numbers - other) <= self.tolerance + 1e-12).all())
 

@@ -224,7 +224,7 @@ def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.
     lesson = LESSONS["affine"]
     ends, middle = np.array([[40.0, 100.0], [460.0, 100.0]]), np.array([250.0, 100.0])
 
-    def said(target: np.ndarray, trend: str) -> Result:
+    def verdict(target: np.ndarray, trend: str) -> Result:
         points = dn.ControlPoints.from_arrays(ends, target)
         deformation = dn.Deformation.from_picture_points(carp, "-x", points, trend=trend)
         return lesson.check("turned", Session(carp, deformation, view="-x"))
@@ -234,14 +234,14 @@ def test_a_carp_is_turned_by_two_points_and_neither_bent_nor_stretched(carp: dn.
         return middle + factor * (ends - middle) @ np.array([[c, s], [-s, c]])
 
     for degrees in (18, -18):
-        assert said(turned(degrees), "rigid").right
+        assert verdict(turned(degrees), "rigid").right
     for target, trend, words in (
         (ends, "rigid", "Nothing has been"),
         (turned(6), "rigid", "by 6 degrees"),
         (turned(18, 0.8), "similarity", "Lengths become 0.80 to 0.80"),
         (turned(18), "none", "bent"),
     ):
-        result = said(target, trend)
+        result = verdict(target, trend)
         assert words in result.text
         assert not result.right
 

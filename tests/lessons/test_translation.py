@@ -23,7 +23,7 @@ ALL = [(code, name) for code in LANGUAGES if code != "en" for name in LESSONS]
 
 
 @pytest.fixture
-def in_german() -> Iterator[None]:
+def german() -> Iterator[None]:
     dn.set_language("de")
     yield
     dn.set_language(None)
@@ -82,7 +82,7 @@ def test_goals_and_time_are_those_of_the_lesson(code: str, name: str) -> None:
     assert translate(LESSONS[name].title, code).lower() in text.lower()
 
 
-@pytest.mark.usefixtures("in_german")
+@pytest.mark.usefixtures("german")
 def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() -> None:
     affine = LESSONS["affine"]
     assert repr(affine.check("distances", "starr")) == (
@@ -92,8 +92,8 @@ def test_answers_and_hints_are_german_and_words_of_both_languages_are_taken() ->
     assert not affine.check("distances", ["starr", "Scherung"]).right
     assert LESSONS["folding"].check("sign", "faltet").right
     assert "Noch nicht." in affine.check("turn", None)._repr_html_()
-    said = repr(affine.check("distances", 3))
-    assert "Gib ein Wort in Anführungszeichen, von starr, ähnlich, affin, Scherung" in said
+    answer = repr(affine.check("distances", 3))
+    assert "Gib ein Wort in Anführungszeichen, von starr, ähnlich, affin, Scherung" in answer
     for lesson in LESSONS.values():
         for exercise in lesson.exercises.values():
             if isinstance(exercise, Numbers):
