@@ -96,7 +96,7 @@ def test_a_target_that_is_missed_is_told_by_the_exit_status(
 ) -> None:
     report = {"load_before": (0.1,), "load_after": (0.2,), "sizes": {64: {"pyvista, trame": failed}}}
     monkeypatch.setattr(latency, "_introduce", lambda: None)
-    monkeypatch.setattr(latency, "_measured", lambda options: report)
+    monkeypatch.setattr(latency, "_measure_all", lambda options: report)
     monkeypatch.setattr(latency, "verdicts", lambda results: [Verdict("a view", "1 ms", met) for met in judged])
     monkeypatch.setattr(latency.signal, "signal", lambda *_: None)
     assert latency.main(["--sizes", "64"]) == status
