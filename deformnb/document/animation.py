@@ -95,7 +95,7 @@ class TimeMaps:
         return float(np.clip(time / self.duration * last, 0, last)) if self.duration > 0 else 0.0
 
     def at(self, time: float) -> DisplacementField:
-        """The map over the plane at a moment, blended from the two frames beside it."""
+        """The map over the plane at a moment, blended from the two frames next to it."""
         p = self.position(time)
         k = min(int(p), len(self) - 2) if len(self) > 1 else 0
         share = np.float32(p - k)
@@ -125,7 +125,7 @@ def covering_raster(plane: Plane, grid: Grid, size: int | None = None) -> Raster
 MOST_MOVIE_FRAMES = 4096
 """Of a stack: a longer one is no texture of any GPU."""
 
-# Frames between two key frames where time passes unevenly: what is blended linearly lags behind by 1/300 of the way.
+# Frames between two key frames where time passes unevenly: a linear blend lags behind by 1/300 of the path.
 _SMOOTH_FRAMES = 16
 
 
@@ -148,7 +148,7 @@ class Animation:
 
     Examples
     --------
-    A quarter turn: halfway the point lies on the circle, not on the chord.
+    A quarter turn: halfway the point is on the circle, not on the chord.
 
     >>> from deformnb.rbf.points import ControlPoints
     >>> from deformnb.volume.plane import Plane
@@ -217,7 +217,7 @@ class Animation:
         return around if around <= length else 2 * length - around
 
     def at(self, t: float) -> Deformation:
-        """The document at a moment: at a key frame its steps as they are, else what lies between.
+        """The document at a moment: at a key frame its steps unchanged, else the blend of two.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class Animation:
         return self.at(t).field(grid)
 
     def times(self, fps: float) -> tuple[float, ...]:
-        """The moments of the pictures of one round; what goes on ends just before it would begin again.
+        """The moments of the pictures of one round; a loop ends just before it would begin again.
 
         >>> swinging = Animation(Deformation(keyframes=(Keyframe(1.0, ()),)), loop="swing")
         >>> swinging.times(2)

@@ -75,7 +75,7 @@ class Step(AbstractFitSettings):
     Parameters
     ----------
     maps : one set of control points; several for the rule "interpolate".
-    plane : where the points lie; None for points in space (dimension 3, Eq. 9).
+    plane : of the points; None for points in space (dimension 3, Eq. 9).
     extrusion : a name of :data:`~deformnb.rbf.extrusion.EXTRUSIONS`.
     curve : f(z) of the rule "modulate": a formula, or values at equal steps.
     knots : depths in [0, 1] of the maps of the rule "interpolate".
@@ -84,10 +84,10 @@ class Step(AbstractFitSettings):
     extra : fields of a newer minor version, kept for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
-    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
+    cut_rule : the picture next to a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
     settings : (of the fit, by their names) the fields of :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`. In
         several ``stages`` on a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may
-        still fold. ``chosen_support``, None for points at one place, is kept while points are dragged, so that the map
+        still fold. ``chosen_support``, None for points at one place, stays while points are dragged, so that the map
         does not jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched,
         and so does a step with another kernel.
 
@@ -144,7 +144,7 @@ class Step(AbstractFitSettings):
         self._check_shapes(dim)
         self.weights()  # checks the curve and the knots
         if self.extrusion != "modulate" and self.curve != "z":
-            EXTRUSIONS["modulate"](self.curve)  # kept for when the rule changes
+            EXTRUSIONS["modulate"](self.curve)  # checked for when the rule changes
         if self.chosen_support is None:
             object.__setattr__(self, "chosen_support", self.settings.choosing(self.maps).chosen_support)
 
@@ -223,7 +223,7 @@ class Step(AbstractFitSettings):
     def fits_of_regions(self, grid: Grid) -> tuple[Mapping[Sides, Fit | TipBlend], ...]:
         """For each set of control points the fits of the regions that have some; without cuts there is one region.
 
-        They are solved once for a grid, and kept until another is requested: a step never changes.
+        They are solved once for a grid, and cached until another is requested: a step never changes.
         """
         known: tuple[Grid, tuple[Mapping[Sides, Fit | TipBlend], ...]] | None = self.__dict__.get("_solved")
         if known is None or known[0] != grid:
@@ -235,7 +235,7 @@ class Step(AbstractFitSettings):
 
     @check_arguments
     def cautions(self, grid: Grid) -> tuple[str, ...]:
-        """Sentences on what is probably a mistake of a step on a volume's grid: a support radius below a voxel, cuts
+        """Sentences on probable mistakes of a step on a volume's grid: a support radius below a voxel, cuts
         that cross nothing, and rigid parts that contradict each other.
         """
         corners = grid.corners(centres=False)
@@ -412,7 +412,7 @@ class VolumeReference:
 
 
 class LazyReference:
-    """The reference of a volume, made by the first call and kept; the volume itself is not kept for longer."""
+    """The reference of a volume, cached by the first call; the cache does not keep the volume alive."""
 
     def __init__(self, volume: Volume) -> None:
         self._volume: Volume | None = volume
@@ -578,7 +578,7 @@ class Deformation:
         return known[to]
 
     def _unit_notes(self, unit: str) -> tuple[str, ...]:
-        """A remark where this document and what it is applied to are in different units."""
+        """A remark where this document and the data it is applied to are in different units."""
         if unit == self.unit or not self.unit:
             return ()
         if not unit:
@@ -671,7 +671,7 @@ class Deformation:
 
     @check_arguments
     def move_step(self, index: int, to: int) -> Deformation:
-        """The same steps with one of them at another place in the order."""
+        """The same steps with one of them moved in the order."""
         self._check(index)
         self._check(to)
         rest = [step for k, step in enumerate(self.steps) if k != index]
@@ -739,9 +739,9 @@ class Deformation:
         return found if known is None else (known.older_note, *found)
 
     def cautions(self, grid: Grid) -> tuple[str, ...]:
-        """Sentences on what is probably a mistake of this document on a volume's grid, each once.
+        """Sentences on probable mistakes of this document on a volume's grid, each once.
 
-        They are about another volume than the one it was made on, and those of :meth:`Step.cautions`.
+        They are about a volume other than its own, and those of :meth:`Step.cautions`.
         """
         own = self.own_grid(grid)
         differs = "" if self.older_spacing(grid) else self.difference(grid)
@@ -770,12 +770,12 @@ class Deformation:
     def difference(self, volume: VolumeLike | Grid, reference: Callable[[], VolumeReference] | None = None) -> str:
         """Warning about a volume that this was not made on; empty for the one that it was made on.
 
-        Labels that lie as the volume does belong to it. A document without a volume fits any.
+        Labels on the volume's grid belong to it. A document without a volume fits any.
 
         Parameters
         ----------
         volume : or its grid alone, where its voxels are not available.
-        reference : makes that of the volume, where it is kept.
+        reference : makes that of the volume, where it is cached.
         """
         volume = volume if isinstance(volume, Grid) else as_volume(volume)
         made, here = self.volume, self.own_grid(as_finest_grid(volume))

@@ -3,7 +3,7 @@
 A new kernel brings its trend, an extrusion rule its points, a turned picture a new step. Each edit of the key frames
 returns the next document, or refuses with the reason.
 
-A key frame keeps the steps of the document as they were when it was made. The document itself goes on: a key frame is
+A key frame keeps the steps of the document as they were when it was made. The document itself continues: a key frame is
 changed by going to it (:func:`document_at_key`), editing, and storing the result in it (:func:`update_key`).
 """
 
@@ -41,7 +41,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
 
     Parameters
     ----------
-    points : the set of control points being edited, which a change of the rule of extrusion keeps.
+    points : the set of control points being edited, which stays when the rule of extrusion changes.
     """
     rule = fields.get("extrusion", step.extrusion)
     if rule == "interpolate" and step.extrusion != "interpolate":
@@ -53,7 +53,7 @@ def complete_change(step: Step, points: ControlPoints, fields: dict[str, Any]) -
         if any(m != points for m in step.maps):
             return "The key picture that was being edited stays; undo brings the others back."
     if rule == "modulate" != step.extrusion and step.cuts and step.curve == "z" and "curve" not in fields:
-        fields["curve"] = "1-z"  # the other way round a cut is shut where one looks at it
+        fields["curve"] = "1-z"  # reversed, a cut would be shut on the side of the viewer
         return "The cut is open in front and closed at the back now: f = 1 - z."
     if (CHOOSE_SUPPORT | {"maps"}) & set(fields):
         fields.setdefault("chosen_support", None)  # found anew
@@ -97,7 +97,7 @@ def turn_picture(
     Parameters
     ----------
     index : of the step that was being edited.
-    new : a step on the other side, without drags; untouched : what the one being edited began as.
+    new : a step on the other side, without drags; untouched : the initial state of the one being edited.
     side_of : the side of a plane in words, such as "from above".
     """
     steps = list(deformation.steps)
@@ -121,7 +121,7 @@ def turn_picture(
 
 
 APART = 1e-3
-"""Seconds between two key frames at least; what is nearer counts as the same moment."""
+"""Seconds between two key frames at least; nearer times count as the same moment."""
 
 _PAUSE = 1.0  # seconds after the last key frame, where the next one comes by default
 

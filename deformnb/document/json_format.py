@@ -77,7 +77,7 @@ def _migrate_1(data: dict[str, Any]) -> dict[str, Any]:
 
 
 MIGRATIONS: dict[int, Callable[[dict[str, Any]], dict[str, Any]]] = {1: _migrate_1}
-"""From major version n to n + 1; a fixture of every released version is kept in the tests."""
+"""From major version n to n + 1; the tests have a fixture of every released version."""
 
 
 @check_arguments
@@ -258,7 +258,7 @@ class _Form:
 
 
 def _step_data(step: Step) -> dict[str, Any]:
-    """Data of a step; of what came after 1.0 only what is not as usual, so that most documents stay short."""
+    """Data of a step; fields added after 1.0 only where they differ from the default, so that documents stay short."""
     data: dict[str, Any] = dict(step.extra)
     for name in _STEP_KEYS:
         value = getattr(step, name)
@@ -268,7 +268,7 @@ def _step_data(step: Step) -> dict[str, Any]:
 
 
 def _point_attributes(step: Step) -> dict[str, Any]:
-    """Locks and radii, set by set: beside the points, for a minor version may add fields to a step only."""
+    """Locks and radii, set by set: next to the points, for a minor version may add fields to a step only."""
     data: dict[str, Any] = {}
     if any(m.locked.any() for m in step.maps):
         data["locked"] = [[i for i, is_locked in zip(m.ids, m.locked, strict=True) if is_locked] for m in step.maps]

@@ -5,7 +5,7 @@ Differences between the two keys:
 - A point that only one key has, or that is switched on at one only, is at the other where that key's own deformation
   takes it. So a point that was added later changes nothing before.
 - A step that only one key has, or that is switched off at one, comes or goes: at the other key nothing is dragged. So
-  do two steps at one place of the list that lie on different planes.
+  do two steps at one place of the list that have different planes.
 - A kernel, a trend, a rule of extrusion, cuts and the places of rigid parts have nothing between them: those of the
   earlier key hold until the later one. ``notes`` reports it.
 
@@ -15,7 +15,7 @@ interpolated: each turns at an even pace and its length changes evenly. The plac
 in Alexa, Cohen-Or, Levin, "As-rigid-as-possible shape interpolation" (2000), with the neighbours of a point in the
 place of triangles.
 
-The number of full turns in an angle follows from the turn of all edges around a point at once; two neighbours turn by
+The number of full turns in an angle follows from the turn of all edges around a point together; two neighbours turn by
 almost the same, so that a tail that curls by more than half a turn goes round and not back.
 """
 
@@ -49,7 +49,7 @@ Points = NDArray[np.float64]
 _NEIGHBOURS = {2: 6, 3: 10}
 # An edge that becomes longer or shorter by this share counts half: it spans a joint and shows no limb's turn.
 _STRAIN = 0.05
-# What a direction that no edge shows is turned by: as all points together.
+# The turn of a direction that no edge has: that of all points together.
 _PRIOR_TURN = 1e-3
 _STILL = 1e-9
 
@@ -61,7 +61,7 @@ class HandlePath:
     ----------
     start, end : (N, dim) places at t = 0 and t = 1; dim is 2 or 3.
     rest : (N, dim) places that determine the neighbours; default is ``start``.
-    held : (N,) bool; points whose way is given in :meth:`at`. Those that do not move are held by themselves.
+    held : (N,) bool; points whose path is given in :meth:`at`. Those that do not move are always among them.
 
     Attributes
     ----------
@@ -119,7 +119,7 @@ class HandlePath:
         result = np.where(self._held[:, None], fixed, path)
         if self._edges is None or self._solver is None:
             return result
-        # What is looked for is how far the places lie from the path: nothing for a motion that is rigid as a whole.
+        # The unknown is the distance of the places from the path: zero for a motion that is rigid as a whole.
         right = self._edges.missing(t, path)
         known = (result - path)[self._held]
         result[self._free] += self._solver.solve(right[self._free] - self._to_held @ known)
@@ -136,7 +136,7 @@ class HandlePath:
 
     @property
     def largest_turn(self) -> float:
-        """The largest angle in radians by which the surroundings of a point turn, or an edge that keeps its length."""
+        """The largest angle in radians by which the surroundings of a point turn, or an edge of constant length."""
         around = float(np.linalg.norm(self.turns, axis=1).max(initial=0.0))
         return around if self._edges is None else max(around, float(self._edges.of_limbs.max(initial=0.0)))
 
@@ -147,7 +147,7 @@ class _Edges:
     Attributes
     ----------
     turns : (N, 3) rotation of the surroundings of each point.
-    of_limbs : angles by which the edges turn that keep their length.
+    of_limbs : angles by which the edges of constant length turn.
     """
 
     def __init__(self, pairs: NDArray[np.int_], start: Points, end: Points, size: float, turn: Points) -> None:
@@ -162,7 +162,7 @@ class _Edges:
         self._rest = _shortest_turn(self._direction, _directions(back, a))
         strain = np.abs(lengths[1] - lengths[0]) / np.maximum(lengths.max(axis=0), 1e-300)
         self._weight = weight / (1 + (strain / _STRAIN) ** 2)
-        # A point that keeps its distance to nobody, not by a quarter, belongs to no limb: it goes straight.
+        # A point whose distances to all others change by more than a quarter belongs to no limb: it moves straight.
         near = 1 / (1 + (strain / (2 * _STRAIN)) ** 2)
         self.of_limbs = np.linalg.norm(self._base + self._rest, axis=1)[near > 0.5]
         best, pull = np.zeros(len(start)), np.zeros(len(start))
@@ -180,7 +180,7 @@ class _Edges:
         return scipy.sparse.coo_matrix((values, places), (n, n)).tocsc()
 
     def missing(self, t: float, path: Points) -> Points:
-        """By how much the edges between these places differ from what they are at ``t``, summed at their points."""
+        """Differences of the edges between these places from those at ``t``, summed at their points."""
         length = (1 - t) * self._lengths[0] + t * self._lengths[1]
         turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._rest).apply(self._direction)
         turned = scipy.spatial.transform.Rotation.from_rotvec(t * self._base).apply(turned)
@@ -192,7 +192,7 @@ class _Edges:
 
 
 def neighbours(points: Points) -> NDArray[np.int_]:
-    """Pairs (E, 2) of points that lie near each other; every point can be reached from every other."""
+    """Pairs (E, 2) of points near each other; every point can be reached from every other."""
     n, dim = points.shape
     if n < 2:
         return np.zeros((0, 2), dtype=int)
@@ -304,7 +304,7 @@ def _shortest_turn(a: Points, b: Points) -> Points:
 # Settings between two of which there is one halfway; a change of the others, and of cuts, is a switch.
 _MIXED = tuple(setting.name for setting in fields(FitSettings) if isinstance(setting.default, float))
 _SWITCHED = (*(name for name in SETTINGS if name not in (*_MIXED, "support", "chosen_support")), "cuts", "cut_rule")
-_SAME = 1e-6  # of the box of all points: what a rigid part does anyway
+_SAME = 1e-6  # of the box of all points: left to a rigid part
 
 
 class StepPath:
@@ -324,7 +324,7 @@ class StepPath:
     def __init__(self, before: Step, after: Step, label: str = "the step") -> None:
         words = [STEP_LABELS[name] for name in _SWITCHED if getattr(before, name) != getattr(after, name)]
         notes = [f"the {word} of {label} {'change' if word.endswith('s') else 'changes'}" for word in words]
-        if before.strength != after.strength:  # a share of a turn is a turn, and no shorter way
+        if before.strength != after.strength:  # a share of a turn is a turn, and no shorter path
             before, after = _with_unit_strength(before), _with_unit_strength(after)
         before, after, is_shared = _with_one_rule(before, after)
         if not is_shared:
@@ -500,7 +500,7 @@ def _carry_places(points: ControlPoints, places: Floats, step: Step) -> Floats:
         some = chosen.take(np.flatnonzero((own == side).all(axis=1)))
         if some.active.any() and some.displacement[some.active].any():
             result[here] = _forward(_fit(some, places, step), places[here], some)
-    # What is carried is evaluated again as it is blended: at the strength of the step it must lie there.
+    # Carried points are evaluated again as they are blended: at the strength of the step they must be there.
     return places + (result - places) / step.strength if step.strength else places
 
 

@@ -13,7 +13,7 @@ from deformnb.volume.volume import Volume
 def output_grid(
     document: Deformation, volume: Volume, *, spacing: ArrayLike | None = None, margin: ArrayLike | str | None = None
 ) -> FieldOfView:
-    """The grid on which a document's result lies, with the spacing and the margin that are requested.
+    """The grid of a document's result, with the requested spacing and margin.
 
     Parameters
     ----------

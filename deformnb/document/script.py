@@ -27,7 +27,7 @@ from deformnb.volume.volume import Grid, Volume
 _ROWS_ON_A_LINE = 3
 _IN_A_ROW = 6
 
-# Longer values than this get a name of their own in front.
+# Longer values than this get a variable in front.
 _LONG = 80
 _DEFAULTS = {f.name: f.default for f in dataclasses.fields(Step)}
 _USUAL = {f.name: f.default for f in dataclasses.fields(Deformation) if f.name in ("mode", "easing", "loop")}
@@ -95,7 +95,7 @@ def as_python(deformation: Deformation, grid: Grid, *, volume: str = UNKNOWN_VOL
 
 
 def _header(steps: list[Step]) -> str:
-    """The import, and a comment on kernels that are registered first; without a line break, for volumes stand after."""
+    """The import, and a comment on kernels that are registered first; without a line break, for volumes come after."""
     own = sorted({step.kernel for step in steps} - BUILT_IN)
     register = f"  # first dn.rbf.register_kernel(...) of your own {', '.join(own)}" if own else ""
     return f"import deformnb as dn{register}"
@@ -205,7 +205,7 @@ def _plane(plane: Plane | None, grid: Grid) -> str:
 
 
 def _grid(output: Grid, grid: Grid, own: str) -> str:
-    """The grid of a result: if it goes on with the voxels of the volume, as a part of those."""
+    """The grid of a result: if it continues the voxels of the volume, as a part of those."""
     z, y, x = (int(n) for n in np.round(grid.point_to_index(output.origin))[::-1])
     if grid.crop((z, y, x), output.shape) == output:
         return f"{own}.crop(({z}, {y}, {x}), {output.shape})"

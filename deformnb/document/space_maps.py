@@ -1,4 +1,4 @@
-"""Affine maps of space, and what they make of the steps of a document: another volume's box, or another unit of length.
+"""Affine maps of space and of the steps of a document: to another volume's box, or another unit of length.
 
 The steps are those of :mod:`deformnb.document.deformation`, which uses this module.
 """
@@ -22,7 +22,7 @@ from deformnb.volume.units import ratio
 from deformnb.volume.volume import Grid
 
 SAME = 1e-5
-"""Directions and scales that differ by less are the same: files keep spacings to about seven digits."""
+"""Directions and scales that differ by less are the same: files store spacings to about seven digits."""
 
 
 class HasLengths(Protocol):
@@ -62,7 +62,7 @@ _Shape = TypeVar("_Shape", RigidPart, Cut)
 
 
 def _to_unit(shape: _Shape, unit: str) -> _Shape:
-    """A part or a cut whose mask, made of labels in a unit of their own, lies in numbers of another one."""
+    """A part or a cut whose mask, made of labels in their unit, is in numbers of another one."""
     lattice = getattr(shape.region, "lattice", None)
     if not isinstance(lattice, Grid) or not lattice.unit:
         return shape
@@ -84,7 +84,7 @@ def rescaled_step(step: AnyStep, unit: str) -> AnyStep:
 
 
 class SpaceMap:
-    """An affine map ``x -> A x + t`` of space, and what it makes of a step."""
+    """An affine map ``x -> A x + t`` of space, and the image of a step under it."""
 
     def __init__(self, matrix: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
         self.matrix, self.shift = matrix, shift
@@ -140,7 +140,7 @@ class Scale(SpaceMap):
 
 
 class PlaneMap:
-    """An affine map of a picture's coordinates, or of space, and what it makes of all that a step holds."""
+    """An affine map of a picture's coordinates, or of space, and the images of all parts of a step under it."""
 
     def __init__(self, matrix: NDArray[np.float64], shift: NDArray[np.float64]) -> None:
         self.matrix, self.shift = matrix, shift

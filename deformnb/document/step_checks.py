@@ -1,7 +1,7 @@
 """Diagnostics of a step of a document: folds, stages, safe drags, quality of its fit, uncertainty.
 
 Folds are searched for at the nodes of a lattice that covers the volume: 97 along the longer side of the picture and the
-same step along the other, on one slice where every slice is alike and on 9 of them otherwise; for points in space 33
+same step along the other, on one slice where all slices are equal and on 9 of them otherwise; for points in space 33
 along the longest side. A fold narrower than a cell of it, a hundredth of the picture, can be missed.
 """
 
@@ -189,7 +189,7 @@ def required_stages(
     Raises
     ------
     DeformError
-        If that many do not do: points that pass through one another on their straight ways, such as two that are
+        If that many do not do: points that pass through one another on their straight paths, such as two that are
         swapped, fold in any number of stages. If the step cannot be fitted at all.
 
     Examples
@@ -200,7 +200,7 @@ def required_stages(
     >>> required_stages(Step((points,), Plane.from_view(grid, "+z"), support=30.0, trend="none"), grid)
     4
     """
-    replace(step, stages=1).field(grid)  # no fold but an error of its own, which is raised here
+    replace(step, stages=1).field(grid)  # no fold but a separate error, which is raised here
     count = 1
     while count <= most:
         try:
@@ -243,11 +243,11 @@ def safe_points(
     *,
     is_tissue: IsTissue | None = None,
 ) -> ControlPoints:
-    """The control points as far as is safe on the straight way from one state to another.
+    """The control points as far as is safe on the straight path from one state to another.
 
     Parameters
     ----------
-    step : to which the points belong; what it holds itself does not count.
+    step : to which the points belong; its own points do not count.
     before, after : points of the same ids move from target to target; those that are new come from their sources.
     key : which set of control points of the step they are.
 
@@ -258,7 +258,7 @@ def safe_points(
     Raises
     ------
     DeformError
-        If the map folds before the way begins.
+        If the map folds at the start of the path.
 
     Examples
     --------
@@ -292,7 +292,7 @@ def safe_points(
 def step_quality(step: Step, grid: Grid, key: int = 0) -> FitQuality:
     """Goodness of fit of a step's control points; see :class:`~deformnb.analysis.quality.FitQuality`.
 
-    Beside cuts every region counts on its own, as it is fitted; beside rigid parts with the weight of the parts
+    With cuts every region counts separately, as it is fitted; with rigid parts with the weight of the parts
     held, and points that a part holds are left out. Several stages count as one. Of a fit forward the errors are those
     of where sources come to, in the result.
 
@@ -406,7 +406,7 @@ def _mean_scale(scales: list[float]) -> float:
 def best_prediction(step: Step, progress: Progress | None = None) -> ChosenFit:
     """The fit that predicts left-out control points of a step best; see :func:`~deformnb.rbf.prediction.choose_fit`.
 
-    The points of every region between cuts and of every key picture are judged by themselves; beside rigid parts,
+    The points of every region between cuts and of every key picture are judged separately; with rigid parts,
     which hold for fits backward only, these alone are tried.
 
     Parameters
@@ -461,7 +461,7 @@ class StepUncertainty:
     Parameters
     ----------
     dim : 2 on a plane, 3 in space.
-    regions : of the cuts; groups : for each region with points its sides, its uncertainty, and the fit beside rigid
+    regions : of the cuts; groups : for each region with points its sides, its uncertainty, and the fit with rigid
         parts, which scales it by their weight.
     """
 

@@ -1,6 +1,6 @@
 """Transplant of a document from the volume on which it was made to another one, with its points aligned.
 
-The alignment "none" keeps all coordinates: right for volumes that lie in one space, such as two scans of one
+The alignment "none" leaves all coordinates unchanged: right for volumes in one space, such as two scans of one
 patient that were aligned. The alignment "box" maps the box of the volume it was made on to the box of the other
 one, axis by axis: right for specimens of one posture that differ in size and position.
 """
@@ -47,7 +47,7 @@ ALIGNMENTS: dict[str, Callable[[Deformation, Grid], Deformation]] = {"none": _al
 
 @check_arguments
 def transplant(deformation: Deformation, grid: Grid, alignment: str = "none") -> Deformation:
-    """The document for a volume of another grid; after the alignment "box" it has no volume of its own any more.
+    """The document for a volume of another grid; after the alignment "box" it has no volume any more.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 """Autosave of a session, a second after each edit, into a folder of the user, and recovery from it.
 
-An edit only leaves its document here and goes on; everything else, the checksum of the volume too, happens in a thread
+An edit only stores its document here; everything else, the checksum of the volume too, happens in a thread
 that holds no reference to the session, and that ends when nothing waits: a session that nobody closes, such as that of
 a widget whose variable was deleted, has no thread while nobody edits it. A failure is reported once and never stops an
 edit.
@@ -71,16 +71,16 @@ class Autosave:
 
     Parameters
     ----------
-    session : what is watched, as long as it lives; it is not kept alive.
+    session : to observe; held by a weak reference.
     folder : where to; default is :func:`~deformnb.session.autosave_store.state_folder`.
     delay : seconds after the last edit; after :data:`LONGEST_WAIT` of edits without a pause it is written too.
     on_ready : called once the volume's checksum is known, with what identifies the volume.
-    on_written : called with the facts of what was written.
-    on_trouble : called with what stands in the way, once until it works again.
+    on_written : called with the facts of the written state.
+    on_trouble : called with the obstacle, once until it works again.
 
     Notes
     -----
-    All three are called in the thread that writes.
+    The writing thread calls all three.
 
     Examples
     --------
@@ -123,7 +123,7 @@ class Autosave:
         return None if entry is None else entry.path
 
     def replaces(self, entry: SavedSession) -> None:
-        """The session goes on with this one, which is offered no more once the session itself is written."""
+        """Let the session continue with this one, which is offered no more once the session itself is written."""
         self._job.file.replaced.append(entry)
 
     def flush(self, timeout: float = 60.0) -> None:
@@ -178,7 +178,7 @@ class _Reports:
         _safely(lambda: entry and self._on_written and self._on_written(entry))
 
     def trouble(self, error: Exception) -> None:
-        """Something stands in the way."""
+        """Report an obstacle."""
         if self._has_trouble:
             return
         self._has_trouble = True
@@ -206,7 +206,7 @@ class _SessionFile:
         self._is_pruned = False
 
     def write(self, snapshot: _Snapshot) -> SavedSession | None:
-        """Write what was edited, if it differs from what the session began with."""
+        """Write the edits, if the document differs from that at the start of the session."""
         assert self.reference is not None
         bare = _bare(snapshot.state.deformation)
         state = "saved" if bare == self.saved else "unchanged" if bare == self._first else "open"
@@ -230,7 +230,7 @@ class _SessionFile:
         return self.entry
 
     def prune(self) -> None:
-        """Remove what is too old or too much in the folder, once."""
+        """Remove files of the folder that are too old or too many, once."""
         if not self._is_pruned and self.entry is not None:
             self._is_pruned = True
             prune(self.folder)
@@ -285,7 +285,7 @@ class _Job:
         self.changed = threading.Condition()  # guards what follows, and wakes the thread
         self.latest = _Snapshot(state, datetime.now(UTC))
         self.waiting: _Snapshot | None = None
-        self.unwritten: _Snapshot | None = None  # the last, if something stood in its way
+        self.unwritten: _Snapshot | None = None  # the last one, if writing it failed
         self.since = self.due = 0.0
         self.is_urgent = self.is_busy = self.is_ending = self.is_done = False
         self.thread: threading.Thread | None = None
@@ -440,7 +440,7 @@ _HELD: set[int] = set()
 
 @atexit.register
 def _end_all() -> None:
-    """Write what waits, and close what is open: that a process ends by itself is no crash."""
+    """Write waiting snapshots and close open files: that a process ends by itself is no crash."""
     jobs = list(_OPEN)
     until = time.monotonic() + _PATIENCE_AT_EXIT
     for job in jobs:
@@ -469,7 +469,7 @@ class Recovery:
 
     Parameters
     ----------
-    session : what is edited.
+    session : to edit.
     report : receives failures, and notes on a document that was made on another volume.
     changed : called when there is another offer, or something was written; from any thread.
     options : of :class:`~deformnb.session.autosave.Autosave`.
@@ -477,10 +477,10 @@ class Recovery:
     Attributes
     ----------
     autosave : what writes.
-    lost : what is offered, the newest first.
+    lost : the offers, the newest first.
     earlier : sessions on the volume that ended by themselves with edits that are in no file, the newest first.
     ready : set once the lost sessions are known.
-    written : when what is not saved was last written, for people; empty if there is nothing such.
+    written : time of the last write of unsaved edits, for people; empty if there are none.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Store of autosaved sessions in a folder of the user: the list, the lost ones, and their contents.
 
-Each is a file of two parts: a line of facts, and the document. Beside the file of a session that is running lies an
+Each is a file of two parts: a line of facts, and the document. Next to the file of a running session is an
 empty one that its process holds (see :mod:`deformnb.io.files.atomic`): when the process dies, the system releases it,
 and the edits that were not saved count as lost.
 """
@@ -26,14 +26,14 @@ from deformnb.volume.volume import Grid, VolumeLike
 
 AUTOSAVE_FORMAT = "deformnb-autosave"
 STATES = ("open", "saved", "closed", "skipped", "restored", "unchanged")
-"""Of a session; "open" is lost when its process has gone, and the others are kept a while.
+"""Of a session; "open" is lost when its process has gone, and the others are stored for a while.
 
-A session that ends with edits that are in no file is "closed", whoever has closed it; it stays "open" only if its
+A session that ends with edits that are in no file is "closed", however it was closed; it stays "open" only if its
 process had no time to record it.
 """
 
 MOST_PER_VOLUME, MOST_AUTOSAVES, MOST_AUTOSAVE_BYTES = 20, 200, 200 * 2**20
-"""Largest number of sessions kept besides those that are open, and their size together; the newest stay.
+"""Largest number of sessions stored in addition to the open ones, and their size together; the newest stay.
 
 No age counts: a clock may go wrong in both directions, and a holiday is longer than any number of days.
 """
@@ -61,7 +61,7 @@ class SavedSession:
     Parameters
     ----------
     path : its file.
-    volume : what was deformed.
+    volume : name of the deformed volume.
     edited : when the last edit was made.
     state : one of :data:`STATES`.
     points, steps : how many there are.
@@ -204,7 +204,7 @@ def saved_sessions(
     Parameters
     ----------
     volume : which; takes a moment for a large one, for its checksum.
-    folder : where they lie; default is :func:`state_folder`.
+    folder : of the files; default is :func:`state_folder`.
     every : those too that were saved, closed, skipped or restored, or are running.
 
     Examples
@@ -251,7 +251,7 @@ def restore(entry: SavedSession) -> Deformation:
 
 
 def skip(entry: SavedSession) -> None:
-    """Offer a session no more; its file is kept a while."""
+    """Offer a session no more; its file stays for a while."""
     skipped_here.add(entry.path)
     mark(entry, "skipped")
 
@@ -286,13 +286,13 @@ def _text(entry: SavedSession) -> str:
         raise DeformError(f"the session of {moment(entry.edited)} cannot be read any more: {error}.") from None
 
 
-# -- how many are kept -------------------------------------------------------------------------------------------------
+# -- limits of the history ---------------------------------------------------------------------------------------------
 
 
 def prune(folder: Path) -> None:
-    """Remove the oldest of what is too much; never what is open: it is running, or nobody has answered its offer yet.
+    """Remove the oldest files beyond the limits; never an open one: it is running, or its offer is not answered yet.
 
-    The folder may be one of the user's: what is not named as a session's file is nothing to us.
+    The folder may be one of the user's: files that are not named as those of sessions are ignored.
     """
     with suppress(OSError):
         for held in _ours(folder, _HELD):

@@ -1,4 +1,4 @@
-"""Batch replay of one document on many files: finished results are kept, failures reported, and a second run resumes.
+"""Batch replay of one document on many files: finished results stay, failures are reported, and a second run resumes.
 
 The folder of the results holds ``deformnb-replay.json``, which names for each result the document, options and input it
 was made of. After an interruption, or with further inputs, a run does only the results that are missing or out of date.
@@ -105,23 +105,23 @@ def replay(
     overwrite: bool = False,
     progress: Callable[[str, float], None] | None = None,
 ) -> list[Replayed]:
-    """Apply a document to files, and go on where an earlier run was stopped.
+    """Apply a document to files, and continue where an earlier run was stopped.
 
     Parameters
     ----------
     deformation : the document.
     inputs : files, or folders of them; see :func:`inputs_of`.
-    folder : of the results, which keep the names of their inputs; made if it is not there.
-    work : what is done to one file; default reads a volume, deforms it and writes it.
+    folder : of the results, which have the names of their inputs; made if it is not there.
+    work : the function for one file; default reads a volume, deforms it and writes it.
     options : of the work, as plain JSON: results that were made with others are made again.
     suffix : of the results, such as ".nii.gz", where they shall have another format than their inputs.
     overwrite : replace files that no replay has written.
     progress : called with the name of an input and the finished share of it; may raise
-        :class:`~deformnb.errors.Cancelled`. What is done by then is kept.
+        :class:`~deformnb.errors.Cancelled`. Finished results stay.
 
     Returns
     -------
-    list of Replayed, one for each input. A file that fails does not keep the others from being done.
+    list of Replayed, one for each input. A file that fails does not stop the others.
 
     Raises
     ------

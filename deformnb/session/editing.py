@@ -336,7 +336,7 @@ class Editing(traitlets.HasTraits):
     # -- undo and redo -------------------------------------------------------------------------------------------------
 
     def start_drag(self) -> None:
-        """The pointer has gone down on a slider: the drag is a step of undo of its own."""
+        """Start the drag of a slider, which is a separate step of undo."""
         with self.lock:
             self.past.start_drag()
 
@@ -391,7 +391,7 @@ class Editing(traitlets.HasTraits):
     # -- from one state to the next ------------------------------------------------------------------------------------
 
     def _show(self, state: Edited) -> None:
-        """Set what has been checked, all at once: observers see no mixture."""
+        """Set what has been checked, in one update: observers see no mixture."""
         self.state, self._is_showing = state, True
         try:
             with self.hold_trait_notifications():

@@ -1,4 +1,4 @@
-"""Examples of a deformation for any volume: each is one edit of a session that shows what a tool is for.
+"""Examples of a deformation for any volume: each is one edit of a session that shows the use of a tool.
 
 Each places control points around what is bright on the picture, along its principal axes
 (:func:`~deformnb.imaging.demo.subject_axes`) or in its box (:func:`~deformnb.imaging.demo.subject_box`), in place of
@@ -47,7 +47,7 @@ class Example:
 
 
 def _shorten_axes(picture: Picture) -> tuple[NDArray[np.float64], ...]:
-    """The axes of the subject, shortened so that no corner of the box along them lies beyond the picture."""
+    """The axes of the subject, shortened so that no corner of the box along them is outside the picture."""
     middle, long, short = subject_axes(picture)
     a0, a1, b0, b1 = picture.raster.box
     room = np.minimum(middle - (a0, b0), (a1, b1) - middle)

@@ -91,7 +91,7 @@ class Frozen:
 
         Parameters
         ----------
-        seen : what a view shows, or its camera alone.
+        seen : the state of a view, or its camera alone.
         size : (width, height) of renderings and movies in pixels.
         fps : pictures a second of movies.
         """
@@ -315,7 +315,7 @@ def _draw_moments(
             left[moment] -= 1
             if left[moment] > 0:
                 kept[moment] = image
-            yield image.copy()  # whoever paints on it must not paint on one to come
+            yield image.copy()  # a caller that paints on it must not paint on one to come
     finally:
         scene.close()
 
@@ -372,7 +372,7 @@ def export(
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> Path:
-    """Write a session as a file; its suffix chooses what is written.
+    """Write a session as a file; its suffix selects the content.
 
     Parameters
     ----------
@@ -380,7 +380,7 @@ def export(
     seen : all that a view shows instead, as its method ``seen`` returns it.
     size : (width, height) of renderings and movies in pixels; default is 1600 x 1200, and 640 x 480 for movies.
     fps : pictures a second of movies.
-    overwrite : replace any file; else only one that holds what the session has opened or written.
+    overwrite : replace any file; else only one that the session has opened or written and nobody has changed.
 
     Raises
     ------

@@ -28,7 +28,7 @@ class Files(traitlets.HasTraits):
     ----------
     saved : the document that is safe in a file of its user's, as it was last written or opened; None if none is.
     path : where it was last written or opened; None if nowhere.
-    known : what was opened and written here, which alone is replaced unasked.
+    known : files opened and written here, which alone are replaced without a question.
     reference : call it for what identifies the volume; the first call takes a moment for a large volume.
 
     Examples
@@ -54,7 +54,7 @@ class Files(traitlets.HasTraits):
 
         Parameters
         ----------
-        overwrite : replace any file; else only one that holds what was opened or saved here.
+        overwrite : replace any file; else only one as it was opened or saved here.
 
         Raises
         ------

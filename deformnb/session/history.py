@@ -19,14 +19,14 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.rbf.regions import Mask
 
 MOST_STATES = 200
-"""States that can be gone back to, besides the one that is shown."""
+"""States that can be restored, in addition to the one that is shown."""
 
 MOST_HISTORY_BYTES = 256 * 2**20
 """Largest memory of all states together."""
 
-# Edits of one kind closer than this are one step of undo: arrow keys held down, a slider on its way.
+# Edits of one kind closer than this are one step of undo: arrow keys held down, a slider that moves.
 _JOIN_SECONDS = 0.8
-# A pointer on a slider may stand still for so long, and still be on its way.
+# A pointer on a slider may rest for so long within one drag.
 _SLIDE_SECONDS = 30.0
 # Python objects, roughly: one of any kind, and the id, the name and the switches of one control point.
 _OBJECT, _POINT = 64, 100
@@ -42,7 +42,7 @@ class HistoryNode(NamedTuple):
     ----------
     id : never given twice.
     parent : the state that it was made from; None for the oldest one.
-    label : what was done to get there; "" for the state that everything began with.
+    label : the edit that led there; "" for the state that everything began with.
     time : when, in seconds since 1970.
     is_current : whether it is the one that is shown.
     is_on_way : whether undo and redo lead there.
@@ -67,7 +67,7 @@ class _Node:
     parent: int | None
     label: str
     time: float
-    state: Any = None  # None while it is shown: whoever shows it holds it
+    state: Any = None  # None while it is shown: the caller that shows it holds it
     children: list[int] = field(default_factory=list)  # the one that was seen last at the end
 
     @property
@@ -77,15 +77,15 @@ class _Node:
 
 
 class History:
-    """Old states and what was done to each; edits of one kind in quick succession count as one.
+    """Old states and their edits; edits of one kind in quick succession count as one.
 
-    The state that is shown belongs to whoever shows it, and is handed over when it is left. Where there is no room,
+    The state that is shown belongs to the caller, which passes it when it is left. Where there is no room,
     the oldest ends of branches that undo and redo do not lead to go first, then the oldest states of all; the one
     next to the shown one stays, whatever it weighs.
 
     Parameters
     ----------
-    most : states that can be gone to; most_bytes : what they may weigh.
+    most : states that can be restored; most_bytes : their limit of memory.
     weigh : returns the parts of a state.
 
     Examples
@@ -112,7 +112,7 @@ class History:
         self._kind: str | None = None
         self._at: float = -np.inf
 
-    # -- edits and ways ------------------------------------------------------------------------------------------------
+    # -- edits and paths -----------------------------------------------------------------------------------------------
 
     def record(
         self, before: Any, label: str, kind: str | None = None, now: float | None = None, *, slides: bool = False
@@ -143,7 +143,7 @@ class History:
         self._kind = None
 
     def step(self, way: str, current: Any) -> tuple[Any, str] | None:
-        """The state before ("undo") or after ("redo") the current one and what lies between; None at the end.
+        """The state before ("undo") or after ("redo") the current one and those in between; None at the end.
 
         Parameters
         ----------
@@ -156,7 +156,7 @@ class History:
         return self._arrive(to, current), here.label if way == "undo" else self._nodes[to].label
 
     def go(self, node: int, current: Any) -> tuple[Any, str]:
-        """Any state of the tree, and what was done to get there.
+        """Any state of the tree, and the edits that led there.
 
         Parameters
         ----------
@@ -195,7 +195,7 @@ class History:
 
     @property
     def bytes(self) -> int:
-        """Memory of the reachable states; the current one counts for whoever shows it."""
+        """Memory of the reachable states; the current one belongs to the caller."""
         return self._ledger.total
 
     def __len__(self) -> int:
@@ -240,7 +240,7 @@ class History:
         way = self._visible_path()
         gone = next((n for n in self._nodes.values() if not n.children and n.id not in way), None)
         if gone is None and self._root != self._current and self._nodes[self._current].parent != self._root:
-            gone = self._nodes[self._root]  # all that is left is the way, so it has one child
+            gone = self._nodes[self._root]  # only the path is left, so it has one child
             self._root = gone.children[0]
             self._nodes[self._root].parent = None
         elif gone is None:
@@ -269,7 +269,7 @@ class _Held:
 
 
 class _Ledger:
-    """Parts of states and what they weigh together, each counted once."""
+    """Parts of states and their memory together, each counted once."""
 
     def __init__(self, weigh: Weigh) -> None:
         self.total = 0
@@ -289,7 +289,7 @@ class _Ledger:
             self.hold(other)
 
     def release(self, part: Any) -> None:
-        """One holder less; with the last of them goes what the part was made of."""
+        """Remove one holder; the last of them frees the parts of the part."""
         held = self._held[id(part)]
         held.holders -= 1
         if held.holders == 0:

@@ -37,8 +37,8 @@ def volume_from(
 
     Parameters
     ----------
-    spacing : true voxel size (x, y, z), where a file says a wrong one.
-    is_labels : whether the voxels of a file are labels; None as the file says.
+    spacing : true voxel size (x, y, z), where a file has a wrong one.
+    is_labels : whether the voxels of a file are labels; None as in the file.
     level : of a pyramid that is read, 0 for the finest; None for the finest that fits into memory.
     """
     if is_surface(given):
@@ -55,7 +55,7 @@ def volume_from(
 
 
 def subject_from(given: Any, **options: Any) -> Volume | Channels:
-    """Subject of a session: as :func:`volume_from`, but channels and colours stay what they are.
+    """Subject of a session: as :func:`volume_from`, but channels and colours stay unchanged.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A cache of one value: the last that was computed, by a key that names what it depends on."""
+"""A cache of one value: the last that was computed, by a key of its inputs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pictures of a session: projection, slice, window, colours and opacities, and what they are drawn of."""
+"""The pictures of a session: projection, slice, window, colours and opacities, and their sources."""
 
 from __future__ import annotations
 
@@ -82,8 +82,8 @@ class Pictures(traitlets.HasTraits):
     Attributes
     ----------
     method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
-    depth : where a "slice" lies along the normal, from the middle of the volume.
-    window : values shown as black and white in grey pictures, set by hand; None for the automatic window of each.
+    depth : position of a "slice" along the normal, from the middle of the volume.
+    window : values shown as black and white in grey pictures, set manually; None for the automatic window of each.
     colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     channel_displays : colour, window and visibility of each of the channels, a
         :class:`~deformnb.volume.channels.ChannelDisplay`; empty where there are none.
@@ -119,10 +119,10 @@ class Pictures(traitlets.HasTraits):
             view_state.setdefault("channel_displays", channels.displays())
         super().__init__(**view_state)
 
-    # -- what a picture is drawn of ------------------------------------------------------------------------------------
+    # -- sources of the pictures ---------------------------------------------------------------------------------------
 
     def base(self) -> Volume:
-        """The volume as the steps before the one being edited have made it: what the picture shows."""
+        """The volume after the steps before the one being edited: the content of the picture."""
         return self._base_of(self._editing.state.earlier)
 
     def _base_of(self, earlier: Deformation) -> Volume:
@@ -150,7 +150,7 @@ class Pictures(traitlets.HasTraits):
     def picture(self, progress: Progress | None = None) -> Picture:
         """The picture that is being edited, before the step that is edited; cached until something else is requested.
 
-        A grey one is in the colour map of the session, and in the window that was set by hand, if one was.
+        A grey one is in the colour map of the session, and in the window that was set manually, if one was.
         """
         picture = self.automatic_picture(progress)
         style = _Styled(picture, self.window or picture.window, self.colour_map)
@@ -240,7 +240,7 @@ class Pictures(traitlets.HasTraits):
 
         Parameters
         ----------
-        besides : names of traits that stay.
+        besides : names of traits that stay unchanged.
         is_other : the document was made on another volume.
         """
         for name, value in stored.traits(is_other=is_other).items():

@@ -1,4 +1,4 @@
-"""The results of a session: the field of its document, the deformed volume, and the box in which that lies."""
+"""The results of a session: the field of its document, the deformed volume, and its box."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def warp_series(
     Raises
     ------
     VolumeFileError
-        If a file cannot be read or written, or the target's format cannot hold what the source does.
+        If a file cannot be read or written, or the target's format cannot hold the content of the source.
     DeformError
         As :func:`deformnb.warp`.
 

@@ -34,12 +34,12 @@ from deformnb.warping.points import Landmarks, LandmarksLike, as_landmarks
 
 
 class Session:
-    """A volume, the deformation made of it so far, and the way back.
+    """A volume, the deformation made of it so far, and the history of edits.
 
     Parameters
     ----------
-    volume : what is deformed; never changed. Whatever is a volume, channels or a mesh will do, as in the studio.
-    deformation : to go on with, and to look at as it was saved; default is one step with a point in each corner of the
+    volume : to deform; never changed. Whatever is a volume, channels or a mesh will do, as in the studio.
+    deformation : to continue, in the view state that was saved; default is one step with a point in each corner of the
         picture that holds it still.
     view : side of the first picture, one of :data:`~deformnb.volume.plane.VIEWS`.
     output : grid of the result; default is the document's, and the volume's own if it has none.
@@ -94,7 +94,7 @@ class Session:
         self.pictures = Pictures(volume, channels, self.editing, **view_state)
         self.results = Results(volume, channels, self.editing)
         self.files = Files(volume, source)
-        notes = (*volume.decided(volume.is_labels).notes, laid)  # whether voxels are labels is asked by the front end
+        notes = (*volume.decided(volume.is_labels).notes, laid)  # the front end asks about labels
         self.editing.notice = " ".join(f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in notes if note)
         made_on = deformation.volume  # whether it was this very one would take its checksum: see Files.difference
         self.pictures.restore(stored, besides=view_state, is_other=made_on is not None and made_on.shape != grid.shape)
@@ -134,7 +134,7 @@ class Session:
     def landmarks(self) -> Landmarks:
         """The control points being edited as landmarks in space (LPS), with their targets as fixed places.
 
-        Those of a picture lie in its plane.
+        Those of a picture are in its plane.
         """
         points, plane = self.editing.points, self.editing.step.plane
         ends = [points.source, points.target]
@@ -142,14 +142,14 @@ class Session:
         return Landmarks(source, points.names, fixed=target, active=points.active, unit=self.editing.grid.unit)
 
     def fix_outline(self, count: int = 16) -> None:
-        """Add points that stay along the outline of what the picture shows: drags bend only what lies around them.
+        """Add points that stay along the outline of what the picture shows: drags bend only the tissue around them.
 
         On a slice and a maximum the outline is where the values rise above air, elsewhere where dark and bright part
         best. Points that hold it already and were not moved make room.
 
         Parameters
         ----------
-        count : places along the outline; those beside another point stay free.
+        count : places along the outline; those close to another point stay free.
 
         Raises
         ------
@@ -160,7 +160,7 @@ class Session:
             raise DeformError(
                 "an outline lies on a picture, and this step has its points in space: choose another step, or add one."
             )
-        picture, level = self.pictures.automatic_picture(), None  # a window set by hand may begin above air
+        picture, level = self.pictures.automatic_picture(), None  # a window set manually may begin above air
         if self.pictures.method in ("slice", "mip"):
             low, high = picture.window
             level = min(max((levels(self.volume)[1] - low) / (high - low), 0.02), 0.98)
@@ -176,7 +176,7 @@ class Session:
         """View from another side: back at the step made from there, or else on a new one after all others.
 
         So the volume is deformed on one picture, turned, and deformed on another (section 4.3 of the paper); the new
-        picture shows what the steps before have made. A step as it began is turned instead of kept.
+        picture shows the result of the steps before. A step without edits is turned instead.
         """
         plane = view if isinstance(view, Plane) else Plane.from_view(self.editing.grid, view)
         with self.editing.lock:
@@ -204,7 +204,7 @@ class Session:
 
         Parameters
         ----------
-        overwrite : replace any file; else only one that holds what was opened or saved here.
+        overwrite : replace any file; else only one as it was opened or saved here.
 
         Raises
         ------
@@ -227,14 +227,14 @@ class Session:
         """
         document, content = read_document(path)
         self.take(document, allow_other_volume=allow_other_volume)
-        if self.files.saved is not None:  # else it was changed to fit, and the file keeps what it was
+        if self.files.saved is not None:  # else it was changed to fit, and the file has the old one
             self.files.known.remember(path, content)
             self.files.path = Path(path)
 
     def take(
         self, deformation: Deformation, label: str = "open a document", *, allow_other_volume: bool = False
     ) -> None:
-        """Go on with another document that is kept elsewhere; can be undone, but for colours and projection.
+        """Continue with another document that is stored elsewhere; can be undone, but for colours and projection.
 
         See :meth:`open`.
         """

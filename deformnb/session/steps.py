@@ -87,7 +87,7 @@ class Steps:
         self._change(index, f"switch step {index + 1} {'on' if is_on else 'off'}", enabled=bool(is_on))
 
     def rename(self, index: int, name: str) -> None:
-        """Set the name of a step; an empty name lets its side stand for it."""
+        """Set the name of a step; with an empty name its side names it."""
         self._change(index, f"rename step {index + 1}", name=str(name))
 
     def set_mode(self, mode: str) -> None:
@@ -98,9 +98,9 @@ class Steps:
             editing.edit_document(replace(editing.deformation, mode=mode), label)
 
     def turn(self, plane: Plane) -> None:
-        """Edit on another side: go back to the step on this plane, or begin a new one after all others.
+        """Edit on another side: return to the step on this plane, or begin a new one after all others.
 
-        A step as it began is turned instead of kept.
+        A step without edits is turned instead.
         """
         editing = self._editing
         with editing.lock:

@@ -1,6 +1,6 @@
-"""View state of a volume, kept in a document beside its edits: projection, slice, window, colours, opacities.
+"""View state of a volume, stored in a document next to its edits: projection, slice, window, colours, opacities.
 
-A document has it in a field of its own, ``look``, since version 1.4. It is no part of the deformation: it is not undone
+A document has it in a separate field, ``look``, since version 1.4. It is no part of the deformation: it is not undone
 with an edit, and two documents that only look different are the same.
 """
 
@@ -30,8 +30,8 @@ class ViewState:
     ----------
     transfer : colours and opacities, or the name of a preset.
     method : projection of the picture.
-    depth : where a slice lies along the normal, from the middle of the volume.
-    window : values shown as black and white, where they were chosen by hand.
+    depth : position of a slice along the normal, from the middle of the volume.
+    window : values shown as black and white, where they were chosen manually.
     colour_map : of grey pictures, a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`; the default, which is the
         first, is not stored.
     ambient_occlusion : whether hollows of the volume are darker; the default, which is on, is not stored.
@@ -95,7 +95,7 @@ class ViewState:
         return without_view_state(deformation), state
 
     def traits(self, *, is_other: bool = False) -> dict[str, Any]:
-        """Settings that a session takes over; colours and window at the values of another volume would not fit."""
+        """Settings that a session adopts; colours and window at the values of another volume would not fit."""
         settings = {
             "transfer": None if is_other and isinstance(self.transfer, TransferFunction) else self.transfer,
             "method": self.method,

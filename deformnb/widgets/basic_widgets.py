@@ -1,7 +1,7 @@
 """Widgets of ipywidgets with layouts and styles that they share.
 
 Each model opens a comm, and a front end makes each before it shows the first. ipywidgets makes a layout and a style for
-every widget; here all that look the same have one. It is never changed: :func:`set_layout` gives a widget another,
+every widget; here all equal widgets share one. It is never changed: :func:`set_layout` gives a widget another,
 and :func:`own_layout` one that users may change.
 """
 
@@ -84,7 +84,7 @@ def set_layout(widget: Any, **traits: Any) -> None:
 
 
 def set_shown(part: Any, is_shown: object) -> None:
-    """Show a widget or a :class:`~deformnb.widgets.boxes.Box`, or take it out of the flow of the page."""
+    """Show a widget or a :class:`~deformnb.widgets.boxes.Box`, or take it out of the layout flow."""
     if not isinstance(part, ipw.Widget):
         part.is_shown = bool(is_shown)
     elif (part.layout.display != "none") != bool(is_shown):

@@ -1,7 +1,7 @@
 """Boxes of widgets, which are none themselves: one widget shows a tree of them.
 
 A box of ipywidgets is a widget, and its layout is another: each opens a comm. Here a box is a description, in which
-widgets stand by their number, and all boxes of a page are one trait of :class:`Boxes`. The front end has the class
+widgets are named by number, and all boxes of a front end are one trait of :class:`Boxes`. The front end has the class
 names and looks of ipywidgets' boxes.
 """
 
@@ -28,7 +28,7 @@ class Box:
 
     Parameters
     ----------
-    children : what is in it.
+    children : its contents.
     classes : names for style sheets, with spaces between.
     style : its own style, such as ``flex_flow="row wrap"``.
 
@@ -83,7 +83,7 @@ class Box:
 
     @property
     def is_shown(self) -> bool:
-        """Presence in the flow of the page."""
+        """Presence in the layout flow."""
         return self._is_shown
 
     @is_shown.setter
@@ -111,7 +111,7 @@ class Box:
             self.update()
 
     def set_style(self, **style: str | None) -> None:
-        """Set parts of its own style; None removes one."""
+        """Set parts of its style; None removes one."""
         changes = {name.replace("_", "-"): value for name, value in style.items()}
         self._style = {name: value for name, value in {**self._style, **changes}.items() if value is not None}
         self.update()
@@ -244,7 +244,7 @@ def line(*children: Any, classes: str = "", **style: str) -> Box:
 
 
 def row(*children: Any) -> Box:
-    """Controls side by side, one below the other where the page is narrow."""
+    """Controls side by side, one below the other where the window is narrow."""
     return line(*children, classes="dnb-row", flex_flow="row wrap", align_items="center", grid_gap="4px 8px")
 
 
@@ -253,7 +253,7 @@ class Boxes(SyncedWidget):
 
     Parameters
     ----------
-    children : what stands one below the other.
+    children : from top to bottom.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ def bundle(name: str) -> str:
     Raises
     ------
     RuntimeError
-        If it was not built, or of other sources than those beside it.
+        If it was not built, or of other sources than those next to it.
     """
     _check_fresh()
     return _text(name)

@@ -21,7 +21,7 @@ BACKGROUNDS = {"dark": (0.09, 0.097, 0.115), "light": (0.918, 0.923, 0.932)}
 """The middle tone of the view's two backgrounds."""
 
 STANDOFF = 1 / 0.7
-"""In perspective the viewer stands this many heights of what is seen away, as in camera.js."""
+"""Distance of the viewer in perspective, in heights of the visible box, as in camera.js."""
 
 INKS = {"dark": (0.97, 0.96, 0.93), "light": (0.09, 0.1, 0.13)}
 """The colour of words on the two backgrounds."""
@@ -47,7 +47,7 @@ PICTURE_SHOWS = ("deformed", "original", *COMPARISONS)
 
 
 def on_picture(shows: str) -> str:
-    """The display mode of a picture beside a view in this one.
+    """The display mode of a picture next to a view in this one.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def on_picture(shows: str) -> str:
 
 
 def compared(shows: str, original: Image, deformed: Image) -> Image:
-    """A still of a display mode: the line of "wipe" stands in the middle, "fade" has half of each.
+    """A still of a display mode: the line of "wipe" is in the middle, "fade" has half of each.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def compared(shows: str, original: Image, deformed: Image) -> Image:
 
 
 HOME = {"direction": [0.4, 1.0, -0.3], "up": [0.0, 0.0, 1.0], "zoom": 1.0, "pan": [0.0, 0.0]}
-"""The camera of a view at the start; ``pan`` is the way of the eye to the right and up, a length."""
+"""The camera of a view at the start; ``pan`` is the displacement of the eye to the right and up, a length."""
 
 
 _FARTHEST = {"zoom": 1e6, "pan": 1e12}  # no volume is seen from there, and the numbers of a picture would overflow
@@ -155,7 +155,7 @@ def turned(
     zoom: float | None = None,
     perspective: bool | None = None,
 ) -> dict[str, Any]:
-    """A camera with what is not None changed; another direction looks at the middle again.
+    """A camera with all that is not None changed; another direction centres the picture again.
 
     Examples
     --------
@@ -164,7 +164,7 @@ def turned(
     """
     changed = dict(camera)
     if direction is not None:
-        plane = Plane.from_normal((0, 0, 0), direction, up)  # refuses what is no direction
+        plane = Plane.from_normal((0, 0, 0), direction, up)  # refuses the zero vector
         changed |= {"direction": list(plane.normal), "up": [-c for c in plane.v], "pan": [0.0, 0.0]}
     elif up is not None:
         changed["up"] = [-c for c in Plane.from_normal((0, 0, 0), changed["direction"], up).v]

@@ -1,6 +1,6 @@
 """The widgets of a notebook's cell: a cell that runs again closes the widgets that it showed before.
 
-ipywidgets keeps every widget until it is closed. A studio or a view that is made again with each run of its cell would
+ipywidgets holds every widget until it is closed. A studio or a view that is made again with each run of its cell would
 leave its volume, its threads, its windows and its servers behind each time.
 """
 
@@ -23,7 +23,7 @@ from deformnb.widgets.basic_widgets import is_shared
 
 _LOG = logging.getLogger(__name__)
 
-_MAKING = threading.RLock()  # ipywidgets notifies one listener of what is made
+_MAKING = threading.RLock()  # ipywidgets notifies one listener of new widgets
 
 # By the cell's id and the name of the class, for anywidget makes a class of each widget: the run they were made in, and
 # the widgets of that run.
@@ -72,7 +72,7 @@ def close_earlier_of_this_cell(widget: Any) -> None:
 
 def _cell_and_run() -> tuple[str, str] | None:
     """Ids of the cell that runs and of its run, where the front end sends them."""
-    ipython = sys.modules.get("IPython")  # whoever runs cells has it; nobody else needs it
+    ipython = sys.modules.get("IPython")  # loaded where cells run; nothing else needs it
     shell = ipython.get_ipython() if ipython is not None else None
     parent: dict[str, Any] = getattr(shell, "get_parent", dict)() if shell is not None else {}
     cell = (parent.get("metadata") or {}).get("cellId")
@@ -113,7 +113,7 @@ def closed_on_failure(end: Callable[[], None]) -> Iterator[None]:
 def _try(close: Callable[[], None]) -> None:
     try:
         close()
-    except Exception:  # of half a widget; the error that matters is on its way
+    except Exception:  # of half a widget; the first error is raised
         _LOG.exception("a widget that was not finished could not be closed")
 
 
@@ -149,7 +149,7 @@ def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
     Parameters
     ----------
     bundle : of ``_repr_mimebundle_``, alone or with metadata.
-    draw : makes the PNG. What goes wrong is logged: a picture for later readers must not keep the widget from being
+    draw : makes the PNG. Its errors are logged: a picture for later readers must not prevent the widget from being
         shown now.
     """
     data = bundle[0] if isinstance(bundle, tuple) else bundle
@@ -166,7 +166,7 @@ def with_png(bundle: Any, draw: Callable[[], bytes]) -> Any:
 
 
 # Set in kernels of hosts that let nobody type and show widgets all the same: Voila, which runs notebooks as nbconvert
-# does but has a page in front of them, and Databricks.
+# does but has a web page before it, and Databricks.
 _PAGES_WITHOUT_INPUT = (
     "SERVER_SOFTWARE",
     "VOILA_BASE_URL",
@@ -179,7 +179,7 @@ _PAGES_WITHOUT_INPUT = (
 def runs_for_later_readers() -> bool:
     """Check whether a program runs this notebook without a user (nbconvert, nbclient, papermill, MyST-NB).
 
-    Those say with each cell that nobody answers ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
+    With each cell, those forbid ``input()``; JupyterLab, Notebook, VS Code and Colab let their users
     type.
     """
     if any(name in os.environ for name in _PAGES_WITHOUT_INPUT):

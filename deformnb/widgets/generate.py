@@ -205,9 +205,9 @@ def _messages() -> Iterator[str]:
 
 
 UNIONS: dict[str, Any] = {"RegionData": shapes.RegionData}
-"""Names of unions that the front end needs, besides those of all messages of a widget."""
+"""Names of unions that the front end needs, in addition to those of all messages of a widget."""
 
-# Shapes of what fields hold that are plain dictionaries on their way out.
+# Shapes of field values that are plain dictionaries when they are sent.
 _ALSO: tuple[Any, ...] = (
     editors.PaneContent,
     shapes.CutData,
@@ -256,7 +256,7 @@ def _fields(kind: type) -> str:
 
 
 def files() -> Mapping[Path, str]:
-    """Paths in a checkout, and what they must hold."""
+    """Paths in a checkout, and their contents."""
     root = SOURCES.parents[1]
     return {
         SOURCES / "generated.ts": as_typescript(),

@@ -4,7 +4,7 @@ phi and its slope are functions of the squared relative distance s = rho^2. Each
 if the kernel is compact) is one piece, halved where that is not enough, with the polynomials through the Chebyshev
 points of the piece: for an analytic function 15 degrees leave 1e-13 (L. N. Trefethen, Approximation Theory and
 Approximation Practice (2013), chapter 8), and a kink is in a piece of 1e-8 of its octave. Nearer than the first piece
-phi is linear in rho; farther than the last one it goes on as a power of s.
+phi is linear in rho; farther than the last one it continues as a power of s.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from deformnb.volume.transfer import TransferFunction, levels
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.messages.views import BoxData
 
-# A piece of the volume on its way to the front end: below the 10 MB that proxies and servers refuse, large enough that
+# A piece of the volume in transit to the front end: below the 10 MB that proxies and servers refuse, large enough that
 # the round trip of some 50 ms does not count.
 MOST_VOXELS_SENT = 256**3
 """Voxels that a front end gets at most; a larger volume is averaged."""
@@ -44,11 +44,11 @@ class PackedVolume:
     Parameters
     ----------
     volume : bytes on a grid that may be coarser than the original.
-    original : grid of the volume as it was given; its box is what is seen.
+    original : grid of the volume as it was given; its box is visible.
     window : values shown as 0 and 255.
     factors : how many voxels were averaged along x, y, z.
-    id : of this content, so that late pieces of another one are dropped.
-    outside : the byte that lies outside the volume.
+    id : of this content, so that late pieces of other contents are dropped.
+    outside : the byte outside the volume.
     white : share of the window that is white in a maximum projection.
     share : of all values of interest that the window holds; 1 shows them all.
     """
@@ -218,7 +218,7 @@ def _bytes(values: NDArray[Any], low: float, high: float) -> NDArray[np.uint8]:
 
 
 def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
-    """From 0 to 255 and rounded by what is cut off; in one place of memory, which takes a third of the time of five."""
+    """From 0 to 255 and rounded by truncation; in one place of memory, which takes a third of the time of five."""
     scaled = np.empty(values.shape, np.float64 if values.dtype.itemsize > 2 else np.float32)
     np.subtract(values, low, out=scaled, dtype=scaled.dtype)
     np.multiply(scaled, 255 / (high - low), out=scaled)
@@ -227,7 +227,7 @@ def _scaled(values: NDArray[Any], low: float, high: float) -> NDArray[Any]:
 
 
 def factors_of(grid: Grid, limit: int, largest: int) -> tuple[int, int, int]:
-    """Numbers of voxels to average along x, y, z: always where they lie closest, so that they end up nearly cubes."""
+    """Numbers of voxels to average along x, y, z: always where they are closest, so that they end up nearly cubes."""
     factors, counts, spacing = np.ones(3, int), np.array(grid.shape[::-1]), np.asarray(grid.spacing)
     while True:
         left = -(-counts // factors)
@@ -269,7 +269,7 @@ def fine_window(function: TransferFunction, volume: Volume, coarse: ValueWindow)
     ----------
     function : is constant outside of the part, so that no colour changes by leaving out the rest.
     volume : whole numbers are not resolved more finely than they are.
-    coarse : the window that all values of interest lie in.
+    coarse : the window of all values of interest.
 
     Examples
     --------

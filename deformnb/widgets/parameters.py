@@ -43,7 +43,7 @@ class AbstractParameter(ABC):
 
     Parameters
     ----------
-    label : shown beside it.
+    label : shown next to it.
     tooltip : one sentence that explains it.
     """
 
@@ -63,7 +63,7 @@ class Choice(AbstractParameter):
     Parameters
     ----------
     registry : the names; those that are registered later are offered too.
-    labels : of the names; a name without one has the title of what it names, or itself.
+    labels : of the names; a name without one has the title of its object, or itself.
     """
 
     registry: Iterable[str] = ()
@@ -127,7 +127,7 @@ class Switch(AbstractParameter):
 
 @dataclass(frozen=True)
 class Action:
-    """A button: its label, and what it does."""
+    """A button: its label, and its effect."""
 
     label: str
     tooltip: str
@@ -285,7 +285,7 @@ ACTIONS: dict[str, Action] = {
     "own_box": Action("The volume's own", "What lies outside of it is cut off"),
     "look_at": Action("", "Show it: a wrong place, two points swapped, or a drag that its neighbours do not follow"),
 }
-"""Buttons that several front ends have, by the name of what they do."""
+"""Buttons that several front ends have, by the name of their action."""
 
 
 def parameters(diagonal: float) -> dict[str, AbstractParameter]:

@@ -90,25 +90,25 @@ def standalone_html(
     language: str | None = None,
     progress: Progress | None = None,
 ) -> str:
-    """A page that needs nothing but a browser, in which points are dragged and picture and volume follow.
+    """A web page for a browser alone, in which points are dragged and picture and volume follow.
 
     Parameters
     ----------
     editor : its picture, points and settings are in the page.
-    view : its volume, colours and camera are in the page; None for the picture alone. If it follows the editor, what it
-        shows is kept; else the editor's displacement is replicated through the volume.
+    view : its volume, colours and camera are in the page; None for the picture alone. If it follows the editor, its
+        content stays; else the editor's displacement is replicated through the volume.
     title : of the page; default is the volume's name.
     about : a line under the title.
     limit : voxels in the page at most; a larger volume is averaged, which the page reports. Default is 256^3, and
         fewer where these would take more than 10 MB.
     controls : names of :data:`PAGE_CONTROLS` that the page has; none leaves picture and volume alone.
-    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the chosen one.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
     -------
     str
-        The page. It takes 0.55 MB for the scripts, 0.1 to 0.3 MB for the two pictures, and what the voxels take packed,
+        The page. It takes 0.55 MB for the scripts, 0.1 to 0.3 MB for the two pictures, and the packed voxels,
         a third more for being text: 2.2 MB for the carp, 2.8 MB for a CT of a head with 12 million voxels.
 
     Raises
@@ -146,14 +146,14 @@ def standalone_html(
 
 
 def file_page_html(language: str | None = None) -> str:
-    """A page in which a volume or a picture of one's own is opened, deformed and compared, without Python.
+    """A web page in which a volume or a picture of one's own is opened, deformed and compared, without Python.
 
     The page reads NIfTI (.nii, .nii.gz), NRRD, PNG and JPEG by the rules of :mod:`deformnb.io`, shows a volume as an
     exported page does, and saves pictures and the document that ``deformnb replay`` applies to the same file.
 
     Parameters
     ----------
-    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the one that was chosen.
+    language : of the page, a code of :data:`~deformnb.words.LANGUAGES`; default is the chosen one.
 
     Examples
     --------
@@ -285,7 +285,7 @@ def write_standalone(
 
 
 def _check_page(path: str | os.PathLike[str], *, overwrite: bool) -> None:
-    """Refuse a path that is no page's, or cannot be written."""
+    """Refuse a path without .html, or one that cannot be written."""
     if Path(path).suffix.lower() not in (".html", ".htm"):
         raise DeformError(f"{Path(path).name}: a page is written as HTML; name it {Path(path).stem}.html.")
     check_target(path, overwrite=overwrite)
@@ -427,7 +427,7 @@ def _chunk(shown: PackedVolume, index: int) -> dict[str, Any]:
 
 
 def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, Any]:
-    """The message ``field``; the map that the page fits by itself is left empty, which is what no points make."""
+    """The message ``field``; the map that the page fits by itself is left empty, as that of no points."""
     step = min(shown.volume.grid.spacing) * _EXACTNESS
     half = ("space", "depths") if maps.content.space is not None and maps.content.space.get("cut") else ()
     buffers: dict[str, NDArray[Any]] = {
@@ -500,7 +500,7 @@ def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, An
 
 
 def _as_script(module: str, name: str) -> str:
-    """A widget's module as an inline script: what it exports is kept under a name, since nobody can import it."""
+    """A widget's module as an inline script: its exports are stored under a name, since nothing can import it."""
     text, count = re.subn(
         r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
         rf'(globalThis[Symbol.for("deformnb.standalone")] ??= {{}}).{name} = \1;',
@@ -523,7 +523,7 @@ def _page(
         "base-uri 'none'",
         "form-action 'none'",
     )
-    # A "<" in JSON stands only in strings, where it may be written as a number: nothing in them can end the script.
+    # A "<" in JSON occurs only in strings, where it may be written as a number: nothing in them can end the script.
     text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
     seen = {name: _escaped(text) for name, text in texts.items()}

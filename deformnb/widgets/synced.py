@@ -1,9 +1,9 @@
-"""Base of all widgets: traits that the front end, the kernel's messages and other threads set at once.
+"""Base of all widgets: traits that the front end, the kernel's messages and other threads set concurrently.
 
 ipywidgets expects one thread. Studios compute in another, and the two rules that follow are held here for all widgets:
 
 1. A trait that is set while traits are held back (``hold_sync``) reaches the front end, whichever thread sets it.
-2. Where Python and the front end set a trait at once, the value that Python holds in the end is sent last. ipywidgets
+2. Where Python and the front end set a trait concurrently, the final value of Python is sent last. ipywidgets
    answers a front end before it takes its value: a value that another thread sends between the two would stay there.
 """
 
@@ -44,7 +44,7 @@ def translated_by_owner() -> Iterator[None]:
 
 
 class LocalComm(BaseComm):
-    """A comm without a kernel: what is sent is given to a function.
+    """A comm without a kernel: its messages are passed to a function.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class LocalComm(BaseComm):
     def publish_msg(
         self, msg_type: str, data: Any = None, metadata: Any = None, buffers: Any = None, **keys: Any
     ) -> None:
-        """Publish a message of ipywidgets: of its own life, its traits, and custom messages."""
+        """Publish a message of ipywidgets: of the life cycle, the traits, and custom messages."""
         if msg_type == "comm_msg" and data:
             self._post(data, [bytes(buffer) for buffer in buffers or []])
 
@@ -130,7 +130,7 @@ class SyncedWidget(anywidget.AnyWidget):
             _LOG.exception("a message to %s failed", type(self).__name__)
 
     def take_message(self, message: Any, buffers: Any = ()) -> None:
-        """Do what a message of :attr:`channel` requests; DeformError where that is impossible now."""
+        """Handle a message of :attr:`channel`; DeformError where that is impossible now."""
 
     def _refuse(self, refused: Refused) -> None:
         """Answer a message with something wrong in it, which has been logged."""
@@ -145,9 +145,9 @@ class SyncedWidget(anywidget.AnyWidget):
 
     @contextmanager
     def hold_sync(self) -> Iterator[None]:
-        """Send all traits to the front end at once, at the end, with those that another thread sets meanwhile.
+        """Send all traits to the front end in one message, at the end, with those that another thread sets meanwhile.
 
-        ipywidgets' own sends the names that it holds and then empties their set: what another thread has begun to hold
+        ipywidgets' own sends the names that it holds and then empties their set: names held by another thread
         between the two, such as the history of an edit while a picture is exchanged, would never reach the front end.
         """
         if self._holding_sync:

@@ -1,14 +1,14 @@
 """Displacement fields as textures of the GPU: maps over a plane, weighted along its normal, or samples in space.
 
 An extrusion is sent as it is, K small maps, those of every region if it is cut; anything else is sampled
-coarsely in space. Of a composition the last step is kept apart if it is an extrusion, since that is the one being
+coarsely in space. Of a composition the last step is separate if it is an extrusion, since that is the one being
 edited. All moments of an animation are sent as maps over one plane, one behind the other.
 
 At cuts every region has its own maps, with its distance to each cut. A map is never interpolated across a cut. The GPU
 decides at every sample anew which region is seen there, by the rule of :mod:`deformnb.rbf.cuts`; regions without
 control points are sent as such, with no displacement.
 
-A composition in which one step has cuts is sent as samples in space, each region by itself. The field beside the cut is
+A composition in which one step has cuts is sent as samples in space, each region by itself. The field next to a cut is
 smooth in every region, beyond its edge too, so it may be sampled coarsely and interpolated: the displacement of all
 steps together, the depth within the region of the place that it leads to, and the depth of the sample itself. The GPU
 chooses by them at every place, as :mod:`deformnb.rbf.cuts` does.
@@ -44,7 +44,7 @@ MOST_REGIONS = 32
 # half of such a step, a quarter of a millimetre on a body.
 CUT_STEPS = 512
 
-# Places of origin beyond the box are needed too, where the last samples would go on as they are.
+# Places of origin beyond the box are needed too, where the last samples would be constant.
 CUT_MARGIN = 0.125
 
 # Nodes at which is looked which regions there are: small ones that nobody has put a point into must be found as well.
@@ -108,7 +108,7 @@ def same_rule(a: Extrusion, b: Extrusion) -> bool:
 
 
 def with_still_regions(plane: CutPlane, grid: Grid, most: int) -> CutPlane | None:
-    """With the regions that have no points, as far as they lie in the picture; None if those are too many."""
+    """With the regions that have no points, as far as they are in the picture; None if those are too many."""
     if plane.cut is None:
         return plane
     around = cut_raster(plane.first, grid, grid, _COARSE)
@@ -149,7 +149,7 @@ def softness_of(plane: CutPlane, grid: Grid) -> float:
 
 
 def about_cut(plane: CutPlane, raster: Raster) -> PlaneCutData:
-    """Entries of a message about the cuts beside their distances. ``id`` names the distances, which seldom change."""
+    """Entries of a message about the cuts without their distances. ``id`` names the distances, which seldom change."""
     assert plane.cut is not None
     data = [region_to_data(r) for r in plane.cut.regions]
     name = hashlib.sha256(repr((data, raster)).encode()).hexdigest()[:16]
@@ -166,7 +166,7 @@ def about_cut(plane: CutPlane, raster: Raster) -> PlaneCutData:
 
 @dataclass(frozen=True, eq=False)
 class CutChain:
-    """A composition around the one of its steps whose cuts are kept.
+    """A composition around the one of its steps that keeps its cuts.
 
     Parameters
     ----------
@@ -262,11 +262,11 @@ def _all_sides(cut: Decoupled, here: NDArray[np.float64]) -> list[Sides]:
     return sorted({*cut.sides, *map(tuple, found.tolist())})
 
 
-# Weights at equal steps of depth: as many as a curve has knots, so that it is kept exactly; a hat function with knots
+# Weights at equal steps of depth: as many as a curve has knots, so that it is exact; a hat function with knots
 # in between errs by less than a thousandth.
 _DEPTHS = 1025
 
-# The GPU holds at most 256 layers at once by the standard, and a sample adds up those whose weight is not zero.
+# The GPU holds at most 256 layers of a texture by the standard, and a sample adds up those whose weight is not zero.
 MOST_MAPS = 64
 
 
@@ -387,7 +387,7 @@ def _planar(planar: CutPlane, shown: PackedVolume, grid: Grid, map_size: int) ->
 
 
 def _reach(planar: CutPlane | None, grid: Grid, map_size: int) -> float:
-    """Distance by which the last step looks beyond the box, where the steps before it must be known too."""
+    """Distance by which the last step samples beyond the box, where the steps before it must be known too."""
     if planar is None:
         return 0.0
     raster = map_raster(planar.first, grid, min(map_size, 64))
@@ -484,5 +484,5 @@ def _same_maps(index: int, old: Extrusion, new: Extrusion) -> bool:
 def equal_fields(a: Any, b: Any) -> bool:
     """Check whether two fields or regions hold the same numbers."""
     (leaves, form), (others, other_form) = jax.tree_util.tree_flatten(a), jax.tree_util.tree_flatten(b)
-    same_form = form == other_form  # type: ignore[operator]  # jax's stub of it says nothing of equality
+    same_form = form == other_form  # type: ignore[operator]  # jax's stub of it lacks equality
     return a is b or bool(same_form and all(map(np.array_equal, leaves, others)))

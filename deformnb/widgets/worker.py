@@ -1,6 +1,6 @@
 """Worker threads for slow work and for VTK.
 
-VTK needs a thread of its own, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
+VTK needs a separate thread, because an OpenGL context belongs to the thread that made it. Callbacks of widgets come
 from whatever thread a front end likes. The work that they request is queued here: calls in the order in which they
 came, then the newest job of each name, then jobs that wait for a rest.
 """
@@ -32,13 +32,13 @@ _IDLE = 30.0  # seconds without work after which a thread ends, until something 
 # At the end of the process a program that is being compiled and a picture that is being drawn are finished: XLA and VTK
 # torn out of their work end in a crash. No further program begins, so this is as long as the slowest of a busy machine.
 _PATIENCE_AT_EXIT = 30.0
-_SILENCE_AT_EXIT = 1.0  # seconds of waiting after which the process says what it waits for
+_SILENCE_AT_EXIT = 1.0  # seconds of waiting after which the process reports the cause
 
 
 class Worker:
     """A thread that does one thing after the other, started by the first of them.
 
-    It holds nothing of whoever made it: when the last reference to this object goes, the thread ends. It also ends when
+    It holds no reference to its maker: when the last reference to this object goes, the thread ends. It also ends when
     nothing was to be done for a while, and another takes its place when something is: who forgets a widget that the
     front end may still show is left with no thread.
 
@@ -47,7 +47,7 @@ class Worker:
     name : shown by debuggers.
     at_end : called in each thread as its last work.
     is_kept : whether the thread must stay though nothing is to be done.
-    failed : called in the thread with what a job has raised, which is logged in any case. What a call raises belongs to
+    failed : called in the thread with the exception of a job, which is logged in any case. That of a call belongs to
         its future.
 
     Examples
@@ -98,7 +98,7 @@ class Worker:
 
     @property
     def is_wanted(self) -> bool:
-        """True if something waits or the thread shall end: long work looks here and stops."""
+        """True if something waits or the thread shall end: long work checks this and stops."""
         return self._queue.is_wanted
 
     @property
@@ -112,11 +112,11 @@ class Worker:
         return self._queue.closed
 
     def close(self, wait: float = 0.1) -> None:
-        """End the thread after what it is doing; what waits is cancelled.
+        """End the thread after its current work; waiting jobs are cancelled.
 
         Parameters
         ----------
-        wait : seconds that this takes at most. Longer work goes on, and the thread ends behind it.
+        wait : seconds that this takes at most. Longer work continues, and the thread ends behind it.
         """
         self._queue.close()
         thread = self._thread
@@ -212,14 +212,14 @@ class _Queue:
 
 def _work(queue: _Queue, before: threading.Thread | None) -> None:
     if before is not None:
-        before.join()  # it may still put away what is made again here
+        before.join()  # it may still clear state that is made again here
         before = None
     while (work := queue.take()) is not None:
         try:
             with report_notes():  # by the widgets
                 work()
         except Exception as error:  # of a job, whose owner should have caught it: the next one must still be done
-            if not ENDING.is_set():  # which cancels what a job computes
+            if not ENDING.is_set():  # which cancels the computation of a job
                 _LOG.exception("a job of a worker failed")
                 queue.report_failure(error)
         del work  # else the thread holds the owner of its last job while it waits
@@ -236,7 +236,7 @@ def _settle(future: Future[Any], function: Callable[[], Any]) -> None:
         return
     try:
         future.set_result(function())
-    except BaseException as error:  # it belongs to whoever waits
+    except BaseException as error:  # it belongs to the waiting caller
         future.set_exception(error)
 
 

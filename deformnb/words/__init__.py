@@ -1,7 +1,7 @@
 """Visible words in other languages than English: a table for each, and what translates by it.
 
 The English words are in the sources, of Python and of the front ends. ``de.json`` maps them to German, and another file
-beside it, named by the code of its language, is another language. Another package adds its words by
+next to it, named by the code of its language, is another language. Another package adds its words by
 :func:`add_tables`. Errors of Python stay English.
 """
 

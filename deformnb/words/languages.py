@@ -53,7 +53,7 @@ LANGUAGES: dict[str, str] = {
 
 
 def add_tables(folder: Path) -> None:
-    """Add the words of another package; a key that is here already keeps its value.
+    """Add the words of another package; an existing key has priority.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def add_tables(folder: Path) -> None:
 
 
 def set_language(code: str | None) -> None:
-    """Choose the language of studios, widgets, pages and answers of lessons that are made from now on.
+    """Set the language of studios, widgets, pages and answers of lessons that are made from now on.
 
     Parameters
     ----------

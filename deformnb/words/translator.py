@@ -21,7 +21,7 @@ _ASIDE = re.compile(r"(.+?) \((.+)\)(\.?)", re.DOTALL)
 
 @dataclass(frozen=True)
 class _Pattern:
-    """A key with values: what it matches, and what is made of it."""
+    """A key with values: its pattern, and the translation."""
 
     regex: re.Pattern[str]
     names: tuple[str, ...]
@@ -34,9 +34,9 @@ class Translator:
 
     Parameters
     ----------
-    table : by the English text; in both, a name in braces stands for a value: one letter for a number; "name" and
-        "file", with digits behind where there are several, for what stays as it is; "text" for what is translated if
-        the table has it; any other for words that the table must have.
+    table : by the English text; in both, a name in braces is a value: one letter for a number; "name" and
+        "file", with digits behind where there are several, for unchanged text; "text" for text that is translated if
+        the table contains it; any other for words that the table must have.
 
     Examples
     --------
@@ -134,5 +134,5 @@ def _pattern(key: str, value: str) -> _Pattern:
     names, plain = tuple(pieces[1::2]), pieces[::2]
     parts = [_NUMBER if len(name) == 1 else "(.*?)" for name in names]
     source = "".join(re.escape(text) + part for text, part in zip(plain, [*parts, ""], strict=True))
-    rank = -len("".join(plain)), sum(len(name) > 1 for name in names)  # what says most comes first
+    rank = -len("".join(plain)), sum(len(name) > 1 for name in names)  # the most specific comes first
     return _Pattern(re.compile(source, re.DOTALL), names, value, rank)

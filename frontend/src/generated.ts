@@ -205,7 +205,7 @@ export type ParameterName = "view" | "method" | "depth" | "colour_map" | "densit
 
 // Messages: deformnb/widgets/messages
 
-/** A front end has opened; done answers it: Python receives. */
+/** A new front end; done answers it: Python receives. */
 export interface Greeting {
   type: "greet";
   /** Id of the window; 1 to 40 characters. */
@@ -258,7 +258,7 @@ export interface PointsEdit {
   seq: number;
   /** "move" while something is dragged. */
   phase: "move" | "end";
-  /** What was done. */
+  /** Kind of the edit. */
   kind: "move" | "nudge" | "add" | "remove" | "rename" | "switch" | "reset" | "undo" | "redo" | "several" | "lock" | "turn" | "scale" | "brush" | "open";
   /** Whether it is one step of an undo with the edit before it. */
   joins?: boolean;
@@ -339,7 +339,7 @@ export interface ShapesEdit {
   /** Number of the message, counted by the sender; from 0. */
   seq: number;
   what: "cuts" | "parts";
-  /** What was done, in words, such as "add cut"; 1 to 80 characters. */
+  /** Name of the edit, such as "add cut"; 1 to 80 characters. */
   kind: string;
   /** All shapes of that sort. */
   shapes: (CutData | PartData)[];
@@ -364,7 +364,7 @@ export interface ShapeChoice {
   shape?: object;
 }
 
-/** The wand was used; the trait wand has the answer. */
+/** A use of the wand; the trait wand has the answer. */
 export interface WandRequest {
   type: "wand";
   /** What becomes of it. */
@@ -379,7 +379,7 @@ export interface WandRequest {
   through: boolean;
 }
 
-/** A message was taken in, and all callbacks have run. */
+/** Confirmation of a message, after all callbacks have run. */
 export interface EditDone {
   type: "done";
   /** Id of the window; 1 to 40 characters. */
@@ -388,7 +388,7 @@ export interface EditDone {
   seq: number;
 }
 
-/** Something was refused or has failed. */
+/** A refusal or a failure. */
 export interface EditRefused {
   type: "error";
   /** Why. */
@@ -401,12 +401,12 @@ export interface DrawShape {
   tool: "cut" | "part" | "fixed";
 }
 
-/** Other rigid parts that control points contradict: ask what becomes of those. */
+/** Other rigid parts that control points contradict: ask what to do with those. */
 export interface ProposedParts {
   type: "parts";
   /** All parts. */
   parts: PartData[];
-  /** What is done, in words. */
+  /** Name of the edit. */
   kind: string;
 }
 
@@ -417,14 +417,14 @@ export interface ShowPoint {
   id: number;
 }
 
-/** A front end has opened and needs all pictures. */
+/** A new front end, which needs all pictures. */
 export interface PicturesWanted {
   type: "hello";
   /** Id of the front end; at most 40 characters. */
   view: string;
 }
 
-/** The place of the slices, or what they show, was changed. */
+/** The place or the contents of the slices were changed. */
 export interface SlicesMoved {
   type: "look";
   /** Id of the front end; at most 40 characters. */
@@ -434,11 +434,11 @@ export interface SlicesMoved {
   projection?: "slice" | "mip" | "composite" | "shaded";
   /** Whether the volume is shown without deformation. */
   original?: boolean;
-  /** Whether it goes on: with fewer pixels. */
+  /** Whether the movement continues: with fewer pixels. */
   moving?: boolean;
 }
 
-/** What has this number is shown or being drawn, so that the next may come. */
+/** Confirmation that the item of this number is shown or being drawn, so that the next may come. */
 export interface Seen {
   type: "seen";
   /** Id of the front end; at most 40 characters. */
@@ -472,7 +472,7 @@ export interface ValueEdit {
   value?: unknown;
 }
 
-/** A value was taken in. */
+/** Confirmation of a value. */
 export interface ValueTaken {
   type: "done";
   /** Number, counted by the front end. */
@@ -481,7 +481,7 @@ export interface ValueTaken {
   view: string;
 }
 
-/** A value was refused. */
+/** Refusal of a value. */
 export interface ValueRefused {
   type: "error";
   /** Id of the front end; at most 40 characters. */
@@ -502,7 +502,7 @@ export interface RowCommand {
   version: number;
 }
 
-/** The command was done or refused. */
+/** The answer to a command: done or refused. */
 export interface CommandDone {
   type: "done";
 }
@@ -526,7 +526,7 @@ export interface PointsCommand {
   value?: string | boolean | null;
 }
 
-/** It was done or refused. */
+/** The answer: done or refused. */
 export interface PointsCommandDone {
   type: "done";
   /** Id of the front end; at most 40 characters. */
@@ -543,7 +543,7 @@ export interface PointsCommandDone {
 export interface CopyText {
   type: "copy";
   text: string;
-  /** What it is for. */
+  /** Purpose. */
   note: string;
 }
 
@@ -554,7 +554,7 @@ export interface Download {
   name: string;
 }
 
-/** A file was chosen or dropped. */
+/** A file that was chosen or dropped. */
 export interface UploadBegin {
   type: "begin";
   /** Id of the upload; 1 to 64 characters. */
@@ -574,7 +574,7 @@ export interface UploadPiece {
   offset: number;
 }
 
-/** The user has given the upload up. */
+/** An upload that the user has cancelled. */
 export interface UploadCancel {
   type: "cancel";
   /** Id of the upload; 1 to 64 characters. */
@@ -592,7 +592,7 @@ export interface PieceRequest {
   length: number;
 }
 
-/** The file has come and is being read. */
+/** A file that has arrived and is being read. */
 export interface UploadReading {
   type: "reading";
   /** Id of the upload; 1 to 64 characters. */
@@ -601,14 +601,14 @@ export interface UploadReading {
   share: number;
 }
 
-/** The file was taken, cancelled or refused. */
+/** The end of an upload: taken, cancelled or refused. */
 export interface UploadDone {
   type: "done";
   /** Id of the upload; 1 to 64 characters. */
   id: string;
 }
 
-/** A button was pressed. */
+/** A pressed button. */
 export interface RestoreCommand {
   type: "act";
   /** Which. */
@@ -617,18 +617,18 @@ export interface RestoreCommand {
   version: number;
 }
 
-/** The button was pressed. */
+/** The press of the button. */
 export interface SaveRequest {
   type: "save";
 }
 
-/** A menu was opened. */
+/** An opened menu. */
 export interface MenuRequest {
   type: "menu";
   name: "history" | "examples" | "export";
 }
 
-/** A tab was chosen, or a section opened or closed. */
+/** A chosen tab, or a section opened or closed. */
 export interface BoxChoice {
   type: "choose";
   /** Number of the tabs or the section; from 0. */
@@ -637,7 +637,7 @@ export interface BoxChoice {
   index: number | null;
 }
 
-/** A front end has opened. */
+/** The greeting of a new front end. */
 export interface LiveHello {
   type: "hello";
   /** Id of the front end; at most 40 characters. */
@@ -664,7 +664,7 @@ export interface ChunkRequest {
   index: number;
 }
 
-/** The front end follows the points of an editor in space: it makes their displacement itself while they move. */
+/** The front end follows the points of an editor in space: it computes their displacement itself while they move. */
 export interface PointsFollowed {
   type: "follows";
   /** Id of the front end; at most 40 characters. */
@@ -673,7 +673,7 @@ export interface PointsFollowed {
   sender: string;
 }
 
-/** WebGL is missing: Python shall draw. */
+/** A request to draw in Python, without WebGL. */
 export interface StillRequest {
   type: "still";
   /** Id of the front end; at most 40 characters. */
@@ -681,7 +681,7 @@ export interface StillRequest {
   background?: "dark" | "light";
 }
 
-/** A front end has opened. */
+/** The greeting of a new front end. */
 export interface ServedHello {
   type: "hello";
   /** Id of the front end; at most 40 characters. */
@@ -695,7 +695,7 @@ export interface ServedHello {
   origin?: string;
 }
 
-/** The front end has another size. */
+/** The new size of a front end. */
 export interface Resized {
   type: "size";
   /** Id of the front end; at most 40 characters. */
@@ -718,7 +718,7 @@ export interface CameraData {
   perspective?: boolean | null;
 }
 
-/** The view was turned. */
+/** A camera that the user has changed. */
 export interface CameraMoved {
   type: "camera";
   /** Id of the front end; at most 40 characters. */
@@ -728,7 +728,7 @@ export interface CameraMoved {
   number: number;
 }
 
-/** The front end was closed. */
+/** The end of a front end. */
 export interface Closed {
   type: "bye";
   /** Id of the front end; at most 40 characters. */
@@ -768,7 +768,7 @@ export interface MoviePiece {
   size: number;
 }
 
-/** A frame cannot be drawn. */
+/** A frame that cannot be drawn. */
 export interface MovieFailed {
   type: "movie_failed";
   /** Id of the front end; at most 40 characters. */
@@ -835,7 +835,7 @@ export interface PlaneCutData {
   shape: [number, number, number];
   origin: [number, number];
   spacing: [number, number];
-  /** Of each region, whether it lies inside of each cut. */
+  /** Of each region, whether it is inside of each cut. */
   sides: boolean[][];
   /** A name of CUT_RULES. */
   rule: string;
@@ -895,7 +895,7 @@ export interface FramesData {
   duration: number;
 }
 
-/** What an editor moves. */
+/** The moving part of a field that follows an editor. */
 export interface FollowData {
   /** Of the map. */
   index: number;
@@ -919,7 +919,7 @@ export interface FieldMaps {
   box: BoxData;
   /** Maps of an extrusion. */
   planar: PlanarData | null;
-  /** Samples of what is no extrusion. */
+  /** Samples of a field that is no extrusion. */
   space: SpaceData | null;
   /** Whether it is coarser than it could be. */
   coarse: boolean;
@@ -933,11 +933,11 @@ export interface FieldMaps {
   seq: number;
   /** What an editor moves. */
   follow: FollowData | null;
-  /** What the front end fits while it moves; null where Python does. */
+  /** Data of a fit in the front end while it moves; null where Python fits. */
   moved: MovedData | null;
 }
 
-/** Python draws for this front end. */
+/** Notice that Python draws for this front end. */
 export interface DrawnByPython {
   type: "drawn";
   /** Id of the front end; at most 40 characters. */
@@ -946,7 +946,7 @@ export interface DrawnByPython {
   info: Record<string, unknown>;
 }
 
-/** Another volume is drawn by Python. */
+/** Notice of another volume, drawn by Python. */
 export interface VolumeInfo {
   type: "info";
   /** Of the volume, as the trait volume_info. */
@@ -967,7 +967,7 @@ export interface MovieFrame {
   box: BoxData;
   /** Maps of an extrusion. */
   planar: PlanarData | null;
-  /** Samples of what is no extrusion. */
+  /** Samples of a field that is no extrusion. */
   space: SpaceData | null;
   /** Whether it is coarser than it could be. */
   coarse: boolean;
@@ -987,7 +987,7 @@ export interface MovieFrame {
   looks: Record<string, unknown>;
 }
 
-/** No more frames are wanted. */
+/** The end of a movie: no more frames are needed. */
 export interface MovieEnd {
   type: "movie_end";
   /** Id of the front end; at most 40 characters. */
@@ -1023,7 +1023,7 @@ export interface Badge {
   text: string;
 }
 
-/** Frames come from a server of trame. */
+/** The address of a server of trame, where frames come from. */
 export interface TrameAddress {
   type: "trame";
   /** Id of the front end; at most 40 characters. */
@@ -1048,7 +1048,7 @@ export interface PaneContent {
   shapes: [number, number] | null;
 }
 
-/** A cut: what lies in the region is deformed by its own points alone. */
+/** A cut: the region is deformed by its own points alone. */
 export interface CutData {
   /** At most 200 characters. */
   name: string;

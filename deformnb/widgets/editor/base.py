@@ -4,7 +4,7 @@ The messages of both sides are in :mod:`deformnb.widgets.messages`.
 Points go to Python by these messages alone and to the front end by the trait alone; the trait ``seen`` gives each
 window the number of its last message that the points include (see ``js/sync/edits.js``).
 
-Further traits keep the pointer settings of a front end: its mirror, its grid, its brush.
+Further traits store the pointer settings of a front end: its mirror, its grid, its brush.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ SPACE_TRAITS: dict[str, Callable[[Any], None]] = {"mirror": _space_mirror, "snap
 
 _LOG = logging.getLogger(__name__)
 
-# Windows that have shown an editor and may still have an edit on its way.
+# Windows that have shown an editor and may still have an edit in transit.
 _WINDOWS = 8
 
 EditCallback = Callable[[ControlPoints, str], None]
@@ -171,7 +171,7 @@ class EditedPoints(SyncedWidget):
     settings : of the fit, a :class:`~deformnb.rbf.fit_settings.FitSettings`; each is an attribute too, such as
         ``editor.strength``, and :meth:`change` changes several at once.
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
-    snap : step of the lattice to which targets keep, 0 for none.
+    snap : step of the lattice to which targets snap, 0 for none.
     front_end_traits : checks of the traits that the front end may change, by name.
     """
 
@@ -213,17 +213,17 @@ class EditedPoints(SyncedWidget):
     def on_edit(self, callback: EditCallback | DetailCallback, remove: bool = False, *, details: bool = False) -> None:
         """Call ``callback(points, phase)`` while points are dragged ("move") and after each edit ("end").
 
-        During a drag ``editor.points`` stays as it was; only the callback sees the points on their way. A drag that is
+        During a drag ``editor.points`` stays as it was; only the callback sees the intermediate points. A drag that is
         given up ends with a "move" back to where it began. Exceptions of the callback are logged and shown in the front
         end.
 
         Parameters
         ----------
-        callback : what is called, in the order of registration.
+        callback : functions are called in the order of registration.
         remove : True takes the callback away again.
         details : True calls ``callback(edit)`` instead, with an
-            :class:`~deformnb.widgets.messages.editors.PointsEdit`: ``points``, ``phase``, what was done (``kind``) and
-            whether it goes on with the edit before it (``joins``).
+            :class:`~deformnb.widgets.messages.editors.PointsEdit`: ``points``, ``phase``, the ``kind`` of edit and
+            whether it continues the edit before it (``joins``).
         """
         if remove:
             self._callbacks = [held for held in self._callbacks if held[0] != callback]

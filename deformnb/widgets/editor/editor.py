@@ -90,7 +90,7 @@ def picture_png(picture: Picture) -> tuple[bytes, dict[str, Any]]:
 
 
 def _range(picture: Picture) -> tuple[float, float]:
-    """The values that the front end tells apart: all of them, or else the window and what is around it."""
+    """The values that the front end distinguishes: all of them, or else the window and its surroundings."""
     low, high = picture.window
     margin = WINDOWS_AROUND * (high - low)
     least, most = float(picture.values.min()), float(picture.values.max())
@@ -99,7 +99,7 @@ def _range(picture: Picture) -> tuple[float, float]:
 
 
 def raster_json(raster: Raster, facts: dict[str, Any]) -> dict[str, Any]:
-    """A raster as the front end gets it, with what the pixels mean."""
+    """A raster as the front end gets it, with the meaning of the pixels."""
     return {"shape": list(raster.shape), "spacing": list(raster.spacing), "origin": list(raster.origin), **facts}
 
 
@@ -156,7 +156,7 @@ def preview_png(picture: Picture, points: ControlPoints, fit: Callable[[], Abstr
 _LOG = logging.getLogger(__name__)
 
 ShapesCallback = Callable[[ShapesEdit], None]
-"""Called with what the front end did to cuts or rigid parts."""
+"""Called with each edit of cuts or rigid parts by the front end."""
 
 # The support radius of one point without trend where there is no volume: a bump that one can see and grab.
 _LONE_POINT_SHARE = 0.25
@@ -167,28 +167,28 @@ class Editor(EditedPoints):
 
     Parameters
     ----------
-    picture : what is seen behind the points; None for an empty sheet.
+    picture : background of the points; None for an empty sheet.
     points : control points in the picture's coordinates; default is none.
-    raster : where an empty sheet lies; default is the box of the points with some air.
+    raster : of an empty sheet; default is the box of the points with a margin.
     kernel, support, etc. : settings of the fit, as in :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`.
     density : cells of the grid along the longer side of the picture; 0 for no grid.
     show_grid, show_radius : whether the grid and the reach of the points are drawn.
-    overlay : what is laid over the picture: "folds" paints red where the map folds, "area" how tissue grows and
+    overlay : layer over the picture: "folds" paints red where the map folds, "area" how tissue grows and
         shrinks, "strain" crosses along the principal strains, "uncertainty" how far the map may be off between
         the points. Where the map folds all of them show it, "none" does not.
     drag_grid : True lets the nodes of the grid be dragged: each that is becomes a control point.
     height : largest height of the picture in CSS pixels; the editor is as wide as its place, and lower in a narrow one.
-    theme : "auto" follows the page, "light" and "dark" do not.
-    label : what a screen reader calls the picture.
+    theme : "auto" follows the front end, "light" and "dark" do not.
+    label : the accessible name of the picture.
     read_only : True shows points that cannot be changed.
     beyond : (a0, a1, b0, b1), a box on the picture's plane: as far the deformed picture is drawn where it reaches
         beyond the picture itself; empty for no farther than that.
-    air : value of the picture up to which there is air: folds in the air around the body are told apart. Default is
+    air : value of the picture up to which there is air: folds in the air around the body are distinguished. Default is
         None, for which all of the picture counts.
     lone_support : reach of a single point without trend; default is a quarter of the picture's diagonal.
     cuts, parts : lists of :class:`~deformnb.rbf.cuts.Cut` and :class:`~deformnb.rbf.rigid.RigidPart` of dimension 2, or
         the plain data of :mod:`deformnb.document.json_format`, which the traits then hold.
-    cut_rule : what is seen beside a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
+    cut_rule : the picture next to a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
 
     Notes
     -----
@@ -196,26 +196,26 @@ class Editor(EditedPoints):
     others. While f runs for an edit of the front end, ``edit_under_way`` describes it; it is None where code made
     the change. The same holds for ``cuts`` and ``parts``, which are drawn in the front end too. ``chosen_shape`` is the
     one of them that is chosen there, ``{"what": "parts", "index": 1}`` or {} for none; it stays with its shape when the
-    list changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while it is on, what the pointer does
-    on one side of the line a = at (or b = at; None is the middle of the picture) is done on the other side too.
-    ``snap`` is the step of a grid to which dragged targets keep, 0 for none; ``stop_at_folds`` holds them back before
+    list changes. ``mirror`` is ``{"on": bool, "axis": "a" | "b", "at": number}``: while on, actions of the pointer
+    on one side of the line a = at (or b = at; None is the middle of the picture) are done on the other side too.
+    ``snap`` is the step of a grid to which dragged targets snap, 0 for none; ``stop_at_folds`` holds them back before
     the map folds; ``brush_radius`` is the radius of the brushes, 0 for a share of the picture.
     ``ghost`` is another picture (PNG) that fills the box of this one, laid over it with ``ghost_opacity``.
-    ``selected`` holds the ids of the selected points. ``history`` is {} where the front end keeps an undo of its
+    ``selected`` holds the ids of the selected points. ``history`` is {} where the front end has an undo of its
     own. A history in Python sets it to ``{"undo": "move nose", "redo": ""}``: what would be undone and redone,
-    "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or what is being
-    made, such as another picture: while it is not empty the front end dims the picture, shows that text over it and
-    takes no edit and no undo; a drag under way is given up. An edit sent just before may still come. ``uid`` names the
+    "" for nothing; :meth:`on_history` then receives what the front end requests. ``waiting`` is "" or names the
+    work in progress, such as another picture: while not empty, the front end dims the picture, shows that text and
+    takes no edit and no undo; a drag in progress ends. An edit sent just before may still come. ``uid`` names the
     editor in its front end, where other widgets find its live points without the kernel (see js/sync/bus.js).
-    ``window`` holds the values shown as black and white in a picture of grey values, as they were set by hand;
+    ``window`` holds the values shown as black and white in a picture of grey values, as they were set manually;
     empty for the picture's own. ``colour_map`` is a name of :data:`~deformnb.volume.colour_maps.COLOUR_MAPS`.
     ``shows`` is "deformed", "original", or compares the two: "wipe" by a line that is dragged, "fade" by an opacity.
     ``slices`` is {} or, where the picture is one of several slices, ``{"count": 128,
     "first": -32.0, "spacing": 0.5}``, the depth of the first one and the distance of neighbours; the front end then
-    sets ``slice``, the number from 0 of the one that is wanted, and whoever observes it sets ``picture``.
-    ``wand`` is {} or what the wand of the front end has selected, see :meth:`on_wand`.
+    sets ``slice``, the number from 0 of the one that is wanted, and its observer sets ``picture``.
+    ``wand`` is {} or the selection of the wand of the front end, see :meth:`on_wand`.
     ``front_only`` is None, or whether the deformation ends in the front part of the depth, which the front end then
-    offers for a chosen cut; whoever observes it changes the depth.
+    offers for a chosen cut; its observer changes the depth.
     ``marked`` holds the ids of points that get a dashed ring, because they disagree with their neighbours.
     ``uncertainty`` is one byte for each cell of a raster over the picture, rows first, 255 where the map is known
     least; ``uncertainty_facts`` is ``{"width": columns, "height": rows, "legend": [[byte, text], ...]}``, and a contour
@@ -284,11 +284,11 @@ class Editor(EditedPoints):
         self._wand_callbacks: list[Callable[[WandRequest], None]] = []
         super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
 
-    # ---- what is shown ----------------------------------------------------------------------------------------------
+    # ---- display ----------------------------------------------------------------------------------------------------
 
     @property
     def picture(self) -> Picture | None:
-        """Picture behind the points, in the window that was set by hand; setting another one keeps both."""
+        """Picture behind the points, in the window that was set manually; both stay when another one is set."""
         if self._picture is None or self._picture.values.ndim == 3:
             return self._picture
         if not self.window and self.colour_map == self._picture.colour_map:
@@ -300,14 +300,14 @@ class Editor(EditedPoints):
     def picture(self, picture: Picture | None) -> None:
         traits = _of_picture(picture, None, self.points)
         self._picture = picture
-        with self.hold_sync():  # both in one message: a picture must never meet another one's raster
+        with self.hold_sync():  # both in one message: picture and raster must match
             for name, value in traits.items():
                 setattr(self, name, value)
 
     def fit(self) -> AbstractField:
         """The fit of the points as the core makes it: the displacement that the front end shows.
 
-        An :class:`~deformnb.rbf.interpolant.RBFInterpolant`, beside rigid parts a
+        An :class:`~deformnb.rbf.interpolant.RBFInterpolant`, with rigid parts a
         :class:`~deformnb.rbf.rigid.RigidInterpolant`, in stages a :class:`~deformnb.rbf.stages.Staged`, with cuts a
         :class:`~deformnb.rbf.cuts.Decoupled`.
 
@@ -343,7 +343,7 @@ class Editor(EditedPoints):
         return Step((self.points,), self._picture.plane, **{**self.settings.as_dict(), **shapes, **options})
 
     def preview_png(self) -> bytes:
-        """The deformed picture with its grid and points as a PNG: what is seen where no front end runs."""
+        """The deformed picture with its grid and points as a PNG: the still where no front end runs."""
         picture = self.picture or sheet(self.points)
         return preview_png(picture, self.points, self.fit, self.density if self.show_grid else 0)
 
@@ -360,11 +360,11 @@ class Editor(EditedPoints):
         self.chosen_shape = {} if what is None else {"what": what, "index": index}
 
     def propose(self, parts: Sequence[RigidPart], kind: str) -> None:
-        """Let the front end replace the rigid parts, after it has asked what becomes of points that contradict them.
+        """Let the front end replace the rigid parts, after its user has decided about points that contradict them.
 
         Parameters
         ----------
-        kind : what is done, in words.
+        kind : name of the edit.
         """
         self.post(ProposedParts(parts=shapes_to_json("parts", parts), kind=kind))
 

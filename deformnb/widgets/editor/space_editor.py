@@ -1,6 +1,6 @@
 """Editor of control points in space, with three coordinates, in three linked slices of the volume (Eq. 9).
 
-The front end draws points and cross-hairs and moves them at once; the pictures are warped here, at every movement, and
+The front end draws points and cross-hairs and moves them; the pictures are warped here, at every movement, and
 sent as bytes. The messages are those of :mod:`deformnb.widgets.messages.editors`.
 """
 
@@ -87,7 +87,7 @@ class PaneSender:
     ----------
     is_moving : True while something is dragged.
     worker : the thread; pacer : which counts what front ends have shown.
-    sent : what was sent last for each pane.
+    sent : the last message for each pane.
     """
 
     def __init__(self, draw: Callable[[int, str | None], None]) -> None:
@@ -132,9 +132,9 @@ class SpaceEditor(EditedPoints):
 
     Parameters
     ----------
-    volume : what is deformed.
+    volume : to deform.
     points : control points of dimension 3; default is none.
-    before : what was done to the volume before, a backward field in space.
+    before : the deformation before this step, a backward field in space.
     options : further fields of the step, such as its rigid ``parts``: see :meth:`step`.
     window : values that are black and white; default is from the background to the densest tissue.
     transfer : of composite pictures, or the name of a preset.
@@ -149,9 +149,9 @@ class SpaceEditor(EditedPoints):
     It can take an :class:`~deformnb.widgets.Editor`'s place: ``points``, ``selected``, ``history``, ``waiting``,
     ``on_edit``, ``on_history``, ``edit_under_way``, ``fit`` and ``step`` mean the same.
     ``LiveView.edit_points(editor)`` shows its points in a live view, where they can be dragged as well.
-    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, what the pointer does in the
-    pictures on one side of that plane is done on the other side too; the plane is one of the volume's own, the next to
-    that axis, None its middle. ``snap`` is the step of a lattice to which targets keep, 0 for none.
+    ``mirror`` is ``{"on": bool, "axis": "x" | "y" | "z", "at": number}``: while it is on, actions of the pointer in the
+    pictures on one side of that plane are done on the other side too; the plane is one of the volume's own, the next to
+    that axis, None its middle. ``snap`` is the step of a lattice to which targets snap, 0 for none.
     One that is ``read_only`` and has no points is a viewer of three linked slices: ``SpaceEditor(volume, before=field,
     read_only=True)`` shows the deformed volume.
 
@@ -205,7 +205,7 @@ class SpaceEditor(EditedPoints):
         self.observe(lambda change: self._changed(), shown)
         close_earlier_of_this_cell(self)
 
-    # ---- what is shown ----------------------------------------------------------------------------------------------
+    # ---- display ----------------------------------------------------------------------------------------------------
 
     def _of_volume(self, volume: Volume) -> dict[str, Any]:
         function = preset(self._transfer, volume) if isinstance(self._transfer, str) else self._transfer
@@ -218,14 +218,14 @@ class SpaceEditor(EditedPoints):
 
     @property
     def volume(self) -> Volume:
-        """Volume to deform; setting another one keeps the points."""
+        """Volume to deform; the points stay when another one is set."""
         return self._pictures.volume
 
     @volume.setter
     def volume(self, volume: Volume) -> None:
         with self._lock:
             traits = self._of_volume(as_volume(volume))
-        with self.hold_sync():  # both in one message: a cursor must never meet another one's pictures
+        with self.hold_sync():  # both in one message: cursor and pictures must match
             for name, value in traits.items():
                 setattr(self, name, value)
         self.revision += 1
@@ -241,7 +241,7 @@ class SpaceEditor(EditedPoints):
         self.revision += 1
 
     def preview(self, field: AbstractField | None) -> None:
-        """Show the deformation before this step as it is on its way: with fewer pixels, until it rests."""
+        """Show the deformation before this step while it changes: with fewer pixels, until it rests."""
         self.sender.is_moving = True
         self.before = field
 
@@ -265,7 +265,7 @@ class SpaceEditor(EditedPoints):
         self.revision += 1
 
     def fit(self) -> AbstractField:
-        """The backward displacement of the points as the core makes it, without what was done before.
+        """The backward displacement of the points as the core makes it, without the deformation before.
 
         Raises
         ------
@@ -279,7 +279,7 @@ class SpaceEditor(EditedPoints):
 
         Parameters
         ----------
-        options : further fields of the step, besides those of ``editor.options``.
+        options : further fields of the step, in addition to those of ``editor.options``.
         """
         return self._step(self.points, options)
 
@@ -292,7 +292,7 @@ class SpaceEditor(EditedPoints):
         self.post(ShowPoint(id=point))
 
     def field(self, points: ControlPoints | None = None) -> AbstractField:
-        """All that is done to the volume: what was done before, and then these points or the editor's own.
+        """The whole deformation: that before, and then these points or the editor's own.
 
         Raises
         ------
@@ -303,7 +303,7 @@ class SpaceEditor(EditedPoints):
         return step if self._before is None else compose(self._before, step)
 
     def preview_png(self) -> bytes:
-        """The three pictures with the points as a PNG: what is seen where no front end runs."""
+        """The three pictures with the points as a PNG: the still where no front end runs."""
         from deformnb.imaging.drawing import draw_pictures
 
         made, field = self._pictures, self.field()
@@ -357,10 +357,10 @@ class SpaceEditor(EditedPoints):
         super()._take(message)
 
     def _held(self, points: ControlPoints) -> ControlPoints:
-        """Points of the front end; the sources of new ones are what is seen where they were put.
+        """Points of the front end; the source of a new one is the tissue seen at its place.
 
-        A front end has the target only and sends it as the source. What is seen there comes from target + D, and with
-        that as its source nothing moves. Until the front end has received it, it goes on sending the same.
+        A front end has the target only and sends it as the source. The tissue there comes from target + D, and with
+        that as its source nothing moves. Until the front end has received it, it sends the same again.
         """
         known, source = set(self.points.ids), points.source.copy()
         for k, number in enumerate(points.ids):
@@ -402,7 +402,7 @@ class SpaceEditor(EditedPoints):
             if not is_moving and field is not None:
                 found = folding(field, self.volume.grid)
                 facts |= {"folds": (found.least, found.share), "worst": found.place}
-        except Exception as error:  # in a thread of its own nothing else would report it
+        except Exception as error:  # in a separate thread nothing else would report it
             _LOG.exception("pictures could not be made")
             images, facts = {}, {"note": f"The pictures could not be made: {error}", "isBad": True}
         descriptions, parts = [], []

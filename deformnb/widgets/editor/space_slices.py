@@ -38,7 +38,7 @@ _LARGEST_SIDE = 2048
 # Nodes along the longest side of the lattice on which folds are looked for.
 _FOLD_NODES = 24
 _SHAPE_PIXELS = 192  # along the longer side, of parts and cuts on a slice
-_OPAQUE = 0.5  # of what lies in front of a place: there the surface of a composite picture is
+_OPAQUE = 0.5  # accumulated in front of a place: there the surface of a composite picture is
 
 
 @dataclass(frozen=True)
@@ -114,9 +114,9 @@ class Shown:
     Parameters
     ----------
     values : uint8 (nv, nu) or (nv, nu, 3).
-    raster : where its pixels lie.
+    raster : of its pixels.
     depths : of projections, the depth that is seen at each pixel, float32 (nv, nu).
-    shapes : of slices, uint8 (n, m, 2) over the same box: how much of each place lies in a rigid part, and on a cut.
+    shapes : of slices, uint8 (n, m, 2) over the same box: how much of each place is in a rigid part, and on a cut.
     """
 
     values: NDArray[np.uint8]
@@ -216,7 +216,7 @@ def _layers(volume: Volume, plane: Plane) -> tuple[NDArray[Any], NDArray[np.floa
 def shapes_on(pane: Pane, depth: float, step: Step) -> NDArray[np.uint8] | None:
     """Coverage of a slice by the rigid parts and the cuts of a step in space; None if it has none.
 
-    Shares of 255, uint8 (n, m, 2): of each place how much lies in a part where that has gone, and on a cut.
+    Shares of 255, uint8 (n, m, 2): of each place how much is in a part at its moved place, and on a cut.
     """
     parts = [part.scaled(step.strength) for part in step.parts if part.enabled]
     cuts = [cut.region for cut in step.cuts if cut.enabled]

@@ -59,7 +59,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _show(self) -> None:
-        """Call :meth:`_set_shown` with what the front end draws."""
+        """Call :meth:`_set_shown` with the content for the front end."""
 
     def _set_shown(self, **shown: Any) -> None:
         # In one trait, for a front end must know of each new value whether its own last edit is in it.
@@ -72,7 +72,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     def on_edit(self, callback: InputCallback, remove: bool = False) -> None:
         """Call ``callback(value, phase)`` while something is dragged ("move") and after each edit ("end").
 
-        During a drag the traits stay as they were; only the callback sees the value on its way. Exceptions of the
+        During a drag the traits stay as they were; only the callback sees the intermediate value. Exceptions of the
         callback are logged and shown in the front end.
         """
         if remove:
@@ -97,7 +97,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
             _LOG.exception("a callback of %s failed", type(self).__name__)
             self.post(ValueRefused(view=view, message=f"{type(error).__name__} in a callback: {error}"))
         finally:
-            if phase == "end":  # taken or refused: what is shown now is the answer
+            if phase == "end":  # taken or refused: the current content is the answer
                 self._see(view, seq)
                 self._show()
             self.post(ValueTaken(seq=seq, view=view))

@@ -160,7 +160,7 @@ class CurveEditor(AbstractEdited):
     curve : a formula in z (see :mod:`deformnb.rbf.extrusion`) or at least two values at equal steps.
     range : least and greatest f that the plot shows; it grows if the curve goes beyond.
     smooth : True rounds the lines between nodes without overshooting.
-    height : least height of the plot in CSS pixels; a wide page makes it a little larger.
+    height : least height of the plot in CSS pixels; a wide window makes it a little larger.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes

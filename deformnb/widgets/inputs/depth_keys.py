@@ -20,7 +20,7 @@ from deformnb.widgets.inputs.base import AbstractEdited, is_number, is_whole
 from deformnb.widgets.messages.inputs import MOST_KEYS
 
 LEAST_APART = 0.01
-"""The front end keeps keys this far apart; two at one depth would tear the volume."""
+"""Least distance of keys in the front end; two at one depth would tear the volume."""
 
 
 _KINDS = {"move": 0, "add": 1, "remove": -1, "select": 0}
@@ -73,7 +73,7 @@ class DepthKeys(AbstractEdited):
 
     Notes
     -----
-    ``knots`` and ``selected`` are traits. To keep a set of points for each key use ``on_edit``: its callback gets a
+    ``knots`` and ``selected`` are traits. To store a set of points for each key use ``on_edit``: its callback gets a
     :class:`KeyEdit` with the key that was added or removed.
 
     Examples

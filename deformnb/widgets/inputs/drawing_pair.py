@@ -18,7 +18,7 @@ from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import MOST_LINES, GridDrawing
 
 ShowError = Callable[[Callable[[], None]], bool]
-"""Does what was requested and shows errors; False after one."""
+"""Runs a request and shows its errors; False after one."""
 
 _SAME = "Both grids have the same lines: a node belongs to the same part of the body on both, such as the eye."
 
@@ -29,9 +29,9 @@ class DrawingPair(Boxes):
     Parameters
     ----------
     first : the picture that will be deformed.
-    second : what it shall become; None lets the user open one.
+    second : the target drawing; None lets the user open one.
     rows, columns : lines of both grids, to begin with.
-    guard : does what a user requested and shows errors; default shows them below the drawings.
+    guard : runs what a user requested and shows errors; default shows them below the drawings.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class DrawingPair(Boxes):
         self.show_second(project(volume, "+z"))
 
     def show_second(self, picture: Picture) -> None:
-        """Show a picture as the second drawing, with a grid around what is on it."""
+        """Show a picture as the second drawing, with a grid around its foreground."""
         if self.second is not None:
             self.second.close()
         rows, columns = self.first.nodes.shape[:2]
@@ -109,7 +109,7 @@ class DrawingPair(Boxes):
 
         Parameters
         ----------
-        scale : of the second animal beside the first, one of :data:`~deformnb.datasets.SCALES`.
+        scale : of the second animal relative to the first, one of :data:`~deformnb.datasets.SCALES`.
 
         Raises
         ------

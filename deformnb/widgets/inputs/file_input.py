@@ -33,7 +33,7 @@ from deformnb.widgets.messages.record import LONGEST_NAME, Refused
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
 
-_MOST_UPLOADS = 4  # under way at a time, of all pages; the oldest belongs to a page that has gone
+_MOST_UPLOADS = 4  # in progress at a time, of all clients; the oldest belongs to a closed one
 _LOG = logging.getLogger(__name__)
 
 TakeFile = Callable[[Path, Progress], None]
@@ -46,7 +46,7 @@ class FileInput(SyncedWidget):
 
     Parameters
     ----------
-    take : called with each file, in a thread of its own.
+    take : called with each file, in a separate thread.
     guard : does that and shows errors; also those of a file that is refused before it is sent.
     check : called with the name of a file before it is sent; raises DeformError for one that cannot be taken.
     label : of the button; accept : endings of names that the file chooser offers.
@@ -90,7 +90,7 @@ class FileInput(SyncedWidget):
         super().__init__(tip=f"{tip}; {limit}" if tip else limit, **traits)
 
     def give_to(self, take: TakeFile, guard: Callable[[Callable[[], None]], bool]) -> None:
-        """Give the files from now on, those that are under way too, to another.
+        """Give the files from now on, those in progress too, to another.
 
         Parameters
         ----------
@@ -103,7 +103,7 @@ class FileInput(SyncedWidget):
         self._worker.call(lambda: None).result(timeout)
 
     def close(self) -> None:
-        """Drop the files that are under way."""
+        """Drop the uploads in progress."""
         if hasattr(self, "_uploads"):  # ipywidgets closes a half-made widget too
             for upload in [*self._uploads.values()]:
                 self._end(upload)
@@ -135,7 +135,7 @@ class FileInput(SyncedWidget):
 
     def _refuse(self, refused: Refused) -> None:
         name = refused.content.get("id")
-        if name is not None and name not in self._uploads:  # one that is under way goes on
+        if name is not None and name not in self._uploads:  # one in progress continues
             self._done(name)
             self._guard(lambda: _raise(DeformError(f"the upload was refused: {refused.reason}")))
 
@@ -212,7 +212,7 @@ class FileInput(SyncedWidget):
 
 
 class _Upload:
-    """A file that is arriving, in a folder of its own: formats are told by the ends of names."""
+    """A file that is arriving, in a separate folder: suffixes of names select formats."""
 
     def __init__(self, name: str, file: str, size: int) -> None:
         self.id, self.size, self.count, self.reported, self.is_cancelled = name, size, 0, 0.0, False

@@ -1,7 +1,7 @@
-"""A grid that is put on a drawing by hand: its corners and nodes are dragged to the parts of the body they belong to.
+"""A grid fitted to a drawing manually: its corners and nodes are dragged to the parts of the body they belong to.
 
 A value of its messages (see :mod:`deformnb.widgets.inputs.base`) has the places of all nodes and the numbers of those
-that were placed by hand: ``{"nodes": [[[a, b], ...], ...], "placed": [0, 7, ...]}``. The others lie where the
+that were placed manually: ``{"nodes": [[[a, b], ...], ...], "placed": [0, 7, ...]}``. The others are where the
 thin-plate spline through the corners and the placed ones takes them, so that few drags do; the front end fits it.
 """
 
@@ -24,9 +24,9 @@ from deformnb.widgets.image_encoding import as_png
 from deformnb.widgets.inputs.base import AbstractEdited, is_number, is_whole
 
 MOST_LINES = 16
-"""Rows and columns of a grid at most: their nodes are still told apart on a picture of 360 pixels."""
+"""Rows and columns of a grid at most: their nodes are still distinct on a picture of 360 pixels."""
 
-_LARGEST = 2048  # pixels along a side that a page gets
+_LARGEST = 2048  # pixels along a side that a front end gets
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,14 @@ class GridDrawing(AbstractEdited):
     ----------
     picture : a drawing or a photograph, such as :func:`deformnb.project` makes of a picture that was read.
     rows, columns : lines of the grid from back to belly and from head to tail.
-    nodes : (rows, columns, 2) places to begin with, in picture coordinates; default is a regular grid around what the
-        picture shows.
+    nodes : (rows, columns, 2) places to begin with, in picture coordinates; default is a regular grid around the
+        foreground of the picture.
     height : largest height of the picture in CSS pixels.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes
     -----
-    Nodes that nobody placed follow the corners and those that were, so a drag takes along what is around it.
+    Nodes that nobody placed follow the corners and those that were, so a drag moves its surroundings too.
     ``drawing.observe(f, "nodes")`` calls f after every drag.
 
     Raises
@@ -106,7 +106,7 @@ class GridDrawing(AbstractEdited):
         return custom_grid(self.nodes, name)
 
     def set_lines(self, rows: int, columns: int) -> None:
-        """Change the number of lines; the new nodes lie on the grid that is there, and count as placed by nobody."""
+        """Change the number of lines; the new nodes are on the present grid, and count as not placed."""
         self._placed = ()
         self.nodes = _refined(self.nodes, rows, columns)
 
@@ -164,7 +164,7 @@ def _png(picture: Picture) -> bytes:
 
 
 def _regular(picture: Picture, rows: int, columns: int) -> NDArray[np.float64]:
-    """A regular grid around what a picture shows, bright on a dark ground or ink on paper; else around its middle."""
+    """A regular grid around the foreground of a picture, bright on dark or ink on paper; else around its middle."""
     values = np.asarray(picture.values, dtype=np.float64)
     rim = np.concatenate([values[0], values[-1], values[:, 0], values[:, -1]])
     if np.median(rim) > (values.min() + values.max()) / 2:

@@ -32,7 +32,7 @@ class ItemList(SyncedWidget):
     columns : headings of name and facts; none is shown without.
     commands : those of :data:`COMMANDS` that a row has buttons and keys for.
     switches : whether rows can be switched on and off.
-    label : what a screen reader calls the list; empty : shown where there is no row.
+    label : the accessible name of the list; empty : shown where there is no row.
 
     Examples
     --------
@@ -68,7 +68,7 @@ class ItemList(SyncedWidget):
         ----------
         rows : of each ``name``, or ``title`` where it has none; ``facts``, a list of texts; ``on``; a colour as
             ``swatch`` or a letter as ``mark`` in the place of its number, or the letter on the colour; ``tip``;
-            ``time`` in seconds since 1970, shown as one more fact; ``indent``, how deep it lies in a tree; ``id``, if
+            ``time`` in seconds since 1970, shown as one more fact; ``indent``, its depth in a tree; ``id``, if
             nothing else identifies it.
         chosen : the row that is marked, -1 for none.
         """

@@ -52,7 +52,7 @@ class Player(SyncedWidget):
     Parameters
     ----------
     animation : whose duration, key frames and loop are shown.
-    time : the moment that is shown; setting it goes there. What lies beyond the ends goes to the nearer one.
+    time : the moment that is shown; setting it goes there. A moment beyond the ends goes to the nearer one.
     duration : of the whole in seconds.
     marks : the times of the key frames, shown on the bar.
     is_playing : setting it plays or pauses in all front ends; at the end it becomes False by itself, unless it loops.
@@ -60,7 +60,7 @@ class Player(SyncedWidget):
     loop : a name of :data:`~deformnb.document.deformation.LOOPS`.
     step : seconds that an arrow key goes.
     sync_ms : how often Python receives the time while it plays.
-    theme : "auto" follows the page, "light" and "dark" do not.
+    theme : "auto" follows the front end, "light" and "dark" do not.
 
     Examples
     --------
@@ -129,14 +129,14 @@ class Playback:
     Parameters
     ----------
     view : any view of a volume; player : a :class:`~deformnb.widgets.Player`.
-    animation : returns what is played now, None for nothing; called at every moment.
+    animation : returns the one to play now, None for nothing; called at every moment.
     grid : of the volume.
     guard : does something and shows what goes wrong with it.
     output : returns the grid whose box is seen now, None for the volume's own; called at every moment.
 
     Notes
     -----
-    Whatever else is shown in the view ends what is played there, until the player moves again.
+    Any other content of the view ends the playback there, until the player moves again.
     """
 
     def __init__(

@@ -37,7 +37,7 @@ class PointsTable(SyncedWidget):
 
     Parameters
     ----------
-    traits : ``uid`` of the editor whose drags the rows follow without Python; ``smoothing_on``, whether weights matter;
+    traits : ``uid`` of the editor whose drags the rows follow without Python; ``smoothing_on``, whether weights count;
         ``read_only``.
 
     Examples
@@ -68,7 +68,7 @@ class PointsTable(SyncedWidget):
         self._seen: dict[str, bool] = {}
         super().__init__(**traits)
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     @property
     def is_seen(self) -> bool:

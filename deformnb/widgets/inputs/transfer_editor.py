@@ -26,7 +26,7 @@ from deformnb.widgets.inputs.curve_editor import MOST_NODES
 from deformnb.widgets.synced import SyncedWidget
 from deformnb.widgets.worker import Worker
 
-_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up what is finer than a pixel
+_BINS, _SLICES = 1024, 24  # of 12 bits a bin is a few values; the front end adds up bins finer than a pixel
 _FEWEST_GAPS = 31  # gaps between values: fewer are no evidence of a step that all values share
 _FELT = 16  # more steps than this in a bin, and one more or less is not seen
 
@@ -49,7 +49,7 @@ class TransferEditor(AbstractEdited):
     ----------
     volume : whose values they are for.
     transfer : a transfer function or the name of a preset.
-    height : least height of the plot in CSS pixels; a wide page makes it a little larger.
+    height : least height of the plot in CSS pixels; a wide window makes it a little larger.
     power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent tissue
         can be distinguished and dragged; 1 is linear.
     worker : the thread in which thumbnails of the presets are made; default is one of its own.
@@ -58,7 +58,7 @@ class TransferEditor(AbstractEdited):
     Notes
     -----
     ``transfer`` is a trait: ``editor.observe(f, "transfer")`` calls f after every edit. Colours are no part of a
-    document and of its undo; the way back is the preset, which the front end offers as "Reset".
+    document and of its undo; the preset, which the front end offers as "Reset", restores them.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class TransferEditor(AbstractEdited):
 
     @property
     def volume(self) -> Volume:
-        """Volume whose values the colours are for; setting another one keeps a preset's name, or else the nodes."""
+        """Volume whose values the colours are for; a preset's name, or else the nodes, stay when another one is set."""
         return self._volume
 
     @volume.setter
@@ -114,7 +114,7 @@ class TransferEditor(AbstractEdited):
         counts, extent = shown_histogram(volume)
         name = self.preset_name
         self._volume, self._extent = volume, extent
-        with self.hold_sync():  # all in one message: a histogram must never meet another volume's nodes
+        with self.hold_sync():  # all in one message: histogram and nodes must match
             self.histogram = _bars(counts)
             self.thumbnails = {}
             if name:
@@ -263,7 +263,7 @@ def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
     """The histogram behind the curve, up to the densest tissue, with its first and last value.
 
     A few voxels of metal would compress all tissue into the first tenth of the plot. Where values come in steps, as
-    whole numbers do and what was once a byte, bins hold whole steps: one and a half would look like a comb.
+    whole numbers and former bytes do, bins hold whole steps: one and a half would appear as a comb.
     """
     low, _, _, top = levels(volume)
     step = _step(volume, low, top)

@@ -48,7 +48,7 @@ Kind: TypeAlias = Literal[
 KINDS = get_args(Kind)
 
 SliceProjection: TypeAlias = Literal["slice", "mip", "composite", "shaded"]
-"""What an editor in space shows in its three pictures."""
+"""Contents of the three pictures of an editor in space."""
 
 WINDOWS_AROUND = 16
 """Widths of the window on either side of it that an editor's picture resolves: 65536 / 33 leave it 2000 steps."""
@@ -67,7 +67,7 @@ class FromWindow(Message, frozen=True, kw_only=True):
 
 
 class Greeting(FromWindow, frozen=True, kw_only=True, tag="greet"):
-    """A front end has opened; done answers it: Python receives."""
+    """A new front end; done answers it: Python receives."""
 
 
 class MovedPart(Struct, frozen=True, kw_only=True):
@@ -81,7 +81,7 @@ class PointsEdit(FromWindow, frozen=True, kw_only=True, tag="edit"):
     """Control points that are being dragged or were edited."""
 
     phase: Annotated[Literal["move", "end"], Meta(description='"move" while something is dragged')]
-    kind: Annotated[Kind, Meta(description="what was done")]
+    kind: Annotated[Kind, Meta(description="kind of the edit")]
     joins: Annotated[bool, Meta(description="whether it is one step of an undo with the edit before it")] = False
     next_id: Annotated[Whole, Meta(description="least id that was never given")] = 0
     points: Annotated[Points, Meta(description="all points after the edit")]
@@ -106,7 +106,7 @@ class ShapesEdit(FromWindow, frozen=True, kw_only=True, tag="shapes"):
     """Cuts or rigid parts that were edited."""
 
     what: ShapeKind
-    kind: Annotated[_Words, Meta(description='what was done, in words, such as "add cut"')]
+    kind: Annotated[_Words, Meta(description='name of the edit, such as "add cut"')]
     shapes: Annotated[Shapes, Meta(description="all shapes of that sort")]
     points: Annotated[Points | None, Meta(description="all points, where the edit has changed them")] = None
     joins: Annotated[bool, Meta(description="whether such edits in quick succession are one step of an undo")] = False
@@ -136,17 +136,17 @@ class HistoryRequest(FromWindow, frozen=True, kw_only=True, tag="history"):
 
 
 class EditDone(FromWindow, frozen=True, kw_only=True, tag="done"):
-    """A message was taken in, and all callbacks have run."""
+    """Confirmation of a message, after all callbacks have run."""
 
 
 class EditRefused(Message, frozen=True, kw_only=True, tag="error"):
-    """Something was refused or has failed."""
+    """A refusal or a failure."""
 
     message: Annotated[str, Meta(description="why")]
 
 
 class WandRequest(Message, frozen=True, kw_only=True, tag="wand"):
-    """The wand was used; the trait wand has the answer."""
+    """A use of the wand; the trait wand has the answer."""
 
     what: Annotated[Literal["preview", "part", "cut", "stop"], Meta(description="what becomes of it")]
     place: Annotated[Place2, Meta(description="that was clicked, of the original picture")]
@@ -162,10 +162,10 @@ class DrawShape(Message, frozen=True, kw_only=True, tag="draw"):
 
 
 class ProposedParts(Message, frozen=True, kw_only=True, tag="parts"):
-    """Other rigid parts that control points contradict: ask what becomes of those."""
+    """Other rigid parts that control points contradict: ask what to do with those."""
 
     parts: Annotated[list[dict[str, Any]], Meta(description="all parts", extra={"typescript": "PartData[]"})]
-    kind: Annotated[str, Meta(description="what is done, in words")]
+    kind: Annotated[str, Meta(description="name of the edit")]
 
 
 class ShowPoint(Message, frozen=True, kw_only=True, tag="look"):
@@ -175,19 +175,19 @@ class ShowPoint(Message, frozen=True, kw_only=True, tag="look"):
 
 
 class PicturesWanted(Message, frozen=True, kw_only=True, tag="hello"):
-    """A front end has opened and needs all pictures."""
+    """A new front end, which needs all pictures."""
 
     view: View
 
 
 class SlicesMoved(Message, frozen=True, kw_only=True, tag="look"):
-    """The place of the slices, or what they show, was changed."""
+    """The place or the contents of the slices were changed."""
 
     view: View
     cursor: Annotated[Place3 | UnsetType, Meta(description="(x, y, z)")] = UNSET
     projection: SliceProjection | UnsetType = UNSET
     original: Annotated[bool | UnsetType, Meta(description="whether the volume is shown without deformation")] = UNSET
-    moving: Annotated[bool, Meta(description="whether it goes on: with fewer pixels")] = False
+    moving: Annotated[bool, Meta(description="whether the movement continues: with fewer pixels")] = False
 
 
 class PaneContent(Struct, frozen=True, kw_only=True):

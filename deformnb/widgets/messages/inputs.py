@@ -40,14 +40,14 @@ class ValueEdit(Message, frozen=True, kw_only=True, tag="edit"):
 
 
 class ValueTaken(Message, frozen=True, kw_only=True, tag="done"):
-    """A value was taken in."""
+    """Confirmation of a value."""
 
     seq: EditNumber
     view: View
 
 
 class ValueRefused(Message, frozen=True, kw_only=True, tag="error"):
-    """A value was refused."""
+    """Refusal of a value."""
 
     view: View
     message: Annotated[str, Meta(description="why")]
@@ -82,14 +82,14 @@ class RowCommand(Message, frozen=True, kw_only=True, tag="act"):
 
 
 class CommandDone(Message, frozen=True, kw_only=True, tag="done"):
-    """The command was done or refused."""
+    """The answer to a command: done or refused."""
 
 
 LIST: Channel[RowCommand] = Channel(("ItemList",), RowCommand, (CommandDone,))
 
 
 class RestoreCommand(Message, frozen=True, kw_only=True, tag="act"):
-    """A button was pressed."""
+    """A pressed button."""
 
     what: Annotated[RecoveryCommand, Meta(description="which")]
     version: Annotated[Whole, Meta(description="of the offer: a command for an earlier one is dropped")]
@@ -99,11 +99,11 @@ RESTORE: Channel[RestoreCommand] = Channel(("RestoreBar",), RestoreCommand, (Com
 
 
 class SaveRequest(Message, frozen=True, kw_only=True, tag="save"):
-    """The button was pressed."""
+    """The press of the button."""
 
 
 class MenuRequest(Message, frozen=True, kw_only=True, tag="menu"):
-    """A menu was opened."""
+    """An opened menu."""
 
     name: Literal["history", "examples", "export"]
 
@@ -112,7 +112,7 @@ HEAD: Channel[SaveRequest | MenuRequest] = Channel(("StudioHead",), SaveRequest 
 
 
 class BoxChoice(Message, frozen=True, kw_only=True, tag="choose"):
-    """A tab was chosen, or a section opened or closed."""
+    """A chosen tab, or a section opened or closed."""
 
     box: Annotated[Whole, Meta(description="number of the tabs or the section")]
     index: Annotated[
@@ -152,7 +152,7 @@ class PointsCommand(Message, frozen=True, kw_only=True, tag="act"):
 
     @property
     def is_on(self) -> bool:
-        """Whether a switch is on, or the table visible."""
+        """State of a switch, or visibility of the table."""
         return self.value is True
 
     def __post_init__(self) -> None:
@@ -167,7 +167,7 @@ class PointsCommand(Message, frozen=True, kw_only=True, tag="act"):
 
 
 class PointsCommandDone(Message, frozen=True, kw_only=True, tag="done"):
-    """It was done or refused."""
+    """The answer: done or refused."""
 
     view: View
     seq: EditNumber
@@ -192,7 +192,7 @@ LARGEST_UPLOAD = 500_000_000
 """Bytes of one uploaded file at most."""
 
 PIECE = 2**18
-"""Bytes of a piece: with its message it is less than what a page may send at once."""
+"""Bytes of a piece: with its message it is less than a front end may send in one message."""
 
 LARGEST_DOWNLOAD = 128 * 2**20
 """Bytes of one download at most: a message of 256 MB was seen to break a front end."""
@@ -204,7 +204,7 @@ class CopyText(Message, frozen=True, kw_only=True, tag="copy"):
     """Put a text on the clipboard."""
 
     text: str
-    note: Annotated[str, Meta(description="what it is for")]
+    note: Annotated[str, Meta(description="purpose")]
 
 
 class Download(Message, frozen=True, kw_only=True, tag="download"):
@@ -219,7 +219,7 @@ TRANSFER: Channel[Any] = Channel(("FileTransfer",), None, (CopyText, Download))
 
 
 class UploadBegin(Message, frozen=True, kw_only=True, tag="begin"):
-    """A file was chosen or dropped."""
+    """A file that was chosen or dropped."""
 
     id: Upload
     name: Annotated[str, Meta(description="of the file")]
@@ -236,7 +236,7 @@ class UploadPiece(Message, frozen=True, kw_only=True, tag="piece"):
 
 
 class UploadCancel(Message, frozen=True, kw_only=True, tag="cancel"):
-    """The user has given the upload up."""
+    """An upload that the user has cancelled."""
 
     id: Upload
 
@@ -250,14 +250,14 @@ class PieceRequest(Message, frozen=True, kw_only=True, tag="next"):
 
 
 class UploadReading(Message, frozen=True, kw_only=True, tag="reading"):
-    """The file has come and is being read."""
+    """A file that has arrived and is being read."""
 
     id: Upload
     share: Annotated[float, Meta(description="that is done, 0 to 1")]
 
 
 class UploadDone(Message, frozen=True, kw_only=True, tag="done"):
-    """The file was taken, cancelled or refused."""
+    """The end of an upload: taken, cancelled or refused."""
 
     id: Upload
 

@@ -54,7 +54,7 @@ class Buffers:
 
     Parameters
     ----------
-    about : what they hold.
+    about : their contents.
     count : how many there are; None for any number.
     most : bytes of one of them at most.
     """
@@ -89,7 +89,7 @@ class Message(Struct, frozen=True, kw_only=True, tag_field="type"):
 
 
 class Seen(Message, frozen=True, kw_only=True, tag="seen"):
-    """What has this number is shown or being drawn, so that the next may come."""
+    """Confirmation that the item of this number is shown or being drawn, so that the next may come."""
 
     view: View
     seq: Annotated[int, Meta(ge=1, le=LARGEST_NUMBER, description="number")]
@@ -97,7 +97,7 @@ class Seen(Message, frozen=True, kw_only=True, tag="seen"):
 
 @dataclass(frozen=True)
 class Refused:
-    """A message with something wrong in it.
+    """A message with a mistake in it.
 
     Parameters
     ----------

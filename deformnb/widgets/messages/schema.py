@@ -44,7 +44,7 @@ def fields(record: type) -> Iterator[tuple[str, Any, bool]]:
 
 
 def _may_miss(hint: Any) -> bool:
-    """Whether a key of a dictionary is marked; its own list of keys knows no annotations that are text."""
+    """Check whether a key of a dictionary is marked; its own list of keys knows no annotations that are text."""
     return get_origin(hint) is NotRequired or (get_origin(hint) is Annotated and _may_miss(hint.__origin__))
 
 
@@ -58,7 +58,7 @@ def metas(hint: Any) -> tuple[Any, tuple[Meta, ...]]:
 
 
 def meaning(hint: Any) -> str:
-    """What a field is, and its bounds."""
+    """The meaning of a field, and its bounds."""
     _, notes = metas(hint)
     said = [note.description for note in notes if note.description]
     return said[-1] if said else ""

@@ -82,7 +82,7 @@ class AbstractShapeData(Struct, frozen=True, kw_only=True):
 
 
 class CutData(AbstractShapeData, frozen=True, kw_only=True):
-    """A cut: what lies in the region is deformed by its own points alone."""
+    """A cut: the region is deformed by its own points alone."""
 
 
 class PartData(AbstractShapeData, frozen=True, kw_only=True):
@@ -169,7 +169,7 @@ def checked_shapes(what: str, given: Any) -> tuple[Any, ...]:
     Raises
     ------
     DeformError
-        Naming the shape that is none, lies in space, or crosses itself.
+        Naming the shape that is none, is in space, or crosses itself.
 
     Examples
     --------

@@ -24,7 +24,7 @@ def checked_state(state: Any, own: Mapping[str, Callable[[Any], None]]) -> dict[
     Parameters
     ----------
     state : traits and their values.
-    own : what checks the traits of this kind of editor, besides those that all have.
+    own : checks of the traits of this kind of editor, in addition to those that all have.
     """
     if not isinstance(state, dict):
         _LOG.warning("a state update of an editor was dropped: it is no object.")

@@ -26,7 +26,7 @@ LARGEST_SIDE = 4096
 """Pixels along a side of a picture that Python draws at most."""
 
 MOVIE_PIECE = 2**18
-"""Bytes of a piece of a movie's frame: with its message it is less than what a page may send at once."""
+"""Bytes of a piece of a movie's frame: with its message it is less than a front end may send in one message."""
 
 LARGEST_SENT_PICTURE = 2**26
 """Bytes of a picture that a front end sends at most: eight times that of noise in 1600 x 1200."""
@@ -86,15 +86,15 @@ class AbstractSize(Message, frozen=True, kw_only=True):
 
 
 class Resized(AbstractSize, frozen=True, kw_only=True, tag="size"):
-    """The front end has another size."""
+    """The new size of a front end."""
 
 
 class ServedHello(AbstractSize, frozen=True, kw_only=True, tag="hello"):
-    """A front end has opened."""
+    """The greeting of a new front end."""
 
 
 class CameraMoved(Message, frozen=True, kw_only=True, tag="camera"):
-    """The view was turned."""
+    """A camera that the user has changed."""
 
     view: View
     camera: CameraData
@@ -102,7 +102,7 @@ class CameraMoved(Message, frozen=True, kw_only=True, tag="camera"):
 
 
 class Closed(Message, frozen=True, kw_only=True, tag="bye"):
-    """The front end was closed."""
+    """The end of a front end."""
 
     view: View
 
@@ -131,7 +131,7 @@ class Badge(Message, frozen=True, kw_only=True, tag="badge"):
 
 
 class TrameAddress(Message, frozen=True, kw_only=True, tag="trame"):
-    """Frames come from a server of trame."""
+    """The address of a server of trame, where frames come from."""
 
     view: View
     url: Annotated[str, Meta(description="of its page")]
@@ -144,7 +144,7 @@ SERVED: Channel[ServedMessage] = Channel(("VolumeView",), ServedMessage, (FrameS
 
 
 class LiveHello(Message, frozen=True, kw_only=True, tag="hello"):
-    """A front end has opened."""
+    """The greeting of a new front end."""
 
     view: View
     largest: Annotated[int, Meta(ge=0, le=2**16, description="side of the largest 3D texture; 0 where it cannot draw")]
@@ -180,14 +180,14 @@ class Chunk(Message, frozen=True, kw_only=True, tag="chunk"):
 
 
 class PointsFollowed(Message, frozen=True, kw_only=True, tag="follows"):
-    """The front end follows the points of an editor in space: it makes their displacement itself while they move."""
+    """The front end follows the points of an editor in space: it computes their displacement itself while they move."""
 
     view: View
     sender: Annotated[str, Meta(max_length=LONGEST_ID, description="of the edits of its window")]
 
 
 class StillRequest(Message, frozen=True, kw_only=True, tag="still"):
-    """WebGL is missing: Python shall draw."""
+    """A request to draw in Python, without WebGL."""
 
     view: View
     background: Shade | UnsetType = UNSET
@@ -222,7 +222,7 @@ class MoviePiece(Message, frozen=True, kw_only=True, tag="movie_piece"):
 
 
 class MovieFailed(Message, frozen=True, kw_only=True, tag="movie_failed"):
-    """A frame cannot be drawn."""
+    """A frame that cannot be drawn."""
 
     view: View
     id: Movie
@@ -266,7 +266,7 @@ class PlaneCutData(TypedDict):
     shape: Annotated[Vector3, Meta(description="cuts, rows, columns")]
     origin: Vector2
     spacing: Vector2
-    sides: Annotated[list[list[bool]], Meta(description="of each region, whether it lies inside of each cut")]
+    sides: Annotated[list[list[bool]], Meta(description="of each region, whether it is inside of each cut")]
     rule: Annotated[str, Meta(description="a name of CUT_RULES")]
     regions: Annotated[list[dict[str, Any]], Meta(extra={"typescript": "RegionData[]"})]
     id: Annotated[str, Meta(description="of the distances, which seldom change")]
@@ -304,7 +304,7 @@ class SpaceData(TypedDict):
 
 
 class FollowData(TypedDict):
-    """What an editor moves."""
+    """The moving part of a field that follows an editor."""
 
     index: Annotated[int, Meta(description="of the map")]
     points: Annotated[list[Any], Meta(description="that the maps are of", extra={"typescript": "PointData[]"})]
@@ -328,7 +328,7 @@ class FieldContent(Message, frozen=True, kw_only=True):
 
     box: Annotated[BoxData, Meta(description="of the result")]
     planar: Annotated[PlanarData | None, Meta(description="maps of an extrusion")] = None
-    space: Annotated[SpaceData | None, Meta(description="samples of what is no extrusion")] = None
+    space: Annotated[SpaceData | None, Meta(description="samples of a field that is no extrusion")] = None
     coarse: Annotated[bool, Meta(description="whether it is coarser than it could be")] = False
     frames: Annotated[FramesData | UnsetType, Meta(description="of an animation")] = UNSET
     buffers: Annotated[list[str], Meta(description="names of the buffers")] = []  # noqa: RUF012  # a Struct copies it
@@ -341,7 +341,7 @@ class FieldMaps(FieldContent, frozen=True, kw_only=True, tag="field"):
     seq: Annotated[int, Meta(description="number, to be confirmed by seen unless it is 0")]
     follow: Annotated[FollowData | None, Meta(description="what an editor moves")]
     moved: Annotated[
-        MovedData | None, Meta(description="what the front end fits while it moves; null where Python does")
+        MovedData | None, Meta(description="data of a fit in the front end while it moves; null where Python fits")
     ] = None
 
 
@@ -356,21 +356,21 @@ class MovieFrame(FieldContent, frozen=True, kw_only=True, tag="movie_frame"):
 
 
 class MovieEnd(Message, frozen=True, kw_only=True, tag="movie_end"):
-    """No more frames are wanted."""
+    """The end of a movie: no more frames are needed."""
 
     view: View
     id: Movie
 
 
 class DrawnByPython(Message, frozen=True, kw_only=True, tag="drawn"):
-    """Python draws for this front end."""
+    """Notice that Python draws for this front end."""
 
     view: View
     info: Annotated[dict[str, Any], Meta(description="of the volume, as the trait volume_info")]
 
 
 class VolumeInfo(Message, frozen=True, kw_only=True, tag="info"):
-    """Another volume is drawn by Python."""
+    """Notice of another volume, drawn by Python."""
 
     info: Annotated[dict[str, Any], Meta(description="of the volume, as the trait volume_info")]
 

@@ -44,13 +44,13 @@ _OBLIQUE, _IN_SPACE = ("oblique", ""), ("in space", "")
 _STYLE = {"description_width": "100px"}
 WHOLE_DESCRIPTION = {"description_width": "initial"}
 """Style of a control whose description is never cut short."""
-_STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and beside the folds
+_STANDING_ELSEWHERE = ("strength", "stages")  # above the panels, and next to the folds
 _ROUNDING = 0.501  # of a slider's step
 _SHOWN_SHARE = 0.01  # of work, by which a bar grows
 
 
 def raising(error: Exception) -> Callable[[], None]:
-    """An action that raises an error: a guard shows it as it shows those of its own actions."""
+    """An action that raises an error: a guard shows it as it shows those of other actions."""
 
     def action() -> None:
         raise error
@@ -82,7 +82,7 @@ class Control:
     ----------
     widget : has a trait ``value``.
     read : the value that the session holds, as the widget shows it.
-    write : hands the widget's value to the session.
+    write : passes the widget's value to the session.
     """
 
     widget: Any
@@ -90,7 +90,7 @@ class Control:
     write: Callable[[Any], None]
 
     def bind(self, guard: Guard, is_refreshing: Callable[[], bool]) -> None:
-        """Let the widget edit the session; a refused value goes back to what the session holds."""
+        """Let the widget edit the session; a refused value returns to that of the session."""
 
         def changed(change: Any) -> None:
             if is_refreshing() or self._shows(change["new"], self.read()):
@@ -101,7 +101,7 @@ class Control:
         self.widget.observe(changed, "value")
 
     def refresh(self) -> None:
-        """Show what the session holds."""
+        """Show the state of the session."""
         value = self.read()
         if not self._shows(self.widget.value, value):
             self.widget.value = value
@@ -214,7 +214,7 @@ def prose(text: str) -> str:
 
 
 class _Depth(threading.local):
-    """Nesting depth of a thread; each has a number of its own, for several refresh a panel at once."""
+    """Nesting depth of a thread; each has a separate number, for several refresh a panel concurrently."""
 
     depth = 0
 
@@ -224,8 +224,8 @@ class Panel:
 
     Attributes
     ----------
-    title : of its section; box : the widget; controls : what is bound.
-    warning : a line that stands below the pictures while something is wrong; None for panels that warn of nothing, as
+    title : of its section; box : the widget; controls : the bound ones.
+    warning : a line below the pictures while something is wrong; None for panels that warn of nothing, as
         all must that are made late.
     """
 
@@ -256,7 +256,7 @@ class Panel:
         )
 
     def refresh(self) -> None:
-        """Show what the session holds."""
+        """Show the state of the session."""
         self._refreshing.depth += 1
         try:
             self.arrange()
@@ -272,7 +272,7 @@ class Panel:
         """Called when the panel is shown, and when it is hidden."""
 
     def close(self) -> None:
-        """Stop what the panel does on its own."""
+        """Stop what the panel does by itself."""
 
 
 _AnyPanel = TypeVar("_AnyPanel", bound=Panel)
@@ -362,7 +362,7 @@ class PicturePanel(Panel):
         )
         hold = action_button("hold_outline", lambda: guard(session.fix_outline))
         shows_grids = action_button("thompson", lambda: guard(show_grids))
-        self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have controls of their own
+        self._on_picture = [method, hold, shows_grids]  # three pictures of a step in space have their own controls
         self._step = basic.HTML("")
         self.box = row(self._step, side, method, self._depth, hold, shows_grids)
         self.refresh()
@@ -487,7 +487,7 @@ def _rgb(text: str) -> tuple[float, float, float]:
 
 
 class MapPanel(Panel):
-    """Interpolation panel: settings of the fit, but for those that stand elsewhere."""
+    """Interpolation panel: settings of the fit, but for those in other panels."""
 
     title = "Interpolation"
 
@@ -617,7 +617,7 @@ def _take_preset(session: Session, name: str) -> None:
 
 
 class ProgressBar:
-    """A bar of work that is under way, seen meanwhile, and the button that stops it.
+    """A progress bar, visible during the work, and the button that stops it.
 
     Parameters
     ----------
@@ -625,7 +625,7 @@ class ProgressBar:
 
     Attributes
     ----------
-    bar, stop : the widgets; is_busy : whether work is under way.
+    bar, stop : the widgets; is_busy : whether work is in progress.
 
     Examples
     --------
@@ -676,15 +676,15 @@ class ProgressBar:
 
 
 class Question:
-    """A line that asks before something is done, with a button for each answer; unseen while nothing is asked.
+    """A line with a question before an action, with a button for each answer; hidden while there is none.
 
     Parameters
     ----------
-    guard : runs what is agreed to and shows what went wrong with it.
+    guard : runs the confirmed action and shows its errors.
 
     Attributes
     ----------
-    box : the line, empty while nothing is asked: the question, and the buttons of the answers, of none the last.
+    box : the line, empty while there is no question: the question, and the buttons of the answers, of none the last.
     """
 
     def __init__(self, guard: Guard) -> None:

@@ -37,7 +37,7 @@ _SPACE_SHARE, _LOWEST = 0.7, 160  # of the height: in space pictures and view ar
 
 
 def make_editor(session: Session, height: int) -> Editor:
-    """An editor of the step that a session edits, empty if that lies in space; its undo is the session's."""
+    """An editor of the step that a session edits, empty if that is in space; its undo is the session's."""
     step = session.editing.step
     made = Editor(
         session.pictures.automatic_picture(),
@@ -55,7 +55,7 @@ def make_editor(session: Session, height: int) -> Editor:
 
 
 def show_step(editor: Any, session: Session) -> None:
-    """Show the points, settings and shapes of the step that a session edits, all at once."""
+    """Show the points, settings and shapes of the step that a session edits, in one update."""
     step = session.editing.step
     with editor.hold_sync():
         editor.settings = step.settings
@@ -176,7 +176,7 @@ class StudioEditors:
         )
 
     def show_picture(self, made: Any) -> None:
-        """Show it together with its points: a picture must never meet another one's points."""
+        """Show it together with its points, so that both always match."""
         editor = self.current
         with editor.hold_sync():
             if isinstance(editor, Editor):
@@ -277,7 +277,7 @@ class StudioPicture:
         if not self.is_shown:
             self.request()
             return True
-        if self._reason:  # back from a picture that could not be made to the one that still stands there
+        if self._reason:  # back from a picture that could not be made to the one still shown
             self._settle("")
         return False
 
@@ -364,7 +364,7 @@ class StudioEdits:
         self._editors, self._picture = editors, picture
 
     def edited(self, action: Callable[[], None]) -> bool:
-        """Do what a user requested, be it with an editor or with a control; the report of the edit before goes."""
+        """Apply a request of the user, by an editor or by a control; the report of the edit before goes."""
         self._words.show("")
         before, start = self._session.editing.deformation, time.perf_counter()
         is_done = self._words.guarded(action)
@@ -406,7 +406,7 @@ class StudioEdits:
             self._words.show(f"{'Undone' if way == 'undo' else 'Done again'}: {what}")
 
     def _take(self, editor: Any, edit: Callable[[], None]) -> None:
-        """Do what was done in an editor; if it cannot be, the editor shows again what the session holds."""
+        """Apply the edit of an editor; on failure, the editor shows the state of the session again."""
         if not self._picture.is_shown or editor is not self._editors.current:
             self.counts["late"] += 1  # a drag on a picture that is being replaced
             self._picture.request()

@@ -1,6 +1,6 @@
 """Head of the studio: name of the volume, undo, redo, menus and "Save", which Ctrl+S presses anywhere in the studio.
 
-The session is written into one file of its own. The front end sends a SaveRequest, and a MenuRequest when a menu is
+The session is written into one file. The front end sends a SaveRequest, and a MenuRequest when a menu is
 opened. The notebook's own Ctrl+S is unchanged where it works; in the editor it never did, for the keys there are the
 editor's. The style sheet of the head is that of the studio's whole layout.
 """
@@ -54,7 +54,7 @@ class StudioHead(SyncedWidget):
 
     Parameters
     ----------
-    session : what is saved.
+    session : to save.
     guard : does it and shows what went wrong.
     show : shows a text.
     folder : of a new file; one that is there is never written over.
@@ -66,7 +66,7 @@ class StudioHead(SyncedWidget):
     ----------
     name, facts : of the volume, and its size and spacing in words.
     history : what "undo" and "redo" would do, in words.
-    unsaved : whether the document is another than the one in the file.
+    unsaved : whether the document differs from the one in the file.
     tip : the tooltip of the button.
 
     Examples

@@ -131,9 +131,9 @@ def _earlier_row(k: int, entry: SavedSession) -> dict[str, Any]:
 
 
 def tree_rows(nodes: Sequence[HistoryNode]) -> list[tuple[HistoryNode, int]]:
-    """The states as they stand below each other, and how far each is moved in.
+    """The states from top to bottom, and the indentation of each.
 
-    What follows a state by undo and redo stands below it as far left; the branches that leave it come in between.
+    The successor of a state by undo and redo is below it as far left; the branches that leave it come in between.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Layout of a studio: head, panes with picture and volume, and the panel beside them in groups of folded sections.
+"""Layout of a studio: head, panes with picture and volume, and the panel next to them in groups of folded sections.
 
     head: name, undo, redo, menus (History, Examples, Export), Save
     panes: picture | volume        panel: Shape  Depth  View  Animate  Check
@@ -60,8 +60,8 @@ class GivenVolumes:
 
     Parameters
     ----------
-    labels, label_names : numbered parts of the volume and what they are called.
-    target : what the volume shall look like, to be chosen in the panel of fitting.
+    labels, label_names : numbered parts of the volume and their names.
+    target : of a fit, to be chosen in the panel of fitting.
     """
 
     labels: Volume | None = None
@@ -75,18 +75,18 @@ class PanelParts:
 
     Parameters
     ----------
-    guard : does what a user requested and shows errors in the front end.
+    guard : runs requests of the user and shows errors in the front end.
     editors : ``editors.plane`` is the editor on pictures, ``editors.current`` that of the step being edited.
     worker : the studio's thread, ``worker.latest(name, work)``.
     slices : three slices in the place of the view.
     opacity : the editor of the opacity curve.
     folder : where files are saved and opened.
-    export_html : writes the page that deforms without a kernel.
+    export_html : writes the web page that deforms without a kernel.
     given : other volumes that belong to the session's.
-    preview : shows a step that is on its way and no edit yet; None gives it up.
+    preview : shows a step in progress and no edit yet; None gives it up.
     open_volume : opens a volume in place of the session's.
     decide_labels : takes the voxels of the session's for labels, or for amounts.
-    file_input : takes what is dropped on the studio; None for a new one.
+    file_input : takes files dropped on the studio; None for a new one.
     """
 
     session: Session
@@ -129,8 +129,8 @@ class StudioPanels:
     ----------
     groups : sections by the title of their tab.
     menus : panels of the head's menus, by their names; made when they are first opened.
-    picture, volume : stand over the panes.
-    start : stands over the picture while nothing is deformed.
+    picture, volume : above the panes.
+    start : above the picture while nothing is deformed.
     opening : takes files that are dropped on the studio.
     others : stand in another one.
     wand : the tool of the picture.
@@ -242,7 +242,7 @@ def arranged(
 ) -> list[Any]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
 
-    The file input comes first, where the front end keeps its view, with the file that is on its way, when the rows
+    The file input comes first, where the front end keeps its view, with the file in progress, when the rows
     behind it are replaced.
     """
     basic.own_layout(view).width = "100%"
@@ -255,7 +255,7 @@ def arranged(
     warnings = [panel.warning for panel in panels.at_once if panel.warning is not None]
     messages = column(*warnings, words.box, classes="dnb-studio-messages")
     tabs = _grouped(panels.groups)
-    tabs.children[-1].children += (column(words.status, classes="dnb-section-plain"),)  # figures stand under "Check"
+    tabs.children[-1].children += (column(words.status, classes="dnb-section-plain"),)  # figures are under "Check"
     side = column(tabs, classes="dnb-studio-panel")
     start = column(panels.start.box, classes="dnb-studio-start")
     body = column(

@@ -27,7 +27,7 @@ class RestoreBar(SyncedWidget):
 
     Parameters
     ----------
-    session : what is edited.
+    session : to edit.
     guard : runs an edit and shows what went wrong with it.
     show : shows a text.
     options : of :class:`~deformnb.session.autosave.Autosave`.
@@ -61,7 +61,7 @@ class RestoreBar(SyncedWidget):
         super().__init__()
         self._guard = guard
         self._recovery = Recovery(session, show, _weakly_shown(self), **options)
-        self.show()  # what was found before this line
+        self.show()  # offers found before this line
 
     @property
     def recovery(self) -> Recovery:
@@ -70,7 +70,7 @@ class RestoreBar(SyncedWidget):
         return self._recovery
 
     def show(self) -> None:
-        """Show what is offered now."""
+        """Show the present offers."""
         if self._recovery is None or self.comm is None:
             return
         with self._showing, self.hold_sync():
@@ -93,7 +93,7 @@ class RestoreBar(SyncedWidget):
         """The front end owns nothing here."""
 
     def close(self) -> None:
-        """End; what was not saved stays in the history."""
+        """End; unsaved edits stay in the history."""
         if self._recovery is not None:
             self._recovery.autosave.close()
         super().close()

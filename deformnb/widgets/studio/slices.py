@@ -28,10 +28,10 @@ class StudioSlices:
     Parameters
     ----------
     session : whose volume and deformation are shown.
-    link : gives the deformation of a drag that is on its way.
+    link : gives the deformation of a drag in progress.
     editor : where points are dragged.
     worker : does what takes time.
-    place : a box of widgets that give way to the slices.
+    place : a box of widgets that the slices replace.
     """
 
     def __init__(self, session: Session, link: StudioLink, editor: Editor, worker: Worker, place: Any) -> None:
@@ -59,12 +59,12 @@ class StudioSlices:
         self.follow()
 
     def follow(self) -> None:
-        """Show what the session holds."""
+        """Show the state of the session."""
         if self.is_shown:
             self._worker.latest("slices", weakly(self, StudioSlices._follow, StudioSlices._is_open))
 
     def close(self) -> None:
-        """Stop observing the editor and the session; whoever closes the place closes the slices too."""
+        """Stop observing the editor and the session; the caller that closes the place closes the slices too."""
         self._editor.on_edit(self._moved, remove=True)
         self._session.pictures.unobserve(self._of_picture, ["depth", "method"])
 
@@ -109,7 +109,7 @@ class StudioSlices:
             session.pictures.depth = slices.depth(index)
 
     def _follow_picture(self, _change: Any = None) -> None:
-        """Move the cross-hair across the picture to its slice, unless it lies there already."""
+        """Move the cross-hair across the picture to its slice, unless it is there already."""
         session, widget = self._session, self._widget
         if widget is None or not self._has_slice():
             return
@@ -124,7 +124,7 @@ class StudioSlices:
     def _show(self, edit: PointsEdit) -> None:
         try:
             field = self._link.field_on_the_way(edit)
-        except DeformError:  # two points met on their way; the edit will report it if it ends so
+        except DeformError:  # two points met in the drag; the edit will report it if it ends so
             return
         if self._widget is not None:
             self._widget.preview(field)

@@ -1,4 +1,4 @@
-"""Status of a studio: a line of facts, and the last event or error, which lies over the volume until it is closed."""
+"""Status of a studio: a line of facts, and the last event or error, over the volume until it is closed."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ def diagnose(step: Step, key: int, grid: Grid, is_tissue: IsTissue | None = None
 
 
 def warm_up(session: Session) -> None:
-    """Compile what the first edit of a session needs, by diagnostics of a point that is dragged; changes nothing."""
+    """Compile the code for the first edit of a session, by diagnostics of a dragged point; changes nothing."""
     points, step = session.editing.points, session.editing.step
     place = points.target.mean(axis=0) if len(points) else (0.0, 0.0, 0.0)[: points.dim]
     moved = points.add(place, [c + 0.01 * session.editing.grid.diagonal for c in place])
@@ -160,7 +160,7 @@ _COMPUTING = threading.Lock()
 
 
 def diagnostics_of(session: Session) -> Diagnostics:
-    """The diagnostics of the step that a session edits; the last ones are kept."""
+    """The diagnostics of the step that a session edits; the last ones are cached."""
     with _COMPUTING:
         state = session.editing.deformation, session.editing.index, session.editing.key
         kept = _COMPUTED.get(session)
@@ -174,7 +174,7 @@ def diagnostics_of(session: Session) -> Diagnostics:
 
 
 def length_text(value: float) -> str:
-    """A length with two digits that count; rounding of less than a billionth is called 0.
+    """A length with two digits that count; rounding of less than a billionth counts as 0.
 
     >>> [length_text(v) for v in (0.0, 3e-12, 3.2e-7, 0.00123, 0.5, 7.25, 1234.0)]
     ['0', '0', '< 0.0001', '0.0012', '0.5', '7.2', '1234']
@@ -501,7 +501,7 @@ class FoldActions:
         return session.editing.amend(deformation, made, f"Done in {count} stages, so that nothing folds.")
 
 
-# ---- what the studio and the application show of it ------------------------------------------------------------------
+# ---- summaries for the studio and the application --------------------------------------------------------------------
 
 
 @dataclass(frozen=True)

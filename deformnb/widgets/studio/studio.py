@@ -76,7 +76,7 @@ VIEW_KINDS = ("live", "vtk")
 
 
 def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: int) -> Any:
-    """A view of the volume by its name in :data:`VIEW_KINDS`, or one that was made by hand."""
+    """A view of the volume by its name in :data:`VIEW_KINDS`, or a custom one."""
     if isinstance(kind, AbstractView):
         if not (isinstance(kind, ipw.DOMWidget) and kind.has_trait("camera")):
             raise DeformError(
@@ -98,11 +98,11 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
 
 
 def laid_on(given: Any, volume: Volume, name: str) -> Volume | None:
-    """A volume of whatever is one; an array, which has no place of its own, lies as another volume does; None of None.
+    """A volume of any volume-like object; an array, which has no frame, gets that of another volume; None of None.
 
     Parameters
     ----------
-    name : what it is: "labels" or "target".
+    name : its role: "labels" or "target".
 
     Raises
     ------
@@ -124,10 +124,10 @@ def laid_on(given: Any, volume: Volume, name: str) -> Volume | None:
 
 
 def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, LiveView]:
-    """An editor and a live view of the last step in use, whichever is edited: what a page without Python shows.
+    """An editor and a live view of the last step in use, whichever is edited: the content of a web page without Python.
 
-    What such a page cannot drag (points in space, steps that are added up) is done to its volume beforehand, and the
-    page goes on with a picture of that.
+    Steps that such a page cannot drag (points in space, steps that are added up) are applied to its volume, and the
+    page continues with a picture of that.
     """
     last = followed_step(session.editing.deformation)
     deformed = None if last is not None else session.results.volume()
@@ -182,7 +182,7 @@ def preview_png(editor: Any, view: Any) -> bytes:
 
 @dataclass(eq=False)
 class StudioParts:
-    """The parts of a studio for one session; a studio that goes on with another volume takes others.
+    """The parts of a studio for one session; a studio that continues with another volume takes others.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class StudioParts:
     view : of the volume; link : shows the displacement there.
     words : the status line and the messages.
     worker : the studio's thread.
-    editors : of the points; edits : take what is done in them; picture : behind the points.
+    editors : of the points; edits : apply their edits; picture : behind the points.
     slices : in the place of the view.
     opacity : the editor of colours and opacities.
     panels : the controls.
@@ -237,9 +237,9 @@ class Studio(Boxes):
 
     Parameters
     ----------
-    volume : what is deformed: a :class:`~deformnb.volume.volume.Volume`, an array [z, y, x], or the path of a file; or
+    volume : to deform: a :class:`~deformnb.volume.volume.Volume`, an array [z, y, x], or the path of a file; or
         :class:`~deformnb.volume.channels.Channels`, which pictures show in their colours, added up.
-    deformation : to go on with; a :class:`~deformnb.document.deformation.Deformation` or the path of a saved one.
+    deformation : to continue; a :class:`~deformnb.document.deformation.Deformation` or the path of a saved one.
     side : where the first picture is taken from, one of :data:`VIEWS`; default is the side that shows
         most of the subject.
     method : projection of the picture, a name of :data:`~deformnb.imaging.projection.PROJECTIONS`.
@@ -249,12 +249,12 @@ class Studio(Boxes):
     height : of the panes and the panel together, in CSS pixels.
     folder : where files are saved and opened by the controls.
     labels : numbered parts of the volume, such as bones: a volume, an array as large as the volume, or a file. Their
-        regions can be made rigid or cut out; label_names : what the numbers are called.
-    target : what the volume shall look like: a volume, an array as large, or a file, chosen in the panel "Fit".
+        regions can be made rigid or cut out; label_names : the names of the numbers.
+    target : of a fit: a volume, an array of the same size, or a file, chosen in the panel "Fit".
     output : grid of the result, which is what can be seen; default is the document's, or the volume's own. See
         :meth:`Results.grow <deformnb.session.results.Results.grow>` and :meth:`Results.fit_output
         <deformnb.session.results.Results.fit_output>`.
-    language : of what is seen, "en" or "de"; default is the one of :func:`deformnb.set_language`.
+    language : of the studio, "en" or "de"; default is the one of :func:`deformnb.set_language`.
 
     Attributes
     ----------
@@ -387,7 +387,7 @@ class Studio(Boxes):
         )
 
     def _show(self, parts: StudioParts, before: StudioParts | None) -> None:
-        """Take the place of the parts before, or of what the cell has shown before."""
+        """Replace the parts before, or the former output of the cell."""
         _, height, folder = self._options
         session, panels, words, edits = parts.session, parts.panels, parts.words, parts.edits
         head = StudioHead(
@@ -465,7 +465,7 @@ class Studio(Boxes):
         self.parts.edits.travel("undo")
 
     def redo(self) -> None:
-        """Do again what was taken back."""
+        """Redo the last edit that was undone."""
         self.parts.edits.travel("redo")
 
     def save(self, path: str | PathLike[str], *, overwrite: bool = False) -> None:
@@ -483,9 +483,9 @@ class Studio(Boxes):
         *,
         side: str | Plane | None = None,
     ) -> None:
-        """Go on with another volume in this place, with a session, an editor and a view of its own.
+        """Continue with another volume in this place, with a separate session, editor and view.
 
-        The edits of the volume before are kept: the menu "History" leads back to them, also when the other volume is
+        The edits of the volume before are stored: the menu "History" restores them, also when the other volume is
         opened again later.
 
         Parameters
@@ -558,8 +558,8 @@ class Studio(Boxes):
         Parameters
         ----------
         progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
-        size : (width, height) in pixels of renderings and movies, which show what the view shows: its camera,
-            projection, clip, background, and whether the original stands beside; default is 1600 x 1200, and 640 x 480
+        size : (width, height) in pixels of renderings and movies, which have the state of the view: its camera,
+            projection, clip, background, and whether the original is next to it; default is 1600 x 1200, and 640 x 480
             for movies.
         fps : pictures a second of movies.
         overwrite : replace any file; else only one that holds what this studio has opened or written.
@@ -630,7 +630,7 @@ class Studio(Boxes):
         }
 
     def show_session(self) -> None:
-        """Show what the session holds, in place of a drag that will not end because its page has gone."""
+        """Show the state of the session, in place of a drag that will not end because its front end was closed."""
         self.parts.link.show(self.editor)
         self.parts.editors.show_step()
         self.view.set_transfer(self.session.pictures.transfer_function)
@@ -641,7 +641,7 @@ class Studio(Boxes):
 
         def look() -> None:
             if worker.is_wanted and not worker.is_closed:
-                worker.latest("wait", look)  # behind what the work itself has requested
+                worker.latest("wait", look)  # behind the requests of the work itself
             else:
                 done.set()
 
@@ -661,14 +661,14 @@ class Studio(Boxes):
             self.warm_up()
 
     def forward_view(self, other: Any) -> None:
-        """Leave a view that another studio of the same cell was given as well to that one."""
+        """Transfer a view to another studio of the same cell that was given it as well."""
         if getattr(other, "view", None) is self.view:
             self.parts.leave_view()
 
     def close(self) -> None:
-        """End the studio with all its widgets and its threads; the next one's History has what was not saved.
+        """End the studio with all its widgets and its threads; the next one's History has the unsaved edits.
 
-        ipywidgets keeps a studio that is not closed, with its volume, though no variable names it: a page may show it.
+        ipywidgets holds a studio that is not closed, with its volume, though no variable names it: clients may show it.
         Its threads end when nothing is to be done, and each edit is written as before.
         """
         # ipywidgets closes again when the object goes, also a half-made one.
@@ -683,7 +683,7 @@ class Studio(Boxes):
     # -- display -------------------------------------------------------------------------------------------------------
 
     def still(self, width: int = 1120) -> NDArray[np.uint8]:
-        """Picture and volume side by side, (height, width, 3): what is seen where no front end runs."""
+        """Picture and volume side by side, (height, width, 3): the still where no front end runs."""
         return side_by_side(self.editor, self.view, width)
 
     def __repr__(self) -> str:
@@ -699,7 +699,7 @@ class Studio(Boxes):
         for shown in both:  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
                 shown.fill = False
-        half = {"width": "0", "min-width": "100%"}  # of what is there: the view asks for more than its half
+        half = {"width": "0", "min-width": "100%"}  # of the row: the view requests more than its half
         return marimo.hstack([marimo.as_html(shown).style(half) for shown in both], widths="equal", align="start")
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
@@ -709,7 +709,7 @@ class Studio(Boxes):
 
 
 def _weakly_in_session(studio: Studio, method: Callable[..., Any], worker: Worker) -> Callable[..., None]:
-    """A callback that does nothing once another session has come: each has a thread of its own."""
+    """A callback that does nothing once another session has come: each has a separate thread."""
 
     def is_open(studio: Studio) -> bool:
         parts: StudioParts | None = getattr(studio, "parts", None)

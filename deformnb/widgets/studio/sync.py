@@ -126,7 +126,7 @@ class StudioSync:
     # -- what users choose in an editor --------------------------------------------------------------------------------
 
     def observe_editor(self, editor: Any) -> None:
-        """Take the edits that a user makes in an editor, and what is chosen there."""
+        """Take the edits and the selection of a user in an editor."""
         editor.observe(self._weakly(StudioSync._points_changed), "points")
         if editor.has_trait("cuts"):
             editor.observe(self._weakly(StudioSync._shapes_changed), ["cuts", "parts"])
@@ -175,7 +175,7 @@ class StudioSync:
         self._editors.plane.shows = on_picture(self._view.shows)
         self._refresh_panels()
 
-    # -- what the session holds ----------------------------------------------------------------------------------------
+    # -- state of the session ------------------------------------------------------------------------------------------
 
     def _document_changed(self, _change: Any) -> None:
         session = self._session

@@ -42,7 +42,7 @@ class StudioLink:
     def __init__(self, session: Session, view: Any, worker: Worker) -> None:
         self._session, self._view, self._worker = session, view, worker
         self._lock = threading.Lock()
-        self._serial = 0  # of what was shown last; a movement that belongs to an earlier one comes too late
+        self._serial = 0  # of the last content; a movement that belongs to an earlier one comes too late
         self._editor: Any = None  # that was shown last
         self._has_previewed = False  # something that is no edit, since then
         self._observed: Any = None  # the editor whose movements come to Python
@@ -50,7 +50,7 @@ class StudioLink:
         self.previews = 0
 
     def show(self, editor: Any) -> None:
-        """Show the displacement of the session, and from now on what is dragged in this editor."""
+        """Show the displacement of the session, and from now on the drags in this editor."""
         session = self._session
         field = session.results.field()
         follows = self._page_can_follow(field)
@@ -69,11 +69,11 @@ class StudioLink:
         self._observe_editor(None if follows or in_space is not None else editor)
 
     def preview(self, step: Step | None) -> None:
-        """Show what the document would do with this in place of the step that is edited; of several the newest only.
+        """Preview the document with this in place of the step that is edited; of several the newest only.
 
         Parameters
         ----------
-        step : what is on its way and no edit yet, such as a curve that is being dragged. None gives it up: what the
+        step : a preview that is no edit yet, such as a curve that is being dragged. None gives it up: what the
             session holds is shown again.
         """
         if step is None:
@@ -132,7 +132,7 @@ class StudioLink:
     def _preview(self, make: Callable[[], AbstractField], serial: int) -> None:
         try:
             field = make()
-        except DeformError:  # two points met on their way; the edit will report it if it ends so
+        except DeformError:  # two points met in the drag; the edit will report it if it ends so
             return
         with self._lock:
             if serial == self._serial:

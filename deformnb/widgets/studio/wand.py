@@ -1,6 +1,6 @@
 """Wand of a studio: region growing from a click, in the picture or through the depth of the volume.
 
-What is selected becomes a rigid part or a cut.
+The selection becomes a rigid part or a cut.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def selected(session: Session, request: WandRequest, progress: Progress | None =
     Raises
     ------
     DeformError
-        Where nothing can be selected: beside the picture, in air, on a picture of colours, or in too narrow a range.
+        Where nothing can be selected: outside the picture, in air, on a picture of colours, or in too narrow a range.
     """
     picture = session.pictures.picture()
     if picture.values.ndim == 3:

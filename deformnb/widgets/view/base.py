@@ -37,15 +37,15 @@ from deformnb.widgets.textures import MOST_MAPS, count_maps, cut_plane, equal_fi
 class AbstractView(ABC):
     """A window on one volume and its deformation.
 
-    A view keeps the volume it was shown; edits send displacements only. All lengths are physical, all directions in
-    space (LPS). A view never changes what it is given.
+    A view holds its volume; edits send displacements only. All lengths are physical, all directions in
+    space (LPS). A view never changes its inputs.
 
     Attributes
     ----------
-    shows : a name of :data:`SHOWS`; setting it changes the picture at once, :meth:`still` included (a still of
+    shows : a name of :data:`SHOWS`; setting it changes the picture, :meth:`still` included (a still of
         "flicker" shows the deformed volume). Widgets declare it as a :class:`ShowsTrait`.
     clip : the part of the box that is seen, a :class:`ClipTrait`; see :meth:`set_clip`.
-    camera : where the viewer stands, a :class:`CameraTrait`; :meth:`set_camera` and the user change it.
+    camera : position of the viewer, a :class:`CameraTrait`; :meth:`set_camera` and the user change it.
     draws_by_vtk : whether its pictures are VTK's, and so those in files too.
     """
 
@@ -62,7 +62,7 @@ class AbstractView(ABC):
 
     @abstractmethod
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
-        """Deform what is shown.
+        """Deform the content of the view.
 
         Parameters
         ----------
@@ -71,18 +71,18 @@ class AbstractView(ABC):
         """
 
     def follow(self, editor: Any, field: AbstractField, index: int = 0, *, output: Grid | None = None) -> None:
-        """Let an editor move what is shown: each movement of its points, not only the end of an edit.
+        """Let an editor deform the content: each movement of its points, not only the end of an edit.
 
         Parameters
         ----------
         editor : an :class:`~deformnb.widgets.Editor`, or None to end it.
-        field : what is shown until the next movement: an extrusion over the editor's plane, or a composition that ends
+        field : shown until the next movement: an extrusion over the editor's plane, or a composition that ends
             with one. Its plane, depths and weights stay, also while points move.
         index : which of its maps the editor's points make.
 
         Notes
         -----
-        May be called after every edit: what is dragged meanwhile stays where the pointer is. Unless a view has a way of
+        May be called after every edit: a point being dragged stays at the pointer. Unless a view has a means of
         its own, the core fits the map anew and :meth:`show_deformation` shows it.
         """
         following, self._followed_output = self._following, output
@@ -119,10 +119,10 @@ class AbstractView(ABC):
 
         Parameters
         ----------
-        direction : where the viewer looks, any length; None keeps it.
+        direction : of view, any length; None for no change.
         up : what points up; default is +z, or -y for a view along z.
-        zoom : 1 shows the whole box, 2 half of it; None keeps it.
-        perspective : False looks along parallel rays; None keeps it.
+        zoom : 1 shows the whole box, 2 half of it; None for no change.
+        perspective : False for parallel rays; None for no change.
         """
         self.camera = turned(self.camera, direction, up, zoom, perspective)
 
@@ -131,7 +131,7 @@ class AbstractView(ABC):
 
         Parameters
         ----------
-        other : takes this one's camera at once.
+        other : takes this one's camera immediately.
 
         Returns
         -------
@@ -160,11 +160,11 @@ class AbstractView(ABC):
     def set_clip(
         self, x: Sequence[float] | None = None, y: Sequence[float] | None = None, z: Sequence[float] | None = None
     ) -> None:
-        """Cut away what lies outside of a part of the box: in space, whatever the deformation brings there.
+        """Cut away the tissue outside of a part of the box: in space, whatever the deformation brings there.
 
         Parameters
         ----------
-        x, y, z : lowest and highest share of the box along that index axis, from 0 to 1; None keeps them.
+        x, y, z : lowest and highest share of the box along that index axis, from 0 to 1; None for no change.
         """
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
@@ -184,7 +184,7 @@ class AbstractView(ABC):
         )
 
     def _shade(self) -> str:
-        """The background on the page, "dark" or "light"."""
+        """The background of the front end, "dark" or "light"."""
         return "light" if getattr(self, "background", "") == "light" else "dark"
 
     @abstractmethod
@@ -193,7 +193,7 @@ class AbstractView(ABC):
 
     @abstractmethod
     def still(self, size: tuple[int, int] | None = None) -> Image:
-        """The same picture rendered by the core, at once and without a screen, (height, width, 3)."""
+        """The same picture rendered by the core, immediately and without a screen, (height, width, 3)."""
 
     @abstractmethod
     def stats(self) -> dict[str, Any]:
@@ -205,7 +205,7 @@ _OBSERVED = ["points", "settings", "lone_support", "cuts", "parts", "cut_rule"]
 
 @dataclass(frozen=True, eq=False)
 class PlanarFit:
-    """The fit of points on a picture: all that an editor holds of it besides the points.
+    """The fit of points on a picture: all that an editor holds of it except the points.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ def with_map(field: AbstractField, index: int, flat: AbstractField) -> AbstractF
     Parameters
     ----------
     field : an extrusion, cut or not, or a composition that ends with one. Plane, depths and weights stay.
-    index : which of its maps is another one.
+    index : of the replaced map.
     flat : what takes its place, over the plane; its cuts become those of the field. Where the other maps would have to
         be divided by other cuts than before, the field stays as it is, for only their points could determine how.
     """
@@ -312,7 +312,7 @@ class Refit:
         return last
 
     def put(self, field: AbstractField) -> None:
-        """Go on with another field, of which the same map follows the editor."""
+        """Continue with another field, of which the same map follows the editor."""
         check_map(field, self.index)
         self._field = field
 
@@ -322,7 +322,7 @@ class Following:
 
     Parameters
     ----------
-    put : a method, held weakly: an editor keeps no view alive. What it gets is to be called later, in any thread.
+    put : a method, held weakly: an editor keeps no view alive. Its argument is to be called later, in any thread.
     """
 
     def __init__(self, editor: Any, refit: Refit, put: Callable[[Callable[[], AbstractField | None]], None]) -> None:

@@ -1,4 +1,4 @@
-"""Server-side fallback of a live view for browsers that cannot draw it: a volume view without front ends of its own.
+"""Server-side fallback of a live view for browsers that cannot draw it: a volume view without its own front ends.
 
 Such a front end sends StillRequest and ToServerRenderer of :mod:`deformnb.widgets.messages.views`, and gets
 DrawnByPython, VolumeInfo and the messages of a volume view to its front ends.
@@ -49,12 +49,12 @@ class RenderedState:
 
 
 class FallbackHost:
-    """Renders on the server what a live view shows, from when a front end without WebGL2 requests it.
+    """Renders the content of a live view on the server, from when a front end without WebGL2 requests it.
 
     Parameters
     ----------
-    send : sends what a message contains to the front ends.
-    state : returns what is shown now, or None before the first volume.
+    send : sends the content of a message to the front ends.
+    state : returns the present content, or None before the first volume.
     changed : called with the name and the value of a trait of :data:`SHARED` that a user changes there.
     lock : held while the state is taken over.
     options : of the :class:`~deformnb.widgets.VolumeView` that draws.
@@ -120,7 +120,7 @@ class FallbackHost:
             return self._view
 
     def update(self) -> None:
-        """Show what the view shows now, where Python draws."""
+        """Show the present content of the view, where Python draws."""
         with self._lock:
             state, view = self._state(), self._view
             if state is None or view is None:

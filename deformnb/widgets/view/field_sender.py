@@ -1,4 +1,4 @@
-"""The displacements of a live view on their way to its front ends: the newest, as often as they confirm."""
+"""Sender of the displacements of a live view to its front ends: the newest, as often as they confirm."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ class FieldSender:
     ----------
     packed : returns the voxels that are shown, or None.
     post : sends a message to the front ends.
-    lock : held while textures are made: what is shown does not change meanwhile.
+    lock : held while textures are made: the content does not change meanwhile.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
 
     Attributes
     ----------
-    shown : what is sent.
+    shown : the content to send.
     pacer : when it is sent.
     sent_bytes : of fields so far.
 

@@ -1,4 +1,4 @@
-"""The front ends of a live view: which of them draw, what they report, and messages to them."""
+"""The front ends of a live view: which of them draw, their reports, and messages to them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Post = Callable[[Message, list[bytes]], None]
 """Sends a message with its buffers to the front ends."""
 
 Send = Callable[[dict[str, Any], list[bytes]], None]
-"""Sends what a message contains, with its buffers."""
+"""Sends the content of a message, with its buffers."""
 
 _WINDOWS = 16  # front ends whose windows are known
 
@@ -48,17 +48,17 @@ class Outbox:
         self.send(message.content(), buffers)
 
     def send(self, content: dict[str, Any], buffers: list[bytes]) -> None:
-        """Send what a message of another widget contains."""
+        """Send the content of a message of another widget."""
         self.count += 1
         self._send(content, buffers)
 
 
 class LiveFrontEnds:
-    """The front ends of a live view that draw, and what they report.
+    """The front ends of a live view that draw, and their reports.
 
     Attributes
     ----------
-    theme : background of the page around, "dark" or "light".
+    theme : background around the front end, "dark" or "light".
     stats : the last measurements.
 
     Examples
@@ -86,7 +86,7 @@ class LiveFrontEnds:
         self._senders.pop(view, None)
 
     def take_theme(self, background: str | UnsetType) -> None:
-        """Take the background of the page around a front end, where its message has one."""
+        """Take the background around a front end, where its message has one."""
         self.theme = background or self.theme
 
     def follow(self, message: PointsFollowed) -> None:

@@ -68,13 +68,13 @@ OF_PAGE = frozenset(
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """Contents of a live view at one moment, besides its traits.
+    """Contents of a live view at one moment, without its traits.
 
     Parameters
     ----------
     volume : as it was given.
     scene : all that a picture follows from.
-    field : what is sent to front ends; None where an animation is played, of which the scene has one moment.
+    field : to send to front ends; None where an animation is played, of which the scene has one moment.
     map_size, space_size : samples of displacements, as of the view.
     """
 
@@ -90,32 +90,32 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     Parameters
     ----------
-    volume : shown at once if given.
+    volume : shown first, if given.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
-    background : "auto" follows the page, "dark" and "light" do not.
+    background : "auto" follows the front end, "dark" and "light" do not.
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`, such as "original" or "side_by_side".
     camera : direction, up, zoom, pan and perspective, as in :class:`~deformnb.widgets.camera.CameraTrait`. The front
         end writes it when the pointer is released; ``traitlets.link((a, "camera"), (b, "camera"))`` turns two views
         together.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
     limit : voxels sent to the front end at most; a larger volume is averaged, which the view reports.
-    width, height : size on the page in CSS pixels; a narrow page makes it smaller.
-    fill : True takes the size of the box it stands in instead.
+    width, height : size in CSS pixels; a narrow window makes it smaller.
+    fill : True takes the size of the box around it instead.
     map_size : samples of a displacement map along its longer side.
     space_size : samples along the longest side of a displacement that is no extrusion.
     show_folds : whether tissue is red and striped where the map folds; it costs nothing where nothing does.
-    ambient_occlusion : whether hollows and what lies deep inside are darker in the projection "shaded"; see
+    ambient_occlusion : whether hollows and deep places are darker in the projection "shaded"; see
         :func:`~deformnb.imaging.occlusion.ambient_light`.
     target_ms : time that a picture may take while something moves; its resolution adapts.
-    settle_ms : rest after which the full picture is drawn; after a drag it is drawn at once.
+    settle_ms : debounce time of the full picture; after a drag it is drawn immediately.
 
     Attributes
     ----------
     editor, editor_map : the editor that is followed, and which map of the deformation it moves.
     player : whose moment of an animation is seen, while :attr:`moments` is something.
     source : the volume and its voxels as they are sent.
-    fields : the deformation and its way to the front ends.
+    fields : the deformation and its sender to the front ends.
 
     Notes
     -----
@@ -194,7 +194,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.show(volume)
         close_earlier_of_this_cell(self)
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def show(self, volume: VolumeLike, *, window: tuple[float, float] | None = None) -> None:
         """Show another volume, without deformation, from the same side.
@@ -206,7 +206,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             that, only this part is resolved, more finely: the voxels are then sent again, which the view reports.
         """
         given = as_volume(volume)
-        with self._lock:  # throughout: of two that are shown at once, one is shown whole
+        with self._lock:  # throughout: of two concurrent calls, one is shown whole
             self.source.put(given, window, all_values=self.projection == "mip")
             self.fields.hold(ShownField())
             self._announce()
@@ -214,7 +214,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self._fallback.update()
 
     def _announce(self) -> None:
-        """Send the facts about the voxels, and then their colours: clients keep the old ones until voxels have come."""
+        """Send the facts about the voxels, and then their colours: clients show the old ones until voxels have come."""
         assert self.source.volume is not None
         self.label = f"Volume {self.source.volume.name}".strip()
         self.volume_info = self.source.ready().info()
@@ -264,7 +264,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     def follow(
         self, editor: Any, field: Extrusion | AbstractField, index: int = 0, *, output: Grid | None = None
     ) -> None:
-        """As :meth:`AbstractView.follow`, in the same page: without a message to Python.
+        """As :meth:`AbstractView.follow`, in the same client: without a message to Python.
 
         To let the editor move another map, follow with the other index first and then give it that map's points.
         """
@@ -308,7 +308,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     # -- an animation --------------------------------------------------------------------------------------------------
 
     def play(self, maps: TimeMaps, player: Any, *, output: Grid | None = None) -> None:
-        """Show the moments of an animation as a player in the same page goes through them.
+        """Show the moments of an animation as a player in the same client goes through them.
 
         Parameters
         ----------
@@ -319,7 +319,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         Notes
         -----
         All frames are sent once; then nothing is, however often they are played. Whatever else is shown ends it. An
-        editor that the view follows is followed on: what is dragged is seen at once, also beside a moment.
+        editor that the view follows is followed on: a drag is seen immediately, also during a moment.
         """
         self.fields.hold(ShownField(output=output, moments=maps))
         self.player = player
@@ -376,7 +376,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         with self._lock:
             if self.source.restrict(message.largest, message.voxels):
                 self.repack(is_too_large=True)
-                view = None  # for all front ends: what they have is of a finer volume
+                view = None  # for all front ends: they have a finer volume
         self.fields.answer(view)
 
     def _still(self, message: StillRequest) -> None:
@@ -393,7 +393,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self._front_ends.theme if self.background == "auto" else self.background
 
     def snapshot(self) -> Snapshot:
-        """All that the view shows now, for pictures of it and for a page that goes on without Python.
+        """The present content of the view, for pictures of it and for a web page without Python.
 
         Raises
         ------
@@ -438,24 +438,24 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self.still() if png is None else from_png(png)
 
     def has_page(self, *, by_card: bool = False) -> bool:
-        """Check whether a page shows this view and draws it itself; ``by_card``: by a graphics card."""
+        """Check whether a client shows this view and draws it itself; ``by_card``: by a graphics card."""
         return self._front_ends.drawing(by_card=by_card) is not None
 
     def page_scene(
         self, volume: VolumeLike, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings
     ) -> PageScene:
-        """A renderer of exports whose pictures a page of this view draws, as its screenshots are.
+        """A renderer of exports whose pictures a client of this view draws, as its screenshots are.
 
         Parameters
         ----------
-        volume, transfer : what the page shows; it takes no others.
+        volume, transfer : those of the client; it takes no others.
         size : (width, height) in pixels.
         seen : how it is shown.
 
         Raises
         ------
         PageGoneError
-            If no page shows this view.
+            If no client shows this view.
         """
         page = self._front_ends.drawing(by_card=False)
         if page is None:
@@ -464,7 +464,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return self._movies.start(PageScene(self._outbox.post, page, size, seen, self.fields.textures))
 
     def preview_png(self) -> bytes:
-        """A small picture as a PNG, from coarser voxels and kept: what is seen where no front end runs."""
+        """A small picture as a PNG, from coarser voxels and cached: the still where no front end runs."""
         scene = self.snapshot().scene
         if self._preview is None or self._preview[0] != scene:
             self._preview = (scene, preview_png(scene))
@@ -480,7 +480,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         ``drag_ms`` (median of quick pictures), ``scale`` (their share of the full width), ``full_ms``, ``passes``,
         ``frames``, ``width``, ``height``, ``edits``, ``edit_ms`` (fit in the front end), ``received`` (bytes); of
         Python ``volume_bytes``, ``field_bytes``, ``messages``, ``resolution`` and ``factors`` along x, y, z; and
-        ``server_renderer``: what was measured where Python draws for a front end that cannot.
+        ``server_renderer``: measurements where Python draws for a front end that cannot.
         """
         shown = self.source.shown
         sent = {

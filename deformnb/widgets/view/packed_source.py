@@ -41,7 +41,7 @@ class PackedSource:
 
     Notes
     -----
-    Not locked: :class:`~deformnb.widgets.LiveView` changes it while it holds its lock, and takes what is shown once.
+    Not locked: :class:`~deformnb.widgets.LiveView` changes it while it holds its lock, and takes the content once.
 
     Examples
     --------
@@ -102,7 +102,7 @@ class PackedSource:
         return not is_fine_enough(function, volume, shown.window, values)
 
     def restrict(self, largest: int, voxels: int) -> bool:
-        """Take the limits of a GPU: voxels along an axis and in all. Returns whether what is shown exceeds them."""
+        """Take the limits of a GPU: voxels along an axis and in all. Returns whether the volume exceeds them."""
         if largest >= self._largest and voxels >= self._limit:
             return False
         self._largest, self._limit = min(largest, self._largest), min(voxels, self._limit)
@@ -130,7 +130,7 @@ class PackedSource:
         return function, np.ascontiguousarray(table, "<f4").tobytes()
 
     def send(self, message: ChunkRequest) -> None:
-        """Send a front end the piece that it requests, if it is one of what is shown now."""
+        """Send a front end the piece that it requests, if it is one of the present volume."""
         pieces = self._pieces  # taken once: a cell may show another volume meanwhile
         if pieces is None or message.id != pieces.shown.id:
             return  # of a volume that was shown before: the front end will notice

@@ -1,4 +1,4 @@
-"""Pictures of a live view that its page draws for Python, one after the other: the frames of a movie.
+"""Pictures of a live view that its front end draws for Python, one after the other: the frames of a movie.
 
 The messages are MovieFrame, MovieEnd, MoviePiece and MovieFailed of :mod:`deformnb.widgets.messages.views`.
 """
@@ -29,7 +29,7 @@ _LOOKS = ("camera", "projection", "shows", "background", "clip", "show_folds", "
 
 
 class PageGoneError(DeformError):
-    """The page that draws has been closed, does not answer, or cannot draw."""
+    """The front end that draws was closed, does not answer, or cannot draw."""
 
 
 class PageScene:
@@ -66,7 +66,7 @@ class PageScene:
         self._field = maps(None, None)
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
-        """Deform what is shown, in the box of a grid."""
+        """Deform the volume, in the box of a grid."""
         self._field = self._maps(field, output)
 
     def render(self, *, bands: int = 1, progress: Progress | None = None) -> Image | None:
@@ -75,7 +75,7 @@ class PageScene:
         Raises
         ------
         PageGoneError
-            If the front end has been closed, has failed, or has not been heard of for a while.
+            If the front end has been closed, has failed, or has not answered for a while.
         """
         with self._heard:
             self._pieces, self._wanted = {}, -1
@@ -117,18 +117,18 @@ class PageScene:
             self._heard.notify_all()
 
     def fail(self, message: MovieFailed) -> None:
-        """Take what the front end reports."""
+        """Receive the report of the front end."""
         if message.id == self._id:
             self.give_up(f"the page reports: {message.message[:200]}")
 
     def give_up(self, why: str) -> None:
-        """Let whoever waits for a picture go on with an error."""
+        """End the wait for a picture with an error."""
         with self._heard:
             self._why = why
             self._heard.notify_all()
 
     def close(self) -> None:
-        """Let the front end give back what it holds."""
+        """Let the front end release its resources."""
         self._post(MovieEnd(view=self.front_end, id=self._id), [])
 
 
@@ -147,7 +147,7 @@ class MovieHost:
         self._movie: Callable[[], PageScene | None] = _no_movie
 
     def start(self, movie: PageScene) -> PageScene:
-        """Take this movie, held weakly, as the one under way."""
+        """Take this movie, held weakly, as the one in progress."""
         self._movie = weakref.ref(movie)
         return movie
 
@@ -159,7 +159,7 @@ class MovieHost:
         movie.receive(message, piece)
 
     def fail(self, message: MovieFailed) -> None:
-        """Take what the front end reports has gone wrong."""
+        """Receive an error report of the front end."""
         movie = self._movie()
         if movie is not None:
             movie.fail(message)

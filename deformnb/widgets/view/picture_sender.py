@@ -34,7 +34,7 @@ class PictureSender:
         self.shown_camera: tuple[str, int] = ("", 0)
 
     def greet(self) -> None:
-        """Send a new front end what the others have been sent already."""
+        """Send a new front end the last messages to the others."""
         for message in (Notice(text=self._notice), Badge(text=self.badge)):
             if message.text:
                 self._post(message)
@@ -48,7 +48,7 @@ class PictureSender:
         """Send a picture, or two of one place."""
         view, number = self.shown_camera
         if self.carrier is not None and shows in COMPARISONS and len(frame.images) == 2:
-            deformed, original = frame.images  # its page has no line to drag: it stands in the middle
+            deformed, original = frame.images  # its client has no line to drag: it is in the middle
             frame = replace(frame, images=(compared(shows, original, deformed),))
         message, pictures = self.frames.pack(frame, camera=number, by=view)
         if self.carrier is None:
@@ -62,7 +62,7 @@ class PictureSender:
         self._post(Notice(text=notice))
 
     def show_badge(self, text: str) -> None:
-        """Send the text in the corner, if it is another one."""
+        """Send the text in the corner, if it has changed."""
         if text != self.badge:
             self.badge = text
             self._post(Badge(text=text))

@@ -1,4 +1,4 @@
-"""Scene of a view with the thread that draws it, from the first picture that is wanted until nobody looks."""
+"""Scene of a view with the thread that draws it, from the first requested picture until no client is left."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class SceneHost:
 
     Attributes
     ----------
-    content : what the scene shows; None before the first volume.
+    content : of the scene; None before the first volume.
     loop : that of the scene; None while there is none.
     """
 
@@ -89,7 +89,7 @@ class SceneHost:
 
     def change(self, key: str, function: Callable[[Any], None]) -> None:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key."""
-        if self._is_closed:  # a front end's mouse may go on for a moment
+        if self._is_closed:  # a front end's mouse may send events for a moment
             return
         is_shown = self._is_shown()
         loop = self._awake() if is_shown and self.content is not None else self.loop

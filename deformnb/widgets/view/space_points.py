@@ -1,4 +1,4 @@
-"""Control points in space over a view of the volume: their editor, and the deformation that they make at once."""
+"""Control points in space over a view of the volume: their editor, and the deformation that they make immediately."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from deformnb.volume.volume import Grid
 from deformnb.widgets.messages.editors import PointsEdit
 
 # Samples along the longest side of a displacement while points move: 0.4 MB, which a front end gets 30 times a second.
-# What lies between them is off by less than a pixel of the picture for a bump of a quarter of the volume.
+# The values between them are off by less than a pixel of the picture for a bump of a quarter of the volume.
 QUICK_SIZE = 32
 
 MOST_FITTED = 48
@@ -53,11 +53,11 @@ class ShowsPoints(traitlets.HasTraits):
         return False
 
     def edit_points(self, editor: Any, field: FieldOf | None = None) -> None:
-        """Show the points of an editor in space, to be dragged here as well, and what they make of the volume.
+        """Show the points of an editor in space, to be dragged here as well, and their deformation of the volume.
 
         Parameters
         ----------
-        editor : a :class:`~deformnb.widgets.SpaceEditor`, or None to end it: what is shown stays.
+        editor : a :class:`~deformnb.widgets.SpaceEditor`, or None to end it: the content stays.
         field : what these points make of the volume; default is ``editor.field``. A document of several steps gives its
             own, with these points in the step that is edited.
 
@@ -77,7 +77,7 @@ class ShowsPoints(traitlets.HasTraits):
             self._show_points(make, editor.points, "end")
 
     def _follow_points(self, editor: Any, make: FieldOf) -> Callable[[], None]:
-        """Show every movement, edit and setting; what is returned ends it. An editor keeps no view alive."""
+        """Show every movement, edit and setting; the result ends it. An editor keeps no view alive."""
         show = weakly(self, ShowsPoints._show_points)
         show_moved = weakly(self, ShowsPoints._show_moved)
 
@@ -124,7 +124,7 @@ class ShowsPoints(traitlets.HasTraits):
 
 def plain_fit(field: AbstractField | None, editor: Any) -> ControlPoints | None:
     """The points of an editor in space if a field is their fit and nothing else, so that a front end can make it; else
-    None: beside rigid parts, cuts or stages, after another deformation, and of more than :data:`MOST_FITTED` points.
+    None: with rigid parts, cuts or stages, after another deformation, and of more than :data:`MOST_FITTED` points.
     """
     if editor is None or not isinstance(field, RBFInterpolant | ForwardFit) or len(field.ids) > MOST_FITTED:
         return None

@@ -41,7 +41,7 @@ class SceneDescription:
 
     Parameters
     ----------
-    shown : what is shown, before the deformation.
+    shown : the content, before the deformation.
     output : grid whose box is seen.
     camera : as in :class:`~deformnb.widgets.camera.CameraTrait`.
     background : a name of :data:`BACKGROUNDS`.
@@ -81,7 +81,7 @@ _PLAIN = ("output", "camera", "transfer", "projection", "background", "shows", "
 def render_scene(
     scene: SceneDescription, size: tuple[int, int], most: int | None = None, progress: Progress | None = None
 ) -> Image:
-    """A picture of a scene, (height, width, 3); original and deformed share it in the modes that show both at once.
+    """A picture of a scene, (height, width, 3); original and deformed share it in the modes that show both.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _render(
         return draw_core_mip(
             seen, camera, size, 255 * scene.shown.white, INKS[scene.background], background, part=part, progress=rest
         )
-    # Bytes instead of the volume's own values: what the front end has too, and a colour is looked up by value.
+    # Bytes instead of the volume's own values: the front end has those too, and a colour is looked up by value.
     transfer = scene.transfer.in_bytes(*scene.shown.window)
     return draw_core(
         seen,
@@ -164,7 +164,7 @@ def _part(scene: SceneDescription) -> ClipBox | None:
 
 
 def _ambience(volume: Volume, transfer: TransferFunction, field: AbstractField | None, box: Grid) -> Volume:
-    """The light that reaches each place, taken from where matter comes from, as the live view does."""
+    """The light that reaches each place, taken from the origin of its tissue, as the live view does."""
     light = ambient_light(volume, transfer)
     if field is None:
         return light
@@ -279,7 +279,7 @@ class CoreScene:
         self._clip = check_clip(clip)
 
     def set_ambient_occlusion(self, is_on: bool) -> None:
-        """Darken hollows, which VTK cannot: off from the start, so that both draw alike."""
+        """Darken hollows, which VTK cannot: off from the start, so that both draw the same."""
         self._has_occlusion = is_on
 
     def set_size(self, size: tuple[int, int]) -> None:
@@ -386,5 +386,5 @@ class StillAsSeen:
         return self.scene.render(bands=bands, progress=progress)
 
     def close(self) -> None:
-        """Give back what is held."""
+        """Release what is held."""
         self.scene.close()

@@ -1,4 +1,4 @@
-"""Flow control of pictures sent to front ends: JPEG, numbered, as many under way as confirmations allow.
+"""Flow control of pictures sent to front ends: JPEG, numbered, as many in flight as confirmations allow.
 
 Of many states the newest is sent: not before the front end has shown the one before, and not never.
 """
@@ -18,14 +18,14 @@ from deformnb.widgets.image_encoding import PREVIEW_SHARE, PREVIEW_SIZE, as_jpeg
 from deformnb.widgets.messages.views import FrameSent
 from deformnb.widgets.vtk.render_loop import Frame, LoopScene
 
-_IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the way of the first
+_IN_FLIGHT = 2  # pictures that no front end has confirmed: the second hides the latency of the first
 _LOST_AFTER = 2.0  # seconds; a front end that was closed confirms nothing
 
 
 class FrameSender:
     """Makes messages of frames and records which of them have been seen; may be used by several threads.
 
-    All front ends get all frames, so the slowest of those that answer sets the pace: what is sent faster than a front
+    All front ends get all frames, so the slowest of those that answer sets the pace: pictures sent faster than a front
     end shows it would wait there, and the front end would lag behind more and more.
 
     Attributes
@@ -44,7 +44,7 @@ class FrameSender:
 
     @property
     def may_send(self) -> bool:
-        """True if few enough pictures are under way; once it was False, :meth:`seen` returns True in the end."""
+        """True if few enough pictures are in flight; once it was False, :meth:`seen` returns True in the end."""
         with self._lock:
             self.was_full = self._on_the_way() >= _IN_FLIGHT
             return not self.was_full
@@ -90,7 +90,7 @@ class FrameSender:
             return self._is_free_again()
 
     def lost(self) -> None:
-        """Forget the frames under way, which nobody receives: a new front end was not there when they were sent."""
+        """Forget the frames in flight, which nobody receives: a new front end was not there when they were sent."""
         with self._lock:
             self._sent.clear()
 
@@ -140,7 +140,7 @@ class Pacer:
 
     Parameters
     ----------
-    send : called with a number that the front end confirms. It looks up what is newest itself. Calls never overlap.
+    send : called with a number that the front end confirms. It looks up the newest picture itself. Calls never overlap.
     patience : seconds after which a state is sent though none has been confirmed: a kernel that runs a cell receives
         nothing from a view, and a hidden view draws nothing.
     """
@@ -185,7 +185,7 @@ class Pacer:
                 self._go()
 
     def close(self) -> None:
-        """Send nothing more, nor what waits: the widget is closed. What is being sent is not waited for."""
+        """Send nothing more, nor the waiting picture: the widget is closed. Does not wait for a send in progress."""
         self._is_closed = True
         timer, self._timer = self._timer, None
         if timer is not None:
@@ -197,7 +197,7 @@ class Pacer:
                 return  # it was sent meanwhile
             try:
                 self._go()
-            except Exception:  # in a thread of its own nothing else would report it
+            except Exception:  # in a separate thread nothing else would report it
                 if not self._is_closed:
                     _LOG.exception("a deformation could not be sent to its front ends")
 

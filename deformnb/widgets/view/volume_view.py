@@ -1,7 +1,7 @@
 """Volume view: a volume drawn by VTK in Python, for browsers that are weak and for features of VTK.
 
 One thread makes the window and does every call of VTK. The front end gets pictures as JPEG and sends the viewer's
-position; the newest of all changes is drawn, at most two pictures are under way. The view records of each of its front
+position; the newest of all changes is drawn, at most two pictures are in flight. The view records of each of its front
 ends its size and whether it is dark. Folds can be painted red, with a badge in the corner of the picture.
 
 The messages are those of :data:`deformnb.widgets.messages.views.SERVED`.
@@ -87,7 +87,7 @@ class FrontEnds:
             self._sizes.pop(name, None)
 
     def size(self, default: tuple[int, int]) -> tuple[int, int]:
-        """The largest of what the front ends show."""
+        """The largest size of the front ends."""
         with self._lock:
             return max(self._sizes.values(), key=lambda s: s[0] * s[1], default=default)
 
@@ -110,7 +110,7 @@ def _trame_frames(view: VolumeView) -> Any:
 
 
 TRANSPORTS: dict[str, Callable[[VolumeView], Any] | None] = {"comm": None, "trame": _trame_frames}
-"""Transports of pictures to a front end, by name: None for the notebook's own channel, or what makes another."""
+"""Transports of pictures to a front end, by name: None for the notebook's own channel, or the maker of another."""
 
 
 def check_transport(name: str) -> None:
@@ -125,7 +125,7 @@ def check_transport(name: str) -> None:
 
 _Result = TypeVar("_Result")
 
-_LOOK_EVERY = 0.02  # seconds between looks at whether the full picture has come
+_LOOK_EVERY = 0.02  # seconds between checks whether the full picture has come
 
 
 class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
@@ -133,14 +133,14 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     Parameters
     ----------
-    volume : shown at once if given.
+    volume : shown first, if given.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
     background : "dark", "light" or "auto", which is the front end's.
     shows : a name of :data:`~deformnb.widgets.camera.SHOWS`.
     clip : the part of the box that is seen, three pairs of shares; see :meth:`set_clip`.
-    width, height : size on the page in CSS pixels; a narrow page makes it smaller.
-    fill : True takes the size of the box it stands in instead.
+    width, height : size in CSS pixels; a narrow window makes it smaller.
+    fill : True takes the size of the box around it instead.
     transport : how pictures reach the front end: "comm" is the notebook's own channel, "trame" a server of this process
         with trame's remote view in a frame, which only a browser on this machine reaches.
     target_ms : time that a picture may take while something moves; its resolution adapts.
@@ -152,8 +152,8 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
     Attributes
     ----------
-    scene : what is drawn, and its thread.
-    pictures : what is sent; ``pictures.badge`` is the text in a corner: that the map folds, or empty.
+    scene : the drawn one, and its thread.
+    pictures : their sender; ``pictures.badge`` is the text in a corner: that the map folds, or empty.
 
     Notes
     -----
@@ -171,7 +171,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
     (48, 64, 3)
     >>> view.close()
 
-    Axes and a mesh beside the volume, where VTK works::
+    Axes and a mesh next to the volume, where VTK works::
 
         view.call(lambda plotter: plotter.show_bounds(color="gray", font_size=10, use_3d_text=False))
         view.call(lambda plotter: plotter.add_mesh(mesh, color="red", opacity=0.5))
@@ -229,7 +229,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.show(volume)
         close_earlier_of_this_cell(self)
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def show(self, volume: VolumeLike) -> None:
         volume = as_volume(volume)
@@ -404,7 +404,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             self.pictures.greet()
 
     def draw_again(self) -> None:
-        """A front end has come that was not there when the last picture was sent: none is on its way to it."""
+        """A front end has come that was not there when the last picture was sent: none is in flight to it."""
         self.pictures.frames.lost()
         if self._front_ends:
             self.scene.touch()
@@ -426,7 +426,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
 
         self.scene.change("camera", turn)
 
-    # -- what the pictures take from them ------------------------------------------------------------------------------
+    # -- inputs of the pictures ----------------------------------------------------------------------------------------
 
     def _frame(self) -> tuple[tuple[int, int], str]:
         """The largest size of the front ends, or that of the traits, and the background."""
@@ -482,7 +482,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         return {**measured, "path": self._path, "width": width, "height": height, **self.pictures.frames.stats()}
 
     def preview_png(self) -> bytes:
-        """A small picture as a PNG: what is seen where no front end runs."""
+        """A small picture as a PNG: the still where no front end runs."""
         return self.scene.do(lambda scene: preview_png(scene, self.shows))
 
     def _repr_mimebundle_(self, **options: Any) -> Any:

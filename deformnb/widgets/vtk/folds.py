@@ -1,6 +1,6 @@
 """Folds in VTK's own volume shader: tissue that a map inverts is red with stripes, as in the live view.
 
-The text is in the shader only while the maps that it looks up invert a cell, which is checked here: a deformation
+The code is in the shader only while the maps that it samples invert a cell, which is checked here: a deformation
 without folds is drawn by the same shader as ever.
 """
 
@@ -39,8 +39,8 @@ REPLACED_FOR_FOLDS = {
 }
 """Replacements in VTK's shader that paint folds."""
 
-# The sign of a determinant is the same in coordinates of textures. No step leads out of what is seen, where the maps
-# are constant; beside a cut the map of the region seen goes on.
+# The sign of a determinant is the same in coordinates of textures. No step leads out of the visible box, where the maps
+# are constant; next to a cut the map of the visible region continues.
 _GLSL = """
 float dnb_turned = 0.0;
 
@@ -62,14 +62,14 @@ vec4 dnb_tinted(sampler2D colors, vec2 at)
 
 
 def fold_glsl(has_cuts: bool) -> str:
-    """The functions, behind those that look up a displacement."""
+    """The functions, behind those that sample a displacement."""
     look = "dnb_look({}, dnb_home)" if has_cuts else "dnb_warp({})"
     places = {"at": "q", "u": "q + vec3(h.x, 0.0, 0.0)", "v": "q + vec3(0.0, h.y, 0.0)", "w": "q + vec3(0.0, 0.0, h.z)"}
     return _GLSL % {name: look.format(place) for name, place in places.items()}
 
 
 def fold_step(maps: FieldTextures, lattice: Grid) -> float:
-    """Distance between look-ups of displacements: a length over which the samples show a slope."""
+    """Distance between samples of displacements: a length over which the samples show a slope."""
     planar, space = maps.content.planar, maps.content.space
     return max(
         min(lattice.spacing),
@@ -84,7 +84,7 @@ def fold_step(maps: FieldTextures, lattice: Grid) -> float:
 def maps_fold(maps: FieldTextures) -> bool:
     """Check whether maps invert a cell, at one of two opposite corners, at any weight that they have.
 
-    Of a region beside a cut it does not matter whether the cell is seen. Not for maps with cuts of earlier steps.
+    Of a region next to a cut hidden cells count too. Not for maps with cuts of earlier steps.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def _planar_folds(about: PlanarData, maps: FieldTextures) -> bool:
     for slopes in _slopes(samples, about["spacing"]):
         steep = np.sqrt((slopes**2).sum(axis=(0, 1)).max(axis=(-2, -1)))  # (regions, maps)
         for a, b in zip(weights.T[:-1], weights.T[1:], strict=True):
-            # Nothing is turned over by what moves less than the places that it moves lie apart.
+            # Displacements smaller than the distance of neighbours turn nothing over.
             near = steep @ np.maximum(np.abs(a), np.abs(b)) >= 1
             if near.any() and (weights.shape[1] > MOST_BENDS or _turned_between(slopes[:, :, near], a, b)):
                 return True
@@ -122,7 +122,7 @@ def _bends(weights: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _turned_between(slopes: NDArray[np.float32], a: NDArray[np.float32], b: NDArray[np.float32]) -> bool:
-    """Check whether anything is inverted by weights from a to b: the determinant is a parabola on the way."""
+    """Check whether anything is inverted by weights from a to b: the determinant is a parabola in between."""
     one = one_plus(np.einsum("mnrkyx,k->mnryx", slopes, a))
     way = np.einsum("mnrkyx,k->mnryx", slopes, b - a)
     start, bow = determinant(one), determinant(way)

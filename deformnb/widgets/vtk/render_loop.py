@@ -1,7 +1,7 @@
 """Render loop of a scene: quick pictures while something changes, the full one at rest. No Jupyter, no VTK in here.
 
 The scene is made, drawn and closed by one thread. Changes may come from any thread and faster than pictures: of each
-kind the newest is kept, and the last is always drawn.
+kind only the newest stays, and the last is always drawn.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ class SceneLoop:
         return self._thread.call(work)
 
     def close(self, wait: float = 0.1) -> None:
-        """End the thread behind what it is doing, and close the scene; takes at most ``wait`` seconds."""
+        """End the thread after its current work, and close the scene; takes at most ``wait`` seconds."""
         self._thread.close(wait)
 
     # -- in the thread -------------------------------------------------------------------------------------------------
@@ -297,7 +297,7 @@ class _Holder:
 
 
 def _give_way() -> None:
-    """Let others on this machine come first, above all a browser that moves the points and shows what is drawn here.
+    """Let others on this machine come first, above all a browser that moves the points and shows these pictures.
 
     It goes for this thread and for those that it starts, such as VTK's own; only Linux can do that.
     """
@@ -308,5 +308,5 @@ def _give_way() -> None:
 
 
 def _coarseness(scale: float) -> float:
-    """Samples farther apart in smaller pictures: what is saved would else be spent on depth that is not seen."""
+    """Samples farther apart in smaller pictures: the time saved would else be spent on invisible depth."""
     return 1.0 + 2.2 * (1.0 - scale)

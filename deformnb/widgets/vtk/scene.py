@@ -1,7 +1,7 @@
 """VTK scene of a volume, its deformation, a camera and colours, without a widget: for views, servers and movies.
 
 All calls must come from one thread, which OpenGL requires (see :mod:`~deformnb.widgets.worker`). The voxels go
-to the GPU once. An edit sends maps of displacements, which VTK's shader looks up at every sample; where this version
+to the GPU once. An edit sends maps of displacements, which VTK's shader samples at every step; where this version
 of VTK cannot, the core warps the voxels and they are written over the old ones in place.
 
 The scene draws in a :class:`~deformnb.imaging.vtk_volume.VolumeWindow`, as stills and movies do, and adds what is
@@ -52,7 +52,7 @@ from deformnb.widgets.vtk.folds import Folding, pressed
 from deformnb.widgets.vtk.shader import VolumeWarp
 
 IndexBox = tuple[Floats, Floats]
-"""Lowest and highest index (i, j, k) of what is seen of a lattice."""
+"""Lowest and highest index (i, j, k) of the visible part of a lattice."""
 
 
 def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.float64]]:
@@ -81,7 +81,7 @@ def covering(volume: Volume, output: Grid | None) -> tuple[Volume, NDArray[np.fl
 
 
 def frame_of(volume: Volume) -> PackedVolume:
-    """The frame that maps of displacements lie in: lengths along the axes from the centre of the first voxel."""
+    """The frame of maps of displacements: lengths along the axes from the centre of the first voxel."""
     return PackedVolume(volume, volume.grid, (0.0, 1.0), (1, 1, 1), "", 0, 1.0)
 
 
@@ -92,17 +92,17 @@ def white_of(volume: Volume) -> float:
 
 
 class SceneVoxels:
-    """The voxels that VTK draws, written over in place where its shader cannot do what is wanted.
+    """The voxels that VTK draws, written over in place where its shader cannot deform.
 
     Parameters
     ----------
-    volume : what is shown; its voxels are copied once, with a margin of background.
+    volume : to show; its voxels are copied once, with a margin of background.
     output : its box is what can be seen; None for the volume's own.
 
     Attributes
     ----------
     image : what VTK has; lattice : where its voxels are; first : index (i, j, k) of the volume's first voxel there.
-    written : what the voxels are now: their kind, the field that moved them, and the box outside of which is nothing.
+    written : the state of the voxels: their kind, the field that moved them, and the box outside of which is nothing.
     """
 
     def __init__(self, volume: Volume, output: Grid | None) -> None:
@@ -151,7 +151,7 @@ class SceneVoxels:
         if state[0] == self.written[0] and state[1] is self.written[1] and state[2] == self.written[2]:
             return
         if self._plain is None:
-            self._plain = self._values.copy()  # only this way needs the voxels twice
+            self._plain = self._values.copy()  # only this method needs the voxels twice
         if kind == "plain":
             self._values[...] = self._plain
         else:
@@ -162,7 +162,7 @@ class SceneVoxels:
         self.written = state
 
     def _put_inside(self, plain: NDArray[Any], field: AbstractField | None) -> None:
-        """Only the voxels whose centres can be seen; around them lies background."""
+        """Only the voxels whose centres can be seen; around them is background."""
         low = np.ceil(self._low - 1e-6).astype(int)[::-1]
         high = np.floor(self._high + 1e-6).astype(int)[::-1] + 1
         inside = tuple(map(slice, low, high))
@@ -189,7 +189,7 @@ class SceneVoxels:
 
 
 def clipping_planes(lattice: Grid, kept: IndexBox | None) -> list[Any]:
-    """Planes of VTK on the sides of a box of indices: between a voxel and an emptied one lies a skin of neither."""
+    """Planes of VTK on the sides of a box of indices: between a voxel and an emptied one is a skin of neither."""
     from vtkmodules.vtkCommonDataModel import vtkPlane
 
     planes: list[Any] = []
@@ -279,7 +279,7 @@ VOLUME_PROJECTIONS = ("shaded", "composite", "mip")
 
 
 class ShaderMaps:
-    """Deformation in VTK's shader, which looks up maps of displacements.
+    """Deformation in VTK's shader, which samples maps of displacements.
 
     Parameters
     ----------
@@ -289,14 +289,14 @@ class ShaderMaps:
     Attributes
     ----------
     warp : the shader; None where there is none, and before :meth:`open`.
-    maps : those to look up; None for no deformation, and where it is done in the voxels.
+    maps : those to sample; None for no deformation, and where it is done in the voxels.
     """
 
     def __init__(self, map_size: int, space_size: int, shows_cuts: Callable[[], bool]) -> None:
         self._map_size, self._space_size, self._shows_cuts = map_size, space_size, shows_cuts
         self.warp: VolumeWarp | None = None
         self.maps: FieldTextures | None = None
-        self._loaded: FieldTextures | None = None  # what the shader has of them
+        self._loaded: FieldTextures | None = None  # the part in the shader
 
     def maps_of(self, field: AbstractField, volume: Volume, output: Grid | None) -> FieldTextures | None:
         """The maps of a field; None where the shader does not show them rightly.
@@ -311,20 +311,20 @@ class ShaderMaps:
         return None if is_early or (has_cuts and not self._shows_cuts()) else maps
 
     def open(self, window: VolumeWindow) -> None:
-        """Have the shader of what a window shows now."""
+        """Take the shader of a window's present content."""
         render_window = window.plotter.render_window
         render_window.SetSize(8, 8)
         render_window.Render()  # makes the context that textures live in
         self.warp = VolumeWarp(window.actor, render_window)
 
     def load(self, voxels: SceneVoxels) -> None:
-        """Have the shader look up the maps in these voxels."""
+        """Have the shader sample the maps in these voxels."""
         if self.warp is not None and self.maps is not self._loaded:
             self.warp.set_maps(self.maps, voxels.lattice, voxels.first)
             self._loaded = self.maps
 
     def close(self) -> None:
-        """Give back what is on the GPU."""
+        """Release what is on the GPU."""
         if self.warp is not None:
             self.warp.close()
         self.warp = self.maps = self._loaded = None
@@ -335,7 +335,7 @@ class VtkScene:
 
     Parameters
     ----------
-    volume : what is shown; its voxels are copied once, with a margin.
+    volume : to show; its voxels are copied once, with a margin.
     size : (width, height) of the picture in pixels.
     transfer : a transfer function or the name of a preset.
     projection : "shaded", "composite" or "mip".
@@ -386,7 +386,7 @@ class VtkScene:
         self._wanted_transfer = transfer
         self.set_volume(volume)
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     @property
     def plotter(self) -> Any:
@@ -494,11 +494,11 @@ class VtkScene:
         Parameters
         ----------
         scale : share of the size in pixels, for a quick picture.
-        coarseness : samples lie this many times farther apart along a ray.
-        shows : instead of what was set.
+        coarseness : samples are this many times farther apart along a ray.
+        shows : instead of the present mode.
         bands : parts that are drawn one after the other, from above; one where the plotter has labels or axes.
         interrupted : called between two parts; if it returns True, the work is dropped and None returned.
-        progress : called after each part with the finished share; what it raises ends the work.
+        progress : called after each part with the finished share; its exceptions end the work.
         """
         width, height = (max(8, round(n * scale)) for n in self._size)
         kind = self._shows if shows is None else check_choice(shows, SHOWS, "kind of picture")
@@ -574,7 +574,7 @@ class VtkScene:
             self.shader.load(self.voxels)
             self.shader.warp.set_strength(1.0 if wanted else 0.0)
             self.shader.warp.set_folds(self.folding.is_red)
-        # A shader cuts off by itself what lies outside of what is seen, and needs it for what comes from there.
+        # A shader clips at the visible box by itself, and needs the tissue outside for displacements from there.
         kept = None if self.shader.warp is not None else self.voxels.kept(self._clip)
         if wanted and (self.shader.warp is None or self.shader.maps is None):
             self.voxels.write("warped", self._field, kept)
@@ -592,7 +592,7 @@ class VtkScene:
 
 @cache
 def texture_works() -> bool:
-    """Check that VTK's shader deforms as the core does: a small volume is drawn both ways and compared, once a process.
+    """Check that VTK's shader deforms as the core does: a small volume is drawn by both and compared, once a process.
 
     To be called by a thread that renders. VTK's message about a shader that it cannot compile is not shown.
     """
@@ -601,7 +601,7 @@ def texture_works() -> bool:
 
 @cache
 def cuts_work() -> bool:
-    """The same of displacements with cuts, whose text is another one."""
+    """The same of displacements with cuts, whose code differs."""
     return texture_works() and _is_right(*cut_probe())
 
 

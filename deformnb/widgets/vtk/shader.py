@@ -3,15 +3,15 @@
 The maps of :mod:`~deformnb.widgets.textures` become textures, and replacements in the text of VTK's shader let every
 look-up of the volume, those for the gradient included, go through them. An edit sends the maps only, some 100 kB.
 
-This depends on the words of VTK's shader, which no version promises to keep: whoever uses it compares a picture first.
+This depends on the words of VTK's shader, which no version promises to keep: every user compares a picture first.
 
 At cuts the text chooses at every sample the region that is seen, as :mod:`deformnb.rbf.cuts` does. The regions are
 written out one after the other, since Mesa's software renderer executes both sides of every branch anyway. Points and
-cuts that move change textures only; the text is another one for other regions or another rule.
+cuts that move change textures only; other regions or another rule change the code.
 
-Empty space is skipped: a ray goes on to its next visible sample before it computes a gradient. Because Mesa's software
+Empty space is skipped: a ray continues to its next visible sample before it computes a gradient. As Mesa's software
 renderer executes both sides of a branch, VTK's shader pays for gradient and light, six look-ups and their
-displacements, also in empty space. A loop is left for good by each ray, though: the loop here has one look-up for a
+displacements, also in empty space. A loop is left finally by each ray, though: the loop here has one look-up for a
 sample, and the code behind it is executed only as often as the busiest of a few neighbours meets something. The samples
 are the same, and so is the picture.
 """
@@ -48,7 +48,7 @@ _MAP = {
 }
 
 # dnb_look: where the value at q comes from. keep < 0 chooses the region, which dnb_veil keeps in dnb_home; else the map
-# of that region is followed. dnb_seen is the share of what is at q that has not been cut away.
+# of that region is followed. dnb_seen is the share of the tissue at q that has not been cut away.
 _CUTS_GLSL = """
 vec3 dnb_at = vec3(0.0), dnb_fade_p = vec3(1.0), dnb_fade_n = vec3(1.0);
 float dnb_seen = 1.0, dnb_open = 1.0;
@@ -115,7 +115,7 @@ REPLACED_FOR_CUTS = {
     "texture3D(in_volume[0], g_dataPos)": "dnb_veil(texture3D(in_volume[0], "
     "dnb_at = dnb_inside(dnb_look(g_dataPos, -1), g_dataPos)))",
     "g_srcColor.a = computeOpacity(scalar);": "g_srcColor.a = computeOpacity(scalar) * dnb_open;",
-    # A step to one side is looked up; one to the other is as far the other way, for the opacity as for the place.
+    # A step to one side is looked up; one to the other is opposite and as far, for the opacity as for the place.
     **{
         f"texPosPvec[{k}] = texPos + {x}vec;": f"vec3 dnb_{x} = dnb_look(texPos + {x}vec, dnb_home) - dnb_at; "
         f"dnb_fade_p.{x} = dnb_seen; "
@@ -140,7 +140,7 @@ REPLACED_FOR_CUTS = {
 
 @cache
 def cut_choice() -> str:
-    """The choice at a cut (Eq. 8), the same text as in the page's shader."""
+    """The choice at a cut (Eq. 8), the same text as in the front end's shader."""
     return (SHADERS / "cut_choice.glsl").read_text(encoding="utf-8")
 
 
@@ -149,7 +149,7 @@ def cut_glsl(sides: Sequence[Sequence[bool]], rule: str, weighted: bool, inside:
 
     Parameters
     ----------
-    sides : for each region whether it lies inside of each cut.
+    sides : for each region whether it is inside of each cut.
     rule : a name of :data:`deformnb.rbf.cuts.CUT_RULES`.
     weighted : whether maps have weights that depend on the depth.
     inside, space : further statements.
@@ -229,7 +229,7 @@ REPLACED_FOR_EMPTY = {"scalar = texture3D(in_volume[0], g_dataPos);": "scalar = 
 """Look-ups that need no repetition behind it; nothing is wrong where VTK has no such words."""
 
 
-_BARE = 1.5  # voxels, beside the one that a slope reaches
+_BARE = 1.5  # voxels, in addition to the one that a slope reaches
 
 # What VTK calls things. The replacements must find all of them, else the shader does not compile or nothing moves.
 _HOOK = "//VTK::ComputeGradient::Dec"
@@ -247,15 +247,15 @@ REPLACED = {
         for k, x in enumerate("xyz")
     },
 }
-"""Replacements in VTK's shader that displace what it samples."""
+"""Replacements in VTK's shader that displace its samples."""
 
 _SAMPLERS = {"dnb_maps": "sampler2D", "dnb_weights": "sampler2D", "dnb_space": "sampler3D", "dnb_cuts": "sampler2D"}
 
-# Coordinates of textures throughout. Row k of the weights belongs to map k; the maps lie one below the other. A place
-# outside the box of what is seen is looked up in the corner 0, where the scene keeps background. The slope needs six
-# look-ups around a sample: three displacements beside its own give their places, since a displacement is smooth.
+# Coordinates of textures throughout. Row k of the weights belongs to map k; the maps are one below the other. A place
+# outside the visible box is looked up in the corner 0, where the scene keeps background. The slope needs six
+# look-ups around a sample: three displacements next to its own give their places, since a displacement is smooth.
 #
-# Only what a deformation needs is in the shader, and no branches: Mesa's software renderer executes both sides of each,
+# Only code of the deformation is in the shader, and no branches: Mesa's software renderer executes both sides of each,
 # which made a volume without any deformation 2.7 times as slow as with VTK's own shader.
 _WARP_GLSL = """
 vec3 dnb_at = vec3(0.0);
@@ -347,7 +347,7 @@ class VolumeWarp:
             self._uniforms.SetUniformi(name, texture.unit())
 
     def _inject(self, planar: str, space: bool, cut: Any) -> None:
-        """Write what is needed into VTK's shader, which is compiled anew if that is another text than before."""
+        """Write the code into VTK's shader, which is compiled anew if that differs from before."""
         self._what = (planar, space, cut)
         is_red = self._is_red and (planar != "none" or space)
         wanted = (*self._what, self._is_boxed, is_red, self._is_lit)
@@ -378,7 +378,7 @@ class VolumeWarp:
 
         Parameters
         ----------
-        is_cut : (2, 3), 1 for each side, first the low ones, that is a cut through what is there. Its face is lit
+        is_cut : (2, 3), 1 for each side, first the low ones, that is a cut through the tissue. Its face is lit
             deeper than a slope reaches: an even inside has none, and VTK leaves that dark.
         """
         n = np.asarray(lattice.shape[::-1])

@@ -1,7 +1,7 @@
 """Notebook display of a volume view's pictures by trame: a remote controlled area in an inline frame.
 
 The server is the application's, with the same access control: this machine only, a password made for this view, and of
-other pages' origins only the notebook's may frame it. It lives in a thread of its own and ends with the view, or some
+other pages' origins only the notebook's may frame it. It runs in a separate thread and ends with the view, or some
 minutes after the last client has gone. Pictures and mouse events use this connection; all else stays with the
 notebook's own channel.
 """
@@ -31,7 +31,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class TrameFrames:
-    """Carries a view's pictures to a frame in its page; :meth:`open` starts a server where none runs.
+    """Sends a view's pictures to a frame in its page; :meth:`open` starts a server where none runs.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class TrameFrames:
 
 
 class _Served:
-    """One server in a thread of its own, for pages that are framed by those of one origin."""
+    """One server in a separate thread, for pages that are framed by those of one origin."""
 
     def __init__(self, view: Any, origin: str) -> None:
         self.area = _ViewArea(view)
@@ -164,14 +164,14 @@ class _ViewArea:
             html.Div("VTK draws the first picture …", classes="dnb-app-waiting")
             rca.RemoteControlledArea(name=AREA, display="image", image_style=("dnb_image", {"width": "100%"}))
             remote = AbstractElement("deformnb-remote", area=AREA, views=("dnb_views",))
-            remote._attr_names.extend(["area", "views"])  # noqa: SLF001  # trame has no public way
+            remote._attr_names.extend(["area", "views"])  # noqa: SLF001  # trame has no public API
         return self
 
     def start(self) -> None:
         """Wait for a page."""
 
     def answers(self) -> dict[str, Answer]:
-        """Remote procedures: size and mouse of the area, the cube beside it, and confirmations."""
+        """Remote procedures: size and mouse of the area, the cube next to it, and confirmations."""
         return {
             "trame.rca.size": for_area(self._size),
             "trame.rca.event": for_area(self._event),
@@ -184,10 +184,10 @@ class _ViewArea:
         return ("remote.js", "remote.css")
 
     def disconnect(self) -> None:
-        """A page has gone; it held nothing but the mouse."""
+        """A page was closed; it held nothing but the mouse."""
 
     def _size(self, origin: str, size: Any) -> None:
-        """A page is there. The view's own page around it sends the size of the pictures."""
+        """A page has connected. The view's own page around it sends the size of the pictures."""
         view = self._view()
         if view is not None:
             view.draw_again()

@@ -138,7 +138,7 @@ def access_check(names: Callable[[], frozenset[str]], handlers: Sequence[Any], f
     Parameters
     ----------
     names : the server's own, see :func:`own_names`; looked up at each request, for the port is chosen late.
-    handlers : wslink's handlers of sockets. They keep whatever reaches them as a connection until it is closed, so
+    handlers : wslink's handlers of sockets. They hold every request as a connection until it is closed, so
         that a plain request, as of an ``<img>`` in any page, would stay for ever.
     framed_by : the one origin whose pages may show ours in a frame.
     """
@@ -217,7 +217,7 @@ class SlowRequests:
                 transport.abort()
 
     async def stop_answers(self) -> None:
-        """Stop what is still being answered; to be done before its connections are cut off.
+        """Stop the answers in progress; to be done before its connections are cut off.
 
         Python sends a file by the system and does not learn there that its connection was cut off: the task of a reader
         who does not read would wait on, and aiohttp a minute for that.
@@ -232,7 +232,7 @@ class SlowRequests:
 class RefusedByServer(logging.Filter):
     """Log of requests that aiohttp cannot read, as lines like those of :func:`access_check`.
 
-    Any page can send such requests, and aiohttp logs each of them with a traceback and with what was sent. An exception
+    Any page can send such requests, and aiohttp logs each of them with a traceback and its content. An exception
     in what answers a request is a defect of ours and stays as it is.
     """
 
@@ -261,7 +261,7 @@ def _is_logged(count: int) -> bool:
 
 
 async def part_from(sockets: Iterable[Any]) -> None:
-    """Close WebSockets, all at a time; one whose page does not answer within :data:`FAREWELL_SECONDS` is cut off."""
+    """Close WebSockets, all concurrently; one whose page does not answer within :data:`FAREWELL_SECONDS` is cut off."""
     closing = {asyncio.ensure_future(socket.close()) for socket in sockets if socket.prepared}
     if closing:
         _, slow = await asyncio.wait(closing, timeout=FAREWELL_SECONDS)
@@ -297,12 +297,12 @@ class PasswordCheck(LinkProtocol):  # type: ignore[misc]  # wslink has no types
 
 
 class MessageGuard:
-    """Stands before wslink's handler of one socket route and lets through what the table has.
+    """Filters messages to wslink's handler of one socket route by the table.
 
     Parameters
     ----------
     handler : wslink's handler; its table of procedures is replaced.
-    answers : what the page may call, by name.
+    answers : procedures that the page may call, by name.
     long : of these, those that take more than :data:`LONGEST_OTHER`.
     """
 
@@ -412,7 +412,7 @@ def _decoded(data: Any, longest: int) -> dict[str, Any]:
 
 
 def _short(error: Exception) -> str:
-    """The first words of an error, without what the page wrote into it across several lines."""
+    """The first words of an error, without text of the page across several lines."""
     return " ".join(str(error).split())[:160]
 
 
@@ -447,7 +447,7 @@ class SiteGuard:
 
         Parameters
         ----------
-        answers : what pages may call, by name, made of wslink's own table.
+        answers : procedures that pages may call, by name, made of wslink's own table.
         names : the names of the server, as of :func:`access_check`; long : as of :class:`MessageGuard`.
         """
         self._served = served

@@ -104,7 +104,7 @@ class Pictures:
 
     Parameters
     ----------
-    push : sends one; called by the thread that draws, and by one of its own.
+    push : sends one; called by the thread that draws, and by a separate one.
     """
 
     def __init__(self, push: Push) -> None:
@@ -120,7 +120,7 @@ class Pictures:
         ----------
         images : one picture or two, of which the second is the original.
         jpegs : the same, packed.
-        camera : where the viewer stands in them.
+        camera : position of the viewer in them.
         about : further facts for the page: ``n`` (number of the picture), ``full``, ``shows`` and ``badge``.
         """
         with self._lock:
@@ -192,7 +192,7 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
         return {**camera, "pan": [right - dx * seen, above - dy * seen]}
     plane = Plane.from_normal((0, 0, 0), camera["direction"], camera["up"])
     right, up, ahead = np.asarray(plane.u), -np.asarray(plane.v), np.asarray(plane.normal)
-    # What is in front follows the pointer: the viewer goes the other way, and looks more to where the pointer goes.
+    # The tissue in front follows the pointer: the viewer moves opposite, and turns towards the pointer's target.
     ahead, right = _turned(ahead, right, dx * _TURN)
     ahead, up = _turned(ahead, up, dy * _TURN)
     return {**camera, "direction": ahead.tolist(), "up": up.tolist()}

@@ -31,7 +31,7 @@ from deformnb.widgets.web.remote_area import AREA
 
 _LIFE = ("client_connected", "client_mounted", "client_unmounted", "client_exited")
 _KINDS = {".js": "text/javascript", ".css": "text/css"}
-_LOOK_EVERY = 1.0  # seconds between looks at who is still there
+_LOOK_EVERY = 1.0  # seconds between checks of the clients
 
 _LONG = frozenset({"deformnb.comm"})  # edits with many points, saved sessions
 
@@ -70,7 +70,7 @@ class PageServer:
     root : wslink's protocol of the server, while it runs; see :meth:`publish`.
     content : the result of ``make``.
     guard : who is let in; ``guard.dropped`` counts the messages that were refused.
-    url : where the page is, with its password; empty before the server runs.
+    url : of the page, with its password; empty before the server runs.
     reason : why it ended.
     """
 
@@ -257,7 +257,7 @@ def _assets() -> dict[str, tuple[str, str]]:
     own, found = page.replace("<head>", '<head><script src="deformnb/access.js"></script>'), page.count("<head>")
     if found != 1:
         raise DeformError("the page of this version of trame-client is not as expected; install version 4.1.")
-    # Its only script within the page draws a waiting sign, which our policy would refuse with a complaint.
+    # Its only script within the page draws a waiting sign, which our policy would refuse with a warning.
     start, end = own.rindex("<script>"), own.rindex("</script>") + len("</script>")
     index = own[:start] + own[end:]
     return {

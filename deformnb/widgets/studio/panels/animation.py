@@ -45,8 +45,8 @@ class AnimationPanel(Panel):
 
     Parameters
     ----------
-    view : shows what is played, and its camera is the movies'.
-    folder : where movies lie.
+    view : shows the playback, and its camera is the movies'.
+    folder : of the movies.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class AnimationPanel(Panel):
             "go to a moment",
             self._at_moment,
         )
-        # Above the list, which grows: what is pressed again stays where it is.
+        # Above the list, which grows: buttons pressed repeatedly stay in place.
         self.box = column(
             row(add, self._update),
             self.items,
@@ -154,7 +154,7 @@ class AnimationPanel(Panel):
         self.refresh()
 
     def _add(self) -> None:
-        """Add a key frame, and rest there: what is dragged from now on is for the next one."""
+        """Add a key frame, and rest there: further drags are for the next one."""
         moment = self.player.time if self._is_between() else None
         self._edit("add a key frame", lambda document: key_frames.add_key(document, moment))
         self._go(self._chosen)
@@ -180,7 +180,7 @@ class AnimationPanel(Panel):
         return key_frames.with_steps(deformation, Animation(deformation).at(self.player.time).steps)
 
     def _play_as(self, **looks: Any) -> None:
-        """Another easing or loop, kept with the key frames; without any there is nothing to keep."""
+        """Another easing or loop, stored with the key frames; ignored without any."""
         document = self.session.editing.deformation
         if document.keyframes and any(getattr(document, name) != value for name, value in looks.items()):
             self.guard(lambda: self._edit(f"change the {next(iter(looks))}", lambda d: replace(d, **looks)))
@@ -214,7 +214,7 @@ class AnimationPanel(Panel):
         self.quiet_until = time.monotonic() + _LATE
         self.player.pause()
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def _chosen_time(self) -> float:
         keys = self.session.editing.deformation.keyframes
@@ -239,7 +239,7 @@ class AnimationPanel(Panel):
         self.movie.arrange(bool(keys))
 
     def close(self) -> None:
-        """Stop playing, and what is being written."""
+        """Stop the playback and the export."""
         self.playback.close()
         self.movie.close()
 
@@ -263,7 +263,7 @@ def _follow(before: Deformation, after: Deformation, chosen: int) -> int:
 
 
 class MovieControls:
-    """Writes a movie of the key frames into the folder, with progress and a way to stop."""
+    """Writes a movie of the key frames into the folder, with progress and a button to stop."""
 
     def __init__(self, session: Session, guard: Guard, view: Any, folder: Path) -> None:
         self._session, self._guard, self._view, self._folder = session, guard, view, folder
@@ -343,7 +343,7 @@ class MovieControls:
             self.arrange(self._has_keys)
 
     def _write_frames(self, path: Path, frozen: Frozen, fps: float, *, by_page: bool) -> str:
-        """Write the movie; returns a note if the page could not draw it, and Python has drawn all of it anew."""
+        """Write the movie; returns a note if the front end could not draw it, and Python has drawn all of it anew."""
         note = ""
         if by_page:
             of_page = replace(frozen, seen=replace(frozen.seen, scene=self._view.page_scene))
@@ -367,6 +367,6 @@ class MovieControls:
         self._thread.call(lambda: None).result(timeout)
 
     def close(self) -> None:
-        """Stop what is being written."""
+        """Stop the export."""
         self.progress.cancel()
         self._thread.close()

@@ -1,4 +1,4 @@
-"""A second volume beside the first in a studio: another scan, the target of a fit, or the result of another session."""
+"""Second volume next to the first in a studio: another scan, the target of a fit, or the result of another session."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from deformnb.widgets.studio.status import reason_of
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.worker import Worker
 
-_SHARED = ("projection", "clip", "background")  # traits of both views, besides the camera
+_SHARED = ("projection", "clip", "background")  # traits of both views, in addition to the camera
 
 
 class ComparePanel(Panel):
@@ -32,7 +32,7 @@ class ComparePanel(Panel):
     view : of the first volume.
     place : the box in which that is.
     worker : reads files.
-    folder : where volumes and sessions lie that can be chosen; given : a volume that can be chosen too.
+    folder : of volumes and sessions that can be chosen; given : a volume that can be chosen too.
     """
 
     title = "Second volume"
@@ -66,7 +66,7 @@ class ComparePanel(Panel):
         self.refresh()
 
     def take(self, volume: Volume) -> None:
-        """Show a volume beside."""
+        """Show a volume next to the first."""
         self.chosen.offer(volume.in_unit(self.session.editing.grid.unit))
         self._choose(GIVEN)
         self.refresh()
@@ -89,7 +89,7 @@ class ComparePanel(Panel):
         return not self._worker.is_closed
 
     def _load(self) -> None:
-        """Read what was chosen last, and show it; on failure the one before stays."""
+        """Read the last selection, and show it; on failure the one before stays."""
         key = self._wanted
         try:
             self.chosen.choose(key)

@@ -33,7 +33,7 @@ class DepthPanel(Panel):
 
     Parameters
     ----------
-    preview : shows a step that is on its way while the user moves the curve or a key; None gives it up.
+    preview : shows a step in progress while the user moves the curve or a key; None gives it up.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class DepthPanel(Panel):
             self._show(phase, curve=curve)
 
     def _show(self, phase: str, **changed: Any) -> None:
-        """Show what is on its way; where no edit came of it, what was there is shown again."""
+        """Show a preview; where no edit came of it, the state before is shown again."""
         if self._preview is not None:
             self._preview(replace(self.session.editing.step, **changed) if phase == "move" else None)
 

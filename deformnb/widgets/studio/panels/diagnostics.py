@@ -97,7 +97,7 @@ class DiagnosticsPanel(Panel):
     Attributes
     ----------
     facts : the figures; suspects : a row of buttons with the possible outliers.
-    buttons : by the names of their actions; keep, chosen : the switches beside them.
+    buttons : by the names of their actions; keep, chosen : the switches next to them.
     """
 
     title = "Diagnostics"
@@ -142,7 +142,7 @@ class DiagnosticsPanel(Panel):
             self._show(updates.findings)
         self.refresh()
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def arrange(self) -> None:
         self.overlay.disabled = self.session.editing.step.plane is None
@@ -179,7 +179,7 @@ class DiagnosticsPanel(Panel):
             lambda: self.guard(lambda: look_at_point(self._editors.current, point)),
         )
 
-    # -- what is done --------------------------------------------------------------------------------------------------
+    # -- actions -------------------------------------------------------------------------------------------------------
 
     def _keep_changed(self, change: Any) -> None:
         model = self._updates.model

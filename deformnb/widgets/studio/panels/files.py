@@ -1,4 +1,4 @@
-"""Files panel: saving and exporting by plain names in one folder, with progress and a way to stop.
+"""Files panel: saving and exporting by plain names in one folder, with progress and a button to stop.
 
 The box of the result is set here too: as the volume, with a margin, or as large as the deformed foreground needs.
 Foreground that is dragged out of the box is cut off everywhere: in the view, in the result, in every written file. So
@@ -57,7 +57,7 @@ class FilesPanel(Panel):
     Parameters
     ----------
     view : whose camera renderings and movies take.
-    folder : where files lie; the front end names files in it and cannot leave it.
+    folder : of the files; the front end names files in it and cannot leave it.
     write_page : writes the studio as one HTML file.
     """
 
@@ -155,7 +155,7 @@ class FilesPanel(Panel):
         self.writing.file_transfer.copy(self.session.code(), note)
 
     def close(self) -> None:
-        """Stop what is being written."""
+        """Stop the export."""
         self.writing.close()
 
 
@@ -211,7 +211,7 @@ class PageOptions:
 
 
 class FileWriting:
-    """Writes one file at a time in a thread of its own, with progress and a way to stop.
+    """Writes one file at a time in a separate thread, with progress and a button to stop.
 
     Parameters
     ----------
@@ -221,13 +221,13 @@ class FileWriting:
 
     Attributes
     ----------
-    bar, message, cancel : of what is being written; question : whether to write over a file.
-    file_transfer : hands files to the browser.
+    bar, message, cancel : of the export; question : whether to write over a file.
+    file_transfer : sends files to the browser.
     """
 
     def __init__(self, guard: Guard, write_page: WritePage, set_busy: Callable[[bool], None]) -> None:
         self._guard, self._write_page, self._set_busy = guard, write_page, set_busy
-        self._job: Job | None = None  # what is awaited
+        self._job: Job | None = None  # to wait for
         self._ending = threading.Lock()
         self._thread = Worker("deformnb-files")
         self.bar = basic.FloatProgress(min=0.0, max=1.0, layout=basic.layout(width="120px", display="none"))
@@ -290,7 +290,7 @@ class FileWriting:
                     self.message.value = ", ".join(w for w in (f"Writing {job.path.name} ... {share:.0%}", left) if w)
 
     def _cancel(self) -> None:
-        """Free the panel at once, whatever the thread is at: it may not look up for long, and ends by itself."""
+        """Free the panel immediately, whatever the thread does: it may check for an end late, and ends by itself."""
         job = self._job
         if job is not None and job.cancel():
             self._thread.close(0)
@@ -313,7 +313,7 @@ class FileWriting:
         self._set_busy(False)  # last: who writes the next file finds all of it idle
 
     def close(self) -> None:
-        """Stop what is being written."""
+        """Stop the export."""
         if self._job is not None:
             self._job.cancel()
         self._thread.close()
@@ -327,7 +327,7 @@ class Job:
     path : where it is written.
     frozen : what of.
     downloads : whether it is handed to the browser too.
-    page : what a web page has, as options of ``write_page``.
+    page : content of a web page, as options of ``write_page``.
     overwrite : whether the user has agreed that any file is replaced.
 
     Attributes
@@ -394,10 +394,10 @@ def _size(path: Path) -> str:
 CHOICES = {"as the volume": "volume", "as large as needed": "needed", "with a margin": "margin"}
 """Choices of the result's box, as labels and names."""
 
-_OWN = ("a box of its own", "own")  # that code has set
+_OWN = ("a box of its own", "own")  # set by code
 
 LARGER = ("Make the box larger", "As large as needed, now and after every edit: then nothing is cut off")
-"""The way out that stands beside the warning: its name and what it does."""
+"""The remedy next to the warning: its name and its action."""
 
 # Of the longest edge of the volume: the margin that is proposed.
 _MARGIN = 0.1
@@ -412,7 +412,7 @@ class OutputCheck(Panel):
 
     Attributes
     ----------
-    warning : a line that is seen while something is cut off, with the way out; it stands below the pictures.
+    warning : a line below the pictures while something is cut off, with the remedy.
     follows : whether the box is as large as needed after every edit; it then belongs to the edit, and goes with it.
     sides : of the box at which something is cut off.
     done : called after each check.
@@ -477,7 +477,7 @@ class OutputCheck(Panel):
             self.check()
 
     def check(self) -> None:
-        """Make the box as large as is needed, or find what it cuts off; takes a moment."""
+        """Make the box as large as needed, or find the tissue it cuts off; takes a moment."""
         session = self.session
         if self._is_requested:
             self.guard(self._fit)
@@ -490,7 +490,7 @@ class OutputCheck(Panel):
 
 
 class ResultBox(Panel):
-    """A row of controls for :attr:`Editing.output`; it stands in another panel."""
+    """A row of controls for :attr:`Editing.output`, in another panel."""
 
     def __init__(self, session: Session, guard: Guard, check: OutputCheck) -> None:
         super().__init__(session, guard)

@@ -43,11 +43,11 @@ class LabelChooser(Panel):
 
     Parameters
     ----------
-    session : on whose volume the labels lie.
-    guard : does what a user requested, and shows errors.
+    session : with the volume of the labels.
+    guard : runs requests of the user, and shows errors.
     take : makes parts or cuts of regions.
     folder : whose files can be opened.
-    labels : a volume of numbered regions to begin with, names : what the numbers are called.
+    labels : a volume of numbered regions to begin with, names : the names of the numbers.
 
     Attributes
     ----------
@@ -137,12 +137,12 @@ class LabelChooser(Panel):
 
         Parameters
         ----------
-        name : of the file; names : what it calls its labels, empty for those of a table that has come before.
+        name : of the file; names : of its labels, empty for those of a table that has come before.
 
         Raises
         ------
         DeformError
-            If it lies elsewhere in space, or is no label volume; what was shown stays.
+            If it is elsewhere in space, or is no label volume; the labels before stay.
         """
         labels = labels.in_unit(self.session.editing.grid.unit)
         if not labels.grid.overlaps(self.session.volume.grid):
@@ -160,7 +160,7 @@ class LabelChooser(Panel):
         Raises
         ------
         DeformError
-            If the file is no table of label names; the labels stay as they are called.
+            If the file is no table of label names; the names stay.
         """
         names = read_label_table(path)
         if not names:

@@ -27,11 +27,11 @@ class LandmarkFiles:
     Parameters
     ----------
     session : whose points they are.
-    guard : does what a user requested and shows errors in the front end.
+    guard : runs requests of the user and shows errors in the front end.
 
     Attributes
     ----------
-    box : the row; upload, kind, save : its controls; file_transfer : hands the file to the browser.
+    box : the row; upload, kind, save : its controls; file_transfer : sends the file to the browser.
     """
 
     def __init__(self, session: Session, guard: Guard) -> None:

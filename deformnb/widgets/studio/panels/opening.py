@@ -2,8 +2,8 @@
 
 Landmarks become points, a session replaces the one that is open, a label volume shows its labels under "Rigid parts and
 cuts", and a table of names becomes those of the labels. Any other volume can take the place of the one that is open,
-stand beside it, or be the target under "Match to another picture": that is asked. So is whether whole numbers that look
-like labels are some, where the file does not say so.
+be shown next to it, or be the target under "Match to another picture": the user chooses, also whether whole numbers
+are labels, where the file does not state it.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class OpenPanel(Panel):
 
     Attributes
     ----------
-    box : takes what is dropped on the studio.
+    box : takes files dropped on the studio.
     warning : the question what becomes of a volume, whether a session of another volume is opened, and whether the
         voxels of the volume that is open are labels.
     """
@@ -99,7 +99,7 @@ class OpenPanel(Panel):
             )
 
     def begin(self) -> None:
-        """Take the files from the panel before, also one that is on its way: it was chosen for what is open now."""
+        """Take the files from the panel before, also one in progress: it was chosen for the present volume."""
         self.box.give_to(self._take, self.guard)
 
     def _take(self, path: Path, progress: Progress) -> None:
@@ -171,7 +171,7 @@ class OpenPanel(Panel):
 
 
 def is_segmentation(volume: Volume) -> bool:
-    """Check whether the voxels of a volume are labels: as its file says, or as they look."""
+    """Check whether the voxels of a volume are labels: by its file, or by their values."""
     if volume.is_labels or label_note(volume.values):
         return True
     return volume.dtype.kind in "biu" and len(np.unique(volume.values[:: max(1, volume.shape[0] // 8)])) <= 2

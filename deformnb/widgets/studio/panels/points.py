@@ -62,7 +62,7 @@ class PointsPanel(Panel):
         self.box = column(self.table, self.files.box)
         self.refresh()
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def arrange(self) -> None:
         self._follow(self._editors.current)
@@ -122,7 +122,7 @@ class PointsPanel(Panel):
         if self._followed is not None and set(self._followed.selected) != set(change["new"]):
             self._followed.selected = list(change["new"])
 
-    # -- what is done --------------------------------------------------------------------------------------------------
+    # -- actions -------------------------------------------------------------------------------------------------------
 
     def _act(self, act: PointsCommand) -> str | None:
         self._said = ""
@@ -203,7 +203,7 @@ def _is_moved(before: ControlPoints, after: ControlPoints, point: int) -> bool:
 
 
 def _with_cell(points: ControlPoints, point: int, act: PointsCommand) -> ControlPoints:
-    """The points with what was written into one cell."""
+    """The points with the new value of one cell."""
     k, field = points.index(point), act.field
     if field == "active":
         return points.edit(point, active=act.is_on)

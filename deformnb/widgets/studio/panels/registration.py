@@ -1,6 +1,6 @@
 """Registration panel: the choice of a target, and the fit of points to the similarity of the two pictures.
 
-The fit runs in a thread, with progress and a way to stop. Its result is one edit that can be undone; if
+The fit runs in a thread, with progress and a button to stop. Its result is one edit that can be undone; if
 something was edited meanwhile, that edit stays and the result is dropped.
 
 The target is another volume, or the result of another session on this one; the panel shows it too.
@@ -102,7 +102,7 @@ class Begun:
     settings: dict[str, Any]
 
     def is_overtaken(self, session: Session) -> bool:
-        """Check whether something was edited, or another step chosen, since."""
+        """Check whether there was an edit, or another step was chosen, since."""
         return (session.editing.deformation, session.editing.index, session.editing.key) != (
             self.deformation,
             self.index,
@@ -114,7 +114,7 @@ Work = Callable[[Begun], tuple[ControlPoints, str]]
 
 
 class FitPreview:
-    """Pictures of what is deformed and of the target, beside each other and one laid over the other.
+    """Pictures of the deformed volume and of the target, next to each other and overlaid.
 
     Parameters
     ----------
@@ -162,13 +162,13 @@ class FitPanel(Panel):
     Parameters
     ----------
     editors : ``editors.current`` is the editor of the step being edited; its selection is what "Snap" moves.
-    folder : where targets lie.
+    folder : of targets.
     target : a volume that can be chosen first.
 
     Attributes
     ----------
-    target : what is chosen; buttons : by their words; message : the line of text.
-    progress : of what the buttons do; preview : of the pictures.
+    target : the selection; buttons : by their words; message : the line of text.
+    progress : of the buttons' actions; preview : of the pictures.
     """
 
     title = "Match to another picture"
@@ -343,7 +343,7 @@ class FitPanel(Panel):
             reason = error
             self.guard(raising(reason))
         finally:
-            self.message.value = _words(message)  # before the next fit can begin and say its own
+            self.message.value = _words(message)  # before the next fit can show its own
             self.progress.end()
             self._allow()
             self._request_preview()
@@ -420,7 +420,7 @@ class FitPanel(Panel):
             self.message.value = _words(str(error))
 
     def close(self) -> None:
-        """Stop what is being fitted."""
+        """Stop the fit."""
         self.progress.cancel()
         self.thread.close()
 

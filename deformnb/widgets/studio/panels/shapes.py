@@ -1,4 +1,4 @@
-"""Shapes panel: cuts and rigid parts of the edited step, the properties of each, and ways to make more.
+"""Shapes panel: cuts and rigid parts of the edited step, the properties of each, and controls to add more.
 
 Menus and sliders set the motion of the chosen rigid part and the range of its influence.
 """
@@ -90,11 +90,11 @@ def edit_parts(
     *,
     slides: bool = False,
 ) -> None:
-    """Give the step other rigid parts; where points contradict them, the picture asks what becomes of the points.
+    """Give the step other rigid parts; where points contradict them, the picture offers choices for the points.
 
     Parameters
     ----------
-    editor : shows the picture; None where there is none to ask.
+    editor : shows the picture; None where there is none for questions.
     label, kind, slides : as of :meth:`~deformnb.session.editing.Editing.edit_parts`.
 
     Raises
@@ -121,7 +121,7 @@ class PartControls(Panel):
     Parameters
     ----------
     index : gives the chosen part of the step, None for none.
-    editor : asks what becomes of points that contradict a part; None asks nothing.
+    editor : shows the choices for points that contradict a part; None for no question.
     """
 
     def __init__(self, session: Session, guard: Guard, index: Any, editor: Any = None) -> None:
@@ -181,7 +181,7 @@ class PartControls(Panel):
         self.refresh()
 
     def _slider(self, text: str, most: float, tip: str, what: str | int, form: str) -> Any:
-        step = float(10.0 ** np.floor(np.log10(most / 500)))  # a round one, so that what is typed stays as it is
+        step = float(10.0 ** np.floor(np.log10(most / 500)))  # a round one, so that typed values stay unchanged
         most = step * float(np.ceil(most / step))
         made = slider(text, -most, most, step, tip, form)
         if isinstance(what, str):
@@ -323,7 +323,7 @@ class ShapesPanel(Panel):
     Parameters
     ----------
     editor : on whose picture shapes are drawn.
-    labels : a volume of numbered parts to take regions from, names : what the numbers are called.
+    labels : a volume of numbered parts to take regions from, names : the names of the numbers.
     folder : where other label volumes are opened by name.
     """
 
@@ -341,7 +341,7 @@ class ShapesPanel(Panel):
         super().__init__(session, guard)
         self._editor = editor
         self._chosen: tuple[str, int] | None = None
-        self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # what the chosen row is a row of
+        self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # the list of the chosen row
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
         self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
@@ -388,7 +388,7 @@ class ShapesPanel(Panel):
         self.labels.close()
         self._editor.unobserve(self._chosen_in_the_picture, "chosen_shape")
 
-    # -- what is there -------------------------------------------------------------------------------------------------
+    # -- contents ------------------------------------------------------------------------------------------------------
 
     def _rows(self) -> list[tuple[str, int]]:
         step = self.session.editing.step

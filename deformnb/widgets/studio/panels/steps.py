@@ -63,7 +63,7 @@ class StepsPanel(Panel):
             "remove": lambda: session.steps.remove(index),
         }
         self.guard(actions[what])
-        self.refresh()  # what was refused stands as it did
+        self.refresh()  # a refused value shows its state before
 
     def arrange(self) -> None:
         session = self.session
@@ -91,7 +91,7 @@ def _row(step: Step, k: int, title: str, side: str) -> dict[str, Any]:
 
 
 def shapes_words(step: Step) -> str:
-    """Shapes of a step besides its points, in words; empty for none."""
+    """Shapes of a step, without its points, in words; empty for none."""
     found = (("cut", step.cuts), ("rigid part", step.parts))
     counts = [(name, sum(shape.enabled for shape in shapes)) for name, shapes in found]
     return ", ".join(f"{count} {name}{'' if count == 1 else 's'}" for name, count in counts if count)

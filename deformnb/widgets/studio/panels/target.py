@@ -26,7 +26,7 @@ GIVEN = "given"
 """Keys of :meth:`FitTarget.choices` that are no file: nothing, and the volume that the studio was given."""
 
 _DOCUMENT = ".json"
-# A target that shares less than this part of the volume's box lies elsewhere.
+# A target that shares less than this part of the volume's box is elsewhere.
 _LEAST_SHARED = 0.2
 
 
@@ -35,13 +35,13 @@ class FitTarget:
 
     Parameters
     ----------
-    session : what is deformed.
-    folder : where volumes and sessions lie that can be chosen.
+    session : to deform.
+    folder : of volumes and sessions that can be chosen.
     given : a volume that can be chosen first.
 
     Attributes
     ----------
-    key : what is chosen; volume : the target, None for none; note : a remark on its place.
+    key : the selection; volume : the target, None for none; note : a remark on its place.
     """
 
     def __init__(self, session: Session, folder: str | PathLike[str], given: Volume | None = None) -> None:
@@ -105,7 +105,7 @@ class FitTarget:
 
 
 def _laid(target: Volume, volume: Volume) -> tuple[Volume, str]:
-    """A target that lies elsewhere in space, moved to where the volume is; and a note of that."""
+    """A target that is elsewhere in space, moved to the volume; and a note of that."""
     low, high = (np.stack([_box(v)[k] for v in (target, volume)]) for k in (0, 1))
     shared = np.clip(high.min(axis=0) - low.max(axis=0), 0, None).prod()
     if shared >= _LEAST_SHARED * (high[1] - low[1]).prod():

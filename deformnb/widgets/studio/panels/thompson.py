@@ -1,4 +1,4 @@
-"""Thompson panel: the picture on a regular grid, beside the deformed one on a grid that can be dragged.
+"""Thompson panel: the picture on a regular grid, next to the deformed one on a grid that can be dragged.
 
 Both are views of one editor, so that a drag in one is seen in all: the element around a view selects its contents
 (see grid_nodes.js).
@@ -41,7 +41,7 @@ _OVERLAYS = [
     ("uncertainty", "uncertainty"),
 ]
 _IN_SPACE = "Points in space deform no picture, so there is no grid to show: choose a step on a picture."
-_HEIGHT = 380  # CSS pixels of the pictures of a panel that stands alone
+_HEIGHT = 380  # CSS pixels of the pictures of a panel outside a studio
 _EDITING = ["deformation", "index", "key", "history"]
 _PICTURES = ["method", "depth", "transfer", "window", "colour_map"]
 _CELLS = 12  # of a printed grid, where the picture shows none
@@ -56,8 +56,8 @@ class ThompsonPanel(Panel):
 
     Parameters
     ----------
-    session : what is deformed.
-    guard : does what was requested and reports errors; default shows them in the panel.
+    session : to deform.
+    guard : runs requests and reports errors; default shows them in the panel.
     editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
         shown by itself, as the last expression of a cell.
     folder : where figures are written.
@@ -145,7 +145,7 @@ class ThompsonPanel(Panel):
         told = "Points at the nodes of his grid, in place of those that are there; can be undone"
         return [self.grid, self.head, button("Apply grid", told, lambda: self.guard(self.apply_grid)), self.own.toggle]
 
-    # -- what is shown -------------------------------------------------------------------------------------------------
+    # -- display -------------------------------------------------------------------------------------------------------
 
     def opened(self, is_open: bool) -> None:
         """The views are in the front end only while the panel is seen: each of them paints whenever something moves."""
@@ -156,10 +156,10 @@ class ThompsonPanel(Panel):
         self.views.show(is_on_picture=self.session.editing.step.plane is not None, is_open=self._is_open)
         self.words.value = in_words(self.session.editing.step.strength)
 
-    # -- what is done --------------------------------------------------------------------------------------------------
+    # -- actions -------------------------------------------------------------------------------------------------------
 
     def apply_grid(self) -> None:
-        """Put control points at the nodes of one of Thompson's grids, laid around what the picture shows."""
+        """Put control points at the nodes of one of Thompson's grids, around the foreground of the picture."""
         if self.session.editing.step.plane is None:
             raise DeformError(_IN_SPACE)
         source, target = self.grid.value
@@ -170,7 +170,7 @@ class ThompsonPanel(Panel):
         self.session.editing.edit_points(points, f"apply the grid of {target}")
 
     def close(self) -> None:
-        """End the thread, and the editor of a panel that stands alone."""
+        """End the thread, and the editor of a panel outside a studio."""
         self.figure.close()
         self.own.close()
         if self._sync is not None:
@@ -198,7 +198,7 @@ class GridViews:
 
     Attributes
     ----------
-    before, after : their places; nowhere : what stands there for points in space; box : all of it.
+    before, after : their places; nowhere : shown there for points in space; box : all of it.
     """
 
     def __init__(self, editor: Editor) -> None:
@@ -233,7 +233,7 @@ class OwnGrids:
 
     def __init__(self, session: Session, guard: Guard) -> None:
         self._session, self._guard = session, guard
-        self.drawings: DrawingPair | None = None  # made when it is asked for: it sends pictures
+        self.drawings: DrawingPair | None = None  # made on first use: it sends pictures
         self.box = column()
         self.toggle = basic.ToggleButton(
             description="Own drawings",
@@ -274,7 +274,7 @@ class OwnGrids:
 
 
 class GridFigure:
-    """Writes both grids with the overlay as a figure, in a thread of its own.
+    """Writes both grids with the overlay as a figure, in a separate thread.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ class GridFigure:
         return lambda: self._guard(lambda: self.write(suffix))
 
     def write(self, suffix: str) -> None:
-        """Write the figure into the folder, in a thread of its own."""
+        """Write the figure into the folder, in a separate thread."""
         session, editor, step = self._session, self._editor, self._session.editing.step
         if step.plane is None:
             raise DeformError(_IN_SPACE)
@@ -360,7 +360,7 @@ class GridFigure:
 
 
 class EditorSync:
-    """Between a session and the editor of a panel that stands alone."""
+    """Between a session and the editor of a panel outside a studio."""
 
     def __init__(self, session: Session, guard: Guard, editor: Editor, refresh: Callable[[], None]) -> None:
         self._session, self._guard, self._editor, self._refresh = session, guard, editor, refresh
@@ -394,7 +394,7 @@ class EditorSync:
         self._guard(lambda: self._session.pictures.set_trait("window", tuple(change["new"]) or None))
 
     def _taken(self, edit: Callable[[], None]) -> None:
-        """Do what was done in the editor; if it cannot be, the editor shows again what the session holds."""
+        """Apply the edit of the editor; on failure, the editor shows the state of the session again."""
         if not self._guard(edit):
             show_step(self._editor, self._session)
 
