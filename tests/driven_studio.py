@@ -83,7 +83,7 @@ def panel(studio: Studio, title: str) -> Any:
 
 def panels(studio: Studio) -> list[Any]:
     """All panels; those that nobody has seen yet are made."""
-    return [*studio.parts.panels.at_once, *(late.panel for late in studio.parts.panels.late)]
+    return [*studio.parts.panels.initial, *(late.panel for late in studio.parts.panels.late)]
 
 
 def panel_of(studio: Studio, kind: type[Any]) -> Any:

@@ -110,7 +110,7 @@ def app_server(
     def make(server: PageServer) -> Bridge:
         bridge = Bridge(app.studio, app.thread, server)
         _build_client(server.trame, app)
-        app.studio.observe(lambda _change: server.in_loop(_set_title, server.trame, app), "children")
+        app.studio.observe(lambda _change: server.call_in_loop(_set_title, server.trame, app), "children")
         return bridge
 
     return PageServer(make, host=host, port=port, idle=idle)

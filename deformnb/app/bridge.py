@@ -114,7 +114,7 @@ class Bridge:
             if opened:
                 message["opened"] = opened
                 self._drop_closed()
-            self._server.in_loop(self._server.publish, TOPIC, message)
+            self._server.call_in_loop(self._server.publish, TOPIC, message)
 
     def _drop_closed(self) -> None:
         self._closed.update(name for name, widget in self._widgets.items() if widget.comm is None)

@@ -70,12 +70,12 @@ def read_region(r: JsonReader) -> AbstractRegion:
     try:
         if kind == "half_space":
             return HalfSpace(r.numbers("point"), r.numbers("normal"))
-        return _mask(r) if kind == "mask" else _drawn(r, kind)
+        return _mask(r) if kind == "mask" else _read_outline(r, kind)
     except DeformError as error:
         raise DeformError(f"{error} (in {r.where})") from None
 
 
-def _drawn(r: JsonReader, kind: str) -> AbstractRegion:
+def _read_outline(r: JsonReader, kind: str) -> AbstractRegion:
     places = [
         JsonReader({"at": v}, f"{r.where}.vertices[{k}]").numbers("at", 2)
         for k, v in enumerate(r.value("vertices", (list, tuple), ...))

@@ -326,7 +326,7 @@ class StepPath:
         notes = [f"the {word} of {label} {'change' if word.endswith('s') else 'changes'}" for word in words]
         if before.strength != after.strength:  # a share of a turn is a turn, and no shorter path
             before, after = _with_unit_strength(before), _with_unit_strength(after)
-        before, after, is_shared = _with_one_rule(before, after)
+        before, after, is_shared = _unify_rules(before, after)
         if not is_shared:
             notes.append(f"the extrusion of {label} changes")
             after = replace(after, extrusion=before.extrusion, curve=before.curve, knots=before.knots, maps=before.maps)
@@ -388,7 +388,7 @@ def _with_unit_strength(step: Step) -> Step:
     return replace(step, strength=1.0, maps=maps, parts=tuple(part.scaled(step.strength) for part in step.parts))
 
 
-def _with_one_rule(a: Step, b: Step) -> tuple[Step, Step, bool]:
+def _unify_rules(a: Step, b: Step) -> tuple[Step, Step, bool]:
     """Both with the same rule of extrusion, where one can be written as the other: replication is f(z) = 1."""
     rules = {a.extrusion, b.extrusion}
     if rules == {"replicate", "modulate"}:
@@ -429,7 +429,7 @@ class _PointsPath:
         first, last = a.maps[index], b.maps[index]
         self.is_same = first.ids == last.ids and np.array_equal(first.active, last.active)
         if not self.is_same:
-            first, last = _with_all(first, last, a), _with_all(last, first, b)
+            first, last = _add_missing(first, last, a), _add_missing(last, first, b)
             last = last.take([last.index(i) for i in first.ids])
         self.first, self.last = first, last
         self._moving = np.flatnonzero(first.active)
@@ -452,7 +452,7 @@ class _PointsPath:
         return replace(a, source=source, target=target, weight=weight, next_id=max(a.next_id, b.next_id))
 
 
-def _with_all(points: ControlPoints, others: ControlPoints, step: Step) -> ControlPoints:
+def _add_missing(points: ControlPoints, others: ControlPoints, step: Step) -> ControlPoints:
     """With those points of another key that this one lacks, where this key takes them; a point that is off in both is
     off.
     """

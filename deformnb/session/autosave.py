@@ -212,7 +212,7 @@ class _SessionFile:
         state = "saved" if bare == self.saved else "unchanged" if bare == self._first else "open"
         if self.entry is None and state == "unchanged":
             return None
-        if self.entry is None or not self.entry.held.exists():  # the first time, or the folder was removed
+        if self.entry is None or not self.entry.lock_path.exists():  # the first time, or the folder was removed
             self._begin()
         assert self.entry is not None
         self.entry = replace(
@@ -245,7 +245,7 @@ class _SessionFile:
             path = self.folder / file_name(self.reference, secrets.token_hex(4))
             self.entry = SavedSession(path, self.reference, datetime.now(UTC), "open", 0, 0, number=number)
             try:
-                self.held = create_locked(self.entry.held)
+                self.held = create_locked(self.entry.lock_path)
             except OSError:
                 self.entry = None
                 raise
@@ -261,7 +261,7 @@ class _SessionFile:
         if self.held is not None and self.entry is not None:
             _HELD.discard(self.held)
             os.close(self.held)
-            sweep(self.entry.held)
+            sweep(self.entry.lock_path)
         self.held = None
 
 

@@ -80,14 +80,14 @@ class SavedSession:
     number: int = 0
 
     @property
-    def held(self) -> Path:
+    def lock_path(self) -> Path:
         """The file that the session's process holds while it lives."""
         return self.path.with_suffix(_HELD)
 
     @property
     def is_live(self) -> bool:
         """True while the process that writes it lives."""
-        return not is_abandoned(self.held)
+        return not is_abandoned(self.lock_path)
 
     @property
     def is_earlier(self) -> bool:
@@ -266,7 +266,7 @@ def delete(entry: SavedSession) -> None:
     """
     try:
         entry.path.unlink(missing_ok=True)
-        sweep(entry.held)
+        sweep(entry.lock_path)
     except OSError as error:
         raise DeformError(f"{printable(entry.path)} cannot be removed: {error.strerror or error}.") from None
 
@@ -295,17 +295,17 @@ def prune(folder: Path) -> None:
     The folder may be one of the user's: files that are not named as those of sessions are ignored.
     """
     with suppress(OSError):
-        for held in _ours(folder, _HELD):
+        for held in _session_files(folder, _HELD):
             if is_abandoned(held):
                 sweep(held)
-        there = list(_ours(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
+        there = list(_session_files(folder, _SUFFIX))  # before they are read: what others write meanwhile stays
         kept = {entry.path for entry in _select_retained(read_entries(folder))}
         for path in there:
             if path not in kept and not path.with_suffix(_HELD).exists():
                 path.unlink(missing_ok=True)
 
 
-def _ours(folder: Path, suffix: str) -> Iterator[Path]:
+def _session_files(folder: Path, suffix: str) -> Iterator[Path]:
     return (path for path in folder.glob(f"*{suffix}") if _OURS.fullmatch(path.stem))
 
 

@@ -212,7 +212,7 @@ def _full_resolution(it: Frozen, path: Path, progress: Progress) -> None:
         raise
 
 
-def _rendering(it: Frozen, path: Path, progress: Progress) -> None:
+def _write_rendering(it: Frozen, path: Path, progress: Progress) -> None:
     from PIL import Image
 
     image = _draw_view(it, progress) if it.seen.scene is not None else _draw_camera(it, progress)
@@ -247,7 +247,7 @@ def _draw_camera(it: Frozen, progress: Progress) -> Image:
     )
 
 
-def _drawing(it: Frozen, path: Path, progress: Progress) -> None:
+def _write_drawing(it: Frozen, path: Path, progress: Progress) -> None:
     step = next((s for s in reversed(it.deformation.steps) if s.plane == it.picture.plane), None)
     points = None if step is None else step.points
 
@@ -336,8 +336,8 @@ EXPORTS: dict[str, Export] = {
         _volume,
     ),
     "full resolution": Export("Deformed volume at full resolution", (ZARR_SUFFIX,), _full_resolution, MARKS),
-    "rendering": Export("Rendering", (".png",), _rendering),
-    "drawing": Export("Picture before and after", (".svg", ".pdf"), _drawing),
+    "rendering": Export("Rendering", (".png",), _write_rendering),
+    "drawing": Export("Picture before and after", (".svg", ".pdf"), _write_drawing),
     "movie": Export("Movie", (".gif", ".mp4", ".webp"), _movie),
     "script": Export("Python script", (".py",), _script),
     "document": Export("Session", (".json",), _document),

@@ -61,7 +61,7 @@ class Results:
 
     def volume(self, progress: Progress | None = None) -> Volume:
         """The deformed volume on :attr:`grid`, warped with the document of this moment."""
-        return self._deformed([self._volume], progress)[0]
+        return self._deform([self._volume], progress)[0]
 
     def channels(self, progress: Progress | None = None) -> Channels:
         """The deformed channels, all by one map, on :attr:`grid`.
@@ -73,9 +73,9 @@ class Results:
         """
         if self._channels is None:
             raise DeformError("this volume has no channels; volume() is the deformed volume.")
-        return self._channels.with_volumes(self._deformed(self._channels.volumes, progress))
+        return self._channels.with_volumes(self._deform(self._channels.volumes, progress))
 
-    def _deformed(self, volumes: Sequence[Volume], progress: Progress | None) -> list[Volume]:
+    def _deform(self, volumes: Sequence[Volume], progress: Progress | None) -> list[Volume]:
         deformation = self._editing.deformation
         box = deformation.output
         output = None if box is None else self._volume.to_own_resolution(box)

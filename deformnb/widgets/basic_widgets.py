@@ -83,12 +83,12 @@ def set_layout(widget: Any, **traits: Any) -> None:
             setattr(widget.layout, name, value)
 
 
-def set_shown(part: Any, is_shown: object) -> None:
+def set_visible(part: Any, is_visible: object) -> None:
     """Show a widget or a :class:`~deformnb.widgets.boxes.Box`, or take it out of the layout flow."""
     if not isinstance(part, ipw.Widget):
-        part.is_shown = bool(is_shown)
-    elif (part.layout.display != "none") != bool(is_shown):
-        set_layout(part, display=None if is_shown else "none")
+        part.is_visible = bool(is_visible)
+    elif (part.layout.display != "none") != bool(is_visible):
+        set_layout(part, display=None if is_visible else "none")
 
 
 def _traits_of(one: Any) -> dict[str, Any]:

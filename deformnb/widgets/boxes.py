@@ -40,7 +40,7 @@ class Box:
     --------
     >>> inner = Box([ipw.Button(), ipw.Button()], min_width="0")
     >>> shown = Boxes([inner])
-    >>> inner.is_shown = False
+    >>> inner.is_visible = False
     >>> shown.tree["children"][0]["shown"], len(shown.contents)
     (False, 2)
     """
@@ -52,7 +52,7 @@ class Box:
         self._around: weakref.ref[Box | Boxes] | None = None  # a thread may hold a box, and shall not hold the studio
         self._classes = tuple(classes.split())
         self._style = {name.replace("_", "-"): value for name, value in style.items()}
-        self._is_shown = True
+        self._is_visible = True
         self._children: tuple[Any, ...] = ()
         self.children = tuple(children)
 
@@ -82,14 +82,14 @@ class Box:
         self.update()
 
     @property
-    def is_shown(self) -> bool:
+    def is_visible(self) -> bool:
         """Presence in the layout flow."""
-        return self._is_shown
+        return self._is_visible
 
-    @is_shown.setter
-    def is_shown(self, is_shown: bool) -> None:
-        if is_shown != self._is_shown:
-            self._is_shown = is_shown
+    @is_visible.setter
+    def is_visible(self, is_visible: bool) -> None:
+        if is_visible != self._is_visible:
+            self._is_visible = is_visible
             self.update()
 
     @property
@@ -143,7 +143,7 @@ class Box:
             "kind": self.kind,
             "classes": list(self._classes),
             "style": dict(self._style),
-            "shown": self._is_shown,
+            "shown": self._is_visible,
             "children": children,
             **self._more_data(),
         }

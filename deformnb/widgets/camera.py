@@ -46,12 +46,12 @@ PICTURE_SHOWS = ("deformed", "original", *COMPARISONS)
 """Those of them that a picture has, the default first."""
 
 
-def on_picture(shows: str) -> str:
+def picture_mode(shows: str) -> str:
     """The display mode of a picture next to a view in this one.
 
     Examples
     --------
-    >>> on_picture("wipe"), on_picture("side_by_side")
+    >>> picture_mode("wipe"), picture_mode("side_by_side")
     ('wipe', 'deformed')
     """
     return shows if shows in PICTURE_SHOWS else PICTURE_SHOWS[0]
@@ -179,7 +179,7 @@ def _is_finite(numbers: NDArray[np.float64]) -> bool:
     return bool(np.isfinite(numbers).all())
 
 
-def seen_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float = 1.0) -> float:
+def visible_height(grid: Grid, direction: Any, up: Any, aspect: float, zoom: float = 1.0) -> float:
     """The length in space that a view's picture is high; camera.js does the same.
 
     Parameters
@@ -203,7 +203,7 @@ def camera_of(view: Mapping[str, Any], box: Grid, aspect: float) -> Camera:
     aspect : width of the picture by its height.
     """
     sides = view["direction"], view.get("up")
-    height = seen_height(box, *sides, aspect, float(view.get("zoom") or 1.0))
+    height = visible_height(box, *sides, aspect, float(view.get("zoom") or 1.0))
     plane = Plane.from_normal(box.center, *sides)
     right, above = view.get("pan") or (0.0, 0.0)
     plane = replace(plane, origin=tuple(plane.from_plane([right, -above])))

@@ -131,15 +131,15 @@ def standalone_html(
     code = chosen_language(language)
     data = _page_data(editor, part, name, wanted, code)
     scripts = [
-        _as_script(bundle("editor.js"), "editor"),
-        *([_as_script(bundle("live_view.js"), "view")] if part else []),
+        _inline_script(bundle("editor.js"), "editor"),
+        *([_inline_script(bundle("live_view.js"), "view")] if part else []),
         bundle("standalone.js"),
     ]
     styles = [bundle("editor.css"), *([bundle("live_view.css")] if part else []), bundle("standalone.css")]
     facts = translate(f"{part.about}. {_PROMISE}" if part else _PROMISE, code)
     texts = {"title": name, "about": about, "facts": facts}
     image = base64.b64encode(part.still if part else editor.preview_png()).decode("ascii")
-    still = f'<img class="dnb-page-still" alt="{_escaped(name)}" src="data:image/png;base64,{image}">'
+    still = f'<img class="dnb-page-still" alt="{_escape(name)}" src="data:image/png;base64,{image}">'
     page = _page(texts, {"opening": "", "hidden": "", "still": still}, data, scripts, styles, code)
     report(1.0)
     return page
@@ -173,8 +173,8 @@ def file_page_html(language: str | None = None) -> str:
     names = ("strength", "kernel", "shows", "density", "view")
     data |= {"parameters": as_json(names), "known_spacings": [vars(row) for row in known_spacings()]}
     scripts = [
-        _as_script(bundle("editor.js"), "editor"),
-        _as_script(bundle("live_view.js"), "view"),
+        _inline_script(bundle("editor.js"), "editor"),
+        _inline_script(bundle("live_view.js"), "view"),
         bundle("file_page.js"),
     ]
     texts = {"title": "deformnb", "about": translate(FILE_PAGE_ABOUT, code), "facts": translate(_PROMISE, code)}
@@ -318,7 +318,7 @@ class _ViewPart:
 def _view_part(editor: Editor, view: LiveView, limit: int | None, report: Progress) -> _ViewPart:
     snapshot = view.snapshot()
     volume, output = snapshot.volume, snapshot.scene.output
-    field, index = _linked(editor, view, snapshot)
+    field, index = _link(editor, view, snapshot)
     report(0.05)
     # The same bytes: the colours of the page are of them.
     shown, chunks = _packed_chunks(volume, limit, snapshot.scene.shown, report)
@@ -376,7 +376,7 @@ def _tissue_check(volume: Volume, shown: PackedVolume, box: Grid) -> dict[str, A
     }
 
 
-def _linked(editor: Editor, view: LiveView, snapshot: Snapshot) -> tuple[AbstractField, int]:
+def _link(editor: Editor, view: LiveView, snapshot: Snapshot) -> tuple[AbstractField, int]:
     """Field of the view with the current points, and the index of the map that they make."""
     if view.editor is not None and view.editor is not editor:
         raise DeformError("the view follows another editor; give that one, or call follow() with this one first.")
@@ -442,18 +442,18 @@ def _message(maps: FieldTextures, shown: PackedVolume, index: int) -> dict[str, 
         if cut and count == 1:  # the page divides its only map by itself, and measures the distances
             own, planar = own[:1], {**planar, "shape": [1, *planar["shape"][1:]], "cut": None}
             del buffers["distances"]
-        buffers["maps"] = _rounded(own, step)
+        buffers["maps"] = _round(own, step)
     for name in ("space", "distances"):
         if name in buffers and name not in half:
-            buffers[name] = _rounded(buffers[name], step)
+            buffers[name] = _round(buffers[name], step)
     follow: FollowData = {"index": index, "points": []}
     message = FieldMaps(
         **{**maps.fields(), "planar": planar, "buffers": list(buffers)}, seq=0, follow=follow, moved=None
     )
-    return {"content": message.content(), "buffers": [_packed(b.tobytes()) for b in buffers.values()]}
+    return {"content": message.content(), "buffers": [_pack(b.tobytes()) for b in buffers.values()]}
 
 
-def _rounded(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
+def _round(values: NDArray[np.float32], step: float) -> NDArray[np.float32]:
     unit = 2.0 ** np.floor(np.log2(step))  # a power of two: the last digits of every number are then zero
     return (np.round(values / unit) * unit).astype("<f4")
 
@@ -474,7 +474,7 @@ def _traits(widget: Any) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, bytes | bytearray | memoryview):
         data = bytes(value)
-        return _binary(data) if data.startswith(b"\x89PNG") else _packed(data)
+        return _binary(data) if data.startswith(b"\x89PNG") else _pack(data)
     if isinstance(value, dict):
         return {name: _plain(inner) for name, inner in value.items()}
     return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
@@ -484,7 +484,7 @@ def _binary(data: bytes) -> dict[str, Any]:
     return {"base64": base64.b64encode(data).decode("ascii")}
 
 
-def _packed(data: bytes) -> dict[str, Any]:
+def _pack(data: bytes) -> dict[str, Any]:
     """Binary data, packed where that helps; standalone.js unpacks them."""
     return {**_binary(gzip.compress(data, _LEVEL, mtime=0)), "gzip": True}
 
@@ -499,7 +499,7 @@ def _document(editor: Editor, part: _ViewPart | None, name: str) -> dict[str, An
     return document
 
 
-def _as_script(module: str, name: str) -> str:
+def _inline_script(module: str, name: str) -> str:
     """A widget's module as an inline script: its exports are stored under a name, since nothing can import it."""
     text, count = re.subn(
         r"\bexport *\{ *([\w$]+) as default *\};?\s*$",
@@ -513,7 +513,7 @@ def _as_script(module: str, name: str) -> str:
 def _page(
     texts: dict[str, str], parts: dict[str, str], data: dict[str, Any], scripts: list[str], styles: list[str], code: str
 ) -> str:
-    scripts = [_unbroken(f"\n{script}\n") for script in scripts]
+    scripts = [_escape_end(f"\n{script}\n") for script in scripts]
     digests = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
     policy = (
         "default-src 'none'",
@@ -526,7 +526,7 @@ def _page(
     # A "<" in JSON occurs only in strings, where it may be written as a number: nothing in them can end the script.
     text = json.dumps(data, sort_keys=True, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
     body = "\n".join(f'<script type="module">{script}</script>' for script in scripts)
-    seen = {name: _escaped(text) for name, text in texts.items()}
+    seen = {name: _escape(text) for name, text in texts.items()}
     parts |= {
         "language": code,
         "controls": translate("Deformation", code),
@@ -536,19 +536,19 @@ def _page(
         policy="; ".join(policy),
         **parts,
         silent="" if texts["about"] else " hidden",
-        styles=_unbroken("\n".join(styles)),
+        styles=_escape_end("\n".join(styles)),
         data=text,
         scripts=body,
         **seen,
     )
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Text as it is seen; half a surrogate pair is a legal name in Python, but not in UTF-8."""
     return html.escape(text.encode("utf-8", "replace").decode("utf-8"))
 
 
-def _unbroken(text: str) -> str:
+def _escape_end(text: str) -> str:
     r"""Text that cannot end the element it is in; ``\/`` and ``\!`` mean the same in strings and comments."""
     return re.sub(r"<(?=/(script|style)|!--)", r"<\\", text, flags=re.IGNORECASE)
 

@@ -89,7 +89,7 @@ class Worker:
             self._start()
             self._queue.put_job(key, function)
 
-    def at_rest(self, delay: float, function: Callable[[], None]) -> None:
+    def debounce(self, delay: float, function: Callable[[], None]) -> None:
         """Do this once nothing else has come for ``delay`` seconds; what comes first drops it, and so does the end."""
         # It may be closed while the job is done that requests this.
         with contextlib.suppress(DeformError), self._queue.changed:

@@ -75,12 +75,12 @@ class Translator:
             return None
         if core in self._table:
             return self._table[core]
-        found = self._in_two(_PARTED, core)
-        for way in (self._by_pattern, self._in_pieces, self._without_period):
+        found = self._split_at(_PARTED, core)
+        for way in (self._match_pattern, self._translate_pieces, self._without_period):
             found = way(core) if found is None else found
         return found
 
-    def _by_pattern(self, core: str) -> str | None:
+    def _match_pattern(self, core: str) -> str | None:
         for pattern in self._patterns:
             match = pattern.regex.fullmatch(core)
             if match:
@@ -106,7 +106,7 @@ class Translator:
         found = self._find(core)
         return None if found is None else given.replace(core, found, 1)
 
-    def _in_two(self, at: re.Pattern[str], core: str) -> str | None:
+    def _split_at(self, at: re.Pattern[str], core: str) -> str | None:
         found = at.search(core)
         if found is None:
             return None
@@ -118,10 +118,10 @@ class Translator:
         found = self._find(core[:-1]) if core.endswith(".") else None
         return None if found is None else f"{found}."
 
-    def _in_pieces(self, core: str) -> str | None:
+    def _translate_pieces(self, core: str) -> str | None:
         """Translate the pieces of a text; None unless the table has all that are words."""
         for at in _BREAKS:
-            made = self._in_two(at, core)
+            made = self._split_at(at, core)
             if made is not None:
                 return made
         aside = _ASIDE.fullmatch(core)

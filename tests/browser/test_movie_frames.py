@@ -15,7 +15,7 @@ from deformnb.rbf.points import ControlPoints
 from deformnb.volume.volume import Grid, Volume
 from deformnb.widgets.view.live_view import LiveView
 from deformnb.widgets.view.page_scene import PageGoneError, PageScene
-from deformnb.widgets.view.stills import scene_as_seen
+from deformnb.widgets.view.stills import display_scene
 
 pytestmark = pytest.mark.needs_browser
 
@@ -64,7 +64,7 @@ def shown(page: LivePage) -> LiveView:
 
 
 def scene_of(view: LiveView, size: tuple[int, int] = SIZE) -> PageScene:
-    return view.page_scene(view.source.volume, view.source.transfer, size, view.seen())
+    return view.page_scene(view.source.volume, view.source.transfer, size, view.settings())
 
 
 def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(page: LivePage) -> None:
@@ -92,7 +92,7 @@ def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(pa
 @pytest.mark.nightly
 def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LivePage) -> None:
     view = shown(page)
-    seen, size = view.seen(), (800, 600)
+    seen, size = view.settings(), (800, 600)
     pieces: list[int] = []
     scene = scene_of(view, size)
     take = scene.receive
@@ -105,7 +105,7 @@ def test_a_large_frame_comes_in_pieces_and_is_near_what_python_draws(page: LiveP
     scene.set_field(bent(6.0).field(GRID))
     frame = in_thread(page, scene.render).astype(float)
     assert max(pieces) <= 2**18 < sum(pieces)
-    core = scene_as_seen(bar(), view.source.transfer, size, seen, "core")
+    core = display_scene(bar(), view.source.transfer, size, seen, "core")
     core.set_field(bent(6.0).field(GRID))
     still = np.asarray(core.render()).astype(float)
     # The lamps are not quite alike, nor are soft edges and the ground: what is seen is, and about as bright.

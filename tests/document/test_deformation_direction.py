@@ -30,7 +30,7 @@ STEP = Step((POINTS,), Plane.from_view(GRID, "+z"), direction="forward", kernel=
 NODES = np.stack(np.meshgrid(np.arange(50.0), np.arange(30.0), np.arange(4.0), indexing="ij"), axis=-1).reshape(-1, 3)
 
 
-def in_space(ab: np.ndarray) -> np.ndarray:
+def add_depth(ab: np.ndarray) -> np.ndarray:
     return np.column_stack([ab, np.full(len(ab), 1.5)])
 
 
@@ -73,9 +73,9 @@ def test_a_volume_is_warped_to_the_places_of_the_inverse(steps: tuple[Step, ...]
 
 def test_points_go_forth_and_back() -> None:
     field = Deformation((STEP,)).field(GRID)
-    moved, found = warp_points(in_space(POINTS.source), field)
+    moved, found = warp_points(add_depth(POINTS.source), field)
     assert found.all()
-    assert np.abs(moved - in_space(POINTS.target)).max() < 1e-9
+    assert np.abs(moved - add_depth(POINTS.target)).max() < 1e-9
     inverse = dn.invert(field, GRID)
     assert inverse.share > 0.8  # what leaves the box is not counted, places beyond the points may fold
     at = inverse.reached.reshape(-1)
@@ -92,7 +92,7 @@ def test_cuts_part_fits_forward_and_parts_are_refused() -> None:
         assert isinstance(fit, ForwardFit)
         assert np.abs(fit.displacement(own.target) - own.displacement).max() < 1e-9
     slit = replace(STEP, cuts=(Cut(Line([(20, 15), (30, 15)], stops=(True, True))),)).field(GRID)
-    assert np.abs(slit.displacement(in_space(POINTS.target))[:, :2] - POINTS.displacement).max() < 1e-9
+    assert np.abs(slit.displacement(add_depth(POINTS.target))[:, :2] - POINTS.displacement).max() < 1e-9
     part = RigidPart(HalfSpace((25.3, 0.0), (1.0, 0.0)), name="bone")
     with pytest.raises(DeformError, match="bone"):
         replace(STEP, parts=(part,))
@@ -108,7 +108,7 @@ def test_errors_and_uncertainty_are_those_of_the_fit_forward() -> None:
     spread = step_uncertainty(STEP, GRID)
     assert np.abs(spread.at(POINTS.target)).max() < 1e-4
     x = np.array([[20.0, 12.0], [31.0, 17.0]])
-    y = warp_points(in_space(x), STEP.field(GRID))[0][:, :2]
+    y = warp_points(add_depth(x), STEP.field(GRID))[0][:, :2]
     slope = np.eye(2) + STEP.fits(GRID)[0].jacobian(y)
     expected = step_uncertainty(turned, GRID).at(x) * np.sqrt((slope**2).sum(axis=(1, 2)) / 2)
     assert spread.at(y) == pytest.approx(expected, rel=1e-3)

@@ -93,7 +93,7 @@ def steps(draw: Any) -> Step:
     return Step(tuple(draw(point_sets()) for _ in range(count)), plane, **options)
 
 
-def made_by(text: str) -> Deformation:
+def run_script(text: str) -> Deformation:
     scope: dict[str, Any] = {"VOLUME": VOLUME}
     lines = [line for line in text.split("\n") if not line.startswith("deformed = ")]
     exec("\n".join(lines), scope)  # the very promise that is tested
@@ -107,7 +107,7 @@ def made_by(text: str) -> Deformation:
 def test_the_script_makes_the_same_document(all_steps: list[Step], name: str) -> None:
     deformation = Deformation(tuple(all_steps), name)
     text = as_python(deformation, GRID, volume="VOLUME")
-    assert made_by(text) == deformation
+    assert run_script(text) == deformation
 
 
 @settings(max_examples=20)
@@ -121,7 +121,7 @@ def test_the_script_makes_the_same_key_frames(all_steps: list[Step], keys: list[
         easing="smooth" if keys else "linear",
         loop="swing" if len(keys) > 1 else "once",
     )
-    assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
+    assert run_script(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 
 def test_the_whole_script_runs() -> None:
@@ -145,7 +145,7 @@ def test_numbers_of_numpy_are_written_as_numbers() -> None:
     still = RigidPart(HalfSpace((0, 60), (0, -1)), reach=np.float64(2.5))
     deformation = Deformation((step,), keyframes=(Keyframe(np.float64(0.5), (replace(step, parts=(still,)),)),))
     assert "np." not in as_python(deformation, GRID)
-    assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
+    assert run_script(as_python(deformation, GRID, volume="VOLUME")) == deformation
     assert from_json(to_json(deformation)) == deformation
 
 
@@ -156,7 +156,7 @@ def test_points_in_space_and_no_steps() -> None:
         Deformation(),
         Deformation(name="nothing"),
     ):
-        assert made_by(as_python(deformation, GRID, volume="VOLUME")) == deformation
+        assert run_script(as_python(deformation, GRID, volume="VOLUME")) == deformation
 
 
 def test_what_is_as_usual_is_left_out() -> None:
@@ -177,4 +177,4 @@ def test_what_several_steps_share_is_written_once() -> None:
     assert text.count(repr(curve[7])) == 1
     assert text.count(BONE.name) == 1
     assert max(map(len, text.splitlines())) < 600  # the mask's own line is the longest
-    assert made_by(text) == deformation
+    assert run_script(text) == deformation

@@ -27,7 +27,7 @@ LARGER = Grid(OLD.shape, tuple(2.5 * s for s in OLD.spacing), (1.0, 2.0, 3.0), T
 POINTS = ControlPoints.from_arrays([[1, 1], [9, 2], [4, 8]], [[1, 2], [10, 2], [4, 6]], radius=[None, 4, None])
 
 
-def made_on(grid: Grid, *steps: Step, **options: Any) -> Deformation:
+def document_on(grid: Grid, *steps: Step, **options: Any) -> Deformation:
     return Deformation(
         steps, volume=VolumeReference("v", grid.shape, grid.spacing, "0" * 64, grid.origin, grid.direction), **options
     )
@@ -38,7 +38,7 @@ def share(grid: Grid, points: Any) -> np.ndarray:
     return (grid.point_to_index(points) + 0.5) / np.array(grid.shape[::-1])
 
 
-def in_space(step: Step, places: Any) -> np.ndarray:
+def places_of_step(step: Step, places: Any) -> np.ndarray:
     assert step.plane is not None
     return step.plane.from_plane(places)
 
@@ -46,9 +46,9 @@ def in_space(step: Step, places: Any) -> np.ndarray:
 @pytest.mark.parametrize("view", VIEWS)
 def test_points_keep_their_share_of_the_box(view: str) -> None:
     step = Step((POINTS,), Plane.from_view(OLD, view))
-    moved = transplant(made_on(OLD, step), NEW, "box").steps[0]
+    moved = transplant(document_on(OLD, step), NEW, "box").steps[0]
     for name in ("source", "target"):
-        before, after = (in_space(s, getattr(s.points, name)) for s in (step, moved))
+        before, after = (places_of_step(s, getattr(s.points, name)) for s in (step, moved))
         np.testing.assert_allclose(share(NEW, after), share(OLD, before), atol=1e-9)
     # The side of the one is the side of the other.
     np.testing.assert_allclose(
@@ -60,7 +60,7 @@ def test_points_keep_their_share_of_the_box(view: str) -> None:
 
 def test_points_in_space_keep_their_share_too() -> None:
     points = ControlPoints.from_arrays([[5, -3, 7], [12, 4, 9]], [[6, -3, 7], [12, 5, 9]])
-    moved = transplant(made_on(OLD, Step((points,))), NEW, "box").steps[0].points
+    moved = transplant(document_on(OLD, Step((points,))), NEW, "box").steps[0].points
     np.testing.assert_allclose(share(NEW, moved.target), share(OLD, points.target), atol=1e-9)
 
 
@@ -77,7 +77,7 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
             reach=2.0,
         ),
     )
-    document = made_on(
+    document = document_on(
         OLD,
         Step((POINTS,), Plane.from_view(OLD, "+y"), support=9.0, cuts=shapes[:1]),
         Step(
@@ -99,19 +99,19 @@ def test_the_result_of_a_larger_copy_is_the_larger_result() -> None:
 def test_lengths_grow_with_the_box() -> None:
     part = RigidPart(HalfSpace((0.0, 13.0), (0.0, -1.0)), reach=2.0, pivot=(4.0, 13.0))
     step = Step((POINTS.edit(1, radius=np.nan),), Plane.from_view(OLD, "+y"), support=9.0, parts=(part,))
-    moved = transplant(made_on(OLD, step), LARGER, "box").steps[0]
+    moved = transplant(document_on(OLD, step), LARGER, "box").steps[0]
     assert (moved.support, moved.parts[0].reach) == pytest.approx((22.5, 5.0))
     assert moved.parts[0].region.signed_distance([moved.parts[0].pivot]) == pytest.approx([0.0], abs=1e-9)
 
 
 def test_what_was_laid_on_a_box_is_not_laid_there_again() -> None:
-    moved = transplant(made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), LARGER, "box")
+    moved = transplant(document_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), LARGER, "box")
     with pytest.raises(DeformError, match="has no place of the volume"):
         transplant(moved, LARGER, "box")
 
 
 def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
-    document = made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y")))
+    document = document_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y")))
     assert transplant(document, OLD, "box") is document
     assert transplant(document, NEW) is document
     assert next(iter(ALIGNMENTS)) == "none"
@@ -133,13 +133,13 @@ def test_on_its_own_volume_and_as_it_is_nothing_changes() -> None:
 )
 def test_what_unequal_scales_would_bend_is_refused(step: Step, message: str) -> None:
     with pytest.raises(DeformError, match=message):
-        transplant(made_on(OLD, step), NEW, "box")
+        transplant(document_on(OLD, step), NEW, "box")
 
 
 def test_a_mirrored_box_is_refused() -> None:
     mirrored = replace(NEW, direction=((-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     with pytest.raises(DeformError, match="mirror image"):
-        transplant(made_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), mirrored, "box")
+        transplant(document_on(OLD, Step((POINTS,), Plane.from_view(OLD, "+y"))), mirrored, "box")
 
 
 def test_a_document_that_does_not_know_its_box_is_refused_with_what_to_do() -> None:
@@ -162,6 +162,6 @@ def test_the_box_is_kept_in_documents() -> None:
 def test_the_box_of_the_result_is_laid_on_the_other_volume_as_well() -> None:
     small, large = Grid((8, 8, 8)), Grid((8, 16, 16), (2.0, 1.0, 0.5), (10.0, 0.0, 0.0))
     step = Step((ControlPoints.from_arrays([[2, 4]], [[3, 4]]),), Plane.from_view(small, "+z"))
-    document = replace(made_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
+    document = replace(document_on(small, step), output=small.crop((0, -1, 0), (8, 9, 12)))
     assert transplant(document, large, "box").output == large.crop((0, -2, 0), (8, 18, 24))
     assert transplant(document, large).output == document.output

@@ -64,7 +64,7 @@ def test_what_was_lost_is_listed_newest_first_and_comes_back(tmp_path: Path) -> 
 
 def test_a_running_session_is_not_lost(tmp_path: Path) -> None:
     entry = written(tmp_path)
-    descriptor = create_locked(entry.held)
+    descriptor = create_locked(entry.lock_path)
     assert descriptor is not None
     assert entry.is_live
     assert saved_sessions(a_volume(), tmp_path) == []
@@ -136,14 +136,14 @@ def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypat
     saved = [written(tmp_path, minutes=k, state=state) for k, state in enumerate(("saved", "closed", "skipped"))]
     others = [written(tmp_path, minutes=10 + k, volume=a_volume(1), state="closed") for k in range(2)]
     running = written(tmp_path, minutes=60 * 24 * 40)
-    descriptor = create_locked(running.held)
-    dead = create_locked(old.held)
+    descriptor = create_locked(running.lock_path)
+    dead = create_locked(old.lock_path)
     assert descriptor is not None
     assert dead is not None
     os.close(dead)
     prune(tmp_path)
     assert set(tmp_path.glob("*.json")) == {entry.path for entry in [old, *lost, *saved[:2], others[0], running]}
-    assert list(tmp_path.glob("*.live")) == [running.held]
+    assert list(tmp_path.glob("*.live")) == [running.lock_path]
     os.close(descriptor)
 
 

@@ -241,7 +241,7 @@ def test_pictures_and_movies_show_what_lies_beyond_the_volume(
     monkeypatch.setattr("deformnb.session.exports._FRAMES", 2)
     view = LiveView(cut_off(session).volume)
     view.set_camera((0, 1, 0))
-    looks: dict[str, Any] = {"seen": view.seen()} if is_seen else {"camera": {"direction": (0, 1, 0)}}
+    looks: dict[str, Any] = {"seen": view.settings()} if is_seen else {"camera": {"direction": (0, 1, 0)}}
     paths = [export(session, tmp_path / name, size=(240, 120), **looks) for name in ("egg.png", "egg.gif")]
     for path in paths:
         with Image.open(path) as image:
@@ -288,7 +288,7 @@ def test_a_rendering_shows_what_the_view_shows(session: Session, tmp_path: Path,
     view = LiveView(session.volume, **{"projection": "mip", **look})
     for shown in (plain, view):
         shown.show_deformation(session.results.field())
-    path = export(session, tmp_path / "egg.png", seen=view.seen(), size=size)
+    path = export(session, tmp_path / "egg.png", seen=view.settings(), size=size)
     made = np.asarray(Image.open(path)).astype(float)
     alike, other = (np.abs(made - v.still(size)).mean() for v in (view, plain))
     assert made.shape == (150, 200, 3)
@@ -305,7 +305,7 @@ def test_a_movie_has_the_size_the_rate_and_the_looks_asked_for(
 
     monkeypatch.setattr("deformnb.session.exports._FRAMES", 4)
     view = LiveView(session.volume, background="light", projection="mip")
-    path = export(session, tmp_path / "egg.gif", seen=view.seen(), size=(96, 64), fps=10)
+    path = export(session, tmp_path / "egg.gif", seen=view.settings(), size=(96, 64), fps=10)
     with Image.open(path) as gif:
         assert (gif.size, gif.n_frames, gif.info["duration"]) == ((96, 64), 4, 100)
         frames = []

@@ -24,14 +24,14 @@ def test_what_looks_alike_shares_layout_and_style() -> None:
 def test_a_widget_that_is_hidden_hides_no_other() -> None:
     one, other = (basic.Button(layout=basic.layout(width="3px")) for _ in range(2))
     shared = one.layout
-    basic.set_shown(one, True)
+    basic.set_visible(one, True)
     assert one.layout is shared  # nothing had to change
-    basic.set_shown(one, False)
+    basic.set_visible(one, False)
     assert (one.layout.display, one.layout.width, other.layout.display) == ("none", "3px", None)
-    basic.set_shown(one, True)
+    basic.set_visible(one, True)
     assert one.layout is shared
     own = ipw.Button(layout={"width": "3px"})
-    basic.set_shown(own, False)
+    basic.set_visible(own, False)
     assert (own.layout.display, one.layout.display) == ("none", None)  # a user may hold the layout: it stays
 
 

@@ -24,7 +24,7 @@ def test_the_front_end_gets_the_tree_and_the_widgets_in_it() -> None:
     assert [outer["children"][0], outer["children"][1]["children"]] == [0, [1]]
     assert boxes.contents == (a, b)
     assert {a.model_id, b.model_id} <= dependency_state(boxes).keys()
-    inner.is_shown = False
+    inner.is_visible = False
     inner.children = ()
     inner.set_style(grid_gap=None)
     data = boxes.tree["children"][0]["children"][1]
@@ -64,4 +64,4 @@ def test_a_box_closes_with_what_is_in_it_and_keeps_no_widget_around_it() -> None
     del boxes
     gc.collect()
     assert reference() is None
-    inner.is_shown = False  # nobody shows it
+    inner.is_visible = False  # nobody shows it

@@ -39,9 +39,9 @@ class Page:
         self.traits: dict[str, Any] = {}
         self.meanwhile: Callable[[], None] | None = None
         self.thread: threading.Thread | None = None
-        monkeypatch.setattr(widget, "_send", self._told)
+        monkeypatch.setattr(widget, "_send", self._apply)
 
-    def _told(self, message: dict[str, Any], buffers: Any = None) -> None:
+    def _apply(self, message: dict[str, Any], buffers: Any = None) -> None:
         if message["method"] not in ("update", "echo_update"):
             return
         self.traits.update(message["state"])

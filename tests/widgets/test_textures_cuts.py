@@ -45,7 +45,7 @@ POINTS = ControlPoints.from_arrays(
 )
 
 
-def shown() -> PackedVolume:
+def packed() -> PackedVolume:
     return packed_volume(Volume(np.zeros(GRID.shape, np.uint8), GRID), 10**6, 2048, window=(0.0, 1.0))
 
 
@@ -53,8 +53,8 @@ def step(**options: Any) -> Step:
     return Step(**{"maps": (POINTS,), "plane": PLANE, "trend": "translation", "cuts": (CUT,), **options})
 
 
-def told(field: AbstractField) -> FieldTextures:
-    return field_textures(field, shown(), None, 64, 16)
+def textures_of(field: AbstractField) -> FieldTextures:
+    return field_textures(field, packed(), None, 64, 16)
 
 
 def at_nodes(content: dict[str, Any], shape: list[int]) -> np.ndarray:
@@ -67,7 +67,7 @@ def at_nodes(content: dict[str, Any], shape: list[int]) -> np.ndarray:
 def test_every_region_has_its_maps_and_one_without_points_stays() -> None:
     field = step(cuts=(CUT, BESIDE)).field(GRID)
     assert isinstance(field, Decoupled)
-    maps = told(field)
+    maps = textures_of(field)
     planar = maps.content.planar
     # Left of the line, right of it, and the box on the right; its fourth combination is nowhere in the picture.
     assert planar["cut"]["sides"] == [[False, False], [True, False], [True, True]]
@@ -80,7 +80,7 @@ def test_every_region_has_its_maps_and_one_without_points_stays() -> None:
 
 
 def test_distances_are_those_of_the_cuts_around_the_whole_picture() -> None:
-    maps = told(step(cuts=(CUT, BESIDE), cut_rule="paper").field(GRID))
+    maps = textures_of(step(cuts=(CUT, BESIDE), cut_rule="paper").field(GRID))
     cut = maps.content.planar["cut"]
     far = np.frombuffer(maps.buffer("distances"), "<f4").reshape(cut["shape"])
     nodes = at_nodes(cut, cut["shape"])
@@ -95,9 +95,9 @@ def test_distances_are_those_of_the_cuts_around_the_whole_picture() -> None:
 
 
 def test_distances_keep_their_name_while_only_points_move() -> None:
-    first = told(step().field(GRID))
-    moved = told(replace(step(), maps=(POINTS.move(0, [A - 15, B]),)).field(GRID))
-    other = told(step(cuts=(BESIDE,)).field(GRID))
+    first = textures_of(step().field(GRID))
+    moved = textures_of(replace(step(), maps=(POINTS.move(0, [A - 15, B]),)).field(GRID))
+    other = textures_of(step(cuts=(BESIDE,)).field(GRID))
     names = [m.content.planar["cut"]["id"] for m in (first, moved, other)]
     assert names[0] == names[1] != names[2]
     less = first.without("distances")
@@ -108,7 +108,7 @@ def test_distances_keep_their_name_while_only_points_move() -> None:
 
 def test_keys_of_interpolation_are_cut_each() -> None:
     field = step(maps=(POINTS, POINTS.take([0])), extrusion="interpolate", knots=(0.0, 1.0)).field(GRID)
-    maps = told(field)
+    maps = textures_of(field)
     assert count_maps(field) == 2
     assert maps.content.planar["shape"][0] == 4
     assert len(maps.buffer("weights")) == 2 * 1025 * 4
@@ -123,7 +123,7 @@ def test_what_is_no_cut_extrusion_is_sampled_in_space() -> None:
         None,
         cuts=(Cut(HalfSpace(GRID.center, (1.0, 0.2, 0.0))),),
     )
-    content = told(in_space.field(GRID)).content
+    content = textures_of(in_space.field(GRID)).content
     assert content.planar is None
     assert content.space["cut"]["regions"] == 2
     assert not content.coarse
@@ -134,7 +134,7 @@ def test_what_is_no_cut_extrusion_is_sampled_in_space() -> None:
 
 
 def test_cuts_without_points_move_nothing() -> None:
-    maps = told(Decoupled((), (), (CUT.region,), PLANE))
+    maps = textures_of(Decoupled((), (), (CUT.region,), PLANE))
     assert maps.content.planar["cut"]["sides"] == [[False], [True]]
     assert not np.frombuffer(maps.buffer("maps"), "<f4").any()
 
@@ -180,9 +180,9 @@ def _drags(view: str) -> ControlPoints:
 def test_several_early_cuts_are_said_to_be_rough() -> None:
     other = step(cuts=(BESIDE,))
     bend = Deformation.from_picture_points(GRID, "-z", _drags("-z")).steps[0]
-    assert not told(Deformation((step(), bend)).field(GRID)).content.coarse
-    assert not told(Deformation((step(), other)).field(GRID)).content.coarse  # the last one is sent as it is
-    assert told(Deformation((step(), other, bend)).field(GRID)).content.coarse
+    assert not textures_of(Deformation((step(), bend)).field(GRID)).content.coarse
+    assert not textures_of(Deformation((step(), other)).field(GRID)).content.coarse  # the last one is sent as it is
+    assert textures_of(Deformation((step(), other, bend)).field(GRID)).content.coarse
 
 
 def test_a_refit_divides_the_points_by_the_editors_cuts() -> None:
@@ -245,8 +245,8 @@ _FILES = (
 @pytest.mark.parametrize("stops", [(False, False), (True, False)])
 def test_the_page_builds_the_layers_that_python_sends(stops: tuple[bool, bool]) -> None:
     cut = replace(CUT, region=replace(CUT.region, stops=stops))
-    maps = told(step(cuts=(cut, BESIDE), support=9.0).field(GRID))
-    plain = told(step(cuts=(), support=9.0).field(GRID)).content.planar
+    maps = textures_of(step(cuts=(cut, BESIDE), support=9.0).field(GRID))
+    plain = textures_of(step(cuts=(), support=9.0).field(GRID)).content.planar
     points = [
         {
             "id": int(POINTS.ids[k]),

@@ -45,12 +45,12 @@ def test_the_newest_job_of_a_name_is_done_and_those_before_it_are_not() -> None:
 
 def test_what_waits_for_a_rest_is_dropped_by_whatever_comes_first() -> None:
     thread, done = Worker(), []
-    thread.at_rest(0.02, lambda: done.append("rest"))
+    thread.debounce(0.02, lambda: done.append("rest"))
     wait_for(lambda: done == ["rest"])
-    thread.at_rest(30.0, lambda: done.append("never"))
+    thread.debounce(30.0, lambda: done.append("never"))
     thread.latest("a", lambda: done.append("job"))
     wait_for(lambda: done == ["rest", "job"])
-    thread.at_rest(0.0, lambda: done.append("again"))
+    thread.debounce(0.0, lambda: done.append("again"))
     wait_for(lambda: done == ["rest", "job", "again"])
     thread.close()
 
@@ -61,7 +61,7 @@ def test_a_job_drops_what_waits_for_a_rest(monkeypatch: pytest.MonkeyPatch) -> N
     worker = Worker(at_end=lambda: done.append("end"))
     worker.latest("first", lambda: (begun.set(), may_end.wait(PATIENCE), done.append("first"))[0])
     assert begun.wait(PATIENCE)
-    worker.at_rest(0.0, lambda: done.append("rest"))
+    worker.debounce(0.0, lambda: done.append("rest"))
     worker.latest("next", lambda: done.append("next"))
     may_end.set()
     wait_for(lambda: "end" in done)  # idle: what waits still would have been done by now
@@ -75,7 +75,7 @@ def test_a_job_that_is_done_while_the_worker_is_closed_may_ask_for_a_rest(caplog
     def job() -> None:
         begun.set()
         gate.wait(PATIENCE)
-        thread.at_rest(0.0, lambda: None)  # the worker was closed meanwhile
+        thread.debounce(0.0, lambda: None)  # the worker was closed meanwhile
         done.set()
 
     thread.latest("a", job)
@@ -179,7 +179,7 @@ def test_a_thread_without_work_ends_and_another_takes_its_place(monkeypatch: pyt
         wait_for(lambda: not threads[-1].is_alive())
     assert len(set(threads)) == 3
     assert ended == threads  # each puts away what it alone may touch
-    worker.at_rest(0.05, lambda: threads.append(threading.current_thread()))  # longer than it takes to be idle
+    worker.debounce(0.05, lambda: threads.append(threading.current_thread()))  # longer than it takes to be idle
     wait_for(lambda: len(threads) == 4)
     worker.close()
     with pytest.raises(DeformError, match="is closed"):

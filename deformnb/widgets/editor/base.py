@@ -243,7 +243,7 @@ class EditedPoints(SyncedWidget):
 
     def take_message(self, message: Any, buffers: Any = ()) -> None:
         try:
-            message = _of_editor(message, self.points.dim, self.next_id)
+            message = _checked_message(message, self.points.dim, self.next_id)
         except DeformError as error:
             _LOG.warning("an edit of %s was dropped: %s", type(self).__name__, error)
             self._refuse(Refused(str(error), {"sender": message.sender, "seq": message.seq}))
@@ -269,7 +269,7 @@ class EditedPoints(SyncedWidget):
                 step(message.way)
         elif isinstance(message, PointsEdit) and message.seq > self.seen.get(message.sender, -1):
             if message.phase == "end":
-                self._drawn = _measured(message.drawn) or self._drawn
+                self._drawn = _measurements(message.drawn) or self._drawn
                 self.edit_under_way = message
                 try:
                     self.points = message.points
@@ -369,7 +369,7 @@ for _name in SETTINGS:
     setattr(EditedPoints, _name, _setting(_name))
 
 
-def _of_editor(message: FromWindow, dim: int, next_id: int) -> FromWindow:
+def _checked_message(message: FromWindow, dim: int, next_id: int) -> FromWindow:
     """The message with points of as many coordinates as the editor's, and no id that was given before."""
     if not isinstance(message, PointsEdit | ShapesEdit) or message.points is None:
         return message
@@ -381,7 +381,7 @@ def _of_editor(message: FromWindow, dim: int, next_id: int) -> FromWindow:
     return structs.replace(message, points=replace(points, next_id=max(points.next_id, least, next_id)))
 
 
-def _measured(drawn: Any) -> dict[str, float]:
+def _measurements(drawn: Any) -> dict[str, float]:
     """Measurements of a front end; nothing if they are odd, for no edit is refused for that."""
     given = drawn if isinstance(drawn, dict) else {}
     return {name: float(given[name]) for name in ("hz", "ms") if _is_length(given.get(name)) and 0 <= given[name] < 1e6}

@@ -282,7 +282,7 @@ class Editor(EditedPoints):
         self._picture = picture
         self._shapes_callbacks: list[ShapesCallback] = []
         self._wand_callbacks: list[Callable[[WandRequest], None]] = []
-        super().__init__(points=given, **{**_of_picture(picture, raster, given), **settings})
+        super().__init__(points=given, **{**_picture_traits(picture, raster, given), **settings})
 
     # ---- display ----------------------------------------------------------------------------------------------------
 
@@ -298,7 +298,7 @@ class Editor(EditedPoints):
 
     @picture.setter
     def picture(self, picture: Picture | None) -> None:
-        traits = _of_picture(picture, None, self.points)
+        traits = _picture_traits(picture, None, self.points)
         self._picture = picture
         with self.hold_sync():  # both in one message: picture and raster must match
             for name, value in traits.items():
@@ -498,7 +498,7 @@ class Editor(EditedPoints):
         return with_png(super()._repr_mimebundle_(**options), self.preview_png)
 
 
-def _of_picture(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
+def _picture_traits(picture: Picture | None, raster: Raster | None, points: ControlPoints) -> dict[str, Any]:
     """The traits that follow from a picture, or from an empty sheet."""
     where = picture.raster if picture is not None else raster or sheet(points).raster
     made: tuple[bytes, dict[str, Any]] = (b"", {"channels": 1}) if picture is None else picture_png(picture)

@@ -115,7 +115,7 @@ class PaneSender:
     def note(self, seconds: float) -> None:
         """Note the time that pictures of a movement took, after which there will be a rest."""
         self._seconds += 0.3 * (seconds - self._seconds)
-        self.worker.at_rest(_REST, self._rest)
+        self.worker.debounce(_REST, self._rest)
 
     def _rest(self) -> None:
         self.is_moving = False
@@ -196,7 +196,7 @@ class SpaceEditor(EditedPoints):
         self._moved: ControlPoints | None = None
         self._lifted: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
         self.sender = PaneSender(weakly(self, SpaceEditor._draw))
-        traits = self._of_volume(volume)
+        traits = self._volume_traits(volume)
         super().__init__(
             **{**traits, "label": volume.name or "Volume", "height": 360, **settings},
             points=ControlPoints.empty(3) if points is None else points,
@@ -207,7 +207,7 @@ class SpaceEditor(EditedPoints):
 
     # ---- display ----------------------------------------------------------------------------------------------------
 
-    def _of_volume(self, volume: Volume) -> dict[str, Any]:
+    def _volume_traits(self, volume: Volume) -> dict[str, Any]:
         function = preset(self._transfer, volume) if isinstance(self._transfer, str) else self._transfer
         self._pictures = SpacePictures(volume, function, self._window)
         return {
@@ -224,7 +224,7 @@ class SpaceEditor(EditedPoints):
     @volume.setter
     def volume(self, volume: Volume) -> None:
         with self._lock:
-            traits = self._of_volume(as_volume(volume))
+            traits = self._volume_traits(as_volume(volume))
         with self.hold_sync():  # both in one message: cursor and pictures must match
             for name, value in traits.items():
                 setattr(self, name, value)
@@ -330,7 +330,7 @@ class SpaceEditor(EditedPoints):
         if isinstance(message, PicturesWanted):
             self.sender.greet(message.view)
         elif isinstance(message, Seen):
-            self.sender.pacer.seen(message.seq)
+            self.sender.pacer.confirm(message.seq)
         elif isinstance(message, SlicesMoved):
             self._look(message)
         else:
@@ -349,14 +349,14 @@ class SpaceEditor(EditedPoints):
 
     def _take(self, message: FromWindow) -> None:
         if isinstance(message, PointsEdit):
-            message = structs.replace(message, points=self._held(message.points))
+            message = structs.replace(message, points=self._with_sources(message.points))
             self.sender.is_moving = message.phase == "move"
             if self.sender.is_moving:
                 self._moved = message.points
                 self.sender.offer()
         super()._take(message)
 
-    def _held(self, points: ControlPoints) -> ControlPoints:
+    def _with_sources(self, points: ControlPoints) -> ControlPoints:
         """Points of the front end; the source of a new one is the tissue seen at its place.
 
         A front end has the target only and sends it as the source. The tissue there comes from target + D, and with

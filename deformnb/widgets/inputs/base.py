@@ -50,7 +50,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
         super().__init__(**traits)
 
     @abstractmethod
-    def _checked(self, value: Any) -> Any:
+    def _check_value(self, value: Any) -> Any:
         """Checked value of a message, for callbacks and :meth:`_take`; DeformError for anything wrong."""
 
     @abstractmethod
@@ -59,9 +59,9 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     @abstractmethod
     def _show(self) -> None:
-        """Call :meth:`_set_shown` with the content for the front end."""
+        """Call :meth:`_set_content` with the content for the front end."""
 
-    def _set_shown(self, **shown: Any) -> None:
+    def _set_content(self, **shown: Any) -> None:
         # In one trait, for a front end must know of each new value whether its own last edit is in it.
         self.shown = {**shown, "seen": dict(self._seen)}
 
@@ -84,7 +84,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
     def take_message(self, message: ValueEdit, buffers: Any = ()) -> None:
         seq, view, phase = message.seq, message.view, message.phase
         try:
-            edit = self._checked(message.value)
+            edit = self._check_value(message.value)
             if phase == "end":
                 self._see(view, seq)
                 self._take(edit)

@@ -214,7 +214,7 @@ class CurveEditor(AbstractEdited):
             rows = [[float(z), float(f)] for z, f in nodes]
         except (TypeError, ValueError):
             raise DeformError("the nodes of a curve must be pairs (z, f) of numbers.") from None
-        self._take(self._checked({"nodes": rows, "smooth": bool(smooth)}))
+        self._take(self._check_value({"nodes": rows, "smooth": bool(smooth)}))
 
     def values(self, count: int = PARTS + 1) -> tuple[float, ...]:
         """The curve at ``count`` equal steps from 0 to 1."""
@@ -228,7 +228,7 @@ class CurveEditor(AbstractEdited):
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
-    def _checked(self, value: Any) -> _Edit:
+    def _check_value(self, value: Any) -> _Edit:
         if not isinstance(value, dict):
             raise DeformError("a curve is a formula or a list of nodes.")
         if "formula" in value:
@@ -256,7 +256,7 @@ class CurveEditor(AbstractEdited):
         return edit.curve
 
     @traitlets.observe("curve", "smooth")
-    def _changed(self, change: Any) -> None:
+    def _on_change(self, change: Any) -> None:
         if self._nodes is not None and change["name"] == "smooth":
             self.curve = _Edit(self._nodes, self.smooth, "").curve
         elif isinstance(self.curve, str):
@@ -268,7 +268,7 @@ class CurveEditor(AbstractEdited):
 
     def _show(self) -> None:
         formula = self.curve if isinstance(self.curve, str) else ""
-        self._set_shown(
+        self._set_content(
             nodes=[list(node) for node in self.nodes],
             smooth=self.smooth,
             formula=formula,

@@ -96,7 +96,7 @@ class DepthKeys(AbstractEdited):
         self.selected = selected
         self._show()
 
-    def _checked(self, value: Any) -> KeyEdit:
+    def _check_value(self, value: Any) -> KeyEdit:
         if not isinstance(value, dict) or value.get("kind") not in tuple(_KINDS):
             raise DeformError(f"an edit of keys is one of {', '.join(_KINDS)}.")
         kind, knots = value["kind"], value.get("knots")
@@ -134,12 +134,12 @@ class DepthKeys(AbstractEdited):
         return index
 
     @traitlets.observe("knots", "selected")
-    def _changed(self, _change: Any) -> None:
+    def _on_change(self, _change: Any) -> None:
         self.selected = min(self.selected, len(self.knots) - 1)
         self._show()
 
     def _show(self) -> None:
-        self._set_shown(knots=list(self.knots), selected=self.selected)
+        self._set_content(knots=list(self.knots), selected=self.selected)
 
     def __repr__(self) -> str:
         depths = ", ".join(f"{k:.4g}" for k in self.knots)

@@ -61,7 +61,7 @@ class DrawingPair(Boxes):
     ) -> None:
         self.first = GridDrawing(first, rows, columns, label="Grid on the first drawing")
         self.second: GridDrawing | None = None
-        self._guard = guard or self._shown
+        self._guard = guard or self._run_guarded
         self.message = basic.HTML("")
         self.line_counts = [
             basic.BoundedIntText(value, min=2, max=MOST_LINES, description=word, layout=basic.layout(width="150px"))
@@ -145,7 +145,7 @@ class DrawingPair(Boxes):
             if drawing is not None:
                 drawing.set_lines(*(number.value for number in self.line_counts))
 
-    def _shown(self, action: Callable[[], None]) -> bool:
+    def _run_guarded(self, action: Callable[[], None]) -> bool:
         try:
             action()
         except DeformError as error:

@@ -108,11 +108,11 @@ class GridDrawing(AbstractEdited):
     def set_lines(self, rows: int, columns: int) -> None:
         """Change the number of lines; the new nodes are on the present grid, and count as not placed."""
         self._placed = ()
-        self.nodes = _refined(self.nodes, rows, columns)
+        self.nodes = _resample(self.nodes, rows, columns)
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
-    def _checked(self, value: Any) -> _Edit:
+    def _check_value(self, value: Any) -> _Edit:
         if not isinstance(value, dict):
             raise DeformError("a grid has nodes.")
         rows, columns = self.nodes.shape[:2]
@@ -144,11 +144,11 @@ class GridDrawing(AbstractEdited):
         return edit.nodes
 
     @traitlets.observe("nodes")
-    def _changed(self, _change: Any) -> None:
+    def _on_change(self, _change: Any) -> None:
         self._show()
 
     def _show(self) -> None:
-        self._set_shown(nodes=self.nodes.tolist(), placed=list(self._placed))
+        self._set_content(nodes=self.nodes.tolist(), placed=list(self._placed))
 
     def __repr__(self) -> str:
         rows, columns = self.nodes.shape[:2]
@@ -179,7 +179,7 @@ def _regular(picture: Picture, rows: int, columns: int) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(np.linspace(a0, a1, columns), np.linspace(b0, b1, rows)), axis=-1)
 
 
-def _refined(nodes: NDArray[np.float64], rows: int, columns: int) -> NDArray[np.float64]:
+def _resample(nodes: NDArray[np.float64], rows: int, columns: int) -> NDArray[np.float64]:
     """A grid with other numbers of lines on the same bent surface, linear along its lines."""
     for axis, count in ((0, rows), (1, columns)):
         at = np.linspace(0, nodes.shape[axis] - 1, count)

@@ -180,7 +180,7 @@ class Playback:
     def _maps(self, animation: Animation, output: Grid | None) -> TimeMaps | None:
         """All moments as maps, made once; None where they are no maps."""
         if self._made is None or self._made[0] != (animation, output):
-            self._made = ((animation, output), _stacked(animation, self._grid, output))
+            self._made = ((animation, output), _stack(animation, self._grid, output))
         return self._made[1]
 
     def wait(self, timeout: float = 60.0) -> None:
@@ -197,7 +197,7 @@ class Playback:
         self._worker.close()
 
 
-def _stacked(animation: Animation, grid: Grid, output: Grid | None) -> TimeMaps | None:
+def _stack(animation: Animation, grid: Grid, output: Grid | None) -> TimeMaps | None:
     try:
         return animation.stack(grid, size=MAP_SIZE, output=output)
     except DeformError:  # several steps, cuts, points in space: each moment is solved for

@@ -71,7 +71,7 @@ class PointsTable(SyncedWidget):
     # -- display -------------------------------------------------------------------------------------------------------
 
     @property
-    def is_seen(self) -> bool:
+    def is_visible(self) -> bool:
         """True if the table is visible in a front end."""
         return any(self._seen.values())
 
@@ -134,13 +134,13 @@ class PointsTable(SyncedWidget):
     def _report(self, view: str, seq: int, report: str | None) -> None:
         self.post(PointsCommandDone(view=view, seq=seq, ok=report is not None, text=report or ""))
 
-    def _take_visibility(self, view: str, is_seen: bool) -> str:
-        was = self.is_seen
+    def _take_visibility(self, view: str, is_visible: bool) -> str:
+        was = self.is_visible
         self._seen.pop(view, None)
-        self._seen[view] = is_seen
+        self._seen[view] = is_visible
         while len(self._seen) > _VIEWS:  # a front end that was closed without a word
             del self._seen[next(iter(self._seen))]
-        if self.is_seen and not was:
+        if self.is_visible and not was:
             self._visibility_callback()
         return ""
 

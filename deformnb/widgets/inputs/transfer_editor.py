@@ -97,7 +97,7 @@ class TransferEditor(AbstractEdited):
         self._volume = volume = as_volume(volume)
         self._given_worker = worker
         self._named: tuple[str, TransferFunction] | None = None
-        counts, self._extent = shown_histogram(volume)
+        counts, self._extent = display_histogram(volume)
         super().__init__(histogram=_bars(counts), **{"label": "Opacities and colours", **traits})
         self.set_transfer(transfer)
         self._show()
@@ -111,7 +111,7 @@ class TransferEditor(AbstractEdited):
     @volume.setter
     def volume(self, volume: Volume) -> None:
         volume = as_volume(volume)
-        counts, extent = shown_histogram(volume)
+        counts, extent = display_histogram(volume)
         name = self.preset_name
         self._volume, self._extent = volume, extent
         with self.hold_sync():  # all in one message: histogram and nodes must match
@@ -150,7 +150,7 @@ class TransferEditor(AbstractEdited):
 
     # ---- edits ------------------------------------------------------------------------------------------------------
 
-    def _checked(self, value: Any) -> tuple[str, TransferFunction]:
+    def _check_value(self, value: Any) -> tuple[str, TransferFunction]:
         if not isinstance(value, dict):
             raise DeformError("a transfer function is nodes, colours, a window or the name of a preset.")
         if "preset" in value:
@@ -183,12 +183,12 @@ class TransferEditor(AbstractEdited):
         return self._named[0] if self._named is not None and self._named[1] == self.transfer else ""
 
     @traitlets.observe("transfer")
-    def _changed(self, _change: Any) -> None:
+    def _on_change(self, _change: Any) -> None:
         self._show()
 
     def _show(self) -> None:
         values = [*self._extent, *self.transfer.window]
-        self._set_shown(
+        self._set_content(
             nodes=[list(node) for node in self.transfer.opacities],
             preset=self.preset_name,
             colors=[list(node) for node in self.transfer.colors],
@@ -259,7 +259,7 @@ def _window(data: Any) -> tuple[float, float]:
     return float(data[0]), float(data[1])
 
 
-def shown_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
+def display_histogram(volume: Volume) -> tuple[Histogram, tuple[float, float]]:
     """The histogram behind the curve, up to the densest tissue, with its first and last value.
 
     A few voxels of metal would compress all tissue into the first tenth of the plot. Where values come in steps, as

@@ -209,7 +209,7 @@ def convert(data: Any, kind: Any) -> Any:
         raise DeformError("it is nested too deeply.") from None
 
 
-def _of_whole_characters(data: Any) -> Any:
+def _replace_surrogates(data: Any) -> Any:
     try:
         return json.loads(json.dumps(data, ensure_ascii=False).encode("utf-8", "replace"))
     except (TypeError, ValueError, RecursionError):
@@ -258,7 +258,7 @@ def check_size(content: Any, most: int) -> Any:
     try:
         size = len(msgspec.json.encode(content))
     except UnicodeEncodeError:
-        content = _of_whole_characters(content)
+        content = _replace_surrogates(content)
         size = len(msgspec.json.encode(content))
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise DeformError("it is no JSON.") from None

@@ -247,7 +247,7 @@ class Panel:
         self.controls.append(control)
         return widget
 
-    def of_step(self, widget: Any, name: str) -> Any:
+    def bind_step(self, widget: Any, name: str) -> Any:
         """Bind a widget to a field of the step being edited."""
         return self.add(
             widget,
@@ -319,7 +319,7 @@ class LatePanel(Generic[_AnyPanel]):
                     action(made)
             return self.made
 
-    def when_made(self, action: Callable[[_AnyPanel], None]) -> None:
+    def call_when_ready(self, action: Callable[[_AnyPanel], None]) -> None:
         """Do something with the panel once it is made, or now if it was."""
         with self._lock:
             if self.made is None:
@@ -357,7 +357,7 @@ class PicturePanel(Panel):
         )
         self._depth = self.add(
             slider("Slice", -1.0, 1.0, 0.01, "Where the slice lies, from the middle of the volume", ".1f"),
-            self._held_depth,
+            self._clipped_depth,
             lambda value: session.pictures.set_trait("depth", value),
         )
         hold = action_button("hold_outline", lambda: guard(session.fix_outline))
@@ -367,20 +367,20 @@ class PicturePanel(Panel):
         self.box = row(self._step, side, method, self._depth, hold, shows_grids)
         self.refresh()
 
-    def _held_depth(self) -> float:
+    def _clipped_depth(self) -> float:
         return float(np.clip(self.session.pictures.depth, *self.session.pictures.depth_range))
 
     def arrange(self) -> None:
         self._step.value = step_badge(self.session)
-        basic.set_shown(self._step, self._step.value)
+        basic.set_visible(self._step, self._step.value)
         low, high = self.session.pictures.depth_range
         if (self._depth.min, self._depth.max) != (low, high):
             self._depth.min, self._depth.max = min(low, self._depth.max), max(high, self._depth.min)
             self._depth.min, self._depth.max, self._depth.step = low, high, self.session.pictures.slices.spacing
         in_space = self.session.editing.step.plane is None
         for widget in self._on_picture:
-            basic.set_shown(widget, not (in_space))
-        basic.set_shown(self._depth, self.session.pictures.method == "slice" and not in_space)
+            basic.set_visible(widget, not (in_space))
+        basic.set_visible(self._depth, self.session.pictures.method == "slice" and not in_space)
         elsewhere = [] if self.session.steps.view else [_IN_SPACE if in_space else _OBLIQUE]
         fill(self._side, PARAMETERS["view"].menu + elsewhere)  # type: ignore[attr-defined]
 
@@ -494,7 +494,7 @@ class MapPanel(Panel):
     def __init__(self, session: Session, guard: Guard) -> None:
         super().__init__(session, guard)
         bound = {
-            name: self.of_step(widget_of(name), name)
+            name: self.bind_step(widget_of(name), name)
             for name in OF_THE_FIT
             if name not in ("support", *_STANDING_ELSEWHERE)
         }
@@ -507,7 +507,7 @@ class MapPanel(Panel):
         )
         self.add(
             self._support,
-            self._shown_support,
+            self._slider_support,
             lambda value: session.editing.change(kind="support", slides=True, support=float(value)),
         )
         self._auto = widget_of("automatic_support")
@@ -519,7 +519,7 @@ class MapPanel(Panel):
         self.box = column(row(self._kernel, self._trend), row(self._support, self._auto, *bound.values()))
         self.refresh()
 
-    def _shown_support(self) -> float:
+    def _slider_support(self) -> float:
         step, low, high = self.session.editing.step, 10**self._support.min, 10**self._support.max
         support = step.support_for(self.session.editing.points) or lone_support(self.session.editing.grid)
         return float(np.clip(support, low, high))
@@ -604,11 +604,11 @@ class VolumePanel(Panel):
             False, description=parameter.label, tooltip=parameter.tooltip, layout=basic.layout(width="auto")
         )
         self._of_view, self._slices = menus, slices
-        self.box = row(*menus, self.add(button, lambda: slices.is_shown, slices.show))
+        self.box = row(*menus, self.add(button, lambda: slices.is_visible, slices.show))
 
     def arrange(self) -> None:
         for widget in self._of_view:  # which is not seen meanwhile
-            widget.disabled = self._slices.is_shown
+            widget.disabled = self._slices.is_visible
 
 
 def _take_preset(session: Session, name: str) -> None:
@@ -715,11 +715,11 @@ class Question:
             *(button(words, words, partial(self._answer, answer)) for words, answer in answers.items()),
             button("Cancel", "Leave everything as it is", self.forget),
         )
-        self.box.is_shown = True
+        self.box.is_visible = True
 
     def forget(self) -> None:
         """Remove the question."""
-        before, self.box.children, self.box.is_shown = self.box.children, (), False
+        before, self.box.children, self.box.is_visible = self.box.children, (), False
         close_all(*before)
 
     @property

@@ -265,16 +265,16 @@ class StudioPicture:
         self.milliseconds: float | None = None
         self._undo, self._reason = undo, ""
         self.ways_on = row()
-        self.ways_on.is_shown = False
+        self.ways_on.is_visible = False
 
     @property
-    def is_shown(self) -> bool:
+    def is_visible(self) -> bool:
         """True if the editor shows the picture that the session requires."""
         return bool(self._shown == self._needed_picture())
 
     def renew(self) -> bool:
         """Request the picture that the session requires, if it is not the one that is shown; returns whether."""
-        if not self.is_shown:
+        if not self.is_visible:
             self.request()
             return True
         if self._reason:  # back from a picture that could not be made to the one still shown
@@ -288,7 +288,7 @@ class StudioPicture:
 
     def turn(self) -> None:
         """Set the view to the side of the picture, unless the user has turned it elsewhere."""
-        if self._turned_to is None or looks_alike(self._turned_to, self._view.camera):
+        if self._turned_to is None or equal_directions(self._turned_to, self._view.camera):
             self._link.turn()
             self._turned_to = dict(self._view.camera)
 
@@ -321,7 +321,7 @@ class StudioPicture:
             )
         if self.ways_on.children:
             self.ways_on.children[0].value = as_html(reason, is_error=True)
-        self.ways_on.is_shown = bool(reason)
+        self.ways_on.is_visible = bool(reason)
 
     def _set(self, needed: Any) -> None:
         start = time.perf_counter()
@@ -334,7 +334,7 @@ class StudioPicture:
         self.milliseconds = (time.perf_counter() - start) * 1e3
 
 
-def looks_alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+def equal_directions(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
     """Check whether two cameras have the same direction; their distance does not count."""
     return all(np.allclose(one[name], other[name], atol=_STANDS) for name in ("direction", "up", "pan"))
 
@@ -407,7 +407,7 @@ class StudioEdits:
 
     def _take(self, editor: Any, edit: Callable[[], None]) -> None:
         """Apply the edit of an editor; on failure, the editor shows the state of the session again."""
-        if not self._picture.is_shown or editor is not self._editors.current:
+        if not self._picture.is_visible or editor is not self._editors.current:
             self.counts["late"] += 1  # a drag on a picture that is being replaced
             self._picture.request()
             return

@@ -146,7 +146,7 @@ class StudioPanels:
     wand: Wand
 
     @property
-    def at_once(self) -> list[Panel]:
+    def initial(self) -> list[Panel]:
         """The panels that are there from the start."""
         return [self.picture, self.volume, self.start, self.opening, *self.others]
 
@@ -162,13 +162,13 @@ class StudioPanels:
         return self.menus["history"][0]
 
     @property
-    def made(self) -> list[Panel]:
+    def existing(self) -> list[Panel]:
         """All panels that have been made."""
-        return [*self.at_once, *(late.made for late in self.late if late.made is not None)]
+        return [*self.initial, *(late.made for late in self.late if late.made is not None)]
 
     def refresh(self) -> None:
         """Show the session in all panels that have been made."""
-        for panel in self.made:
+        for panel in self.existing:
             panel.refresh()
 
     def open_menu(self, name: str) -> None:
@@ -178,7 +178,7 @@ class StudioPanels:
 
     def close(self) -> None:
         """End what runs of the panels; their widgets close with the boxes that they are in."""
-        for panel in self.made:
+        for panel in self.existing:
             panel.close()
         self.wand.close()
 
@@ -252,9 +252,9 @@ def arranged(
         view.background = "dark"  # bones and fins are bright
     editors.beside.children = (view,)
     panes = [_pane(panels.picture.box, editors.box, "picture"), _pane(panels.volume.box, editors.beside, "volume")]
-    warnings = [panel.warning for panel in panels.at_once if panel.warning is not None]
+    warnings = [panel.warning for panel in panels.initial if panel.warning is not None]
     messages = column(*warnings, words.box, classes="dnb-studio-messages")
-    tabs = _grouped(panels.groups)
+    tabs = _group(panels.groups)
     tabs.children[-1].children += (column(words.status, classes="dnb-section-plain"),)  # figures are under "Check"
     side = column(tabs, classes="dnb-studio-panel")
     start = column(panels.start.box, classes="dnb-studio-start")
@@ -275,7 +275,7 @@ def _pane(head: Box, contents: Box, name: str) -> Box:
     return column(head.add_class("dnb-pane-head"), contents, classes=f"dnb-pane dnb-pane-{name}")
 
 
-def _grouped(groups: Mapping[str, Sequence[Section]]) -> Tabs:
+def _group(groups: Mapping[str, Sequence[Section]]) -> Tabs:
     """Tabs of groups of sections; a panel learns when it is seen."""
     boxes = {title: [_section(section) for section in sections] for title, sections in groups.items()}
     tabs = Tabs([column(*group, classes="dnb-group") for group in boxes.values()], list(groups))

@@ -60,7 +60,7 @@ class RestoreBar(SyncedWidget):
         self._showing = threading.RLock()  # the thread that writes shows news as well as that of an edit
         super().__init__()
         self._guard = guard
-        self._recovery = Recovery(session, show, _weakly_shown(self), **options)
+        self._recovery = Recovery(session, show, _weak_refresh(self), **options)
         self.show()  # offers found before this line
 
     @property
@@ -99,7 +99,7 @@ class RestoreBar(SyncedWidget):
         super().close()
 
 
-def _weakly_shown(bar: RestoreBar) -> Callable[[], None]:
+def _weak_refresh(bar: RestoreBar) -> Callable[[], None]:
     reference = weakref.ref(bar)
 
     def show() -> None:

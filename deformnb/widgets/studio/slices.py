@@ -41,26 +41,26 @@ class StudioSlices:
         self._moved = weakly(self, StudioSlices._preview, StudioSlices._is_open)
         self._of_picture = weakly(self, StudioSlices._follow_picture, StudioSlices._is_open)
         session.pictures.observe(self._of_picture, ["depth", "method"])
-        self.is_shown = False
+        self.is_visible = False
 
-    def show(self, is_shown: bool) -> None:
+    def show(self, is_visible: bool) -> None:
         """Show the slices instead of the view, or the view again."""
-        if is_shown == self.is_shown:
+        if is_visible == self.is_visible:
             return
         if self._widget is None:
             self._widget = self._make()
             self._place.children = (*self._place.children, self._widget)
             self._widget.observe(weakly(self, StudioSlices._follow_cursor, StudioSlices._is_open), "cursor")
             self._follow_picture()
-        self.is_shown = is_shown
+        self.is_visible = is_visible
         for widget in self._place.children:
-            basic.set_shown(widget, (widget is self._widget) == is_shown)
-        self._editor.on_edit(self._moved, remove=not is_shown, details=True)
+            basic.set_visible(widget, (widget is self._widget) == is_visible)
+        self._editor.on_edit(self._moved, remove=not is_visible, details=True)
         self.follow()
 
     def follow(self) -> None:
         """Show the state of the session."""
-        if self.is_shown:
+        if self.is_visible:
             self._worker.latest("slices", weakly(self, StudioSlices._follow, StudioSlices._is_open))
 
     def close(self) -> None:
@@ -123,7 +123,7 @@ class StudioSlices:
 
     def _show(self, edit: PointsEdit) -> None:
         try:
-            field = self._link.field_on_the_way(edit)
+            field = self._link.preview_field(edit)
         except DeformError:  # two points met in the drag; the edit will report it if it ends so
             return
         if self._widget is not None:

@@ -50,7 +50,7 @@ class StudioStatus:
 
     def failed(self, error: Exception) -> None:
         """Report an error of a thread, which has been logged."""
-        self.show(_in_words(error), is_error=True)
+        self.show(_error_text(error), is_error=True)
 
 
 def as_html(text: str, is_error: bool = False) -> str:
@@ -63,8 +63,8 @@ def reason_of(error: Exception) -> str:
     """Message of an error; an unexpected one is logged."""
     if not isinstance(error, DeformError):
         _LOG.error("an action of the studio failed", exc_info=error)
-    return _in_words(error)
+    return _error_text(error)
 
 
-def _in_words(error: Exception) -> str:
+def _error_text(error: Exception) -> str:
     return str(error) if isinstance(error, DeformError) else f"{type(error).__name__}: {error}"

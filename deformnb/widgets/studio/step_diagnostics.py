@@ -344,7 +344,7 @@ def chosen_fields(chosen: ChosenFit, step: Step) -> dict[str, Any]:
     return {name: value for name, value in found.items() if getattr(step, name) != value}
 
 
-def said_of(chosen: ChosenFit, grid: Grid) -> str:
+def describe_choice(chosen: ChosenFit, grid: Grid) -> str:
     """A choice in one sentence for the status line."""
     if not chosen.tried:
         return "There are too few control points to leave some of them out."
@@ -392,7 +392,7 @@ class FoldActions:
             return None
         if found.is_fold_free:
             self._safe = (session.editing.index, session.editing.key, session.editing.points)
-        elif keep_free and found.is_fold_free is False and self._kept_free(deformation):
+        elif keep_free and found.is_fold_free is False and self._remove_folds(deformation):
             return None
         return found
 
@@ -451,7 +451,7 @@ class FoldActions:
         fields = chosen_fields(chosen, session.editing.step)
         if fields:
             session.editing.change("best prediction", **fields)
-        self._report(said_of(chosen, session.editing.grid))
+        self._report(describe_choice(chosen, session.editing.grid))
 
     def keep_chosen(self) -> bool:
         """Choose the fit anew where the points are others than before, as part of the edit; whether that was done."""
@@ -469,7 +469,7 @@ class FoldActions:
         if not fields:
             return False
         made = deformation.with_step(index, replace(step, **fields))
-        return session.editing.amend(deformation, made, said_of(chosen, session.editing.grid))
+        return session.editing.amend(deformation, made, describe_choice(chosen, session.editing.grid))
 
     def _report(self, text: str) -> None:
         self._session.editing.notice = ""  # the same message again is shown again
@@ -486,7 +486,7 @@ class FoldActions:
             else None
         )
 
-    def _kept_free(self, deformation: Deformation) -> bool:
+    def _remove_folds(self, deformation: Deformation) -> bool:
         """Choose stages that leave no fold, as part of the edit that folded; whether that was done."""
         session = self._session
         index, step = session.editing.index, session.editing.step

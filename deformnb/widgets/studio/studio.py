@@ -43,7 +43,7 @@ from deformnb.volume.converters import NO_PLACE
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid, Volume, VolumeLike
 from deformnb.widgets.boxes import Boxes
-from deformnb.widgets.camera import on_picture
+from deformnb.widgets.camera import picture_mode
 from deformnb.widgets.cell_widgets import (
     close_all,
     close_earlier_of_this_cell,
@@ -97,7 +97,7 @@ def make_view(kind: str | AbstractView, volume: Volume, transfer: Any, height: i
     raise DeformError(f"unknown view {kind!r}; choose one of {', '.join(VIEW_KINDS)}, or give a view.")
 
 
-def laid_on(given: Any, volume: Volume, name: str) -> Volume | None:
+def volume_for(given: Any, volume: Volume, name: str) -> Volume | None:
     """A volume of any volume-like object; an array, which has no frame, gets that of another volume; None of None.
 
     Parameters
@@ -145,7 +145,7 @@ def last_step(session: Session, editor: Editor, view: Any) -> tuple[Editor, Live
     )
     whole.editing.edit_step(last or 0)
     shown = make_editor(whole, editor.height)
-    shown.density, shown.theme, shown.shows = editor.density, editor.theme, on_picture(view.shows)
+    shown.density, shown.theme, shown.shows = editor.density, editor.theme, picture_mode(view.shows)
     with owned_widgets():
         live = LiveView(whole.volume, transfer=pictures.transfer_function, width=view.width, height=view.height)
     live.camera, live.shows, live.clip = dict(view.camera), view.shows, view.clip
@@ -311,7 +311,7 @@ class Studio(Boxes):
         if isinstance(deformation, (str, PathLike)):
             session.files.known.remember(deformation)
         self._options = view, height, folder
-        others = GivenVolumes(laid_on(labels, given, "labels"), label_names, laid_on(target, given, "target"))
+        others = GivenVolumes(volume_for(labels, given, "labels"), label_names, volume_for(target, given, "target"))
         self._begin(session, others)
 
     def _begin(self, session: Session, given: GivenVolumes = _NONE_GIVEN) -> None:
@@ -335,7 +335,7 @@ class Studio(Boxes):
             is_whole.set()
         parts.sync.request_status()
         if before is not None:
-            self._warm_up_when_shown()
+            self._schedule_warm_up()
 
     def _make(
         self,
@@ -411,10 +411,10 @@ class Studio(Boxes):
                 before.leave_view()
             open_former = _weakly_in_session(self, Studio._open_session, parts.worker)
             former = before.session
-            panels.history.when_made(lambda history: history.offer_return(former, open_former))
+            panels.history.call_when_ready(lambda history: history.offer_return(former, open_former))
         parts.bar = RestoreBar(session, edits.edited, words.show)  # finds what that one has left
         recovery = parts.bar.recovery
-        panels.history.when_made(lambda history: history.take_recovery(recovery))
+        panels.history.call_when_ready(lambda history: history.take_recovery(recovery))
         panels.opening.begin()
         words.box.children = (parts.picture.ways_on, words.notice)
         if before is None:
@@ -568,7 +568,7 @@ class Studio(Boxes):
             self.export_html(path, overwrite=overwrite, progress=progress)
             return Path(path)
         return export(
-            self.session, path, seen=self.view.seen(), size=size, fps=fps, overwrite=overwrite, progress=progress
+            self.session, path, seen=self.view.settings(), size=size, fps=fps, overwrite=overwrite, progress=progress
         )
 
     def export_html(
@@ -654,7 +654,7 @@ class Studio(Boxes):
         if not self.parts.worker.is_closed:
             self.parts.worker.latest("warm up", partial(warm_up, self.session))
 
-    def _warm_up_when_shown(self) -> None:
+    def _schedule_warm_up(self) -> None:
         if isinstance(self.view, LiveView):
             self.view.source.when_sent(_weakly_in_session(self, Studio.warm_up, self.parts.worker))
         else:
@@ -694,7 +694,7 @@ class Studio(Boxes):
         """Display in marimo, which has anywidgets but no boxes, sliders and tabs: picture and volume."""
         marimo = sys.modules["marimo"]  # which calls this: it is there, and is needed here only
 
-        self._warm_up_when_shown()
+        self._schedule_warm_up()
         both = (self.editor, self.view)
         for shown in both:  # no pane is around them, whose height they would take
             if shown.has_trait("fill"):
@@ -704,7 +704,7 @@ class Studio(Boxes):
 
     def _repr_mimebundle_(self, **options: Any) -> Any:
         bundle = with_png(super()._repr_mimebundle_(**options), lambda: preview_png(self.editor, self.view))
-        self._warm_up_when_shown()
+        self._schedule_warm_up()
         return bundle
 
 

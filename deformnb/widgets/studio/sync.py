@@ -11,7 +11,7 @@ from deformnb._weak import weakly
 from deformnb.document.deformation import Deformation
 from deformnb.rbf.extrusion import FRONT_ONLY
 from deformnb.session.session import Session
-from deformnb.widgets.camera import on_picture
+from deformnb.widgets.camera import picture_mode
 from deformnb.widgets.inputs.transfer_editor import TransferEditor
 from deformnb.widgets.studio.editors import StudioEditors, StudioEdits, StudioPicture, is_front_only
 from deformnb.widgets.studio.slices import StudioSlices
@@ -172,7 +172,7 @@ class StudioSync:
         self._words.guarded(lambda: self._session.pictures.set_trait("transfer", transfer))
 
     def _comparison_changed(self, _change: Any) -> None:
-        self._editors.plane.shows = on_picture(self._view.shows)
+        self._editors.plane.shows = picture_mode(self._view.shows)
         self._refresh_panels()
 
     # -- state of the session ------------------------------------------------------------------------------------------
@@ -232,7 +232,7 @@ class StudioSync:
     def _show_status(self) -> None:
         self._update_status_line()
         # By then the front end has sent its times.
-        self._worker.at_rest(_LATER, self._weakly(StudioSync._update_status_line))
+        self._worker.debounce(_LATER, self._weakly(StudioSync._update_status_line))
 
     def _update_status_line(self) -> None:
         latency = latency_text(self._edits.milliseconds, self._view.stats())

@@ -105,16 +105,16 @@ class StudioLink:
         if editor is self._observed:
             return
         if self._observed is not None:
-            self._observed.on_edit(self._moved, remove=True)
+            self._observed.on_edit(self._on_move, remove=True)
         self._observed = editor
         if editor is not None:
-            editor.on_edit(self._moved, details=True)
+            editor.on_edit(self._on_move, details=True)
 
-    def _moved(self, edit: PointsEdit) -> None:
+    def _on_move(self, edit: PointsEdit) -> None:
         if edit.phase == "move":
-            self._latest(lambda: self.field_on_the_way(edit))
+            self._latest(lambda: self.preview_field(edit))
 
-    def field_on_the_way(self, edit: PointsEdit) -> AbstractField:
+    def preview_field(self, edit: PointsEdit) -> AbstractField:
         """The displacement of the whole document while points or a rigid part of the edited step are dragged."""
         session, parts = self._session, edit.with_part(self._session.editing.step.parts)
         if parts is session.editing.step.parts:

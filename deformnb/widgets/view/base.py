@@ -168,9 +168,9 @@ class AbstractView(ABC):
         """
         self.clip = [old if new is None else new for old, new in zip(self.clip, (x, y, z), strict=True)]
 
-    def seen(self) -> DisplaySettings:
+    def settings(self) -> DisplaySettings:
         """Display settings of this view, apart from the deformation, with which a picture in a file shows the same."""
-        from deformnb.widgets.view.stills import StillAsSeen, scene_as_seen
+        from deformnb.widgets.view.stills import StillAsSeen, display_scene
 
         names = ("camera", "projection", "show_folds", "ambient_occlusion")
         looks = {name: getattr(self, name) for name in names if hasattr(self, name)}
@@ -178,7 +178,7 @@ class AbstractView(ABC):
             shows=self.shows,
             clip=self.clip,
             background=self._shade(),
-            scene=scene_as_seen,
+            scene=display_scene,
             still=None if self.draws_by_vtk else StillAsSeen,
             **looks,
         )

@@ -112,9 +112,9 @@ class FieldSender:
         self._has_front_end = True
         self._send(0, view)
 
-    def seen(self, message: Seen) -> None:
+    def confirm(self, message: Seen) -> None:
         """Take a front end's confirmation that it draws a field."""
-        self.pacer.seen(message.seq)
+        self.pacer.confirm(message.seq)
 
     @property
     def moves_points(self) -> bool:
@@ -132,7 +132,7 @@ class FieldSender:
             packed, followed = self._packed(), self.shown.followed
             if packed is None:
                 return
-            maps = self._maps = self._maps or self._made(packed)
+            maps = self._maps = self._maps or self._make_textures(packed)
         cut = maps.content.planar and maps.content.planar["cut"]
         if number and cut and cut["id"] == self._sent_cut:
             maps = maps.without("distances")
@@ -142,7 +142,7 @@ class FieldSender:
         message = FieldMaps(view=view, seq=number, follow=followed, moved=self._moved, **maps.fields())
         self._post(message, maps.buffers)
 
-    def _made(self, packed: PackedVolume) -> FieldTextures:
+    def _make_textures(self, packed: PackedVolume) -> FieldTextures:
         shown = self.shown
         if shown.moments is not None:
             return _texture_frames(shown.moments, packed, shown.output, self.map_size)

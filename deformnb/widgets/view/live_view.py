@@ -174,13 +174,13 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         self.source = source = PackedSource(outbox.post, limit=limit, transfer=transfer)
         self.fields = fields = FieldSender(lambda: source.shown, outbox.post, self._lock, **sizes)
         self._front_ends, self._movies, self._screenshots = LiveFrontEnds(), MovieHost(), Screenshots(outbox.post)
-        self._fallback = FallbackHost(outbox.send, self._rendered, self.set_trait, self._lock, **sizes)
+        self._fallback = FallbackHost(outbox.send, self._render_state, self.set_trait, self._lock, **sizes)
         self._answers: dict[type, Callable[[Any], None]] = {
             LiveHello: self._hello,
             ChunkRequest: source.send,
             StillRequest: self._still,
             ToServerRenderer: self._fallback.receive,
-            FieldSeen: fields.seen,
+            FieldSeen: fields.confirm,
             PointsFollowed: self._front_ends.follow,
             Measurements: self._front_ends.measure,
             Closed: self._bye,
@@ -240,7 +240,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
                 self._announce()
 
     @property
-    def shown_output(self) -> Grid | None:
+    def output_grid(self) -> Grid | None:
         return self.fields.shown.output
 
     def show_deformation(self, deformation: Deformation | AbstractField | None, *, output: Grid | None = None) -> None:
@@ -335,7 +335,7 @@ class LiveView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         is_moved = self.fields.moves_points and self._front_ends.has_window_of(sender)
         return is_moved and not self._fallback.is_running
 
-    def _rendered(self) -> RenderedState | None:
+    def _render_state(self) -> RenderedState | None:
         """State that Python draws for front ends that cannot."""
         with self._lock:
             volume, transfer, shown = self.source.volume, self.source.transfer, self.fields.shown

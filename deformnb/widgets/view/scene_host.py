@@ -48,7 +48,7 @@ class SceneHost:
     Parameters
     ----------
     start : makes the loop of the scene.
-    is_shown : whether a front end shows the scene, so that changes are drawn and make it if need be.
+    is_visible : whether a front end shows the scene, so that changes are drawn and make it if need be.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class SceneHost:
     loop : that of the scene; None while there is none.
     """
 
-    def __init__(self, start: Callable[[], SceneLoop], is_shown: Callable[[], bool]) -> None:
-        self._start, self._is_shown = start, is_shown
+    def __init__(self, start: Callable[[], SceneLoop], is_visible: Callable[[], bool]) -> None:
+        self._start, self._is_visible = start, is_visible
         self._lock = threading.RLock()  # callbacks run in another thread than cells, and pictures in a third
         self.content: SceneContent | None = None
         self.loop: SceneLoop | None = None
@@ -91,10 +91,10 @@ class SceneHost:
         """Change the scene by ``function(scene)`` before the next picture, instead of what waits under this key."""
         if self._is_closed:  # a front end's mouse may send events for a moment
             return
-        is_shown = self._is_shown()
-        loop = self._awake() if is_shown and self.content is not None else self.loop
+        is_visible = self._is_visible()
+        loop = self._awake() if is_visible and self.content is not None else self.loop
         if loop is not None:
-            loop.change(key, function, draw=is_shown)
+            loop.change(key, function, draw=is_visible)
 
     def touch(self) -> None:
         """Draw again, soon, if anything is drawn."""

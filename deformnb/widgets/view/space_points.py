@@ -44,7 +44,7 @@ class ShowsPoints(traitlets.HasTraits):
     show_deformation: Callable[..., None]
 
     @property
-    def shown_output(self) -> Grid | None:
+    def output_grid(self) -> Grid | None:
         """The grid whose box is seen, None for that of the volume."""
         return None
 
@@ -111,7 +111,7 @@ class ShowsPoints(traitlets.HasTraits):
         if timer is not None:
             timer.cancel()
         self.is_quick = phase == "move"
-        self.show_deformation(field, output=self.shown_output)
+        self.show_deformation(field, output=self.output_grid)
         if self.is_quick:  # a drag that is given up ends without a word
             show = weakly(self, ShowsPoints._show_finely, lambda view: view.is_quick)
             self._rest_timer = threading.Timer(_REST, show, (make, points))

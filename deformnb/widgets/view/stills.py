@@ -70,7 +70,7 @@ class SceneDescription:
 
     __hash__ = None  # type: ignore[assignment]
 
-    def shown_field(self, is_original: bool) -> AbstractField | None:
+    def voxel_field(self, is_original: bool) -> AbstractField | None:
         """The field that the voxels go through; None where they stay as they are."""
         return None if is_original or self.field is None or self.field.is_identity else self.field
 
@@ -92,10 +92,10 @@ def render_scene(
     def draw(size: tuple[int, int], is_original: bool, start: float, end: float) -> Image:
         return _render(scene, size, is_original, most, within(progress, start, end))
 
-    return _as_shown(scene.shows, size, draw)
+    return _compose(scene.shows, size, draw)
 
 
-def _as_shown(shows: str, size: tuple[int, int], draw: Callable[[tuple[int, int], bool, float, float], Image]) -> Image:
+def _compose(shows: str, size: tuple[int, int], draw: Callable[[tuple[int, int], bool, float, float], Image]) -> Image:
     """A picture, or two, of a display mode; ``draw`` takes size, whether original, and its share of the progress."""
     if shows not in ("side_by_side", *COMPARISONS):
         return draw(size, shows == "original", 0.0, 1.0)
@@ -116,9 +116,9 @@ def _render(
     progress: Progress | None = None,
 ) -> Image:
     box = scene.output or scene.shown.volume.grid
-    field = scene.shown_field(is_original)
+    field = scene.voxel_field(is_original)
     warped = 0.0 if field is None else 0.3
-    seen = _seen(scene, field, box, most, within(progress, 0.0, warped))
+    seen = _warped_volume(scene, field, box, most, within(progress, 0.0, warped))
     camera, part = camera_of(scene.camera, box, size[0] / size[1]), _part(scene)
     background, rest = BACKGROUNDS[scene.background], within(progress, warped, 1.0)
     if scene.projection == "mip":
@@ -141,7 +141,7 @@ def _render(
     )
 
 
-def _seen(
+def _warped_volume(
     scene: SceneDescription, field: AbstractField | None, box: Grid, most: int | None, progress: Progress | None
 ) -> Volume:
     """The voxels of a scene, deformed or as they are; if there are too many, means of some or fewer ones."""
@@ -345,7 +345,7 @@ def make_scene(
     return CoreScene(volume, size, **looks), notice
 
 
-def scene_as_seen(
+def display_scene(
     volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings, method: str = "auto"
 ) -> VtkScene | CoreScene:
     """A scene that shows a volume as a view does; used and closed by the thread that calls this."""
@@ -365,20 +365,20 @@ class StillAsSeen:
     """One picture of a volume as a view shows it that does not draw by VTK; soon there without a GPU too.
 
     The core draws it, but for large volumes and where tissue is red because it folds, which the core does not show.
-    Parameters are those of :func:`scene_as_seen`.
+    Parameters are those of :func:`display_scene`.
     """
 
     def __init__(
         self, volume: Volume, transfer: TransferFunction, size: tuple[int, int], seen: DisplaySettings
     ) -> None:
         self._arguments = volume, transfer, size, seen
-        self.scene = scene_as_seen(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
+        self.scene = display_scene(*self._arguments, "core" if volume.grid.size <= _MOST_BY_CORE else "auto")
 
     def set_field(self, field: AbstractField | None, output: Grid | None = None) -> None:
         """Deform what is shown."""
         self.scene.set_field(field, output)
         if isinstance(self.scene, CoreScene) and self.scene.folding.remark and gl_status()[0]:
-            self.scene = scene_as_seen(*self._arguments)
+            self.scene = display_scene(*self._arguments)
             self.scene.set_field(field, output)
 
     def render(self, *, bands: int = 1, progress: Callable[[float], None] | None = None) -> Image | None:

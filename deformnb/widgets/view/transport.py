@@ -44,12 +44,12 @@ class FrameSender:
 
     @property
     def may_send(self) -> bool:
-        """True if few enough pictures are in flight; once it was False, :meth:`seen` returns True in the end."""
+        """True if few enough pictures are in flight; once it was False, :meth:`confirm` returns True in the end."""
         with self._lock:
-            self.was_full = self._on_the_way() >= _IN_FLIGHT
+            self.was_full = self._frames_in_flight() >= _IN_FLIGHT
             return not self.was_full
 
-    def _on_the_way(self) -> int:
+    def _frames_in_flight(self) -> int:
         """Count the frames that the slowest front end has yet to show, without those that are silent for too long."""
         late = time.monotonic() - _LOST_AFTER
         for view, newest in list(self._seen.items()):
@@ -77,14 +77,14 @@ class FrameSender:
             self._bytes += self._last_bytes
         return FrameSent(seq=number, full=frame.is_full, camera=camera, by=by), buffers
 
-    def seen(self, number: int, view: str = "") -> bool:
+    def confirm(self, number: int, view: str = "") -> bool:
         """Record that a front end shows this frame. Returns whether a refused send may be made now."""
         with self._lock:
             self._seen[view] = max(min(number, self._number), self._seen.get(view, 0))
             return self._is_free_again()
 
     def left(self, view: str) -> bool:
-        """A front end is closed. Returns what :meth:`seen` does."""
+        """A front end is closed. Returns what :meth:`confirm` does."""
         with self._lock:
             self._seen.pop(view, None)
             return self._is_free_again()
@@ -95,7 +95,7 @@ class FrameSender:
             self._sent.clear()
 
     def _is_free_again(self) -> bool:
-        if not self.was_full or self._on_the_way() >= _IN_FLIGHT:
+        if not self.was_full or self._frames_in_flight() >= _IN_FLIGHT:
             return False
         self.was_full = False
         return True
@@ -177,7 +177,7 @@ class Pacer:
                 self._timer.daemon = True
                 self._timer.start()
 
-    def seen(self, number: int) -> None:
+    def confirm(self, number: int) -> None:
         """The front end shows or draws the state of this number."""
         with self._lock:
             self._seen = max(self._seen, min(number, self._number))

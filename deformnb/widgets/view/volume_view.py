@@ -271,7 +271,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
             following.close()
 
     @property
-    def shown_output(self) -> Grid | None:
+    def output_grid(self) -> Grid | None:
         content = self.scene.content
         return None if content is None else content.output
 
@@ -388,7 +388,7 @@ class VolumeView(ShowsPoints, AbstractView, SyncedWidget, metaclass=ViewMeta):
         elif isinstance(message, CameraMoved):
             self._turn(message)
         elif isinstance(message, Seen):
-            if self.pictures.frames.seen(message.seq, message.view):
+            if self.pictures.frames.confirm(message.seq, message.view):
                 self.scene.touch()
         else:
             self._front_end_closed(message)

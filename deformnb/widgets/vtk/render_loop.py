@@ -204,7 +204,7 @@ class SceneLoop:
                 return function(scene)
             finally:
                 if self._is_rough:  # a full picture may have stopped for this
-                    self._thread.at_rest(self.settle_ms / 1e3, self._full)
+                    self._thread.debounce(self.settle_ms / 1e3, self._full)
 
         return self._thread.call(work)
 
@@ -216,7 +216,7 @@ class SceneLoop:
 
     def _quick(self) -> None:
         if not self._ready():
-            self._thread.at_rest(_RETRY, self._draw_quick)
+            self._thread.debounce(_RETRY, self._draw_quick)
             return
         self._draw_quick()
 
@@ -234,7 +234,7 @@ class SceneLoop:
             self.pace.learn(1e3 * (drawn - start), 1e3 * (time.perf_counter() - drawn))
             self._deliver(Frame(images, is_full=False))
             self._is_rough = True
-            self._thread.at_rest(self.settle_ms / 1e3, self._full)
+            self._thread.debounce(self.settle_ms / 1e3, self._full)
         except Exception as error:
             self._say(error)
 
@@ -286,7 +286,7 @@ class _Holder:
 
     def get(self, make: Callable[[], Any]) -> Any:
         if self._scene is None:
-            _give_way()
+            _lower_priority()
             self._scene = make()
         return self._scene
 
@@ -296,7 +296,7 @@ class _Holder:
             self._scene = None
 
 
-def _give_way() -> None:
+def _lower_priority() -> None:
     """Let others on this machine come first, above all a browser that moves the points and shows these pictures.
 
     It goes for this thread and for those that it starts, such as VTK's own; only Linux can do that.

@@ -131,7 +131,7 @@ class SceneVoxels:
         length = self._high - self._low
         return self._low + shares[:, 0] * length, self._low + shares[:, 1] * length
 
-    def kept(self, clip: Clip) -> IndexBox | None:
+    def clip_box(self, clip: Clip) -> IndexBox | None:
         """The whole indices between which voxels stay when others are emptied; None if all do."""
         if clip == WHOLE:
             return None
@@ -391,12 +391,12 @@ class VtkScene:
     @property
     def plotter(self) -> Any:
         """The ``pyvista.Plotter``: meshes, axes and clipping planes can be added; the camera is set by the scene."""
-        plotter = self._shown.plotter
+        plotter = self._vtk_window.plotter
         plotter.render_window.SetSize(*self._size)  # not that of a part, for sizes of letters
         return plotter
 
     @property
-    def _shown(self) -> VolumeWindow:
+    def _vtk_window(self) -> VolumeWindow:
         if self._window is None:
             raise DeformError("this scene was closed; make another one.")
         return self._window
@@ -452,7 +452,7 @@ class VtkScene:
     def set_background(self, background: str) -> None:
         """A "dark" or a "light" one."""
         self._background = check_choice(background, BACKGROUNDS, "background")
-        self._shown.set_background(BACKGROUNDS[background])
+        self._vtk_window.set_background(BACKGROUNDS[background])
         self._apply_looks()
 
     def set_camera(self, camera: dict[str, Any]) -> None:
@@ -526,7 +526,7 @@ class VtkScene:
         self._deform(deformed)
         camera = camera_of(self._camera, self.voxels.output or self._volume.grid, size[0] / size[1])
         distance = camera.sample_distance(self._volume.grid, size[1]) * coarseness
-        return self._shown.draw(
+        return self._vtk_window.draw(
             camera,
             size,
             distance,
@@ -543,7 +543,7 @@ class VtkScene:
         assert self._transfer is not None
         self.voxels = SceneVoxels(clip_outliers(self._volume, self._transfer), output)
         self.shader.close()
-        window = self._shown
+        window = self._vtk_window
         window.load(self.voxels.image, self.voxels.lattice)
         if self.path == "texture":
             self.shader.open(window)
@@ -557,7 +557,7 @@ class VtkScene:
         if self._projection == "mip":
             low, white, ink = self.voxels.volume.background, white_of(self._volume), INKS[self._background]
             transfer = TransferFunction(((low, *ink),), ((low, 0.0), (max(white, low + 1e-6), 1.0)))
-        self._shown.set_transfer(transfer, values, self._projection)
+        self._vtk_window.set_transfer(transfer, values, self._projection)
         if self.shader.warp is not None:
             self.shader.warp.set_projection(self._projection == "mip", self._projection == "shaded")
 
@@ -566,7 +566,7 @@ class VtkScene:
             is_cut = np.not_equal(np.transpose(self._clip), [[0.0], [1.0]]).astype(float)
             self.shader.warp.set_box(*self.voxels.box(self._clip), self.voxels.lattice, is_cut)
         else:
-            self._shown.set_clipping_planes(clipping_planes(self.voxels.lattice, self.voxels.kept(self._clip)))
+            self._vtk_window.set_clipping_planes(clipping_planes(self.voxels.lattice, self.voxels.clip_box(self._clip)))
 
     def _deform(self, deformed: bool) -> None:
         wanted = deformed and self._field is not None
@@ -575,7 +575,7 @@ class VtkScene:
             self.shader.warp.set_strength(1.0 if wanted else 0.0)
             self.shader.warp.set_folds(self.folding.is_red)
         # A shader clips at the visible box by itself, and needs the tissue outside for displacements from there.
-        kept = None if self.shader.warp is not None else self.voxels.kept(self._clip)
+        kept = None if self.shader.warp is not None else self.voxels.clip_box(self._clip)
         if wanted and (self.shader.warp is None or self.shader.maps is None):
             self.voxels.write("warped", self._field, kept)
         else:

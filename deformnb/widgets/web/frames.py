@@ -139,7 +139,7 @@ class _ViewArea:
     def __init__(self, view: Any) -> None:
         self._view = weakref.ref(view)
         self._sides: dict[str, Any] = view.volume_info.get("views", {})
-        self._mouse = MouseCamera(self._look, self._at_rest)
+        self._mouse = MouseCamera(self._look, self._store_camera)
         self._pictures = Pictures(self._push)
         self._server: PageServer | None = None
         self._camera = view.camera
@@ -175,7 +175,7 @@ class _ViewArea:
         return {
             "trame.rca.size": for_area(self._size),
             "trame.rca.event": for_area(self._event),
-            "deformnb.seen": for_area(self._seen),
+            "deformnb.seen": for_area(self._confirm),
             "deformnb.look": self._look_from,
         }
 
@@ -196,11 +196,11 @@ class _ViewArea:
         view = self._view()
         if view is None:
             return
-        if not self._mouse.is_held:
+        if not self._mouse.is_pressed:
             self._camera = view.camera  # Python may have turned it
         self._mouse.on_event(event, view.scene.ready().box, view.shows)
 
-    def _seen(self, number: Any, page: Any = "") -> None:
+    def _confirm(self, number: Any, page: Any = "") -> None:
         self._send_to_view({"type": "seen", "seq": number}, page)
 
     def _look_from(self, side: Any) -> None:
@@ -215,7 +215,7 @@ class _ViewArea:
         self._number += 1
         self._send_to_view({"type": "camera", "camera": self._camera, "number": self._number}, _NAME)
 
-    def _at_rest(self) -> None:
+    def _store_camera(self) -> None:
         view = self._view()
         if view is not None:
             view.camera = self._camera
@@ -231,7 +231,7 @@ class _ViewArea:
         """A picture of the view, or two that are shown in turn; called by the thread that draws."""
         view = self._view()
         if view is not None:
-            camera = self._camera if self._mouse.is_held else view.camera
+            camera = self._camera if self._mouse.is_pressed else view.camera
             self._pictures.show(
                 frame.images,
                 pictures,

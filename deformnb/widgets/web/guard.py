@@ -198,12 +198,12 @@ class SlowRequests:
             task = asyncio.current_task()
             assert task is not None
             self._busy[request.protocol] = task
-            task.add_done_callback(lambda _: self._answered(request.protocol))
+            task.add_done_callback(lambda _: self._answer(request.protocol))
             return await handler(request)
 
         return answered
 
-    def _answered(self, connection: Any) -> None:
+    def _answer(self, connection: Any) -> None:
         self._busy.pop(connection, None)
         self._since[connection] = time.monotonic()
 
@@ -312,12 +312,12 @@ class MessageGuard:
         self._buckets: dict[str, tuple[float, float]] = {}
         self.dropped = 0
         handler.functionMap.clear()
-        handler.functionMap.update({name: (self, _without_self(self._guarded(name))) for name in answers})
+        handler.functionMap.update({name: (self, _without_self(self._guard(name))) for name in answers})
         handler.onMessage = self.receive  # looked up at each message
         self._close = handler.onClose
         handler.onClose, handler.disconnectClients = self.leave, self.leave_all
 
-    def _guarded(self, name: str) -> Answer:
+    def _guard(self, name: str) -> Answer:
         answer = self._answers[name]
 
         async def call(*args: Any, **kwargs: Any) -> Any:
@@ -345,7 +345,7 @@ class MessageGuard:
         try:
             is_known = self._handler.isClientAuthenticated(client_id)
             longest = LONGEST_REQUEST if is_known else LONGEST_UNAUTHENTICATED
-            call = _decoded(message.data if is_binary else None, longest)
+            call = _decode(message.data if is_binary else None, longest)
             if len(message.data) > LONGEST_OTHER and call["method"] not in self._long:
                 raise ValueError("a message that is too long")
         except ValueError as error:
@@ -390,7 +390,7 @@ def _without_self(function: Answer) -> Answer:
     return call
 
 
-def _decoded(data: Any, longest: int) -> dict[str, Any]:
+def _decode(data: Any, longest: int) -> dict[str, Any]:
     """A call of a procedure; ValueError if it is none."""
     if not isinstance(data, bytes):
         raise ValueError("a message that is text")

@@ -14,7 +14,7 @@ from deformnb._typing import Image
 from deformnb.errors import DeformError
 from deformnb.volume.plane import Plane
 from deformnb.volume.volume import Grid
-from deformnb.widgets.camera import seen_height
+from deformnb.widgets.camera import visible_height
 from deformnb.widgets.worker import Worker
 
 AREA = "volume"
@@ -52,7 +52,7 @@ class MouseCamera:
         self._held: tuple[str, float, float] | None = None
 
     @property
-    def is_held(self) -> bool:
+    def is_pressed(self) -> bool:
         """True while a button is down."""
         return self._held is not None
 
@@ -94,7 +94,7 @@ class MouseCamera:
         self._held = (way, *now)
         self._look(
             lambda camera: dragged(
-                camera, way, dx, dy, seen_height(box, camera["direction"], camera["up"], aspect, camera["zoom"])
+                camera, way, dx, dy, visible_height(box, camera["direction"], camera["up"], aspect, camera["zoom"])
             )
         )
 
@@ -130,7 +130,7 @@ class Pictures:
             ]
             self._push(*self._layers[0])
         if len(images) > 1 and not self._worker.is_closed:
-            self._worker.at_rest(_BLINK, self._show_other)
+            self._worker.debounce(_BLINK, self._show_other)
 
     def close(self) -> None:
         """End the thread."""
@@ -142,7 +142,7 @@ class Pictures:
                 return
             self._layers.reverse()
             self._push(*self._layers[0])
-        self._worker.at_rest(_BLINK, self._show_other)
+        self._worker.debounce(_BLINK, self._show_other)
 
 
 def for_area(answer: Callable[..., None]) -> Callable[..., None]:
@@ -193,8 +193,8 @@ def dragged(camera: dict[str, Any], way: str, dx: float, dy: float, seen: float)
     plane = Plane.from_normal((0, 0, 0), camera["direction"], camera["up"])
     right, up, ahead = np.asarray(plane.u), -np.asarray(plane.v), np.asarray(plane.normal)
     # The tissue in front follows the pointer: the viewer moves opposite, and turns towards the pointer's target.
-    ahead, right = _turned(ahead, right, dx * _TURN)
-    ahead, up = _turned(ahead, up, dy * _TURN)
+    ahead, right = _rotate(ahead, right, dx * _TURN)
+    ahead, up = _rotate(ahead, up, dy * _TURN)
     return {**camera, "direction": ahead.tolist(), "up": up.tolist()}
 
 
@@ -203,7 +203,7 @@ def zoomed(camera: dict[str, Any], factor: float) -> dict[str, Any]:
     return {**camera, "zoom": float(np.clip(camera["zoom"] * factor, 0.1, 40.0))}
 
 
-def _turned(ahead: Any, other: Any, angle: float) -> tuple[Any, Any]:
+def _rotate(ahead: Any, other: Any, angle: float) -> tuple[Any, Any]:
     """Two directions turned in their plane, the first towards the second."""
     c, s = math.cos(angle), math.sin(angle)
     return c * ahead + s * other, c * other - s * ahead

@@ -138,7 +138,7 @@ class PageServer:
     def stop(self, reason: str = "on request") -> None:
         """End the server; may be called from any thread."""
         self.reason = self.reason or reason
-        self.in_loop(self._end.set)
+        self.call_in_loop(self._end.set)
 
     def _start(self) -> Any:
         with _no_arguments():  # trame reads the command line, where it would find options of ours
@@ -189,7 +189,7 @@ class PageServer:
 
     # -- to the clients ------------------------------------------------------------------------------------------------
 
-    def in_loop(self, function: Callable[..., Any], *args: Any) -> None:
+    def call_in_loop(self, function: Callable[..., Any], *args: Any) -> None:
         """Call a function in the server's thread, from any thread."""
         if self._loop is not None:
             with contextlib.suppress(RuntimeError):  # it has ended, and its loop with it
@@ -202,7 +202,7 @@ class PageServer:
 
     def push_picture(self, jpeg: bytes, about: dict[str, Any]) -> None:
         """Send a picture to trame's remote controlled area, from any thread."""
-        self.in_loop(lambda: self.root and self.trame.protocol_call("trame.rca.push", AREA, about, jpeg))
+        self.call_in_loop(lambda: self.root and self.trame.protocol_call("trame.rca.push", AREA, about, jpeg))
 
     # -- trame's own server, made narrow -------------------------------------------------------------------------------
 

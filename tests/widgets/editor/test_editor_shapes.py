@@ -43,7 +43,7 @@ def picture() -> Picture:
     return project(Volume(rng.integers(0, 255, (6, 30, 40)).astype(np.uint8), Grid((6, 30, 40))))
 
 
-def said(editor: Editor, **changes: Any) -> list[Any]:
+def answers_to_edit(editor: Editor, **changes: Any) -> list[Any]:
     """What the editor answers to a message of the page."""
     answers: list[Any] = []
     editor.send = lambda content, buffers=None: answers.append(content)  # type: ignore[method-assign]
@@ -138,15 +138,15 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
     seen: list[Any] = []
     editor.on_shapes(heard.append)
     editor.observe(lambda change: seen.append(editor.edit_under_way), "cuts")
-    assert said(editor) == [{"type": "done", "sender": "page", "seq": 1}]
+    assert answers_to_edit(editor) == [{"type": "done", "sender": "page", "seq": 1}]
     assert editor.cuts == (Cut(Line(LINE["vertices"])),)
     assert [(m.what, m.kind, m.shapes) for m in heard] == [("cuts", "add cut", editor.cuts)]
     assert (seen, editor.edit_under_way) == (heard, None)
     assert editor.seen == {"page": 1}
-    said(editor, shapes=[])  # the same number again: it has been taken in
+    answers_to_edit(editor, shapes=[])  # the same number again: it has been taken in
     assert len(editor.cuts) == 1
     editor.on_shapes(heard.append, remove=True)
-    said(editor, seq=2, what="parts", shapes=[{"region": SQUARE}], kind="add rigid part")
+    answers_to_edit(editor, seq=2, what="parts", shapes=[{"region": SQUARE}], kind="add rigid part")
     assert (len(heard), len(editor.parts), editor.seen) == (1, 1, {"page": 2})
 
 
@@ -187,7 +187,7 @@ def test_shapes_of_the_page_are_taken_and_told(points: ControlPoints) -> None:
 def test_what_is_wrong_in_a_message_of_shapes_is_said_and_changes_nothing(points: ControlPoints, changes: Any) -> None:
     editor = Editor(None, points, cuts=[Cut(HalfSpace((5, 5), (1, 0)))])
     before = editor.cuts
-    error, done = said(editor, **changes)
+    error, done = answers_to_edit(editor, **changes)
     assert error["message"].startswith("Python did not take this edit: ")
     assert done["type"] == "done"
     assert (editor.cuts, editor.parts, editor.seen) == (before, (), {"page": 1})
@@ -196,7 +196,7 @@ def test_what_is_wrong_in_a_message_of_shapes_is_said_and_changes_nothing(points
 @pytest.mark.parametrize("content", [{"sender": ""}, {"sender": 3}, {"seq": -1}, {"seq": "1"}])
 def test_a_message_of_nobody_is_dropped(points: ControlPoints, content: Any, caplog: Any) -> None:
     editor = Editor(None, points)
-    assert said(editor, **content) == []
+    assert answers_to_edit(editor, **content) == []
     assert "was dropped" in caplog.text
     assert editor.cuts == ()
 
@@ -209,7 +209,7 @@ def test_shapes_that_an_observer_refuses_are_put_back(points: ControlPoints) -> 
             raise DeformError("not here.")
 
     editor.observe(refuse, "cuts")
-    error, _ = said(editor)
+    error, _ = answers_to_edit(editor)
     assert error["message"] == "Python did not take these cuts: not here."
     assert (editor.cuts, editor.seen, editor.edit_under_way) == ((), {"page": 1}, None)
 
@@ -221,7 +221,7 @@ def test_a_callback_that_fails_is_said(points: ControlPoints, caplog: Any) -> No
         raise RuntimeError("broken")
 
     editor.on_shapes(fail)
-    error, _ = said(editor)
+    error, _ = answers_to_edit(editor)
     assert error["message"] == "RuntimeError in a callback: broken"
     assert len(editor.cuts) == 1
 

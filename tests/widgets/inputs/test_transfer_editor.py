@@ -21,7 +21,7 @@ from deformnb.session.session import Session
 from deformnb.volume.transfer import PRESETS, TransferFunction, levels, preset
 from deformnb.volume.volume import Volume
 from deformnb.widgets import LiveView, TransferEditor
-from deformnb.widgets.inputs.transfer_editor import shown_histogram
+from deformnb.widgets.inputs.transfer_editor import display_histogram
 from deformnb.widgets.studio.controls import DisplayPanel
 from deformnb.widgets.worker import Worker
 
@@ -57,7 +57,7 @@ def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
 )
 def test_bins_hold_whole_steps_so_that_none_is_empty(values: Any, bins: int, first: float, last: float) -> None:
     volume = Volume.from_array(np.stack([values.reshape(-1, 20)] * 4).repeat(2, 1).repeat(2, 2))
-    found, extent = shown_histogram(volume)
+    found, extent = display_histogram(volume)
     assert len(found.counts) == bins
     assert len(set(found.counts.tolist())) == 1
     np.testing.assert_allclose(extent, (first, last), rtol=1e-6)
@@ -67,7 +67,7 @@ def test_two_values_in_a_slice_are_no_step() -> None:
     values = np.zeros((9, 20, 20), np.uint8)
     values[:, 8:12] = 150
     values[0, 0, :9] = np.arange(9) * 7
-    found, _ = shown_histogram(Volume.from_array(values))
+    found, _ = display_histogram(Volume.from_array(values))
     assert len(found.counts) > 140
     assert found.counts[[0, 7, 150]].tolist() == [9 * 16 * 20 - 8, 1, 9 * 4 * 20]
 
@@ -75,7 +75,7 @@ def test_two_values_in_a_slice_are_no_step() -> None:
 def test_a_few_voxels_of_metal_do_not_press_the_rest_together() -> None:
     values = np.random.default_rng(1).integers(0, 200, (40, 60, 60)).astype(np.int16)
     values[20, 30, 30:32] = 2000
-    found, (first, last) = shown_histogram(Volume.from_array(values))
+    found, (first, last) = display_histogram(Volume.from_array(values))
     assert (first, last < 300) == (0, True)
     assert found.counts.sum() == values.size - 2
 
@@ -258,7 +258,7 @@ def test_a_node_for_a_step_may_share_its_value(volume: Volume, sent: list[Any]) 
 # ---- thumbnails ------------------------------------------------------------------------------------------------------
 
 
-def shown_pictures(editor: TransferEditor) -> dict[str, Any]:
+def thumbnail_images(editor: TransferEditor) -> dict[str, Any]:
     return {
         name: np.asarray(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
         for name, url in editor.thumbnails.items()
@@ -270,13 +270,13 @@ def test_each_preset_has_a_picture_of_the_volume(volume: Volume) -> None:
     editor = TransferEditor(volume, worker=worker)
     worker.latest("behind it", (done := threading.Event()).set)
     assert done.wait(PATIENCE)
-    made = shown_pictures(editor)
+    made = thumbnail_images(editor)
     assert list(made) == list(PRESETS) == list(editor.presets)
     editor.volume = Volume.from_array(np.asarray(volume.values)[:, ::-1])
     assert editor.thumbnails == {}  # never those of another volume
     worker.latest("behind it", (again := threading.Event()).set)
     assert again.wait(PATIENCE)
-    assert any((shown_pictures(editor)[name] != made[name]).any() for name in PRESETS)
+    assert any((thumbnail_images(editor)[name] != made[name]).any() for name in PRESETS)
     worker.close()
     editor.volume = volume  # as a studio that is closed
     assert editor.thumbnails == {}

@@ -51,7 +51,7 @@ def volume() -> Volume:
     return Volume.from_array((np.indices((6, 7, 8)).sum(axis=0) * 9).astype(np.uint8))
 
 
-def in_space() -> SpaceEditor:
+def space_editor() -> SpaceEditor:
     corners = volume().grid.corners()
     return SpaceEditor(volume(), ControlPoints.from_arrays(corners, corners + 0.25))
 
@@ -70,7 +70,7 @@ def table() -> PointsTable:
 
 MAKERS: dict[str, Callable[[], SyncedWidget]] = {
     "Editor": lambda: Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]])),
-    "SpaceEditor": in_space,
+    "SpaceEditor": space_editor,
     "CurveEditor": CurveEditor,
     "TransferEditor": lambda: TransferEditor(volume()),
     "DepthKeys": DepthKeys,

@@ -127,11 +127,11 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     other.save(tmp_path / "half.json")
     opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
     uploaded(opening.box, "half.json", content)
-    assert opening.question.box.is_shown
+    assert opening.question.box.is_visible
     assert "another volume (&#x27;half" in opening.question.text
     assert studio.session.editing.step.strength == 1.0
     opening.question.box.children[-1].click()
-    assert not opening.question.box.is_shown
+    assert not opening.question.box.is_visible
     assert opening.question.box.children == ()  # nothing is asked
     assert studio.session.editing.step.strength == 1.0
     uploaded(opening.box, "half.json", content)
@@ -146,7 +146,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     mine = (tmp_path / "mine.json").read_bytes()
     other.save(tmp_path / "mine.json", overwrite=True)
     files.write.click()
-    wait_for(lambda: files.writing.question.box.is_shown)
+    wait_for(lambda: files.writing.question.box.is_visible)
     wait_for(lambda: not files.write.disabled)
     assert "changed by someone else" in files.writing.question.text
     assert (tmp_path / "mine.json").read_bytes() != mine

@@ -348,7 +348,7 @@ def test_ambient_occlusion_is_switched_in_the_panel_and_kept_by_a_page(studio: S
     assert (box.value, studio.view.ambient_occlusion) == (True, True)
     box.value = False
     assert (studio.session.pictures.ambient_occlusion, studio.view.ambient_occlusion) == (False, False)
-    assert not studio.view.seen().ambient_occlusion
+    assert not studio.view.settings().ambient_occlusion
     editor, view = last_step(studio.session, studio.parts.editors.plane, studio.view)
     assert not view.ambient_occlusion
     close_all(editor)

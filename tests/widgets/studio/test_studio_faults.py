@@ -122,7 +122,7 @@ def test_a_view_of_ones_own_goes_from_studio_to_studio(tmp_path: Path, monkeypat
 def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     drag(studio, a_drag(studio))
     before = studio.session.steps.view
-    assert not studio.parts.picture.ways_on.is_shown
+    assert not studio.parts.picture.ways_on.is_visible
     is_poor = [True]
     make = Pictures.automatic_picture
 
@@ -137,24 +137,24 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     reason, again, back = studio.parts.picture.ways_on.children
     assert "no room for a picture" in reason.value
     assert "could not be made" in studio.editor.waiting  # no gesture on the old one
-    assert studio.parts.picture.ways_on.is_shown
+    assert studio.parts.picture.ways_on.is_visible
     assert studio.editor.picture.plane != studio.session.editing.plane
     again.click()  # it fails once more
     studio.wait()
     assert "no room" in reason.value
-    assert studio.parts.picture.ways_on.is_shown
+    assert studio.parts.picture.ways_on.is_visible
     back.click()  # to the picture that still stands there
     studio.wait()
     assert studio.session.steps.view == before
     assert "Undone" in notice_of(studio)
-    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_shown) == ("", False)
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_visible) == ("", False)
     studio.redo()
     studio.wait()
     assert "no room" in reason.value
     is_poor[0] = False
     again.click()
     studio.wait()
-    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_shown) == ("", False)
+    assert (studio.editor.waiting, studio.parts.picture.ways_on.is_visible) == ("", False)
     assert reason.value == ""
     assert studio.editor.picture.plane == studio.session.editing.plane
     count = studio.stats()["late"]

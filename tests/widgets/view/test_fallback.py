@@ -41,7 +41,7 @@ class Recorded(LiveView):
     def frames(self) -> list[tuple[dict[str, Any], list[bytes]]]:
         return [(c, b) for c, b in list(self.__dict__.get("out", [])) if c["type"] == "frame"]
 
-    def seen(self, condition: Callable[[dict[str, Any], np.ndarray], bool], timeout: float = 120.0) -> np.ndarray:
+    def wait(self, condition: Callable[[dict[str, Any], np.ndarray], bool], timeout: float = 120.0) -> np.ndarray:
         """A page that shows every picture, until one is as wanted."""
         end, at = time.monotonic() + timeout, 0
         while time.monotonic() < end:
@@ -84,7 +84,7 @@ def drawn_for(view: Recorded) -> np.ndarray:
     view.say(type="hello", largest=0, renderer="", software=True, background="dark")
     view.say(type="still", background="dark")
     view.draws(type="hello", width=96, height=72, background="dark")
-    return view.seen(lambda content, image: content["full"])
+    return view.wait(lambda content, image: content["full"])
 
 
 def test_a_page_that_cannot_draw_gets_pictures_and_no_field(view: Recorded) -> None:
@@ -101,17 +101,17 @@ def test_what_a_page_turns_and_what_python_shows_is_drawn_soon(view: Recorded) -
     drawn_for(view)
     camera = {**view.camera, "pan": [-6.0, 0.0]}  # the eye to the left: all goes right
     view.draws(type="camera", camera=camera, number=7)
-    image = view.seen(lambda content, image: content["camera"] == 7)
+    image = view.wait(lambda content, image: content["camera"] == 7)
     assert column(image) > 0.55
     view.camera = {**camera, "pan": [0.0, 0.0]}
-    view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
+    view.wait(lambda content, image: abs(column(image) - 0.5) < 0.02)
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, moved(4.0), trend="translation"))
-    view.seen(lambda content, image: column(image) > 0.56)
+    view.wait(lambda content, image: column(image) > 0.56)
     view.shows = "original"
-    view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
+    view.wait(lambda content, image: abs(column(image) - 0.5) < 0.02)
     view.show(ball())
     view.background, view.shows = "light", "deformed"
-    view.seen(lambda content, image: bool(image[2, 2].min() > 200))
+    view.wait(lambda content, image: bool(image[2, 2].min() > 200))
 
 
 def test_a_page_knows_the_box_that_its_pictures_show(view: Recorded) -> None:
@@ -133,10 +133,10 @@ def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
     assert editor.live
     for k in range(1, 5):
         deliver_edit(editor, PointsEdit(sender="a", seq=k, phase="move", kind="move", points=moved(float(k))))
-    view.seen(lambda content, image: column(image) > 0.56)
+    view.wait(lambda content, image: column(image) > 0.56)
     assert editor.points == moved(0.0)  # the hand has not let go
     deliver_edit(editor, PointsEdit(sender="a", seq=9, phase="move", kind="move", points=moved(0.0)))
-    view.seen(lambda content, image: abs(column(image) - 0.5) < 0.02)
+    view.wait(lambda content, image: abs(column(image) - 0.5) < 0.02)
 
 
 def test_it_ends_with_its_last_page(view: Recorded) -> None:

@@ -734,7 +734,7 @@ def test_what_waits_is_not_sent_once_its_widget_is_closed() -> None:
     assert pacer.is_waiting
     pacer.close()
     assert not pacer.is_waiting
-    pacer.seen(1)
+    pacer.confirm(1)
     pacer.offer()
     assert sent == [1]
 

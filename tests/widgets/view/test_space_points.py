@@ -69,7 +69,7 @@ def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
     return view, fields
 
 
-def told(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int) -> None:
+def send_points(editor: SpaceEditor, points: ControlPoints, phase: str, seq: int) -> None:
     deliver(
         editor,
         {"type": "edit", "sender": "w", "seq": seq, "phase": phase, "kind": "move", "points": points_to_json(points)},
@@ -84,11 +84,11 @@ def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
     assert view.points_editor is editor
     assert max(fields[-1]["space"]["shape"]) == 64
     moved = points.move(0, points.target[0] + np.array([5.0, 0, 0]))
-    told(editor, moved, "move", 1)
+    send_points(editor, moved, "move", 1)
     assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
     x = points.target
     np.testing.assert_allclose(view.fields.shown.field.displacement(x), fit_rbf(moved).displacement(x), atol=1e-12)
-    told(editor, moved, "end", 2)
+    send_points(editor, moved, "end", 2)
     assert max(fields[-1]["space"]["shape"]) == 64
     editor.kernel = "gaussian"
     np.testing.assert_allclose(
@@ -99,7 +99,7 @@ def test_a_view_follows_every_movement_coarsely_and_the_end_finely(
 def test_a_drag_that_is_given_up_ends_in_full(volume: Volume, editor: SpaceEditor, points: ControlPoints) -> None:
     view, fields = opened(volume)
     view.edit_points(editor)
-    told(editor, points, "move", 1)
+    send_points(editor, points, "move", 1)
     wait_for(lambda: max(fields[-1]["space"]["shape"]) == 64)
 
 
@@ -109,7 +109,7 @@ def test_what_cannot_be_fitted_leaves_the_last_picture(
     view, fields = opened(volume)
     view.edit_points(editor)
     count, field = len(fields), view.fields.shown.field
-    told(editor, points.move(1, points.target[0]), "move", 1)
+    send_points(editor, points.move(1, points.target[0]), "move", 1)
     assert len(fields) == count
     assert view.fields.shown.field is field
 
@@ -124,7 +124,7 @@ def test_a_view_may_show_more_than_the_points(volume: Volume, editor: SpaceEdito
 
     view.edit_points(editor, whole)
     moved = points.move(0, points.target[0] + np.array([0, 0, 4.0]))
-    told(editor, moved, "move", 1)
+    send_points(editor, moved, "move", 1)
     x = points.target
     np.testing.assert_allclose(view.fields.shown.field.displacement(x), whole(moved).displacement(x))
 
@@ -134,7 +134,7 @@ def test_an_end_of_it_ends_it(volume: Volume, editor: SpaceEditor, points: Contr
     view.edit_points(editor)
     view.edit_points(None)
     count = len(fields)
-    told(editor, points.move(0, [1.0, 2.0, 3.0]), "end", 1)
+    send_points(editor, points.move(0, [1.0, 2.0, 3.0]), "end", 1)
     assert len(fields) == count
     assert view.points_editor is None
 
@@ -144,7 +144,7 @@ def test_a_view_drawn_in_python_follows_too(volume: Volume, editor: SpaceEditor,
     view = VolumeView(volume, method="core", width=80, height=64)
     before = view.still((80, 64))
     view.edit_points(editor)
-    told(editor, points.move(0, points.target[0] + np.array([9.0, 0, 0])), "end", 1)
+    send_points(editor, points.move(0, points.target[0] + np.array([9.0, 0, 0])), "end", 1)
     assert (view.still((80, 64)) != before).any()
     view.close()
 
@@ -176,9 +176,9 @@ def test_a_page_that_fits_the_points_gets_no_field_while_they_move(
     followed(view)
     assert fields[-1]["moved"] == {"points": points_to_json(points), "shape": [28, 31, 32]}
     count, moved = len(fields), points.move(0, points.target[0] + np.array([5.0, 0, 0]))
-    told(editor, moved, "move", 1)
+    send_points(editor, moved, "move", 1)
     assert len(fields) == count
-    told(editor, moved, "end", 2)
+    send_points(editor, moved, "end", 2)
     assert fields[-1]["moved"]["points"] == points_to_json(moved)
     np.testing.assert_allclose(
         view.fields.shown.field.displacement(points.target), fit_rbf(moved).displacement(points.target), atol=1e-12
@@ -191,7 +191,7 @@ def test_a_page_in_another_window_gets_every_movement(
     view, fields = opened(volume)
     view.edit_points(editor)
     followed(view, "another window")
-    told(editor, points.move(0, points.target[0] + np.array([5.0, 0, 0])), "move", 1)
+    send_points(editor, points.move(0, points.target[0] + np.array([5.0, 0, 0])), "move", 1)
     assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
     deliver(view, {"type": "bye", "view": "v"})
     assert not view.is_moved_in_page("another window")
@@ -214,7 +214,7 @@ def test_what_a_page_cannot_make_python_makes(volume: Volume, points: ControlPoi
     view.edit_points(made, (lambda given: compose(before, fit_rbf(given))) if kind == "document" else None)
     followed(view)
     assert fields[-1]["moved"] is None
-    told(made, points.move(0, points.target[0] + np.array([0.5, 0, 0])), "move", 1)
+    send_points(made, points.move(0, points.target[0] + np.array([0.5, 0, 0])), "move", 1)
     assert max(fields[-1]["space"]["shape"]) == QUICK_SIZE
     made.close()
 

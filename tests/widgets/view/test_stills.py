@@ -41,22 +41,22 @@ def test_a_rendering_tells_how_far_it_is_and_stops_in_between(
             raise Cancelled("enough.")
 
     is_stopped = False
-    export(session, tmp_path / "egg.png", seen=view.seen(), size=(160, 640), progress=watch)
+    export(session, tmp_path / "egg.png", seen=view.settings(), size=(160, 640), progress=watch)
     assert shares == sorted(shares)
     assert sum(0.1 < share < 0.85 for share in shares) >= 2
     is_stopped = True
     with pytest.raises(Cancelled):
-        export(session, tmp_path / "other.png", seen=view.seen(), size=(160, 640), progress=watch)
+        export(session, tmp_path / "other.png", seen=view.settings(), size=(160, 640), progress=watch)
     assert [p.name for p in tmp_path.iterdir()] == ["egg.png"]
     view.close()
 
 
 def test_one_picture_of_a_live_view_is_the_cores_and_of_a_view_of_vtk_vtks(session: Session) -> None:
     live, vtk = LiveView(session.volume), VolumeView(session.volume, method="core")
-    still = live.seen().still
+    still = live.settings().still
     assert still is StillAsSeen  # VTK without a graphics card takes five times as long, and ten seconds for its shader
-    assert vtk.seen().still is None
-    made = Frozen.of(session, live.seen()).scene((64, 48), once=True)
+    assert vtk.settings().still is None
+    made = Frozen.of(session, live.settings()).scene((64, 48), once=True)
     assert isinstance(made, StillAsSeen)
     assert isinstance(made.scene, CoreScene)
     made.close()
@@ -86,9 +86,9 @@ def test_one_picture_of_a_live_view_is_red_where_the_map_folds(session: Session)
     middle = session.editing.points.source.mean(axis=0)
     session.editing.edit_points(session.editing.points.add(middle - 1, middle + 6).add(middle + 1, middle - 6))
     live = LiveView(session.volume)
-    for is_shown, kind in ((True, VtkScene), (False, CoreScene)):
-        live.show_folds = is_shown
-        made = Frozen.of(session, live.seen()).scene((64, 48), once=True)
+    for is_visible, kind in ((True, VtkScene), (False, CoreScene)):
+        live.show_folds = is_visible
+        made = Frozen.of(session, live.settings()).scene((64, 48), once=True)
         assert isinstance(made, StillAsSeen)
         made.set_field(session.results.field())
         assert isinstance(made.scene, kind)

@@ -31,33 +31,33 @@ def test_the_slowest_of_two_pages_sets_the_pace(clock: Any) -> None:
     sender = FrameSender()
     sender.pack(FRAME)
     for page in ("quick", "slow"):
-        sender.seen(1, page)
+        sender.confirm(1, page)
     for number in (2, 3):
         assert sender.may_send
         assert sender.pack(FRAME)[0].seq == number
     assert not sender.may_send
-    assert not sender.seen(3, "quick")  # nobody draws for that: the other has two to show yet
+    assert not sender.confirm(3, "quick")  # nobody draws for that: the other has two to show yet
     assert not sender.may_send
-    assert sender.seen(2, "slow")
+    assert sender.confirm(2, "slow")
     assert sender.may_send
 
 
 def test_a_page_that_is_silent_or_gone_holds_nobody_back(clock: Any) -> None:
     sender = FrameSender()
     for page in ("quick", "slow"):
-        sender.seen(0, page)
+        sender.confirm(0, page)
     for number in (1, 2):
         sender.pack(FRAME)
-        sender.seen(number, "quick")
+        sender.confirm(number, "quick")
     assert not sender.may_send
     clock.now += 1.0
     assert not sender.may_send
     clock.now += 1.5
     assert sender.may_send
-    sender.seen(1, "slow")  # it is there again
+    sender.confirm(1, "slow")  # it is there again
     for number in (3, 4):
         sender.pack(FRAME)
-        sender.seen(number, "quick")
+        sender.confirm(number, "quick")
     assert not sender.may_send
     assert sender.left("slow")
     assert sender.may_send
@@ -71,12 +71,12 @@ def test_what_was_sent_to_nobody_does_not_hold_back_a_page_that_is_new(clock: An
     sender.lost()
     for _ in range(4):
         assert sender.may_send
-        sender.seen(sender.pack(FRAME)[0].seq, "new")
+        sender.confirm(sender.pack(FRAME)[0].seq, "new")
 
 
 def test_a_page_cannot_confirm_what_was_not_sent(clock: Any) -> None:
     sender = FrameSender()
-    sender.seen(2**50, "odd")
+    sender.confirm(2**50, "odd")
     for _ in range(2):
         sender.pack(FRAME)
     assert not sender.may_send

@@ -251,7 +251,7 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
         assert isinstance(made, Extrusion)
         return made
 
-    def shown() -> float:
+    def displacement() -> float:
         """How far matter has gone at the point that is dragged, and at half of the depth."""
         field = view.scene.ready().field()
         return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
@@ -260,23 +260,23 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
     deliver_edit(editor, PointsEdit(sender="a", seq=1, phase="end", kind="move", points=points(1.0)))
     deliver_edit(editor, PointsEdit(sender="a", seq=2, phase="move", kind="move", points=points(3.0)))
     view.follow(editor, answer(1.0))  # it took its time
-    assert shown() == pytest.approx(3.0, abs=1e-6)
+    assert displacement() == pytest.approx(3.0, abs=1e-6)
     view.follow(editor, answer(1.0, extrusion="modulate", curve="0.5"))  # what else is new is seen
-    assert shown() == pytest.approx(1.5, abs=1e-6)
+    assert displacement() == pytest.approx(1.5, abs=1e-6)
     clash = ControlPoints.from_arrays([[1, 1], [4, 4]], [[2, 2], [2, 2]])
     deliver_edit(editor, PointsEdit(sender="a", seq=3, phase="move", kind="move", points=clash))
-    assert shown() == pytest.approx(1.5, abs=1e-6)  # the last good one stays
+    assert displacement() == pytest.approx(1.5, abs=1e-6)  # the last good one stays
     deliver_edit(
         editor, PointsEdit(sender="a", seq=4, phase="move", kind="move", points=points(1.0))
     )  # the drag is given up
     view.follow(editor, answer(5.0))
-    assert shown() == pytest.approx(5.0, abs=1e-6)
+    assert displacement() == pytest.approx(5.0, abs=1e-6)
     deliver_edit(editor, PointsEdit(sender="a", seq=5, phase="move", kind="move", points=points(3.0)))
     editor.observe(lambda change: view.follow(editor, answer(2.0)), "points")  # as a studio answers the end of a drag
     deliver_edit(editor, PointsEdit(sender="a", seq=6, phase="end", kind="move", points=points(2.5)))
-    assert shown() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
+    assert displacement() == pytest.approx(2.5, abs=1e-6)  # the end itself comes last
     view.follow(editor, answer(2.0))
-    assert shown() == pytest.approx(2.0, abs=1e-6)
+    assert displacement() == pytest.approx(2.0, abs=1e-6)
     view.show_deformation(None)
     assert not editor.live  # it was followed once, however often the view was told to
 

@@ -19,7 +19,7 @@ from deformnb.rbf.regions import Line
 from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
-from deformnb.widgets.camera import seen_height
+from deformnb.widgets.camera import visible_height
 from deformnb.widgets.textures import field_textures
 from deformnb.widgets.view.stills import CoreScene
 from deformnb.widgets.vtk import folds as vtk_folds
@@ -111,14 +111,14 @@ def red(image: Any, by: int = 25) -> NDArray[np.bool_]:
 
 def places(depth: float = 0.0) -> NDArray[np.float64]:
     """What each pixel looks at in space, as deep behind the middle of the volume as that."""
-    step = seen_height(GRID, FACING["direction"], FACING["up"], SIZE[0] / SIZE[1]) / SIZE[1]
+    step = visible_height(GRID, FACING["direction"], FACING["up"], SIZE[0] / SIZE[1]) / SIZE[1]
     a, b = np.meshgrid(*((np.arange(n) + 0.5 - n / 2) * step for n in SIZE))
     return Plane.from_normal(GRID.center, PLANE.normal, FACING["up"]).from_plane(
         np.stack([a, b, np.full(a.shape, depth)], axis=-1)
     )
 
 
-def on_matter(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
+def on_tissue(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Where a place of the result, and what is seen there, lies within the volume."""
     low, high = GRID.corners().min(axis=0) + 3, GRID.corners().max(axis=0) - 3
     return np.asarray(
@@ -137,11 +137,11 @@ def test_what_folds_is_red_at_its_place(scene: Any, kind: str) -> None:
     one, field = scene(), field_of(kind)
     one.set_field(field)
     painted, at = red(one.render()), places(FRONT)
-    det, seen = jacobian_determinant(field, at), on_matter(field, at)
+    det, seen = jacobian_determinant(field, at), on_tissue(field, at)
     assert (det <= 0)[seen].sum() > 100
     sure = seen & (np.abs(det) > 0.1)
     assert (painted == (det <= 0))[sure].mean() > 0.98
-    assert not painted[~on_matter(field, places(0.0)) & ~seen & (det > 0.1)].any()
+    assert not painted[~on_tissue(field, places(0.0)) & ~seen & (det > 0.1)].any()
     assert one.folding.remark == RED
 
 
@@ -153,7 +153,7 @@ def test_in_all_projections(scene: Any, projection: str) -> None:
     image = one.render().astype(int)
     one.folding.show = False
     painted = np.abs(image - one.render()).max(axis=-1) > 8  # light and matter are warm too
-    det, seen = jacobian_determinant(field, places()), on_matter(field, places())
+    det, seen = jacobian_determinant(field, places()), on_tissue(field, places())
     sure = seen & (np.abs(det) > 0.1)
     assert (painted == (det <= 0))[sure].mean() > 0.98
     assert (image[..., 0] - image[..., 1])[sure & painted].mean() > 60

@@ -196,10 +196,10 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     loop.change("grey", grey(1))
     wait_for(lambda: sender.was_full)
     assert frames == []
-    assert sender.seen(1)  # and whoever was refused is asked again
+    assert sender.confirm(1)  # and whoever was refused is asked again
     loop.touch()
     wait_for(lambda: bool(frames))
-    assert not sender.seen(2)
+    assert not sender.confirm(2)
     loop.close()
 
 

@@ -23,7 +23,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.transfer import TransferFunction
 from deformnb.volume.volume import Grid, Volume
 from deformnb.warping.warper import warp
-from deformnb.widgets.camera import BACKGROUNDS, seen_height
+from deformnb.widgets.camera import BACKGROUNDS, visible_height
 from deformnb.widgets.view.stills import CoreScene, make_scene
 from deformnb.widgets.vtk import shader as vtk_warp
 from deformnb.widgets.vtk.scene import VtkScene, cuts_work, texture_works
@@ -483,7 +483,7 @@ def test_a_still_is_the_picture_of_the_view(scene: Any, method: str, background:
     volume, look = shape_without_symmetry(SKEW), {"direction": (0.4, 1.0, -0.3), "up": (0.0, 0.1, 1.0)}
     view = scene(volume, method, transfer=WHITE, background=background)
     view.set_camera(look)
-    height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
+    height = visible_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
     still = render_volume(
         volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS[background], backend="vtk", **look
     )
@@ -497,7 +497,7 @@ def test_a_still_of_the_core_is_the_picture_of_the_cores_view() -> None:
     volume, look = shape_without_symmetry(SKEW), {"direction": (0.4, 1.0, -0.3), "up": (0.0, 0.1, 1.0)}
     view = CoreScene(volume, SIZE, transfer=WHITE)
     view.set_camera(look)
-    height = seen_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
+    height = visible_height(volume.grid, *look.values(), SIZE[0] / SIZE[1])
     still = render_volume(
         volume, transfer=WHITE, height=height, size=SIZE, background=BACKGROUNDS["dark"], backend="core", **look
     )

@@ -177,7 +177,7 @@ def test_folds_stay_red_where_they_are_left(scene: Any) -> None:
 
 def test_emptied_voxels_and_planes_agree() -> None:
     voxels = SceneVoxels(body(), None)
-    kept = voxels.kept(cut(0, (0.25, 0.75)))
+    kept = voxels.clip_box(cut(0, (0.25, 0.75)))
     assert kept is not None
     voxels.write("plain", None, kept)
     values = np.asarray(voxels.image.active_scalars).reshape(voxels.lattice.shape)
@@ -190,7 +190,7 @@ def test_emptied_voxels_and_planes_agree() -> None:
     assert len(planes) == 2
     index = [float(voxels.lattice.point_to_index(np.asarray(p.GetOrigin()))[0]) for p in planes]
     np.testing.assert_allclose(index, [kept[0][0], kept[1][0]], atol=0.01)
-    assert voxels.kept(WHOLE) is None
+    assert voxels.clip_box(WHOLE) is None
     assert clipping_planes(voxels.lattice, None) == []
 
 

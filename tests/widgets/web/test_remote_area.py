@@ -42,7 +42,7 @@ def test_the_end_of_a_drag_and_of_a_notch_is_said() -> None:
         {"type": "RightButtonRelease"},
         {"type": "MouseWheel", "spinY": 1},
     ):
-        assert mouse.is_held == (event["type"] in ("MouseMove", "RightButtonRelease"))
+        assert mouse.is_pressed == (event["type"] in ("MouseMove", "RightButtonRelease"))
         mouse.on_event(event, Grid((4, 4, 4)))
     assert ends == [2, 3]
     assert cameras[1]["zoom"] == pytest.approx(np.exp(0.2))

@@ -78,7 +78,7 @@ class AnimationPanel(Panel):
             tooltip="How time passes from one key frame to the next",
         )
         self.playback = Playback(
-            view, self.player, self.animation, session.editing.grid, self._shown, lambda: session.results.grid
+            view, self.player, self.animation, session.editing.grid, self._run_guarded, lambda: session.results.grid
         )
         self.add(self.easing, lambda: session.editing.deformation.easing, lambda value: self._play_as(easing=value))
         self.player.observe(lambda change: self._play_as(loop=change["new"]), "loop")
@@ -113,7 +113,7 @@ class AnimationPanel(Panel):
             "Edit this moment",
             "The document becomes what the player shows, to be edited",
             "go to a moment",
-            self._at_moment,
+            self._take_moment,
         )
         # Above the list, which grows: buttons pressed repeatedly stay in place.
         self.box = column(
@@ -140,7 +140,7 @@ class AnimationPanel(Panel):
         # Of the document only what an animation depends on: its steps of now are no part of it.
         return Animation(replace(document, steps=document.keyframes[0].steps, name="", volume=None, extra={}))
 
-    def _shown(self, action: Callable[[], None]) -> bool:
+    def _run_guarded(self, action: Callable[[], None]) -> bool:
         return self.guard(action)
 
     # -- edits ---------------------------------------------------------------------------------------------------------
@@ -175,7 +175,7 @@ class AnimationPanel(Panel):
             and key_frames.key_at(self.session.editing.deformation, t) is None
         )
 
-    def _at_moment(self, deformation: Deformation) -> Deformation:
+    def _take_moment(self, deformation: Deformation) -> Deformation:
         self.player.pause()
         return key_frames.with_steps(deformation, Animation(deformation).at(self.player.time).steps)
 
@@ -312,7 +312,7 @@ class MovieControls:
 
     def _start(self) -> None:
         path = self._folder / plain_name(self.name.value)
-        frozen = Frozen.of(self._session, self._view.seen())
+        frozen = Frozen.of(self._session, self._view.settings())
         fps, by_page = float(self.fps.value), self._takes_page()
         self.progress.begin()
         self.message.value = f"Writing {path.name} ..."

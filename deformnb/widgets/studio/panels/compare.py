@@ -123,7 +123,7 @@ class ComparePanel(Panel):
         ]
         self._second, self._name = made, basic.HTML(name)
         beside = column(self._name, made, classes="dnb-second")
-        beside.is_shown = view.layout.display != "none"
+        beside.is_visible = view.layout.display != "none"
         first, *others = self._place.children
         self._place.children = (first, beside, *others)
 

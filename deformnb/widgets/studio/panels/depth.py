@@ -45,7 +45,7 @@ class DepthPanel(Panel):
     def __init__(self, session: Session, guard: Guard, preview: Preview | None = None) -> None:
         super().__init__(session, guard)
         self._preview = preview
-        self.rule = self.of_step(widget_of("extrusion"), "extrusion")
+        self.rule = self.bind_step(widget_of("extrusion"), "extrusion")
         self.curve = CurveEditor(session.editing.step.curve)
         self.keys = DepthKeys(session.editing.step.knots or (0.0, 1.0))
         self.curve.observe(self._curve_changed, "curve")
@@ -58,10 +58,10 @@ class DepthPanel(Panel):
 
     def arrange(self) -> None:
         step = self.session.editing.step
-        basic.set_shown(self.rule, step.plane is not None)
+        basic.set_visible(self.rule, step.plane is not None)
         self.hint.value = prose(_IN_SPACE if step.plane is None else HINTS.get(step.extrusion, _OF_ANOTHER))
-        basic.set_shown(self.curve, step.extrusion == "modulate")
-        basic.set_shown(self.keys, step.extrusion == "interpolate")
+        basic.set_visible(self.curve, step.extrusion == "modulate")
+        basic.set_visible(self.keys, step.extrusion == "interpolate")
         if step.extrusion == "modulate" and self.curve.curve != step.curve:
             self.curve.curve = step.curve
         if step.extrusion == "interpolate":

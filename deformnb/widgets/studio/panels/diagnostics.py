@@ -123,7 +123,7 @@ class DiagnosticsPanel(Panel):
             "best_prediction": fold_actions.predict,
         }
         self.buttons = {name: action_button(name, partial(updates.act, action)) for name, action in actions.items()}
-        stages = self.of_step(widget_of("stages", layout=basic.layout(width="240px"), label="48px"), "stages")
+        stages = self.bind_step(widget_of("stages", layout=basic.layout(width="240px"), label="48px"), "stages")
         self.keep, self.chosen = widget_of("keep_free"), widget_of("keep_chosen")
         self.keep.observe(updates.weakly(DiagnosticsPanel._keep_changed, self), "value")
         self.chosen.observe(updates.weakly(DiagnosticsPanel._chosen_changed, self), "value")

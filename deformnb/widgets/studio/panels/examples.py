@@ -28,7 +28,7 @@ class ExamplesPanel(Panel):
     >>> session = Session(PHANTOMS["bar"].make((16, 16, 24)))
     >>> panel = ExamplesPanel(session, lambda action: action() or True, is_start=True)
     >>> panel.buttons["bend"].click()
-    >>> len(session.editing.points), panel.box.is_shown
+    >>> len(session.editing.points), panel.box.is_visible
     (15, False)
     """
 
@@ -52,7 +52,7 @@ class ExamplesPanel(Panel):
     def arrange(self) -> None:
         if self._is_start:
             is_empty = self.session.editing.step.plane is not None and is_untouched(self.session.editing.deformation)
-            basic.set_shown(self.box, is_empty)
+            basic.set_visible(self.box, is_empty)
 
 
 def is_untouched(deformation: Deformation) -> bool:

@@ -94,7 +94,7 @@ class FilesPanel(Panel):
             basic.HTML(html.escape(_level_text(session.volume)), layout=basic.layout(flex="1 1 240px", min_width="0")),
             whole,
         )
-        basic.set_shown(self.level, _level_text(session.volume))
+        basic.set_visible(self.level, _level_text(session.volume))
         self.copy = self._acting("Copy as Python", "The document as a script", self._copy)
         self.page = PageOptions(session.volume.name)
         self.name.observe(self._show_page_options, "value")
@@ -115,7 +115,7 @@ class FilesPanel(Panel):
     # -- writing -------------------------------------------------------------------------------------------------------
 
     def _show_page_options(self, _change: Any = None) -> None:
-        basic.set_shown(self.page.box, self.name.value.lower().endswith(_PAGE))
+        basic.set_visible(self.page.box, self.name.value.lower().endswith(_PAGE))
 
     def _start_whole(self) -> None:
         if not self.name.value.lower().endswith(_FOLDERS):
@@ -132,7 +132,7 @@ class FilesPanel(Panel):
             except DeformError as error:
                 self.writing.message.value = ""
                 raise DeformError(f"{str(error).rstrip('.')}; web page {_PAGE[0]}.") from None
-        frozen = Frozen.of(self.session, self._view.seen())
+        frozen = Frozen.of(self.session, self._view.settings())
         job = Job(path, frozen, downloads, page=self.page.chosen())
         if os.path.lexists(path) and not frozen.files.known.has(path):
             self.writing.message.value = ""
@@ -248,7 +248,7 @@ class FileWriting:
         self._set_busy(True)
         self.cancel.disabled = False
         self.bar.value = 0.0
-        basic.set_shown(self.bar, True)
+        basic.set_visible(self.bar, True)
         self.message.value = f"Writing {job.path.name} ..."
         self._job = job
         self._thread.call(lambda: self._do(job))
@@ -263,12 +263,12 @@ class FileWriting:
                 else:
                     export(job.frozen, job.path, overwrite=job.overwrite, progress=partial(self._progress, job))
             content = job.path.read_bytes() if job.downloads else None
-            if self._ended(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
+            if self._finish(job, f"Wrote {job.path.name} ({_size(job.path)}).") and content is not None:
                 self._guard(lambda: self.file_transfer.download(job.path.name, content))
         except Cancelled:
-            self._ended(job, f"Stopped; {job.path.name} was not written.")
+            self._finish(job, f"Stopped; {job.path.name} was not written.")
         except FileChangedError:
-            if self._ended(job, ""):
+            if self._finish(job, ""):
                 self.ask(
                     f"{job.path.name} has been changed by someone else since it was opened or saved here."
                     " Write it under another name, or over theirs?",
@@ -276,7 +276,7 @@ class FileWriting:
                 )
         except Exception as error:
             reason = error
-            if self._ended(job, ""):
+            if self._finish(job, ""):
                 self._guard(raising(reason))
 
     def _progress(self, job: Job, share: float) -> None:
@@ -295,9 +295,9 @@ class FileWriting:
         if job is not None and job.cancel():
             self._thread.close(0)
             self._thread = Worker("deformnb-files")
-            self._ended(job, f"Stopped; {job.path.name} was not written.")
+            self._finish(job, f"Stopped; {job.path.name} was not written.")
 
-    def _ended(self, job: Job, message: str) -> bool:
+    def _finish(self, job: Job, message: str) -> bool:
         """End the wait for a job with a message; False if it was awaited no more."""
         with self._ending:
             if self._job is not job:
@@ -309,7 +309,7 @@ class FileWriting:
 
     def _idle(self) -> None:
         self.cancel.disabled = True
-        basic.set_shown(self.bar, False)
+        basic.set_visible(self.bar, False)
         self._set_busy(False)  # last: who writes the next file finds all of it idle
 
     def close(self) -> None:
@@ -427,7 +427,7 @@ class OutputCheck(Panel):
         self._known: Deformation | None = None
         self._text: Any = None  # made with the first warning, as is the button
         self.warning = row()
-        self.warning.is_shown = False
+        self.warning.is_visible = False
         self.refresh()
 
     @property
@@ -455,8 +455,8 @@ class OutputCheck(Panel):
             self.warning.children = (self._text, button(*LARGER, self._make_larger))
         if self._text is not None:
             self._text.value = as_html(cut_off_text(self.sides))
-            basic.set_shown(self.warning.children[1], not self.follows)  # then it is as large as it may be
-        basic.set_shown(self.warning, self.sides)
+            basic.set_visible(self.warning.children[1], not self.follows)  # then it is as large as it may be
+        basic.set_visible(self.warning, self.sides)
 
     def _make_larger(self) -> None:
         self.guard(lambda: self.follow(True))
@@ -517,7 +517,7 @@ class ResultBox(Panel):
                 "What can be seen, and what the result holds: tissue dragged out of this box is cut off",
                 wide(max_width="280px"),
             ),
-            self._chosen,
+            self._current_choice,
             self._choose,
         )
         self.add(self.margin, lambda: self._length, self._grow)
@@ -525,7 +525,7 @@ class ResultBox(Panel):
         check.done = weakly(self, ResultBox.refresh)
         self.refresh()
 
-    def _chosen(self) -> str:
+    def _current_choice(self) -> str:
         output = self.session.editing.output
         if self.check.is_needed:
             return "needed"
@@ -534,7 +534,7 @@ class ResultBox(Panel):
         return "own" if self._margin_of(output) is None else "margin"
 
     def _options(self) -> list[tuple[str, str]]:
-        return [*CHOICES.items(), *([_OWN] if self._chosen() == "own" else [])]
+        return [*CHOICES.items(), *([_OWN] if self._current_choice() == "own" else [])]
 
     def _margin_of(self, output: Grid) -> float | None:
         """The margin that makes this box; None if there is none."""
@@ -558,11 +558,11 @@ class ResultBox(Panel):
         self.session.results.grow(self._length)
 
     def arrange(self) -> None:
-        output, chosen = self.session.editing.output, self._chosen()
+        output, chosen = self.session.editing.output, self._current_choice()
         if chosen == "margin" and output is not None:
             self._length = self._margin_of(output) or self._length
         fill(self.choice, self._options())
-        basic.set_shown(self.margin, chosen == "margin")
+        basic.set_visible(self.margin, chosen == "margin")
         grid = self.session.results.box
         size = " x ".join(map(str, grid.shape[::-1]))
         facts = [f"{size} voxels (x, y, z), {human_bytes(grid.size * self.session.volume.dtype.itemsize)}"]

@@ -100,7 +100,7 @@ class LabelChooser(Panel):
         ]
         self._choice = row(self.list, *add)
         self.box = column(row(self.file, self.upload), self._choice)
-        basic.set_shown(self._choice, False)
+        basic.set_visible(self._choice, False)
         if labels is not None:
             self._show(labels, names or {})
         self.refresh()
@@ -116,7 +116,7 @@ class LabelChooser(Panel):
         if self._opened and (self._opened, self._opened) not in files:
             files.append((self._opened, self._opened))  # it is gone, and its labels are still here
         fill(self.file, [*(given or [_CLOSED]), *files])
-        basic.set_shown(self.file, files or given)
+        basic.set_visible(self.file, files or given)
 
     # -- opening -------------------------------------------------------------------------------------------------------
 
@@ -192,7 +192,7 @@ class LabelChooser(Panel):
         self.list.options = [(names.get(n) or f"label {n}", n) for n in chosen]
         self.list.rows = min(_SHOWN, len(chosen))
         self.list.value = (chosen[0],)
-        basic.set_shown(self._choice, True)
+        basic.set_visible(self._choice, True)
 
     # -- choosing ------------------------------------------------------------------------------------------------------
 

@@ -117,15 +117,15 @@ class OpenPanel(Panel):
     def _take_session(self, path: Path) -> None:
         document = read_document(path)[0]
         try:
-            self._opened(path.name, document)
+            self._on_open(path.name, document)
         except OtherVolumeError:
             self.question.ask(
                 self.session.files.difference(document),
                 "Open anyway",
-                lambda: self._opened(path.name, document, allow_other_volume=True),
+                lambda: self._on_open(path.name, document, allow_other_volume=True),
             )
 
-    def _opened(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
+    def _on_open(self, name: str, document: Deformation, allow_other_volume: bool = False) -> None:
         self.session.take(document, f"open {name}", allow_other_volume=allow_other_volume)
         self.session.editing.notice = self.session.editing.notice or f"Opened {name}; undo leads back."
 
@@ -136,7 +136,7 @@ class OpenPanel(Panel):
         kept = f" The edits of {present} stay under History." if self.session.editing.history.get("undo") else ""
         answers: dict[str, Callable[[], None]] = {
             "Open": lambda: self._open_volume(subject),
-            "Show beside": lambda: self._show_beside(path.name, volume),
+            "Show beside": lambda: self._show_second(path.name, volume),
             "Match to it": lambda: self._take_target(path.name, volume),
             "Use as labels": lambda: self._take_labels(path.name, volume, names),
         }
@@ -150,7 +150,7 @@ class OpenPanel(Panel):
         first, *others = answers
         self.question.ask(question, first, answers[first], {words: answers[words] for words in others})
 
-    def _show_beside(self, name: str, volume: Volume) -> None:
+    def _show_second(self, name: str, volume: Volume) -> None:
         self.compare.panel.take(volume)
         self.compare.reveal()
         self.session.editing.notice = f'{name} stands beside; "Second volume" under View chooses another one, or none.'

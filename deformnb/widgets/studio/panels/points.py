@@ -67,7 +67,7 @@ class PointsPanel(Panel):
     def arrange(self) -> None:
         self._follow(self._editors.current)
         self.table.smoothing_on = self.session.editing.step.smoothing > 0
-        if self.table.is_seen:
+        if self.table.is_visible:
             self._show()
 
     def _show(self) -> None:
@@ -91,7 +91,7 @@ class PointsPanel(Panel):
 
     def _compute(self) -> None:
         """Compute errors in the studio's thread, where the first request waits and later ones find them done."""
-        if not self.table.is_seen:
+        if not self.table.is_visible:
             self._sent_state = None
             return
         found = diagnostics_of(self.session).quality
@@ -145,7 +145,7 @@ class PointsPanel(Panel):
         elif act.what == "paste":
             self._paste(act.text)
         elif known:
-            commands = {"remove": _removed, "reset": _reset, "lock": _locked, "switch": _switched}
+            commands = {"remove": _remove, "reset": _reset, "lock": _lock, "switch": _switch}
             self._edit(commands[act.what](points, known))
 
     def _edit(self, points: ControlPoints) -> None:
@@ -215,19 +215,19 @@ def _with_cell(points: ControlPoints, point: int, act: PointsCommand) -> Control
     if field == "radius" and not text:
         return points.edit(point, radius=float("nan"))
     if field in ("weight", "radius"):
-        number: dict[str, Any] = {field: _written(text, f"the {field} of {points.label(k)}")}
+        number: dict[str, Any] = {field: _parse(text, f"the {field} of {points.label(k)}")}
         return points.edit(point, **number)
     if points.locked[k]:
         raise DeformError(f"{points.label(k)} is locked; unlock it to move it.")
     if act.axis >= points.dim:
         raise DeformError(f"{points.label(k)} has {points.dim} coordinates.")
     place = np.array(getattr(points, field)[k])
-    place[act.axis] = _written(text, f"{field} {_AXES[points.dim][act.axis]} of {points.label(k)}")
+    place[act.axis] = _parse(text, f"{field} {_AXES[points.dim][act.axis]} of {points.label(k)}")
     placed: dict[str, Any] = {field: place}
     return points.edit(point, **placed)
 
 
-def _written(text: str, what: str) -> float:
+def _parse(text: str, what: str) -> float:
     """A number as people write it, with a point or a comma."""
     return parse_number(text.replace(",", ".") if text.count(",") == 1 and "." not in text else text, what)
 
@@ -239,7 +239,7 @@ def _free(points: ControlPoints, ids: list[int], what: str) -> list[int]:
     return free
 
 
-def _removed(points: ControlPoints, ids: list[int]) -> ControlPoints:
+def _remove(points: ControlPoints, ids: list[int]) -> ControlPoints:
     return points.remove(*_free(points, ids, "delete"))
 
 
@@ -249,15 +249,15 @@ def _reset(points: ControlPoints, ids: list[int]) -> ControlPoints:
     return replace(points, target=target)
 
 
-def _locked(points: ControlPoints, ids: list[int]) -> ControlPoints:
-    return _toggled(points, ids, "locked")
+def _lock(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggle(points, ids, "locked")
 
 
-def _switched(points: ControlPoints, ids: list[int]) -> ControlPoints:
-    return _toggled(points, ids, "active")
+def _switch(points: ControlPoints, ids: list[int]) -> ControlPoints:
+    return _toggle(points, ids, "active")
 
 
-def _toggled(points: ControlPoints, ids: list[int], what: str) -> ControlPoints:
+def _toggle(points: ControlPoints, ids: list[int], what: str) -> ControlPoints:
     """Set for all, or if it is for all, for none: one press always does something visible."""
     chosen, flags = np.isin(points.ids, ids), np.array(getattr(points, what))
     flags[chosen] = not flags[chosen].all() if what == "locked" else not flags[chosen].any()

@@ -190,7 +190,7 @@ class FitPanel(Panel):
         if target is not None:
             self.target.choose(GIVEN)
             self.choice.value = GIVEN
-        self.choice.observe(self._chosen, "value")
+        self.choice.observe(self._on_choice, "value")
         self.measure = basic.Dropdown(
             options=[(_MEASURES.get(name, name), name) for name in MEASURES],
             style=WHOLE_DESCRIPTION,
@@ -253,7 +253,7 @@ class FitPanel(Panel):
         self._request_preview()
 
     def _allow(self) -> None:
-        basic.set_shown(
+        basic.set_visible(
             self.preview.box, self.target.volume is not None and self.session.editing.step.plane is not None
         )
         idle = not self.progress.is_busy and self.target.volume is not None
@@ -263,7 +263,7 @@ class FitPanel(Panel):
 
     # -- the target ----------------------------------------------------------------------------------------------------
 
-    def _chosen(self, change: Any) -> None:
+    def _on_choice(self, change: Any) -> None:
         key = change["new"]
         if key != self.target.key and self._refreshing.depth == 0:
             self._busy(f"Reading {key} ..." if key != NO_TARGET else "")
@@ -300,7 +300,7 @@ class FitPanel(Panel):
             raise DeformError("a fit is under way; stop it first.")
         begun = self._begin()
         self._busy(f"{what} ...")
-        self.thread.call(lambda: self._finish(lambda: self._worked(begun, what, work)))
+        self.thread.call(lambda: self._finish(lambda: self._apply_result(begun, what, work)))
 
     def _begin(self) -> Begun:
         session, step = self.session, self.session.editing.step
@@ -324,7 +324,7 @@ class FitPanel(Panel):
             settings,
         )
 
-    def _worked(self, begun: Begun, what: str, work: Work) -> str:
+    def _apply_result(self, begun: Begun, what: str, work: Work) -> str:
         points, words = work(begun)
         if begun.is_overtaken(self.session):
             return f"{what} was overtaken: something was edited meanwhile, and that stays. Press the button again."

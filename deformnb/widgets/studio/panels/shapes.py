@@ -151,7 +151,7 @@ class PartControls(Panel):
         self._angle = self._slider("Turn", 180.0, "Degrees about the pivot", "turn", ".1f")
         self._axes = self.add(
             menu("About", [("x (left)", "0"), ("y (back)", "1"), ("z (up)", "2")], "Axis of the turn"),
-            lambda: str(self._of_motion()[1]),
+            lambda: str(self._motion_parameters()[1]),
             self._set_axis,
         )
         names = (("Right", "Down"), ("x", "y", "z"))
@@ -187,7 +187,7 @@ class PartControls(Panel):
         if isinstance(what, str):
             return self.add(
                 made,
-                lambda: float(np.clip(self._of_motion()[0], -most, most)),
+                lambda: float(np.clip(self._motion_parameters()[0], -most, most)),
                 lambda value: self._move("turn", degrees=value),
             )
         return self.add(made, lambda: self._shift(what, most), lambda value: self._move("shift", shift=(what, value)))
@@ -215,7 +215,7 @@ class PartControls(Panel):
         part, about = self.part, list(self._about())
         if part is None or k >= len(about) or not np.isfinite(value):
             return
-        degrees, _, shift = self._of_motion()
+        degrees, _, shift = self._motion_parameters()
         about[k] = float(value)
         self._move("move the pivot of", degrees=degrees, to=shift, pivot=tuple(about))
 
@@ -225,7 +225,7 @@ class PartControls(Panel):
         index, parts = self._index(), self.session.editing.step.parts
         return parts[index] if index is not None and index < len(parts) else None
 
-    def _of_motion(self) -> tuple[float, int, NDArray[np.float64]]:
+    def _motion_parameters(self) -> tuple[float, int, NDArray[np.float64]]:
         part = self.part
         if part is None:
             return 0.0, self._axis, np.zeros(3)
@@ -233,7 +233,7 @@ class PartControls(Panel):
         return degrees, axis if degrees else self._axis, shift
 
     def _shift(self, k: int, most: float) -> float:
-        shift = self._of_motion()[2]
+        shift = self._motion_parameters()[2]
         return float(np.clip(shift[k], -most, most)) if k < len(shift) else 0.0
 
     def _set_state(self, state: str) -> None:
@@ -258,7 +258,7 @@ class PartControls(Panel):
         if self.part is None:
             return
         middle = pivot or self._about()
-        old_degrees, old_axis, new_shift = self._of_motion()
+        old_degrees, old_axis, new_shift = self._motion_parameters()
         if to is not None:  # the shift of before, which the new pivot would read otherwise
             new_shift = to
         if shift is not None:
@@ -291,7 +291,7 @@ class PartControls(Panel):
             of_space = widget is self._axes or widget in (*self._shifts[1], *self._places[1])
             of_plane = widget in (*self._shifts[0], *self._places[0])
             shown = is_moved and (in_space or not of_space) and not (in_space and of_plane)
-            basic.set_shown(widget, shown)
+            basic.set_visible(widget, shown)
 
 
 # As the editor draws them: a white line, and hatching.
@@ -344,7 +344,7 @@ class ShapesPanel(Panel):
         self._listed: dict[str, tuple[Any, ...]] = {"cut": (), "part": ()}  # the list of the chosen row
         self.items = ItemList(label="Cuts and rigid parts", commands=["rename", "remove"], empty=_EMPTY)
         self.items.on_act(self._act)
-        self._rule = self.of_step(widget_of("cut_rule"), "cut_rule")
+        self._rule = self.bind_step(widget_of("cut_rule"), "cut_rule")
         self._ends = self.add(
             menu(
                 "Cut's ends",
@@ -424,13 +424,13 @@ class ShapesPanel(Panel):
             rows.index(self._chosen) if self._chosen in rows else -1,
         )
         self.items.empty = _EMPTY if step.plane is not None else _EMPTY_SPACE
-        basic.set_shown(self._rule, step.cuts)
-        basic.set_shown(self._ends, self._line() is not None)
-        basic.set_shown(self.part.box, self._part_index() is not None)
+        basic.set_visible(self._rule, step.cuts)
+        basic.set_visible(self._ends, self._line() is not None)
+        basic.set_visible(self.part.box, self._part_index() is not None)
         self.part.refresh()
         self.labels.refresh()
         for widget in self._drawing:
-            basic.set_shown(widget, step.plane is not None)
+            basic.set_visible(widget, step.plane is not None)
 
     def _follow(self) -> None:
         """Let the chosen row stay with its shape. The first one is chosen, and none in the place of one that goes."""

@@ -78,7 +78,7 @@ class FitTarget:
             return
         found = self._given if key == GIVEN else self._read(self._files.folder / key, progress)
         assert found is not None
-        self.volume, self.note = _laid(found, self._session.volume)
+        self.volume, self.note = _align_target(found, self._session.volume)
         self.key = key
 
     def _read(self, path: Path, progress: Progress | None) -> Volume:
@@ -104,7 +104,7 @@ class FitTarget:
         return moving, self._pictured[1]
 
 
-def _laid(target: Volume, volume: Volume) -> tuple[Volume, str]:
+def _align_target(target: Volume, volume: Volume) -> tuple[Volume, str]:
     """A target that is elsewhere in space, moved to the volume; and a note of that."""
     low, high = (np.stack([_box(v)[k] for v in (target, volume)]) for k in (0, 1))
     shared = np.clip(high.min(axis=0) - low.max(axis=0), 0, None).prod()

@@ -154,7 +154,7 @@ class ThompsonPanel(Panel):
 
     def arrange(self) -> None:
         self.views.show(is_on_picture=self.session.editing.step.plane is not None, is_open=self._is_open)
-        self.words.value = in_words(self.session.editing.step.strength)
+        self.words.value = strength_text(self.session.editing.step.strength)
 
     # -- actions -------------------------------------------------------------------------------------------------------
 
@@ -215,8 +215,8 @@ class GridViews:
 
     def show(self, *, is_on_picture: bool, is_open: bool) -> None:
         """Show the views where there is a picture, and while they are seen."""
-        self._pictures.is_shown = is_on_picture
-        basic.set_shown(self.nowhere, not is_on_picture)
+        self._pictures.is_visible = is_on_picture
+        basic.set_visible(self.nowhere, not is_on_picture)
         shown = (self._editor,) if is_open and is_on_picture else ()
         for place in (self.before, self.after):
             if place.children != shown:
@@ -242,10 +242,10 @@ class OwnGrids:
         )
         self.toggle.observe(lambda change: guard(lambda: self._show(change["new"])), "value")
 
-    def _show(self, is_shown: bool) -> None:
+    def _show(self, is_visible: bool) -> None:
         """Show or put away the two drawings, beginning with the picture that is seen."""
         self.close()
-        if is_shown:
+        if is_visible:
             if self._session.editing.step.plane is None:
                 raise DeformError(_IN_SPACE)
             self.drawings = DrawingPair(self._session.pictures.picture(), guard=self._guard)
@@ -375,14 +375,14 @@ class EditorSync:
     def _points_changed(self, change: Any) -> None:
         if change["new"] != self._session.editing.points:
             label = edit_label(self._session.editing.points, change["new"])
-            self._taken(lambda: self._session.editing.edit_points(change["new"], label))
+            self._run_guarded(lambda: self._session.editing.edit_points(change["new"], label))
 
     def _shapes_changed(self, change: Any) -> None:
         what = change["name"]
         if getattr(self._session.editing.step, what) != change["new"]:
             made = self._editor.edit_under_way
             points = None if made is None else made.points
-            self._taken(
+            self._run_guarded(
                 lambda: (
                     self._session.editing.change(cuts=change["new"])
                     if what == "cuts"
@@ -393,7 +393,7 @@ class EditorSync:
     def _window_chosen(self, change: Any) -> None:
         self._guard(lambda: self._session.pictures.set_trait("window", tuple(change["new"]) or None))
 
-    def _taken(self, edit: Callable[[], None]) -> None:
+    def _run_guarded(self, edit: Callable[[], None]) -> None:
         """Apply the edit of the editor; on failure, the editor shows the state of the session again."""
         if not self._guard(edit):
             show_step(self._editor, self._session)
@@ -416,12 +416,12 @@ class EditorSync:
         self._session.pictures.unobserve(self._session_changed, _PICTURES)
 
 
-def in_words(strength: float) -> str:
+def strength_text(strength: float) -> str:
     """Effect of a strength on a drawing, in words.
 
     Examples
     --------
-    >>> in_words(1.0), in_words(-1.0)
+    >>> strength_text(1.0), strength_text(-1.0)
     ('as drawn', 'the opposite way')
     """
     if abs(strength) < 0.005:

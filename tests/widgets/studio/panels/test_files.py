@@ -116,10 +116,10 @@ def test_copying_says_which_line_to_fill_in(studio: Studio, monkeypatch: pytest.
 
 def test_a_page_has_the_title_and_the_text_that_are_written_for_it(studio: Studio, tmp_path: Path) -> None:
     files = panel(studio, "Export")
-    assert not files.page.box.is_shown
+    assert not files.page.box.is_visible
     assert files.page.title.value == studio.volume.name
     files.kind.value = next(value for _, value in files.kind.options if value.endswith(".html"))
-    assert files.page.box.is_shown
+    assert files.page.box.is_visible
     files.name.value, files.page.title.value, files.page.text.value = "page.html", "A < B", "Drag the <tail>."
     files.write.click()
     files.page.title.value = "of the next one"
@@ -137,7 +137,7 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
     studio = Studio(read_volume(tmp_path / "in.zarr", level=1), folder=tmp_path)
     try:
         files = panel(studio, "Export")
-        assert files.level.is_shown
+        assert files.level.is_visible
         assert "level 1" in files.level.children[0].value
         assert "300 x 9 x 8 voxels" in files.level.children[0].value
         assert "level 1" in volume_facts(studio.volume)
@@ -151,4 +151,4 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
 
 
 def test_a_volume_that_is_no_coarser_level_has_no_export_of_a_finer_one(studio: Studio) -> None:
-    assert not panel(studio, "Export").level.is_shown
+    assert not panel(studio, "Export").level.is_visible

@@ -31,7 +31,7 @@ def drag_out(session: Session, by: float = 24.0) -> None:
     session.editing.edit_points(session.editing.points.add(middle, middle + np.array([by, 0.0])))
 
 
-def at_once(action: Callable[[], None]) -> bool:
+def run(action: Callable[[], None]) -> bool:
     action()
     return True
 
@@ -39,7 +39,7 @@ def at_once(action: Callable[[], None]) -> bool:
 @pytest.fixture
 def box() -> Iterator[ResultBox]:
     """A box whose thread is the test: what it asks for is done by "check"."""
-    made = ResultBox(session := Session(a_brick()), at_once, OutputCheck(session, at_once, Worker()))
+    made = ResultBox(session := Session(a_brick()), run, OutputCheck(session, run, Worker()))
     yield made
     made.check.worker.close()
 
@@ -77,7 +77,7 @@ def test_the_margin_of_a_box_that_was_opened_is_read_back(margin: float) -> None
     volume = replace(a_brick(), grid=Grid((16, 16, 16), (3.0, 2.0, 4.0), (5.0, -3.0, 2.0)))
     session = Session(volume)
     session.results.grow(margin)
-    box = ResultBox(session, at_once, OutputCheck(session, at_once, Worker()))
+    box = ResultBox(session, run, OutputCheck(session, run, Worker()))
     refresh(box)
     before = session.editing.output
     assert (box.choice.value, box.margin.layout.display) == ("margin", None)
@@ -110,25 +110,25 @@ def test_as_large_as_needed_goes_on_with_every_edit(box: ResultBox) -> None:
 
 def test_what_is_cut_off_is_warned_of_with_a_way_out(box: ResultBox) -> None:
     session, seen = box.session, box.check.warning
-    assert not seen.is_shown
+    assert not seen.is_visible
     drag_out(session)
     looked(box)
     text, button = seen.children
-    assert seen.is_shown
+    assert seen.is_visible
     assert 'role="status"' in text.value
     assert "Tissue leaves the box at the left side (L), and is cut off there." in text.value
     assert box.words.value.endswith("cut off at the left side (L)")
     button.click()
     looked(box)
     assert (box.choice.value, session.results.exceeded_sides()) == ("needed", ())
-    assert not seen.is_shown
+    assert not seen.is_visible
     assert "cut off" not in box.words.value
     drag_out(session, 40.0)
     looked(box)
-    assert (seen.is_shown, session.results.exceeded_sides()) == (False, ())  # the box goes on with the edits
+    assert (seen.is_visible, session.results.exceeded_sides()) == (False, ())  # the box goes on with the edits
     box.choice.value = "volume"
     looked(box)
-    assert (seen.is_shown, button.layout.display) == (True, None)
+    assert (seen.is_visible, button.layout.display) == (True, None)
 
 
 def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
@@ -136,7 +136,7 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
     looked(box)
     drag_out(box.session, 5000.0)
     looked(box)
-    assert box.check.warning.is_shown
+    assert box.check.warning.is_visible
     assert box.check.warning.children[1].layout.display == "none"
 
 
@@ -147,10 +147,10 @@ def test_the_warning_lies_over_the_volume() -> None:
         assert panel.warning in box_of(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
-        assert panel.warning.is_shown
+        assert panel.warning.is_visible
         panel.warning.children[1].click()
         studio.wait()
-        assert not panel.warning.is_shown
+        assert not panel.warning.is_visible
         assert studio.session.results.exceeded_sides() == ()
     finally:
         studio.close()
@@ -174,7 +174,7 @@ def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
         studio.session.results.grow(12.0)
         grid = studio.session.editing.output
         assert grid is not None
-        assert studio.view.shown_output == grid
+        assert studio.view.output_grid == grid
         assert studio.result().grid == grid
         corner = grid.crop((0, 0, 22), (28, 28, 6))  # what was cut off
         wide = studio.session.results.volume()
@@ -182,7 +182,7 @@ def test_the_view_of_a_studio_shows_the_box_at_once(kind: str) -> None:
         assert corner.is_like(wide.grid.crop((0, 0, 22), (28, 28, 6)))
         assert (inside > 100).any()
         studio.undo()
-        assert studio.view.shown_output is None
+        assert studio.view.output_grid is None
     finally:
         studio.close()
 
@@ -210,7 +210,7 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
         moved = points.move(points.ids[0], points.target[0] + 3.0)
         studio.editor.points = moved
         studio.wait()
-        assert studio.view.shown_output == wanted
+        assert studio.view.output_grid == wanted
         assert set(shown) == {wanted}
     finally:
         studio.close()
@@ -228,7 +228,7 @@ def test_key_frames_are_played_in_the_box() -> None:
         panel.playback.wait()
         maps = studio.view.moments
         assert maps is not None
-        assert studio.view.shown_output == studio.session.editing.output
+        assert studio.view.output_grid == studio.session.editing.output
         a, b = maps.raster.box[:2]
         assert b - a > 50  # the maps reach as far as the box, 56 mm, not only as far as the volume, 32 mm
     finally:

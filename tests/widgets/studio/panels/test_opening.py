@@ -29,7 +29,7 @@ from deformnb.widgets.studio.studio import Studio
 
 def answer(opening: OpenPanel, words: str) -> None:
     """Press the button of an answer to the question that is asked."""
-    assert opening.question.box.is_shown
+    assert opening.question.box.is_visible
     next(button for button in opening.question.box.children[1:] if button.description == words).click()
 
 
@@ -99,7 +99,7 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     elsewhere.save(tmp_path / "else.json")
     elsewhere.close()
     drop(tmp_path / "else.json")
-    assert opening.question.box.is_shown
+    assert opening.question.box.is_visible
     opening.question.box.children[1].click()
     assert "else.json" in studio.session.editing.history["undo"]
     studio.close()
@@ -178,14 +178,14 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     answer(opening, "They are amounts")
     assert not studio.volume.is_labels
     opening = panel_of(studio, OpenPanel)
-    assert not opening.question.box.is_shown
+    assert not opening.question.box.is_visible
     studio.open_volume(tmp_path / "atlas.nrrd", edited)
     answer(panel_of(studio, OpenPanel), "They are labels")
     assert studio.volume.is_labels
     assert studio.deformation == edited
     assert 'atlas.nrrd", is_labels=True)' in studio.session.code()
     assert set(np.unique(studio.session.results.volume().values)) <= set(np.unique(blocks()))
-    assert not panel_of(studio, OpenPanel).question.box.is_shown
+    assert not panel_of(studio, OpenPanel).question.box.is_visible
     studio.close()
 
 
@@ -222,7 +222,7 @@ def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path
     answer(opening, "Use as labels")
     assert len(labels.list.options) == 6
     drop("sure.nrrd", 0.0, True)
-    assert not opening.question.box.is_shown
+    assert not opening.question.box.is_visible
     assert "sure.nrrd has 6 labels" in studio.parts.words.notice.value
     drop("elsewhere.nrrd", 900.0, True)  # of another scan: to be deformed itself
     assert "Open elsewhere.nrrd in place of scan" in opening.question.text

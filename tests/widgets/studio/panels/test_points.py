@@ -106,9 +106,9 @@ def test_points_go_to_a_table_that_is_seen_and_to_no_other() -> None:
 def test_a_table_that_two_pages_see_goes_on_when_one_is_closed(bench: Bench) -> None:
     bench.says("seen", view="other", value=True)
     bench.says("seen", view="other", value=False)
-    assert bench.table.is_seen
+    assert bench.table.is_visible
     bench.says("seen", value=False)
-    assert not bench.table.is_seen
+    assert not bench.table.is_visible
 
 
 def test_numbers_are_source_target_weight_radius_and_error(bench: Bench) -> None:

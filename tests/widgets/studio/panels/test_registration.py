@@ -97,7 +97,7 @@ class Bench:
         return np.linalg.norm(self.session.editing.points.target - TRUE.steps[0].points.target, axis=1)
 
     @property
-    def said(self) -> str:
+    def message_text(self) -> str:
         return str(self.panel.message.value)
 
 
@@ -112,7 +112,7 @@ def test_without_a_target_nothing_can_be_pressed(tmp_path: Path) -> None:
     bench = Bench(tmp_path)
     assert bench.panel.choice.value == NO_TARGET
     assert all(made.disabled for made in bench.panel.buttons.values())
-    assert "Choose what the volume shall look like" in bench.said
+    assert "Choose what the volume shall look like" in bench.message_text
     bench.panel.close()
 
 
@@ -122,8 +122,8 @@ def test_fit_all_points_finds_them_again_as_one_edit(bench: Bench) -> None:
     bench.press("Fit all points")
     assert bench.misses().max() < 0.5
     assert bench.session.editing.history["undo"] == "fit all points"
-    assert "Similarity" in bench.said
-    assert "5 points moved" in bench.said
+    assert "Similarity" in bench.message_text
+    assert "5 points moved" in bench.message_text
     bench.session.editing.undo()
     assert bench.session.editing.points == before
     assert not bench.guard.errors
@@ -134,8 +134,8 @@ def test_selected_points_snap_and_what_was_left_is_named(bench: Bench) -> None:
     assert "no point is selected" in bench.guard.errors.pop()
     bench.editor.selected = [0, 6]
     bench.press("Snap selected points")
-    assert "1 of 2 points snapped" in bench.said
-    assert "Left because it is locked: 0 (corner)." in bench.said
+    assert "1 of 2 points snapped" in bench.message_text
+    assert "Left because it is locked: 0 (corner)." in bench.message_text
     assert bench.misses()[6] < 1 < 2 < bench.misses()[7]
     assert bench.session.editing.history["undo"] == "snap selected points"
 
@@ -151,9 +151,9 @@ def test_points_are_put_on_the_outline_and_slide_there(tmp_path: Path) -> None:
     bench.press("Points along the outline")
     points = bench.session.editing.points
     assert [name for name in points.names if name.startswith("outline")] == [f"outline {k}" for k in range(1, 9)]
-    assert "8 points put on the outline" in bench.said
+    assert "8 points put on the outline" in bench.message_text
     bench.press("Slide along the outline")
-    assert "8 points slid" in bench.said
+    assert "8 points slid" in bench.message_text
     assert (bench.session.editing.points.target[:9] == points.target[:9]).all()
     found = bench.session.editing.points.target[9:] - [24.0, 25.0]  # of the picture, whose b runs down
     assert np.abs(np.hypot(found[:, 0] / 19.0, found[:, 1] / 11.4) - 1).max() < 0.1
@@ -180,14 +180,14 @@ def test_an_edit_meanwhile_wins(bench: Bench) -> None:
     edited.set()
     bench.wait()
     assert bench.session.editing.points == moved
-    assert "overtaken" in bench.said
+    assert "overtaken" in bench.message_text
 
 
 def test_stop_leaves_everything_as_it_was(bench: Bench) -> None:
     before = bench.session.editing.deformation
     bench.panel.progress.bar.observe(lambda _: bench.panel.progress.stop.click(), "value")
     bench.press("Fit all points")
-    assert bench.said.endswith("Stopped; nothing was changed.</div>")
+    assert bench.message_text.endswith("Stopped; nothing was changed.</div>")
     assert bench.session.editing.deformation is before
     assert not bench.panel.buttons["Fit all points"].disabled
 

@@ -21,7 +21,7 @@ from deformnb.widgets import Studio, ThompsonPanel
 from deformnb.widgets.boxes import Fold
 from deformnb.widgets.messages.points import points_to_json
 from deformnb.widgets.studio.editors import make_editor
-from deformnb.widgets.studio.panels.thompson import in_words
+from deformnb.widgets.studio.panels.thompson import strength_text
 
 
 @pytest.fixture
@@ -130,8 +130,8 @@ def test_magnify_is_the_strength_of_the_step_and_told_in_words(panel: ThompsonPa
         assert panel.session.editing.step.strength == value
         assert panel.words.value == said
     assert panel.session.editing.history["undo"] == "change strength"
-    assert in_words(-2.5) == "the opposite way, 2.50 times as far"
-    assert in_words(0.4) == "on the way"
+    assert strength_text(-2.5) == "the opposite way, 2.50 times as far"
+    assert strength_text(0.4) == "on the way"
 
 
 def test_lines_and_overlay_are_those_of_the_editor() -> None:
