@@ -54,7 +54,7 @@ def tip(deformation: Deformation) -> np.ndarray:
     return deformation.steps[0].points.target[TIP] - (30, 30)
 
 
-# What straight ways leave of the arm halfway, cos(angle / 2): 0.966, 0.866, 0.707, 0.259.
+# The length of the arm halfway on straight paths, cos(angle / 2): 0.966, 0.866, 0.707, 0.259.
 @pytest.mark.parametrize(("degrees", "straight"), [(30, 0.966), (60, 0.866), (90, 0.707), (150, 0.259)])
 def test_a_limb_keeps_its_length_where_a_blend_of_displacements_shrinks_it(degrees: float, straight: float) -> None:
     moving = animation((0, step(POINTS)), (2, step(bent(degrees))))
@@ -106,7 +106,7 @@ def test_the_loop_says_what_comes_after_the_end() -> None:
 def test_a_point_that_was_added_later_changes_nothing_before() -> None:
     first = bent(50)
     later = first.add([45.0, 20.0], [45.0, 5.0])
-    # Only a trend of the kernels' own energy is not changed by one more point that lies on the map.
+    # Only a trend of the kernels' own energy is not changed by one more point that is on the map.
     moving = animation((0, step(first, trend="affine_exact")), (1, step(later, trend="affine_exact")))
     just = moving.at(1e-7)
     assert just.steps[0].points.ids == later.ids

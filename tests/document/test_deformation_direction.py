@@ -1,4 +1,4 @@
-"""Steps that are fitted forward: documents, scripts, warps, inverses and what is said of them."""
+"""Steps that are fitted forward: documents, scripts, warps, inverses and remarks on them."""
 
 from __future__ import annotations
 

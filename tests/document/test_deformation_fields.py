@@ -1,4 +1,4 @@
-"""Every field of a document, and of what is kept beside it, is checked where it is made.
+"""Every field of a document, and of the data stored with it, is checked where it is made.
 
 The dataclasses are found from the annotations of :class:`deformnb.Deformation`, so that a new one cannot be missed.
 """
@@ -143,7 +143,7 @@ def conforms(value: Any, hint: Any) -> bool:
 
 
 def tried(example: Any, name: str, value: Any) -> None:
-    """A field with some value: it is refused in a sentence, or becomes what the annotation says."""
+    """A field with some value: it is refused in a sentence, or gets the annotated type."""
     try:
         made = dataclasses.replace(example, **{name: value})
     except DeformError:

@@ -247,7 +247,7 @@ def test_documents_of_every_released_form_stay_readable(path: Path) -> None:
 
 
 def as_of_1(document: Deformation) -> Deformation:
-    """What a document of 1.x means: an automatic support was the box's diagonal, and the affine trend was exact."""
+    """The meaning of a document of 1.x: an automatic support was the box's diagonal, and the affine trend was exact."""
 
     def steps(given: tuple[Step, ...]) -> tuple[Step, ...]:
         return tuple(
@@ -267,7 +267,7 @@ def as_of_1(document: Deformation) -> Deformation:
 
 
 def written_in_1(minor: int) -> tuple[str, str]:
-    """A fixture, and what the program of today writes of it."""
+    """A fixture, and the output of the present program for it."""
     text = (FIXTURES / f"document_1.{minor}.json").read_text(encoding="utf-8")
     today = text.replace(f'"version": "1.{minor}"', f'"version": "{VERSION[0]}.{VERSION[1]}"')
     return text, today.replace('"support": null', '"support": "box_diagonal"').replace('"affine"', '"affine_exact"')
@@ -372,7 +372,7 @@ def test_the_box_of_the_result_is_kept_to_the_letter() -> None:
 
 
 def test_a_reader_that_does_not_know_the_box_keeps_it_as_a_field_of_a_newer_version() -> None:
-    """What a program of 1.2 does with it: it goes into ``extra`` and comes out again."""
+    """The result of a program of 1.2: it goes into ``extra`` and comes out again."""
     written = json.loads(to_json(BOXED))
     older = replace(SAMPLE, extra={"output": written["output"]})
     assert json.loads(to_json(older)) == written
@@ -771,10 +771,10 @@ def test_a_document_of_an_earlier_version_replays_to_the_same_voxels(version: st
     for document in (deformation, from_json(to_json(deformation))):
         found = document.apply(volume).values.astype(int)
         assert found.shape == wanted.shape
-        # Where a value lies at the middle between two whole numbers, another processor may round it the other way.
+        # Where a value is at the middle between two whole numbers, another processor may round it the other way.
         assert np.abs(found - wanted).max() <= 1
         # A chain (1.3, 2.0, 2.1) is interpolated between nodes, at most a hundredth of a voxel off, where a voxel is
-        # some 40 grey levels of slope: 0.7 % of the values are rounded the other way.
+        # some 40 grey levels of slope: 0.7 % of the values are rounded in the other direction.
         assert (found != wanted).mean() < (1e-2 if version in ("1.3", "2.0", "2.1") else 1e-3)
     if version < "2":
         assert {step.trend for step in deformation.steps} & {"affine_exact"}

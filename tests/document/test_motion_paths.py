@@ -1,4 +1,4 @@
-"""Ways of control points between key frames: what turns keeps its size, what is rigid stays rigid."""
+"""Paths of control points between key frames: turning limbs keep their size, rigid parts stay rigid."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def length(places: np.ndarray) -> float:
     return float(np.linalg.norm(places[17:19].mean(axis=0) - places[KNEE_AT]))
 
 
-# How much of the leg straight ways leave halfway: cos(angle / 2), to three digits.
+# Length of the leg halfway on straight paths: cos(angle / 2), to three digits.
 @pytest.mark.parametrize(("degrees", "straight"), [(30, 0.966), (60, 0.866), (90, 0.707), (150, 0.259)])
 def test_a_leg_that_bends_keeps_its_length(degrees: float, straight: float) -> None:
     path = HandlePath(LEG, bent(degrees))
@@ -129,7 +129,7 @@ def test_both_ends_are_met_to_the_bit_and_what_is_held_goes_where_it_is_put() ->
     assert (path.at(1) == end).all()
     wanted = np.full_like(LEG, np.nan)
     wanted[KNEE_AT] = (48, 2)
-    assert path.at(0.5)[KNEE_AT].tolist() == [48, 0]  # it does not move: nothing is asked
+    assert path.at(0.5)[KNEE_AT].tolist() == [48, 0]  # it does not move: no question
     moved = end.copy()
     moved[KNEE_AT] = (48, 4)
     path = HandlePath(LEG, moved, held=np.arange(len(LEG)) == KNEE_AT)

@@ -46,7 +46,7 @@ def point_sets(draw: Any) -> ControlPoints:
     )
 
 
-# Far from all points, so that none lies in it.
+# Far from all points, so that none is in it.
 BONE = RigidPart(
     Mask(np.eye(2, 3, dtype=bool), Raster((2, 3), (1.0, 0.5), (200.0, 100.0))),
     RigidMotion.turn(30, (1, 2)),
@@ -132,7 +132,7 @@ def test_the_whole_script_runs() -> None:
 
 
 def test_numbers_of_numpy_are_written_as_numbers() -> None:
-    """A loop over an array, or a slider, hands on NumPy's own numbers."""
+    """A loop over an array, or a slider, passes NumPy's own numbers."""
     step = Step(
         (ControlPoints.empty(),),
         Plane.from_view(GRID, "+y"),

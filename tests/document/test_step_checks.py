@@ -1,4 +1,4 @@
-"""Whether a step can be believed: where folds are looked for, stages, safe drags, quality beside cuts and parts."""
+"""Reliability of a step: the search for folds, stages, safe drags, quality with cuts and parts."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def test_the_safe_strength_is_the_largest() -> None:
 
 def test_a_curve_that_weakens_the_map_can_fold_where_the_whole_does_not() -> None:
     turned = [[32 + 10 * np.cos(q), 32 + 10 * np.sin(q)] for q in np.arange(6) * np.pi / 3]
-    half = [(p, [64 - p[0], 64 - p[1]]) for p in turned]  # half a turn is safe, a part of the way to it is not
+    half = [(p, [64 - p[0], 64 - p[1]]) for p in turned]  # half a turn is safe, a part of the path to it is not
     whole = Step((ControlPoints.from_arrays(*map(list, zip(*half, strict=True))),), PLANE, trend="rigid")
     assert is_fold_free(whole, GRID)
     assert not is_fold_free(replace(whole, extrusion="modulate", curve="z"), GRID)

@@ -1,4 +1,4 @@
-"""The best prediction of a step: its regions and key pictures, and what stands beside rigid parts."""
+"""The best prediction of a step: its regions and key pictures, and the problem with rigid parts."""
 
 from __future__ import annotations
 

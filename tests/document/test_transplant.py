@@ -1,4 +1,4 @@
-"""A document on another volume: aligned by "box", what lay at a share of the old box lies at that share of the new."""
+"""A document on another volume: aligned by "box", shares of the old box become equal shares of the new."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def document_on(grid: Grid, *steps: Step, **options: Any) -> Deformation:
 
 
 def share(grid: Grid, points: Any) -> np.ndarray:
-    """Where points lie in the box of a grid, 0 to 1 along each of its own axes."""
+    """Places of points in the box of a grid, 0 to 1 along each of its axes."""
     return (grid.point_to_index(points) + 0.5) / np.array(grid.shape[::-1])
 
 

@@ -1,4 +1,4 @@
-"""What is offered when a volume is opened again, and what becomes of it."""
+"""Recovery: the offers when a volume is opened again, and their commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of sessions that were written by themselves: which are offered, which are kept."""
+"""Files of sessions that were written by themselves: which are offered, which are stored."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_few_are_kept_and_all_that_nobody_has_answered(tmp_path: Path, monkeypat
 
 @pytest.mark.parametrize("days", [-400, -40, 40, 400])
 def test_a_clock_that_goes_wrong_removes_nothing(days: float, tmp_path: Path) -> None:
-    """What was edited in the future or a long time ago, as it seems now, was perhaps edited a minute ago."""
+    """An edit that seems to be in the future or long ago was perhaps made a minute ago."""
     entries = [
         written(tmp_path, minutes=days * 24 * 60 + k, state=state) for k, state in enumerate(autosave_store.STATES)
     ]
@@ -194,7 +194,7 @@ def test_together_they_stay_small(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_what_else_lies_in_the_folder_is_left_alone(tmp_path: Path) -> None:
-    """Somebody may name the folder of a project, where documents and settings of other programs lie."""
+    """Somebody may name the folder of a project, with documents and settings of other programs."""
     entry = written(tmp_path)
     others = {tmp_path / name for name in ("my work.json", "settings.json", "0123-4-5.json", "server.live")}
     for path in others:

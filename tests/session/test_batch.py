@@ -1,4 +1,4 @@
-"""Replay over files: what is done stays done, what fails is told, and what is out of date is made again."""
+"""Replay over files: results stay, failures are reported, and outdated results are made again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Examples of a deformation: one edit each, undone at once, and what they do to the subject."""
+"""Examples of a deformation: one edit each, undone in one step, and their effect on the subject."""
 
 from __future__ import annotations
 

@@ -225,7 +225,7 @@ def test_thousands_of_edits_take_the_memory_of_two_hundred() -> None:
 
 
 class Tree(RuleBasedStateMachine):
-    """A history of at most eight states beside a dictionary that never forgets."""
+    """A history of at most eight states compared with a dictionary that never forgets."""
 
     MOST = 8
 
@@ -235,7 +235,7 @@ class Tree(RuleBasedStateMachine):
         self.states: dict[int, np.ndarray] = {0: np.zeros(1)}
         self.parents: dict[int, int] = {}
         self.labels = {0: ""}
-        self.visits = {0: 0}  # when each was shown last, or led to what was shown
+        self.visits = {0: 0}  # when each was shown last, or led to the one shown
         self.at = self.count = 0
 
     @property

@@ -303,7 +303,7 @@ def test_key_pictures_that_are_left_are_spoken_of(session: Session) -> None:
 
 def test_the_picture_is_made_once_for_each_question(session: Session) -> None:
     first = session.pictures.picture()
-    session.editing.edit_points(dragged(session))  # the picture shows what is before the step
+    session.editing.edit_points(dragged(session))  # the picture shows the result before the step
     assert session.pictures.picture() is first
     session.pictures.window, session.pictures.colour_map = (10, 30), "bone"
     shown = session.pictures.picture()
@@ -404,7 +404,7 @@ def test_a_file_that_somebody_else_has_changed_is_not_written_over(session: Sess
     with pytest.raises(FileChangedError):
         other.save(file)
     file.unlink()
-    other.save(file)  # what is gone is not written over
+    other.save(file)  # a missing file is not written over
     assert sorted(p.name for p in tmp_path.iterdir()) == ["fish.json", "mine.json"]
     file.touch()
     other.save(file)  # other times, the same content
@@ -420,7 +420,7 @@ def test_a_file_that_was_there_before_is_not_written_over(session: Session, tmp_
         assert (session.files.saved, session.files.path) == (None, None)
     session.save(file, overwrite=True)
     session.editing.change(strength=0.5)
-    session.save(file)  # what is in it was written here
+    session.save(file)  # its content was written here
     with pytest.raises(FileChangedError):
         Session(session.volume).save(file)
     again = Session(session.volume)

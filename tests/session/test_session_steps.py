@@ -1,4 +1,4 @@
-"""The list of steps in a session: order, switches, sums, cuts and parts, and the way back from all of it."""
+"""The list of steps in a session: order, switches, sums, cuts and parts, and undo of all of it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ GRID = Grid((10, 12, 14), (1.0, 1.5, 2.0), (3.0, -4.0, 5.0))
 def a_volume() -> Volume:
     z, y, x = np.indices(GRID.shape)
     values = (120 + 60 * np.sin(x / 2 + y / 3) + 40 * np.cos(z / 2 + y)).astype(np.uint8)
-    values[0, 0, 0] = 0  # what a gap is filled with
+    values[0, 0, 0] = 0  # the value that fills a gap
     return Volume(values, GRID, "waves")
 
 
@@ -269,7 +269,7 @@ def test_points_that_a_part_carries_go_with_it_in_one_edit() -> None:
     session.editing.edit_parts([replace(bone, motion=motion)], "turn bone")
     assert_allclose(session.editing.points.target[-1], motion(middle + 1))
     assert_array_equal(session.editing.points.target[:-1], before.target[:-1])
-    session.editing.change(strength=0.5)  # half of the turn is not half of the way
+    session.editing.change(strength=0.5)  # half of the turn is not half of the path
     session.results.field()
     session.editing.undo()
     session.editing.undo()
@@ -387,5 +387,5 @@ def test_a_cut_that_is_modulated_is_open_in_front() -> None:
     assert session.editing.step.curve == "1-z"
     assert "open in front" in session.editing.notice
     session.editing.change(extrusion="replicate")
-    session.editing.change(extrusion="modulate", curve="z")  # asked for
+    session.editing.change(extrusion="modulate", curve="z")  # requested
     assert session.editing.step.curve == "z"

@@ -78,7 +78,7 @@ def test_a_session_comes_back_as_it_was_seen(tmp_path: Path) -> None:
         assert (opened.pictures.transfer, opened.pictures.method, opened.pictures.depth) == (OWN, "slice", 3.5)
         assert opened.editing.deformation.extra == {}
         assert opened.document().extra == session.document().extra
-    named = Session(BAR, session.document(), transfer="bone")  # what is asked for comes first
+    named = Session(BAR, session.document(), transfer="bone")  # the request has priority
     assert (named.pictures.transfer, named.pictures.method) == ("bone", "slice")
 
 

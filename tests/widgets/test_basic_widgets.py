@@ -1,4 +1,4 @@
-"""Widgets that share layouts and styles: what one changes is its own, and what is shared outlives them."""
+"""Widgets that share layouts and styles: changes affect one alone, and shared ones outlive them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boxes of widgets: what the front end is told of them, and what it may choose."""
+"""Boxes of widgets: messages to the front end, and its choices."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_the_front_end_gets_the_tree_and_the_widgets_in_it() -> None:
     assert boxes.contents == (a,)
     a.close()
     inner.update()
-    assert boxes.contents == ()  # what is closed is not shown
+    assert boxes.contents == ()  # closed widgets are not shown
     boxes.close()
 
 

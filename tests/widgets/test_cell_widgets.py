@@ -37,7 +37,7 @@ class Cell:
         self.name, self.count = "cell", 1
 
     def again(self, name: str = "cell") -> None:
-        """This cell runs, with an id of its own as each run has."""
+        """This cell runs, with a separate id for each run."""
         self.name, self.count = name, self.count + 1
 
 

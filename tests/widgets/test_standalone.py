@@ -1,4 +1,4 @@
-"""The page without a kernel: what is in the file, and what cannot get out of it."""
+"""The web page without a kernel: the content of the file, and texts that cannot end an element."""
 
 from __future__ import annotations
 

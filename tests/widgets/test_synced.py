@@ -1,4 +1,4 @@
-"""What widgets tell their pages while the page, the kernel's messages and other threads set traits at once."""
+"""Messages of widgets to front ends, while those, the kernel's messages and other threads set traits concurrently."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OTHERS = {"selected": [1], "time": 0.25, "clip": [[0.0, 0.5], [0.0, 1.0], [0.0, 
 
 
 class Page:
-    """What a page holds of a widget: the value of each trait that it was told last, by an update or an answer."""
+    """The state of a front end: the value of each trait that it received last, by an update or an answer."""
 
     def __init__(self, widget: Any, monkeypatch: pytest.MonkeyPatch) -> None:
         self.traits: dict[str, Any] = {}

@@ -1,4 +1,4 @@
-"""What a card is told of cuts is what the core says, region by region, and so is what the page makes. No browser."""
+"""Textures of cuts equal the core's displacements, region by region, in Python and in the front end. No browser."""
 
 from __future__ import annotations
 

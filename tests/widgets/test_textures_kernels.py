@@ -1,4 +1,4 @@
-"""Every kernel and every trend reaches the shaders, of the page and of VTK alike, as maps of what Python evaluates."""
+"""Every kernel and every trend reaches the shaders, of the front end and of VTK, as maps of Python's values."""
 
 from __future__ import annotations
 

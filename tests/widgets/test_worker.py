@@ -178,7 +178,7 @@ def test_a_thread_without_work_ends_and_another_takes_its_place(monkeypatch: pyt
         threads.append(worker.call(threading.current_thread).result(PATIENCE))
         wait_for(lambda: not threads[-1].is_alive())
     assert len(set(threads)) == 3
-    assert ended == threads  # each puts away what it alone may touch
+    assert ended == threads  # each clears the state that it alone may touch
     worker.debounce(0.05, lambda: threads.append(threading.current_thread()))  # longer than it takes to be idle
     wait_for(lambda: len(threads) == 4)
     worker.close()

@@ -1,4 +1,4 @@
-"""Words in the sources: the texts of Python and TypeScript from which what is seen in a studio or a page is made.
+"""Words in the sources: the texts of Python and TypeScript that make those of a studio or a web page.
 
 A text is the key of the tables in ``deformnb/words``. Where it has values (``f"{count} points"`` in Python,
 ``${count} points`` in TypeScript) its shape has ``{}`` in their place, and so has that of the key ``"{n} points"``.
@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "deformnb"
 LESSONS = ROOT / "lessons" / "deformnb_lessons"
 
-_FEWEST = 4  # letters beside the values
+_FEWEST = 4  # letters next to the values
 _VALUE = re.compile(r"\{[^{}]*\}")
 _READS_AS_WORDS = re.compile(r"[^\W\d_]{2,} [^\W\d_]{2,}|^\W*[A-Z][a-z]+")
 
@@ -40,7 +40,7 @@ def shape(key: str) -> str:
 
 
 def wildcard(text: str) -> re.Pattern[str]:
-    """What a text with values may become; each is a letter at most, if there is hardly a word beside them."""
+    """Possible results of a text with values; each is a letter at most, if there is hardly a word next to them."""
     letters = len(re.findall(r"[^\W\d_]", shape(text).replace("{}", "")))
     return re.compile(re.escape(shape(text)).replace(r"\{\}", ".*" if letters >= _FEWEST else ".?"), re.DOTALL)
 
@@ -54,7 +54,7 @@ def reads_as_words(text: str) -> bool:
 
 
 def python_texts(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and shape of each text of a module, without docstrings, annotations, errors and what is logged."""
+    """Line and shape of each text of a module, without docstrings, annotations, errors and log messages."""
     tree = ast.parse(path.read_text("utf-8"))
     left_out = set[int]()
     for node in ast.walk(tree):
@@ -90,7 +90,7 @@ def _part(value: ast.expr) -> str:
 
 
 def script_texts(folder: Path, into: Path) -> Iterator[tuple[Path, str]]:
-    """Module and shape of each text of the modules of a folder, without what is thrown at other modules.
+    """Module and shape of each text of the modules of a folder, without errors for other modules.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class _Token(NamedTuple):
 class _Lexer(JavascriptLexer):
     """A slash after an arrow begins a regular expression, which Pygments 2.21 takes for a division."""
 
-    tokens = {"root": [(r"=>", Punctuation, "slashstartsregex"), inherit]}  # noqa: RUF012 (as Pygments asks)
+    tokens = {"root": [(r"=>", Punctuation, "slashstartsregex"), inherit]}  # noqa: RUF012 (as Pygments requires)
 
 
 _CONCAT = [_Token(sign, is_text=False) for sign in (".", "concat", "(")]

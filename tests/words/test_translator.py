@@ -1,4 +1,4 @@
-"""The tables of words: complete for what the sources say, and translated alike in Python and in the front ends."""
+"""The tables of words: complete for the sources, and translated equally in Python and in the front ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traits of the editor's hand: what a page may say of them, and what code may."""
+"""Pointer settings of the editor: values that a front end may set, and those that code may."""
 
 from __future__ import annotations
 

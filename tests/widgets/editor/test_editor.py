@@ -1,4 +1,4 @@
-"""The editor without a browser: its traits, its messages, what it refuses, and its still picture."""
+"""The editor without a browser: its traits, messages, refusals, and still picture."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def test_an_id_that_was_given_never_comes_back(picture: Picture, points: Control
     receive(editor, edit(points_to_json(points.add([1, 1])), 1))
     receive(editor, edit(points_to_json(points), 2))
     assert editor.points.add([2, 2]).ids[-1] == 5
-    receive(editor, edit(points_to_json(points), 3, next_id=9))  # added and removed before Python heard of either
+    receive(editor, edit(points_to_json(points), 3, next_id=9))  # added and removed before Python received either
     assert editor.points.add([2, 2]).ids[-1] == 9
     assert editor.next_id == 9
 
@@ -298,7 +298,7 @@ def test_the_page_learns_what_python_has_taken_in_after_it_has_the_points(
     editor.observe(lambda change: told.append(change["name"]), ["points", "seen"])
     receive(editor, edit(points_to_json(points.move(0, [2, 2])), 5))
     assert told == ["points", "seen"]
-    receive(editor, edit(points_to_json(points), 6, "move"))  # leaves the points, so it says nothing of them
+    receive(editor, edit(points_to_json(points), 6, "move"))  # leaves the points, so it omits them
     assert editor.seen == {"w1": 5}
     receive(editor, edit(points_to_json(points), 5))  # came twice
     assert editor.points == points.move(0, [2, 2])

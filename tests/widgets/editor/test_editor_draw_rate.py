@@ -1,4 +1,4 @@
-"""How often an editor's picture was drawn in a drag, as its page tells with the edit that ends the drag."""
+"""Draw rate of an editor's picture in a drag, as its front end reports with the edit that ends the drag."""
 
 from __future__ import annotations
 

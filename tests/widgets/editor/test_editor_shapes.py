@@ -1,4 +1,4 @@
-"""Cuts and rigid parts of an editor in Python: traits, messages of the page, and what the core makes of them."""
+"""Cuts and rigid parts of an editor in Python: traits, messages of the front end, and their effect in the core."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def picture() -> Picture:
 
 
 def answers_to_edit(editor: Editor, **changes: Any) -> list[Any]:
-    """What the editor answers to a message of the page."""
+    """Answers of the editor to a message of the front end."""
     answers: list[Any] = []
     editor.send = lambda content, buffers=None: answers.append(content)  # type: ignore[method-assign]
     message = {

@@ -183,7 +183,7 @@ def test_a_new_point_takes_hold_of_what_is_seen_there(editor: SpaceEditor, point
     receive(editor, edit(raw, 1, kind="add"))
     np.testing.assert_allclose(editor.points.source[-1], expected, atol=1e-12)
     np.testing.assert_allclose(editor.points.target[-1], place)
-    dragged = raw.move(raw.ids[-1], place + np.array([1, 0, 0]))  # by a page that has not heard of it
+    dragged = raw.move(raw.ids[-1], place + np.array([1, 0, 0]))  # by a front end that has not received it
     receive(editor, edit(dragged, 2))
     np.testing.assert_allclose(editor.points.source[-1], expected, atol=1e-12)
     x = points.target[3] + [0.5, 0.5, 0.5]
@@ -203,7 +203,7 @@ def test_a_new_point_counts_strength(volume: Volume, points: ControlPoints) -> N
 def test_pictures_come_when_a_page_is_there_and_only_those_that_changed(editor: SpaceEditor) -> None:
     editor.points = editor.points.move(0, [20, 10, 20])
     assert not editor.sender.worker.is_wanted
-    editor.sender.worker.call(lambda: None).result(PATIENCE)  # what the thread had begun is done
+    editor.sender.worker.call(lambda: None).result(PATIENCE)  # the work of the thread is done
     assert editor.messages == []  # nobody looks
     receive(editor, {"type": "hello", "view": "v"})
     content, buffers = pictures(editor)
@@ -367,7 +367,7 @@ def test_its_still_picture_is_a_png(editor: SpaceEditor) -> None:
 
 # ---- linked coordinates ----------------------------------------------------------------------------------------------
 
-# A drag in each picture by each way, for whole grids of any direction.
+# A drag in each picture along each path, for whole grids of any direction.
 DRAGS = """({ panes, points, ways }) => panes.map((pane) => ways.map(([da, db]) => {
   const moved = translateInSpace(points, points.map((p) => p.id), vectorFromPane(pane, da, db));
   return { depths: moved.map((p) => inPane(pane, p.target)[2]), before: points.map((p) => inPane(pane, p.target)[2]),

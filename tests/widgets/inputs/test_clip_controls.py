@@ -1,4 +1,4 @@
-"""Sliders of a clip: what Python holds of them, and what a view takes from its page."""
+"""Sliders of a clip: their values in Python, and those that a view takes from its front end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The curve editor without a browser: curves and nodes, what the page may say, and its scripts against the core."""
+"""The curve editor without a browser: curves and nodes, messages of the front end, and its scripts against the core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The keys of an interpolation without a browser: depths, the selected one, and what the page may say."""
+"""The keys of an interpolation without a browser: depths, the selected one, and messages of the front end."""
 
 from __future__ import annotations
 

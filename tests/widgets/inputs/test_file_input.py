@@ -19,7 +19,7 @@ from deformnb.widgets.web.guard import LONGEST_REQUEST
 
 
 class Taken:
-    """Takes files: what they hold, and where they were."""
+    """Takes files: their contents, and their folders."""
 
     def __init__(self) -> None:
         self.files: dict[str, bytes] = {}
@@ -73,7 +73,7 @@ def test_what_is_given_up_or_comes_wrong_is_forgotten(caplog: pytest.LogCaptureF
     receive({"type": "begin", "id": "y", "name": "b.nrrd", "size": 10}, [])
     receive({"type": "piece", "id": "y", "offset": 3}, [b"123"])
     assert "did not arrive as a whole" in taken.guard.errors[-1]
-    receive({"type": "piece", "id": "y", "offset": 0}, [b"123"])  # nothing of that number is under way any more
+    receive({"type": "piece", "id": "y", "offset": 0}, [b"123"])  # nothing of that number is in progress any more
     with caplog.at_level(logging.WARNING):
         for wrong in ({"type": "begin"}, {"type": "begin", "id": 5}, "begin"):
             receive(wrong, [])

@@ -1,4 +1,4 @@
-"""The grid on a drawing without a browser: where it begins, what a front end may say, and what comes of it."""
+"""The grid on a drawing without a browser: its start, messages of a front end, and their effect."""
 
 from __future__ import annotations
 

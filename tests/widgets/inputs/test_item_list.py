@@ -1,4 +1,4 @@
-"""The list of rows: what it takes from a page, and what it drops."""
+"""The list of rows: messages that it takes from a front end, and those it drops."""
 
 from __future__ import annotations
 

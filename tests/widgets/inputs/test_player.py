@@ -1,4 +1,4 @@
-"""The player in Python, and what a page may say."""
+"""The player in Python, and messages of a front end."""
 
 from __future__ import annotations
 

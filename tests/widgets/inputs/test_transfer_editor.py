@@ -1,4 +1,4 @@
-"""The transfer editor without a browser: histogram, presets, and what the page may say."""
+"""The transfer editor without a browser: histogram, presets, and messages of the front end."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def receive(editor: TransferEditor, value: Any, phase: str = "end") -> None:
     [
         (np.arange(200, dtype=np.uint8), 200, 0, 199),
         (np.arange(200, dtype=np.int16) * 16 - 1000, 200, -1000, 2184),  # 12 bits in 16
-        ((np.arange(200) / 255).astype(np.float32), 200, 0, 199 / 255),  # what was once bytes
+        ((np.arange(200) / 255).astype(np.float32), 200, 0, 199 / 255),  # former bytes
         (np.arange(4000, dtype=np.int32), 999, 0, 3995),  # four values to a bin, but for the very brightest
     ],
 )
@@ -314,6 +314,6 @@ def test_the_panel_of_the_look_gives_it_one_width_whatever_it_says(volume: Volum
     editor = TransferEditor(volume)
     panel = DisplayPanel(Session(volume), lambda action: bool(action() or True), LiveView(volume), editor)
     place = next(box for box in panel.box.children[0].children if editor in box.children)
-    assert "widget-vbox" in place.classes  # stretches what it holds; a Box would be as wide as the words below the plot
+    assert "widget-vbox" in place.classes  # stretches its children; a Box would be as wide as the words below the plot
     assert place.data([])["style"]["max-width"] == "720px"
     panel.close()

@@ -1,4 +1,4 @@
-"""Channels of messages: what is wrong is refused in one sentence, what is right is read."""
+"""Channels of messages: wrong ones are refused in one sentence, right ones are read."""
 
 from __future__ import annotations
 

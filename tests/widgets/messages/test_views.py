@@ -1,4 +1,4 @@
-"""Every widget that receives messages, under mutated ones: nothing escapes, and what is refused changes nothing."""
+"""Every widget that receives messages, under mutated ones: nothing escapes, and a refused one changes nothing."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Records(logging.Handler):
 
 
 def state(widget: SyncedWidget) -> dict[str, Any]:
-    """All that a front end sees, without numbers of answers, and what a thread makes."""
+    """The state of a front end, without numbers of answers and results of threads."""
     found = {name: value for name, value in widget.get_state().items() if name not in ("seen", "thumbnails")}
     shown = found.get("shown")
     return {**found, "shown": {**shown, "seen": None}} if isinstance(shown, dict) else found
@@ -141,7 +141,7 @@ def test_a_mutated_message_raises_nothing_and_where_it_is_refused_changes_nothin
                 before = after
         assert refused > PER_RUN / 4
         widget.close()
-        threads.wait()  # what they log belongs to this widget
+        threads.wait()  # their log belongs to this widget
         assert log.failures == []
     finally:
         logger.removeHandler(log)

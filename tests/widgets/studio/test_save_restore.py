@@ -19,7 +19,7 @@ from deformnb.widgets import Studio, cell_widgets
 
 @pytest.fixture(autouse=True)
 def _last_file_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A user who closes a studio is kept waiting for a second only, and a busy machine may take longer to write."""
+    """A user who closes a studio waits for a second only, and a busy machine may take longer to write."""
     monkeypatch.setattr("deformnb.session.autosave._WAIT_AT_CLOSE", PATIENCE)
 
 
@@ -36,7 +36,7 @@ def click(studio: Studio, what: Any, version: Any = None) -> None:
 
 @pytest.fixture
 def lost() -> Any:
-    """What a studio held whose kernel was killed."""
+    """The state of a studio whose kernel was killed."""
     studio = studio_of()
     drag(studio, a_drag(studio))
     steps = studio.deformation.steps
@@ -132,7 +132,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     assert studio.session.editing.step.strength == 1.0
     opening.question.box.children[-1].click()
     assert not opening.question.box.is_visible
-    assert opening.question.box.children == ()  # nothing is asked
+    assert opening.question.box.children == ()  # no question
     assert studio.session.editing.step.strength == 1.0
     uploaded(opening.box, "half.json", content)
     opening.question.box.children[1].click()

@@ -121,7 +121,7 @@ def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) ->
     assert studio.editor.points == before
     assert "control point 4" in notice_of(studio)
     assert studio.stats()["refused"] == 1
-    drag(studio, a_drag(studio))  # and the studio goes on
+    drag(studio, a_drag(studio))  # and the studio works
     assert "control point" not in notice_of(studio)
 
 
@@ -149,7 +149,7 @@ def test_a_drop_is_solved_once_for_the_page_and_the_result(studio: Studio, monke
     studio.session.results.field()
     assert solved.count(threading.current_thread()) == 1
     studio.wait()
-    assert len(solved) <= 2  # diagnostics invert the whole system, in a thread of their own
+    assert len(solved) <= 2  # diagnostics invert the whole system, in a separate thread
 
 
 def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None:
@@ -178,7 +178,7 @@ def test_edits_of_a_followed_picture_send_the_view_nothing(studio: Studio) -> No
     studio.undo()
     assert studio.view.stats()["field_bytes"] == before
     shown = studio.view.still((60, 40))
-    controls(studio)["Extrusion"].value = "modulate"  # what the page cannot know
+    controls(studio)["Extrusion"].value = "modulate"  # unknown to the front end
     wait_for(lambda: studio.view.stats()["field_bytes"] > before)
     assert not np.array_equal(studio.view.still((60, 40)), shown)
 
@@ -308,7 +308,7 @@ def test_a_page_that_rounds_a_slider_to_its_step_edits_nothing(studio: Studio) -
     support.set_state({"value": rounded})  # as ipywidgets' page does when it shows a slider for the first time
     assert studio.session.editing.history["undo"] == ""
     assert studio.session.editing.step.support is None
-    support.set_state({"value": 10 ** (np.log10(rounded) + support.step)})  # a hand that moves it by one step
+    support.set_state({"value": 10 ** (np.log10(rounded) + support.step)})  # a user who moves it by one step
     assert studio.session.editing.step.support == pytest.approx(10 ** (np.log10(rounded) + support.step))
     studio.session.editing.change(strength=0.123456)
     controls(studio)["Strength"].set_state({"value": 0.12})
@@ -336,7 +336,7 @@ def test_a_slow_hand_on_a_slider_makes_one_edit(studio: Studio, monkeypatch: pyt
             now += 2.0
         studio.undo()
         assert getattr(studio.session.editing.step, field) == first
-    for kernel in ("gaussian", "cubic"):  # a menu has no way between
+    for kernel in ("gaussian", "cubic"):  # a menu has no value between
         controls(studio)["Kernel"].value = kernel
         now += 2.0
     studio.undo()
@@ -391,7 +391,7 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
     assert (view.layout.display, slices.layout.display) == ("none", None)
     assert slices.before is studio.session.results.field()
     assert (slices.read_only, len(slices.points)) == (True, 0)
-    assert studio.editor.live  # what is on its way is shown too
+    assert studio.editor.live  # a drag in progress is shown too
     points = studio.editor.points.move(4, [3.0, 3.0])
     page_says(
         studio,
@@ -653,7 +653,7 @@ def test_where_no_front_end_runs_there_is_a_picture(studio: Studio) -> None:
 
 
 def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
-    Studio(a_volume()).close()  # what is made once for all
+    Studio(a_volume()).close()  # objects that are made once
     gc.collect()
     widgets, threads = open_widgets(), Threads()
     for _ in range(3):
@@ -662,7 +662,7 @@ def test_a_closed_studio_leaves_nothing(tmp_path: Path) -> None:
         reference = weakref.ref(made)
         made.close()
         del made
-        wait_for(lambda: gc.collect() >= 0 and reference() is None)  # what is being worked on ends first  # noqa: B023
+        wait_for(lambda: gc.collect() >= 0 and reference() is None)  # work in progress ends first  # noqa: B023
     threads.wait()
     assert open_widgets() <= widgets
 

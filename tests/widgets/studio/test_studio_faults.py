@@ -1,4 +1,4 @@
-"""What goes wrong in a studio: it is said in the page, nothing is lost by it, and one can go on."""
+"""Faults in a studio: they are reported in the front end, nothing is lost, and work can continue."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     studio.wait()
     assert "no room" in reason.value
     assert studio.parts.picture.ways_on.is_visible
-    back.click()  # to the picture that still stands there
+    back.click()  # to the picture that is still shown
     studio.wait()
     assert studio.session.steps.view == before
     assert "Undone" in notice_of(studio)
@@ -180,7 +180,7 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         studio.parts.words.show("")
         studio.parts.link.preview(studio.session.editing.step)
         wait_for(lambda: "of the status line" in notice_of(studio))
-    drag(studio, a_drag(studio, 1.0))  # and it goes on
+    drag(studio, a_drag(studio, 1.0))  # and it works
     studio.wait()
     assert "of the status line" not in notice_of(studio)
     assert "5 points, 1 dragged" in status_of(studio)
@@ -209,7 +209,7 @@ def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
     slow.join(PATIENCE)
     assert edits == []
     assert panel.menu.value == "b"
-    panel.menu.value = "c"  # a hand
+    panel.menu.value = "c"  # a user
     assert edits == ["c"]
 
 
@@ -253,7 +253,7 @@ def test_the_volume_is_turned_with_the_picture_until_somebody_turns_it(studio: S
     side.value = "+z"
     studio.wait()
     assert view.camera["direction"] != first
-    view.set_camera((1.0, 0.2, 0.3))  # as a hand would
+    view.set_camera((1.0, 0.2, 0.3))  # as a user would
     mine = view.camera
     studio.undo()
     studio.wait()
@@ -306,7 +306,7 @@ def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatc
     studio.session.editing.reset()
     bundle = studio._repr_mimebundle_()
     before = from_png((bundle[0] if isinstance(bundle, tuple) else bundle)["image/png"])
-    assert before.shape != shown.shape or np.abs(before.astype(int) - shown).max() > 60  # it shows what was dragged
+    assert before.shape != shown.shape or np.abs(before.astype(int) - shown).max() > 60  # it shows the drag
 
 
 # -- saving ------------------------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     assert (tmp_path / "mine.json").read_text(encoding="utf-8") == "changed by someone"
     uploaded(panel(studio, "Open").box, "s.json", first)
     assert not head.unsaved
-    head.press()  # what was opened from elsewhere goes over nobody's file
+    head.press()  # a session opened from elsewhere replaces nobody's file
     wait_for(lambda: "Saved ball-3.json." in notice_of(studio))
 
 

@@ -29,7 +29,7 @@ from deformnb.widgets.messages.shapes import shapes_to_json
 
 
 def buttons_of(box: Any) -> dict[str, ipw.Button]:
-    """The buttons in a box, by what stands on them."""
+    """The buttons in a box, by their labels."""
     found = {box.description: box} if isinstance(box, ipw.Button) else {}
     for child in getattr(box, "children", ()):
         found |= buttons_of(child)
@@ -176,7 +176,7 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
     assert shapes.part.part is None
 
     def names() -> tuple[str, str]:
-        """What the list shows as chosen and moves, and what the picture does."""
+        """The chosen and movable rows of the list, and those of the picture."""
         chosen, row = studio.editor.chosen_shape, shapes.items.chosen
         moved = shapes.part.part.name if shapes.part.part else ""
         assert moved == (shapes.items.rows[row]["name"] if row >= 0 else "")

@@ -1,4 +1,4 @@
-"""The wand of a studio: what a click selects, in the picture and through the depth, and what becomes of it."""
+"""The wand of a studio: the selection of a click, in the picture and through the depth, and its shapes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all views have in common, by a view of one's own: it needs no more than what is abstract."""
+"""The common base of all views, by a custom view: it needs no more than the abstract methods."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PLANE = Plane.from_view(GRID, "+y")
 
 
 class Mine(AbstractView, ipw.HTML, metaclass=ViewMeta):  # type: ignore[misc]  # ipywidgets has no types
-    """Says in words what it shows."""
+    """Describes its content in words."""
 
     shows = ShowsTrait()
     clip = ClipTrait()
@@ -62,7 +62,7 @@ class Mine(AbstractView, ipw.HTML, metaclass=ViewMeta):  # type: ignore[misc]  #
         return {}
 
     def gone(self, x: Any) -> float:
-        """How far matter has gone to the right to get here."""
+        """The displacement of the tissue here to the right."""
         assert self.field is not None
         return float(-(self.field.displacement(np.asarray(x, float)) @ np.asarray(PLANE.u)))
 

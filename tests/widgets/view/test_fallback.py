@@ -1,4 +1,4 @@
-"""What draws for pages of a live view that cannot: what it answers, what it follows, and how it ends. No browser."""
+"""The renderer for clients of a live view that cannot draw: its answers, its inputs, and its end. No browser."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ PLANE = Plane.from_view(GRID, "+y")
 
 
 class Recorded(LiveView):
-    """A view whose messages are kept instead of sent."""
+    """A view whose messages are recorded instead of sent."""
 
     def send(self, content: Any, buffers: Any = None) -> None:
         self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
@@ -34,7 +34,7 @@ class Recorded(LiveView):
         deliver(self, {"view": view, **content})
 
     def draws(self, **said: Any) -> None:
-        """What a page says to whoever draws for it."""
+        """A message of a front end to its renderer."""
         self.say(type="drawn", say={"view": "a", **said})
 
     @property
@@ -65,7 +65,7 @@ def moved(by: float) -> ControlPoints:
 
 
 def column(image: np.ndarray) -> float:
-    """Where the middle of what is bright lies, as a share of the width."""
+    """The middle of the bright part, as a share of the width."""
     bright = np.nonzero(image.max(axis=2) > 64)[1]
     return float(bright.mean() / image.shape[1]) if len(bright) else -1.0
 
@@ -134,7 +134,7 @@ def test_a_drag_is_followed_while_the_button_is_down(view: Recorded) -> None:
     for k in range(1, 5):
         deliver_edit(editor, PointsEdit(sender="a", seq=k, phase="move", kind="move", points=moved(float(k))))
     view.wait(lambda content, image: column(image) > 0.56)
-    assert editor.points == moved(0.0)  # the hand has not let go
+    assert editor.points == moved(0.0)  # the user has not let go
     deliver_edit(editor, PointsEdit(sender="a", seq=9, phase="move", kind="move", points=moved(0.0)))
     view.wait(lambda content, image: abs(column(image) - 0.5) < 0.02)
 

@@ -1,4 +1,4 @@
-"""The live view's Python: what is sent, what is refused, and stills; and the arrays its page is made of. No browser."""
+"""The live view's Python: messages, refusals and stills; and the arrays of its front end. No browser."""
 
 from __future__ import annotations
 
@@ -58,13 +58,13 @@ def points(grid: Grid, plane: Plane, seed: int = 0, size: float = 2.0) -> Contro
 
 
 class Recorded(LiveView):
-    """A view whose messages are kept instead of sent."""
+    """A view whose messages are recorded instead of sent."""
 
     def send(self, content: Any, buffers: Any = None) -> None:
         self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
 
     def say(self, content: Any, buffers: list[Any] | None = None) -> list[tuple[Any, list[bytes]]]:
-        """What the view answers to a message of a page."""
+        """Answers of the view to a message of a front end."""
         self.__dict__["out"] = []
         deliver(self, content, buffers or [])
         return list(self.__dict__["out"])
@@ -257,7 +257,7 @@ def test_averages_and_geometry_of_what_is_shown_smaller() -> None:
     grid = Grid((5, 7, 9), (0.5, 1.0, 2.0), (3, 4, 5), TURNED)
     volume = Volume(rng.integers(0, 1000, grid.shape).astype(np.int16), grid)
     shown = packed_volume(volume, 80, 2048, window=(0.0, 1000.0))
-    assert shown.factors == (3, 2, 1)  # always along the axis where voxels lie closest
+    assert shown.factors == (3, 2, 1)  # always along the axis where voxels are closest
     assert shown.note == "shown at 1/3 along x, 1/2 along y"
     first = volume.values[0, 0:2, 0:3].astype(float).mean() * 255 / 1000
     last = volume.values[4, 6:7, 6:9].astype(float).mean() * 255 / 1000
@@ -305,7 +305,7 @@ def test_values_become_bytes_by_the_window() -> None:
 
 
 def _at(content: Any, maps: bytes, weights: bytes, x: np.ndarray) -> np.ndarray:
-    """What the card computes from the maps at places (n, 3) of its frame, by the formula of the shader."""
+    """The GPU's displacements from the maps at places (n, 3) of its frame, by the formula of the shader."""
     planar, plane = content.planar, content.planar["plane"]
     k, rows, columns = planar["shape"]
     grid = np.frombuffer(maps, "<f4").reshape(k, rows, columns, 2).astype(np.float64)
@@ -469,7 +469,7 @@ def test_finer_levels_from_the_start_and_where_there_are_none() -> None:
     view.projection = "shaded"
     assert not view.source.needs_repacking()
     flat = Recorded(ball(), transfer=TransferFunction(((90, 0, 0, 0), (99, 1, 1, 1)), ((90, 0), (99, 1))))
-    assert flat.source.shown.share == 1.0  # type: ignore[union-attr]  # bytes are told apart as they are
+    assert flat.source.shown.share == 1.0  # type: ignore[union-attr]  # bytes are distinct as they are
 
 
 def test_colours_are_those_of_the_values() -> None:
@@ -641,7 +641,7 @@ def test_two_views_are_turned_together() -> None:
     two.observe(lambda change: seen.append(change["new"]["direction"]), "camera")
     one.set_camera((0, 1, 0), zoom=2)
     assert two.camera == one.camera
-    two.set_state({"camera": {**two.camera, "direction": [1.0, 0, 0], "pan": [3, 4.5]}})  # as a page says it
+    two.set_state({"camera": {**two.camera, "direction": [1.0, 0, 0], "pan": [3, 4.5]}})  # as a front end sends it
     assert one.camera["direction"] == [1.0, 0.0, 0.0]
     assert one.camera["pan"] == [3.0, 4.5]
     assert seen == [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
@@ -694,7 +694,7 @@ def test_the_newest_field_follows_when_the_page_has_seen_the_last() -> None:
         Deformation.from_picture_points(GRID, "+y", points(GRID, Plane.from_view(GRID, "+y"), k)) for k in range(6)
     ]
     view.show_deformation(fields[0])
-    assert fields_of(view) == []  # no page has asked yet
+    assert fields_of(view) == []  # no front end has requested it yet
     view.say({"type": "hello", "view": "a", "largest": 2048})
     view.__dict__["out"] = []
     for field in fields[1:]:

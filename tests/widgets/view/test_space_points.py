@@ -54,7 +54,7 @@ def editor(volume: Volume, points: ControlPoints) -> Iterator[SpaceEditor]:
 
 
 def opened(volume: Volume) -> tuple[LiveView, list[dict[str, Any]]]:
-    """A live view with a page that shows at once whatever it gets."""
+    """A live view with a front end that shows everything immediately."""
     view, fields = LiveView(volume), []
 
     def send(content: Any, buffers: Any = None) -> None:
@@ -337,7 +337,7 @@ BODY = """({ info, field, values, table, unit, places, rays }) => {
 
 
 def page_body(volume: Volume, field: Any) -> dict[str, Any]:
-    """What the page of a live view holds."""
+    """The state of the front end of a live view."""
     shown = packed_volume(volume, 10**6, 2048)
     maps = field_textures(field, shown, None, 192, 64)
     buffers = [np.frombuffer(b, "<f4").tolist() for b in maps.buffers]
@@ -380,7 +380,7 @@ def test_the_page_looks_up_where_the_core_does(volume: Volume, points: ControlPo
 
 
 def test_a_displacement_with_cuts_is_left_out(volume: Volume) -> None:
-    """Its numbers are of half precision and stand for several regions."""
+    """Its numbers are of half precision and represent several regions."""
     data, places = page_body(volume, None), GRID.index_to_point([[3.0, 4, 5], [8, 9, 7]])
     data["field"]["space"] = {
         "shape": [2, 2, 2],

@@ -1,4 +1,4 @@
-"""Pictures on their way to several pages: the slowest that answers sets the pace, and one that is silent does not."""
+"""Pictures in flight to several front ends: the slowest that answers sets the pace, and one that is silent does not."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The volume view's Python: what is sent and refused, what an editor moves, threads, experts. No browser."""
+"""The volume view's Python: messages and refusals, moves of an editor, threads, experts. No browser."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def points(moved: float = 0.0) -> ControlPoints:
 
 
 class Recorded(VolumeView):
-    """A view whose messages are kept instead of sent."""
+    """A view whose messages are recorded instead of sent."""
 
     def send(self, content: Any, buffers: Any = None) -> None:
         self.__dict__.setdefault("out", []).append((content, list(buffers or [])))
@@ -176,7 +176,7 @@ def test_the_camera_of_a_page_turns_the_picture_and_frames_say_which_they_show(o
     content, (jpeg,) = view.frames[-1]
     assert (content["camera"], content["by"]) == (7, "a")
     assert np.abs(picture(jpeg) - before).mean() > 5
-    assert view.camera["zoom"] == 1.0  # the trait changes when the page says that the movement has ended
+    assert view.camera["zoom"] == 1.0  # the trait changes when the front end reports the end of the movement
     view.set_state({"camera": {"direction": [1, 0, 0], "zoom": 2.0}})
     assert view.camera["zoom"] == 2.0
 
@@ -252,7 +252,7 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
         return made
 
     def displacement() -> float:
-        """How far matter has gone at the point that is dragged, and at half of the depth."""
+        """The displacement of the tissue at the dragged point, and at half of the depth."""
         field = view.scene.ready().field()
         return float(-(field.displacement(PLANE.from_plane([9.0, 12.0, 15.0])) @ np.asarray(PLANE.u)))
 
@@ -278,7 +278,7 @@ def test_the_answer_to_a_drag_does_not_throw_back_the_next_one(opened: Any) -> N
     view.follow(editor, answer(2.0))
     assert displacement() == pytest.approx(2.0, abs=1e-6)
     view.show_deformation(None)
-    assert not editor.live  # it was followed once, however often the view was told to
+    assert not editor.live  # it was followed once, however often that was requested
 
 
 def test_a_refit_keeps_all_but_one_map_and_the_last_good_field() -> None:
@@ -380,7 +380,7 @@ def test_a_closed_view_begins_nothing_anew() -> None:
     view.close()
     threads.wait()
     camera = {"direction": [1, 0, 0]}
-    view.receive({"view": "a", "type": "camera", "camera": camera, "number": 7})  # a hand that has not let go yet
+    view.receive({"view": "a", "type": "camera", "camera": camera, "number": 7})  # a user who has not let go yet
     view.projection = "mip"
     with pytest.raises(DeformError, match="the view is closed"):
         view.still()
@@ -443,7 +443,7 @@ def test_without_opengl_the_core_draws_and_the_page_says_so(opened: Any, monkeyp
     assert view.stats()["path"] == "core"
     notices = [c["text"] for c, _ in view.__dict__["out"] if c["type"] == "notice"]
     assert "apt-get install libegl1 libgl1" in notices[0]
-    view.say(type="hello", **PAGE)  # a page that comes later is told too
+    view.say(type="hello", **PAGE)  # a later client is informed too
     assert sum(c["type"] == "notice" for c, _ in view.__dict__["out"]) == 2
     with pytest.raises(DeformError, match="no plotter"):
         view.call(lambda plotter: None)
@@ -515,7 +515,7 @@ def test_folds_are_red_and_named_and_can_be_switched_off(opened: Any) -> None:
     assert red(view.still()) > 100
     assert red(picture(view.frames[-1][1][0])) > 50
     assert badges(view) == ["red: where the map folds"]
-    view.say(type="hello", **{**PAGE, "view": "b"})  # a second page is told too
+    view.say(type="hello", **{**PAGE, "view": "b"})  # a second client is informed too
     assert badges(view) == 2 * ["red: where the map folds"]
     view.shows = "original"
     assert (red(view.still()), view.pictures.badge) == (0, "")

@@ -1,4 +1,4 @@
-"""Folds in VTK's shader: red where the core's determinant says so, on what is seen, and nowhere else."""
+"""Folds in VTK's shader: red where the core's determinant is negative, on visible tissue, and nowhere else."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ OPAQUE = TransferFunction(((0, 0.8, 0.9, 0.9),), ((0, 0), (70, 0), (75, 1), (255
 
 
 def slab() -> Volume:
-    """All matter, so that every ray meets some; the middle slice is the brightest."""
+    """All tissue, so that every ray meets some; the middle slice is the brightest."""
     values = np.zeros(GRID.shape, np.uint8)
     values[4:-4] = 150
     values[12] = 200
@@ -119,7 +119,7 @@ def places(depth: float = 0.0) -> NDArray[np.float64]:
 
 
 def on_tissue(field: AbstractField, at: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where a place of the result, and what is seen there, lies within the volume."""
+    """Check whether a place of the result, and the tissue seen there, is within the volume."""
     low, high = GRID.corners().min(axis=0) + 3, GRID.corners().max(axis=0) - 3
     return np.asarray(
         ((at > low) & (at < high)).all(axis=-1)
@@ -152,7 +152,7 @@ def test_in_all_projections(scene: Any, projection: str) -> None:
     one.set_field(field)
     image = one.render().astype(int)
     one.folding.show = False
-    painted = np.abs(image - one.render()).max(axis=-1) > 8  # light and matter are warm too
+    painted = np.abs(image - one.render()).max(axis=-1) > 8  # light and tissue are warm too
     det, seen = jacobian_determinant(field, places()), on_tissue(field, places())
     sure = seen & (np.abs(det) > 0.1)
     assert (painted == (det <= 0))[sure].mean() > 0.98
@@ -271,7 +271,7 @@ def test_maps_fold_where_their_field_does(kind: str) -> None:
     for by in (SHORT, 0.14, 0.22, 0.3, FAR):
         field = field_of(kind, by)
         least = folds_of(field, GRID.resampled(spacing=1.0)).least
-        if abs(least) > 0.05:  # close to 0 it depends on the places that are asked for
+        if abs(least) > 0.05:  # close to 0 it depends on the requested places
             answers.add(least <= 0)
             assert maps_fold(field_textures(field, frame_of(slab()), None, 192, 64)) == (least <= 0), (by, least)
     assert answers == {False, True}

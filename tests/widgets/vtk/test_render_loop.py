@@ -1,4 +1,4 @@
-"""When a scene is drawn: the newest of all changes, quick and then full pictures, errors that are said. No VTK."""
+"""When a scene is drawn: the newest of all changes, quick and then full pictures, error messages. No VTK."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from deformnb.widgets.vtk.render_loop import Frame, SceneLoop
 
 
 class Canvas:
-    """A scene of one grey level: every picture says what it was made of."""
+    """A scene of one grey level: every picture shows its inputs."""
 
     def __init__(self) -> None:
         self.grey, self.size, self.asked, self.closed = 0, (40, 30), [], 0
@@ -196,7 +196,7 @@ def test_no_third_picture_is_sent_before_one_is_seen() -> None:
     loop.change("grey", grey(1))
     wait_for(lambda: sender.was_full)
     assert frames == []
-    assert sender.confirm(1)  # and whoever was refused is asked again
+    assert sender.confirm(1)  # and a refused sender is called again
     loop.touch()
     wait_for(lambda: bool(frames))
     assert not sender.confirm(2)

@@ -119,7 +119,7 @@ def middle(image: np.ndarray) -> np.ndarray:
 def test_both_ways_show_what_the_core_has_warped(scene: Any, grid: Grid, name: str) -> None:
     volume = shape_without_symmetry(grid)
     field = deformation(name, grid).field(grid)
-    # On half the spacing, the second interpolation of what the core has warped blurs little; what is left are the
+    # On half the spacing, the second interpolation of the core's result blurs little; the rest are the
     # sharper edges and cut faces of the shader, which interpolates once.
     core = scene(warp(volume, field, output=grid.resampled(spacing=np.asarray(grid.spacing) / 2)), "array")
     wanted, plain = core.render(), scene(volume, "array").render()
@@ -242,7 +242,7 @@ def test_what_goes_right_and_down_in_a_picture_does_so_on_the_screen(scene: Any,
     before = middle(one.render())
     one.set_field(shift(GRID, plane, 3.0, 2.0))
     right, down = middle(one.render()) - before
-    # Lengths of 3 and 2 at some two pixels each; what leaves the box on the way makes the mean a little less.
+    # Lengths of 3 and 2 at some two pixels each; tissue that leaves the box makes the mean a little less.
     assert 4 < right < 8
     assert 2 < down < 5.5
     assert 1.3 < right / down < 2.1

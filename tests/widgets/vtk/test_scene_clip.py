@@ -1,4 +1,4 @@
-"""Scenes that are cut open: every way of drawing keeps the same part, and its face is lit."""
+"""Scenes that are cut open: every renderer shows the same part, and its face is lit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a scene of VTK must hold of a volume in a larger box, and what there is no memory for."""
+"""Voxels of a scene of VTK for a volume in a larger box, and the limits of memory."""
 
 from __future__ import annotations
 

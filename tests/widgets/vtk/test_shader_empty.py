@@ -1,4 +1,4 @@
-"""Rays that leave out what is empty: the picture stays the same to the last bit, whatever the shader does beside."""
+"""Rays that skip empty space: the picture stays the same to the last bit, whatever else the shader does."""
 
 from __future__ import annotations
 

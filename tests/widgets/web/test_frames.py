@@ -1,4 +1,4 @@
-"""The server behind a view's frame: a picture to turn, and nothing else that a page could ask for. No browser."""
+"""The server behind a view's frame: a picture to turn, and nothing else that a client could request. No browser."""
 
 from __future__ import annotations
 

@@ -432,7 +432,7 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: Ru
     async def attempt(method: str, size: int, *given: Any) -> tuple[int, Any]:
         before = running.server.guard.dropped
         async with connected(running) as page:
-            try:  # the server may close the line while the message is still on its way
+            try:  # the server may close the line while the message is still in transit
                 await page.send(method, *given, "x" * size)
                 known = "state" in await page.call("trame.state.get")
             except (ConnectionError, aiohttp.ClientError):
@@ -476,7 +476,7 @@ def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
 
 
 def test_a_page_has_one_message_at_a_time_in_the_application(running: RunningApp) -> None:
-    """Who sends many does not keep others waiting: its next one is read when the last has been taken."""
+    """Many messages of one client do not delay others: its next one is read when the last has been taken."""
     strength, free = _part(running.studio, "description", "Strength").model_id, threading.Event()
 
     async def attempt() -> int:
@@ -534,7 +534,7 @@ def test_a_request_that_cannot_be_read_is_a_line_of_the_log_without_what_was_sen
     for _ in range(3):
         with connection_with(running.name, request_.replace(b"{}", running.name.encode())) as foreign:
             assert b" 40" in foreign.recv(64)
-            while foreign.recv(4096):  # until the server has closed it, having logged what it logs
+            while foreign.recv(4096):  # until the server has closed it, after its log messages
                 pass
     told = [record for record in caplog.records if record.levelno > logging.DEBUG]
     assert len(told) <= 2  # the first, the second, the fourth ... of all refused
@@ -582,7 +582,7 @@ def test_who_does_not_read_a_file_does_not_hold_up_the_end(caplog: pytest.LogCap
         (connection,) = _connections(running)
         connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
         slow.sendall(request_of(running.name, "/vue.global.js"))
-        assert slow.recv(4096, socket.MSG_WAITALL)  # more than the head of the answer: the file is on its way
+        assert slow.recv(4096, socket.MSG_WAITALL)  # more than the head of the answer: the file is in transit
         running.server.stop()
         running.ended(20.0)  # aiohttp itself waits for 60 seconds
         slow.close()

@@ -1,4 +1,4 @@
-"""The mouse over pictures that are drawn elsewhere: what it makes of a camera."""
+"""The mouse over pictures that are drawn elsewhere: its effect on a camera."""
 
 from __future__ import annotations
 

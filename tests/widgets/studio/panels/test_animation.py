@@ -1,4 +1,4 @@
-"""Key frames in the studio: made, chosen, moved and played from the panel; movies with progress and a way to stop."""
+"""Key frames in the studio: made, chosen, moved and played from the panel; movies with progress and a stop button."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_key_frame_comes_where_the_player_rests_between_two(bench: Bench) -> N
     assert bench.session.editing.history["undo"] == "go to a moment"
     bench.press("Add key frame")
     assert bench.times == [0.0, 0.4, 1.0]
-    bench.press("Add key frame")  # it stands on a key frame now: after the last
+    bench.press("Add key frame")  # it is on a key frame now: after the last
     assert bench.times == [0.0, 0.4, 1.0, 2.0]
 
 
@@ -170,7 +170,7 @@ def test_an_edit_stops_the_player_and_is_not_hidden_by_it(bench: Bench) -> None:
     bench.drag((20.0, 14.0))
     assert not bench.panel.player.is_playing
     bench.view.show_deformation(bench.session.editing.deformation)
-    bench.panel.player.time = 0.33  # what the page says a little later: where it has stopped
+    bench.panel.player.time = 0.33  # a late message of the front end: where it has stopped
     bench.panel.playback.wait()
     assert bench.view.moments is None
     bench.panel.quiet_until = 0.0
@@ -247,7 +247,7 @@ def test_a_movie_is_written(
         from PIL import Image
 
         with Image.open(tmp_path / name) as gif:
-            assert gif.n_frames == 4  # it goes on with the first
+            assert gif.n_frames == 4  # it continues with the first
     else:
         assert len(list((tmp_path / name).glob("*.png"))) == 4
     assert not movie.write.disabled
@@ -345,7 +345,7 @@ def test_a_page_with_a_card_draws_the_movie_and_python_all_of_it_if_the_page_lea
 
 
 def test_how_an_animation_is_played_is_kept_with_its_document(bench: Bench) -> None:
-    bench.panel.player.loop = "swing"  # nothing to keep it with yet
+    bench.panel.player.loop = "swing"  # nothing to store it with yet
     assert bench.session.editing.history["undo"] == ""
     bench.press("Add key frame")
     bench.drag((22.0, 12.0))

@@ -1,4 +1,4 @@
-"""The panel of the depth: what it offers, and that a view follows a curve or a key while a hand moves it."""
+"""The panel of the depth: its controls, and a view that follows a curve or a key while the user moves it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TENT = [[0, 0], [0.5, 1], [1, 0]]
 
 
 class View:
-    """A view that keeps what it was told to show."""
+    """A view that records its contents."""
 
     def __init__(self) -> None:
         self.fields: list[AbstractField] = []
@@ -124,7 +124,7 @@ def test_a_drag_that_is_given_up_shows_again_what_was_there(made: Any) -> None:
     before, document = depth.moves, depth.session.editing.deformation
     depth.curve(TENT, "move")
     assert not np.allclose(depth.moves, before)
-    depth.curve(RAMP, "end")  # what Escape sends: nodes that say what the formula said
+    depth.curve(RAMP, "end")  # as Escape sends: nodes with the values of the formula
     np.testing.assert_allclose(depth.moves, before, atol=1e-9)
     assert depth.view.followed[-1] is depth.editor
     shown = len(depth.view.fields)
@@ -167,7 +167,7 @@ def test_a_movement_that_comes_after_the_edit_is_not_shown(made: Any) -> None:
     )
     depth.link.show(depth.editor)
     shown = len(depth.view.fields)
-    started.append(None)  # the thread goes on, with a preview from before
+    started.append(None)  # the thread continues, with a preview from before
     depth.say(depth.panel.keys, {"kind": "select", "index": 0, "knots": [0, 1], "selected": 0}, "move")
     assert len(depth.view.fields) == shown
     assert depth.session.editing.step is step

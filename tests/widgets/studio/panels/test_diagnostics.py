@@ -40,7 +40,7 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 
 
 def settle(studio: Studio) -> None:
-    """Until the thread has nothing left, also of what its own work asked for."""
+    """Until the thread has nothing left, also of requests by its own work."""
     for _ in range(3):
         studio.wait()
 

@@ -1,4 +1,4 @@
-"""Writing from the studio's tab: what is cancelled frees the panel at once and leaves no file."""
+"""Writing from the studio's tab: a cancelled export frees the panel immediately and leaves no file."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(
         if path.suffix != ".png":
             return export(frozen, path, progress=progress, **options)
         try:
-            if moment == "before it writes":  # it does not look up, and is not asked
+            if moment == "before it writes":  # it does not check, and is not asked
                 begun.set()
                 go_on.wait(60)
             with atomic_write(path) as stream:
@@ -73,7 +73,7 @@ def test_a_cancelled_file_frees_the_panel_at_once_and_never_comes(
     assert ended.wait(60)
     wait_for(lambda: sorted(p.name for p in tmp_path.iterdir()) == ["ball.png", "ball.py"])
     assert (tmp_path / "ball.png").read_bytes() == b"older"
-    assert files.writing.message.value.startswith("Wrote ball.py")  # nothing is said of what nobody awaits
+    assert files.writing.message.value.startswith("Wrote ball.py")  # no message of an export that nobody awaits
 
 
 def test_a_file_that_takes_its_place_is_not_cancelled(

@@ -1,4 +1,4 @@
-"""The studio's controls of the result's box: what they choose, what they say, and that the view follows."""
+"""The studio's controls of the result's box: their choices, their texts, and the view that follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panel of points: what its table gets, what it takes from a page, and what it does to the session."""
+"""The panel of points: the data of its table, messages of a front end, and their effect on the session."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from deformnb.widgets.studio.panels.points import PointsPanel
 
 
 class Bench:
-    """A panel with its session, an editor, and a page that is played by hand."""
+    """A panel with its session, an editor, and a simulated front end."""
 
     def __init__(self, in_space: bool = False) -> None:
         self.session = Session(Volume(np.zeros((16, 16, 16), np.uint8), Grid((16, 16, 16))))
@@ -231,7 +231,7 @@ def test_a_locked_point_is_not_moved_and_not_deleted(bench: Bench) -> None:
     assert all("locked" in error for error in bench.guard.errors)
     assert bench.points is before
     assert bench.cell(0, "name", "held")
-    assert bench.says("remove", [0, 1])["ok"]  # what is free goes
+    assert bench.says("remove", [0, 1])["ok"]  # free points go
     assert bench.points.ids == (0, 2, 3)
 
 

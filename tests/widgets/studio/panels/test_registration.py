@@ -58,7 +58,7 @@ TARGET = Volume(dn.warp(VOLUME, TRUE.field(GRID)).values, GRID, "target")
 def finish(panel: FitPanel) -> None:
     """Wait until all that was begun in the panel's thread is done and shown, and no preview waits to be made."""
     wait_for(lambda: not panel.thread.is_wanted)
-    panel.thread.call(lambda: None).result(90)  # behind what the thread is at
+    panel.thread.call(lambda: None).result(90)  # behind the present work of the thread
 
 
 class Bench:

@@ -29,7 +29,7 @@ def done(action: Any) -> bool:
 
 def test_the_middle_of_every_kind_of_region() -> None:
     assert middle_of(HalfSpace((1.0, 2.0, 3.0), (0.0, 0.0, 1.0))) == (1.0, 2.0, 3.0)
-    around = [(0.0, 0.0), (0.0, 6.0), (3.0, 0.0)]  # a triangle, the other way round
+    around = [(0.0, 0.0), (0.0, 6.0), (3.0, 0.0)]  # a triangle, in the other direction
     assert_allclose(middle_of(Polygon(around)), (1, 2))
     flat = np.zeros((4, 5), bool)
     flat[1:3, 2:5] = True  # rows 1 and 2, columns 2 to 4

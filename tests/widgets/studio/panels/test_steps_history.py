@@ -1,4 +1,4 @@
-"""The panel of the history: what it lists, in which order, and where a click goes."""
+"""The panel of the history: its rows, their order, and the state after a click."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from deformnb.widgets.studio.panels.steps import HistoryPanel
 
 
 class Guarded:
-    """A guard that keeps what was said."""
+    """A guard that records messages."""
 
     def __init__(self) -> None:
         self.errors: list[str] = []
@@ -108,7 +108,7 @@ def test_two_hundred_states_in_a_row_are_not_moved_in() -> None:
 
 def test_branches_of_branches_end_somewhere_and_none_is_lost() -> None:
     nodes = [HistoryNode(0, None, "", 0.0, True, True)]
-    for k in range(1, 60, 2):  # each has one more beside it
+    for k in range(1, 60, 2):  # each has one more next to it
         nodes += [
             HistoryNode(k, max(0, k - 2), "a", 0.0, False, False),
             HistoryNode(k + 1, max(0, k - 2), "b", 0.0, False, False),

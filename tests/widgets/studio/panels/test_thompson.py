@@ -1,4 +1,4 @@
-"""The panel of two grids: what it does to the session, what it shows, and the files it writes."""
+"""The panel of two grids: its effect on the session, its display, and the files it writes."""
 
 from __future__ import annotations
 
