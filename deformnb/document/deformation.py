@@ -81,12 +81,12 @@ class Step(AbstractFitSettings):
     knots : depths in [0, 1] of the maps of the rule "interpolate".
     enabled : a step that is switched off stays in the list.
     name : shown to people.
-    extra : fields of a newer minor version, kept for saving.
+    extra : fields of a newer minor version, stored for saving.
     parts : what stays rigid (Eq. 6), in the picture's coordinates, or in space for points in space.
     cuts : along which tissue comes apart (Eq. 7), in the same coordinates.
     cut_rule : the picture next to a cut, a name of :data:`~deformnb.rbf.cuts.CUT_RULES`.
     settings : (of the fit, by their names) the fields of :class:`~deformnb.rbf.fit_settings.AbstractFitSettings`. In
-        several ``stages`` on a plane the composed map is extruded, so that a depth where f(z) lies between 0 and 1 may
+        several ``stages`` on a plane the composed map is extruded, so that a depth with f(z) between 0 and 1 may
         still fold. ``chosen_support``, None for points at one place, stays while points are dragged, so that the map
         does not jump, and in documents; :meth:`with_points` finds it anew when points are added, removed or switched,
         and so does a step with another kernel.
@@ -119,7 +119,7 @@ class Step(AbstractFitSettings):
     cut_rule: str = "source"
 
     def __post_init__(self) -> None:
-        for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals what is read
+        for name in ("maps", "knots", "curve", "parts", "cuts"):  # lists too, so that a document equals its file
             if name != "curve" or not isinstance(self.curve, str):
                 object.__setattr__(self, name, _as_tuple(getattr(self, name), name))
         self._check_kinds()
@@ -467,7 +467,7 @@ class Deformation:
     steps : the steps in the order in which they are done.
     name : shown to people.
     volume : the volume it was made on, if known.
-    extra : fields of a newer minor version, kept for saving.
+    extra : fields of a newer minor version, stored for saving.
     mode : a name of :data:`MODES`.
     keyframes : of an animation, their times rising.
     easing, loop : names of :data:`EASINGS` and :data:`LOOPS`.

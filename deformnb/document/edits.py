@@ -3,7 +3,7 @@
 A new kernel brings its trend, an extrusion rule its points, a turned picture a new step. Each edit of the key frames
 returns the next document, or refuses with the reason.
 
-A key frame keeps the steps of the document as they were when it was made. The document itself continues: a key frame is
+A key frame stores the steps of the document as they were when it was made. The document continues: a key frame is
 changed by going to it (:func:`document_at_key`), editing, and storing the result in it (:func:`update_key`).
 """
 

@@ -1,7 +1,7 @@
 """JSON serialization of a deformation, with a reader that validates everything.
 
 The form has a version "major.minor". A newer major version is refused; fields that a newer minor version added to the
-document or to a step are kept and written out again (so a minor version may add them there and nowhere else).
+document or to a step are stored and written out again (so a minor version may add them there and nowhere else).
 
 The reader has typed access to the JSON and checks every value: no NaN, no infinity, bounded size and nesting, and every
 error names the place in the document. Nothing in a document is ever executed, unpickled, or used as a path.

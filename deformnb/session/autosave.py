@@ -326,7 +326,7 @@ class _Job:
         self.waiting = self.latest
         self.since = now if is_first else self.since
         self.due = min(now + self.delay, self.since + LONGEST_WAIT * max(self.delay, 1e-3))
-        self.start()  # a thread that waits already looks at the time again when it wakes
+        self.start()  # a thread that waits already checks the time again when it wakes
 
     def flushed(self, timeout: float) -> bool:
         with self.changed:

@@ -155,7 +155,7 @@ class Editing(traitlets.HasTraits):
 
         Parameters
         ----------
-        label : what was done, for the history.
+        label : name of the edit, for the history.
         index : the step that is edited afterwards; None stays at its place in the list, if there is one.
         kind : edits of one kind in quick succession are one step of undo; None never joins.
         key : the set of points that is edited afterwards; None stays at its place.
@@ -190,7 +190,7 @@ class Editing(traitlets.HasTraits):
 
         Parameters
         ----------
-        label : what was done, for the history.
+        label : name of the edit, for the history.
         kind : edits of one kind in quick succession are one step of undo; None never joins.
 
         Raises
@@ -207,11 +207,11 @@ class Editing(traitlets.HasTraits):
         """Change fields of the step being edited, such as ``kernel="gaussian"``.
 
         A kernel that needs a richer trend gets it, with a notice. The rule "interpolate" spreads the points to three
-        depths at first; leaving it keeps those being edited.
+        depths at first; leaving it preserves those being edited.
 
         Parameters
         ----------
-        label : what was done, for the history.
+        label : name of the edit, for the history.
         kind : edits of one kind in quick succession are one step of undo; None never joins.
         slides : as of :meth:`edit_document`.
 
@@ -259,7 +259,7 @@ class Editing(traitlets.HasTraits):
     ) -> None:
         """Other rigid parts of the step being edited, :class:`~deformnb.rbf.rigid.RigidPart`.
 
-        Points that a part carries go on with it where it gets another motion. A point inside a part that requires
+        Points that a part carries follow it where it gets another motion. A point inside a part that requires
         something else than the part does is refused.
 
         Parameters
@@ -280,7 +280,7 @@ class Editing(traitlets.HasTraits):
         Parameters
         ----------
         part : the new part.
-        label : what was done, for the history.
+        label : name of the edit, for the history.
         held : what becomes of points within a part that require something else than it does, one of
             :data:`~deformnb.rbf.rigid.HELD_POINT_RULES`: "carry" lets them go with the part, "switch off" switches
             them off, "refuse" raises.
@@ -309,7 +309,7 @@ class Editing(traitlets.HasTraits):
 
         Parameters
         ----------
-        made : what the edit made. If something else is shown by now, or an older state, nothing happens.
+        made : result of the edit. If something else is shown by now, or an older state, nothing happens.
         better : what shall be shown instead; undo takes back the edit with it.
         notice : the message to the user.
 
@@ -361,7 +361,7 @@ class Editing(traitlets.HasTraits):
 
         Returns
         -------
-        For each state its ``id``, that of its ``parent``, its ``label`` (what was done to get there), its ``time``, and
+        For each state its ``id``, that of its ``parent``, its ``label`` (the edit that led there), its ``time``, and
         whether it ``is_current`` and ``is_on_way``, where undo and redo lead.
         """
         with self.lock:
@@ -376,7 +376,7 @@ class Editing(traitlets.HasTraits):
 
         Returns
         -------
-        What was done to get to that state.
+        The edit that led to that state.
 
         Raises
         ------

@@ -1,6 +1,6 @@
 """Examples of a deformation for any volume: each is one edit of a session that shows the use of a tool.
 
-Each places control points around what is bright on the picture, along its principal axes
+Each sets control points around the foreground of the picture, along its principal axes
 (:func:`~deformnb.imaging.demo.subject_axes`) or in its box (:func:`~deformnb.imaging.demo.subject_box`), in place of
 those of the step being edited, so that one undo brings everything back.
 """

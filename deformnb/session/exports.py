@@ -177,7 +177,7 @@ class Export:
     title : for a menu.
     suffixes : of file names it writes; the first is proposed.
     write : (frozen, path, progress).
-    folder_marks : of what is written as a folder, as those of a :class:`~deformnb.io.volumes.formats.Format`.
+    folder_marks : of exports that are folders, as those of a :class:`~deformnb.io.volumes.formats.Format`.
     """
 
     title: str

@@ -2,7 +2,7 @@
 
 A box of ipywidgets is a widget, and its layout is another: each opens a comm. Here a box is a description, in which
 widgets are named by number, and all boxes of a front end are one trait of :class:`Boxes`. The front end has the class
-names and looks of ipywidgets' boxes.
+names and styles of ipywidgets' boxes.
 """
 
 from __future__ import annotations

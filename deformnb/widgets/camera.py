@@ -119,7 +119,7 @@ def checked_camera(value: Any) -> dict[str, Any]:
     Raises
     ------
     DeformError
-        For what is no camera.
+        For other objects than a camera.
 
     Examples
     --------

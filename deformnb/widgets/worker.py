@@ -161,7 +161,7 @@ class _Queue:
 
     def put_job(self, key: str, work: Callable[[], None]) -> None:
         with self.changed:
-            self.jobs[key] = work  # a dict keeps the place of the first: nobody waits for ever
+            self.jobs[key] = work  # a dict preserves the place of the first: no job waits for ever
             self.rest = None
             self.changed.notify()
 

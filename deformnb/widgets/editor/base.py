@@ -169,7 +169,7 @@ class EditedPoints(SyncedWidget):
     Attributes
     ----------
     settings : of the fit, a :class:`~deformnb.rbf.fit_settings.FitSettings`; each is an attribute too, such as
-        ``editor.strength``, and :meth:`change` changes several at once.
+        ``editor.strength``, and :meth:`change` changes several in one message.
     mirror : ``{"on": bool, "axis": name, "at": number or None}``; an editor in space names other axes.
     snap : step of the lattice to which targets snap, 0 for none.
     front_end_traits : checks of the traits that the front end may change, by name.
@@ -194,7 +194,7 @@ class EditedPoints(SyncedWidget):
     fill = traitlets.Bool(False, help="take the size of the box around it instead of a height").tag(sync=True)
     label = traitlets.Unicode("Picture").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)
-    waiting = traitlets.Unicode("", help="what the front end waits for; nothing is edited meanwhile").tag(sync=True)
+    waiting = traitlets.Unicode("", help="the work that the front end waits for; no edits meanwhile").tag(sync=True)
     live = traitlets.Bool(False, help="whether the front end reports every movement").tag(sync=True)
     uid = traitlets.Unicode().tag(sync=True)
 

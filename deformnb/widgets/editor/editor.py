@@ -261,12 +261,12 @@ class Editor(EditedPoints):
     air = traitlets.Float(None, allow_none=True, help="value of the picture up to which nothing is seen").tag(sync=True)
     beyond = traitlets.List(traitlets.Float(), help="how far tissue off the picture is drawn").tag(sync=True)
     image = traitlets.Bytes(b"", help="the picture as PNG").tag(sync=True)
-    window = traitlets.List(traitlets.Float(), help="values shown as black and white, set by hand").tag(sync=True)
+    window = traitlets.List(traitlets.Float(), help="values shown as black and white, set manually").tag(sync=True)
     colour_map = traitlets.Enum(list(COLOUR_MAPS), COLOUR_MAPS[0])
     colours = traitlets.Bytes(b"", help="256 colours of the map, red, green, blue; empty for grey").tag(sync=True)
     shows = traitlets.Enum(list(PICTURE_SHOWS), PICTURE_SHOWS[0]).tag(sync=True)
     slices = traitlets.Dict(help="number, first depth and spacing of the slices").tag(sync=True)
-    wand = traitlets.Dict(help="what the wand has selected; {} where nobody answers it").tag(sync=True)
+    wand = traitlets.Dict(help="selection of the wand; {} where nobody answers it").tag(sync=True)
     slice = traitlets.Int(0, min=0, help="the slice that is shown, counted from 0").tag(sync=True)
 
     def __init__(

@@ -175,7 +175,7 @@ class SpaceEditor(EditedPoints):
     projection = traitlets.Enum(list(SLICE_PROJECTIONS), "slice").tag(sync=True)
     shows_original = traitlets.Bool(False).tag(sync=True)
     panes: Any = traitlets.List().tag(sync=True)
-    revision = traitlets.Int(0, help="counts changes of what is no trait: volume, before, options")
+    revision = traitlets.Int(0, help="counts changes of other data than traits: volume, before, options")
 
     def __init__(
         self,

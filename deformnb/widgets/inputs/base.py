@@ -38,7 +38,7 @@ class AbstractEdited(ABC, SyncedWidget, metaclass=ViewMeta):
 
     channel = VALUE
 
-    shown = traitlets.Dict(help="what the front end draws").tag(sync=True)
+    shown = traitlets.Dict(help="content for the front end").tag(sync=True)
     theme = traitlets.Enum(["auto", "light", "dark"], "auto").tag(sync=True)
     label = traitlets.Unicode("").tag(sync=True)
     read_only = traitlets.Bool(False).tag(sync=True)

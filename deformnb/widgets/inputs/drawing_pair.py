@@ -31,7 +31,7 @@ class DrawingPair(Boxes):
     first : the picture that will be deformed.
     second : the target drawing; None lets the user open one.
     rows, columns : lines of both grids, to begin with.
-    guard : runs what a user requested and shows errors; default shows them below the drawings.
+    guard : runs requests of the user and shows errors; default shows them below the drawings.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ class FileTransfer(SyncedWidget):
     _esm = bundle("file_transfer.js")
     _css = bundle("file_transfer.css")
 
-    uid = traitlets.Unicode(help="tells views of this widget from those of others in the page").tag(sync=True)
+    uid = traitlets.Unicode(help="distinguishes views of this widget from those of others").tag(sync=True)
 
     def __init__(self, **traits: Any) -> None:
         super().__init__(uid=uuid.uuid4().hex, **traits)

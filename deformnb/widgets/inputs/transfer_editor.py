@@ -52,7 +52,7 @@ class TransferEditor(AbstractEdited):
     height : least height of the plot in CSS pixels; a wide window makes it a little larger.
     power : the height of an alpha on the plot is alpha to this power: below 1, the small alphas of translucent tissue
         can be distinguished and dragged; 1 is linear.
-    worker : the thread in which thumbnails of the presets are made; default is one of its own.
+    worker : the thread in which thumbnails of the presets are made; default is a separate one.
     theme, label, read_only : as in :class:`~deformnb.widgets.Editor`.
 
     Notes

@@ -132,7 +132,7 @@ class StudioPanels:
     picture, volume : above the panes.
     start : above the picture while nothing is deformed.
     opening : takes files that are dropped on the studio.
-    others : stand in another one.
+    others : in other panels.
     wand : the tool of the picture.
     """
 
@@ -242,7 +242,7 @@ def arranged(
 ) -> list[Any]:
     """The rows of a studio: its file input, its head, the menus of that, and the body of panes and panel.
 
-    The file input comes first, where the front end keeps its view, with the file in progress, when the rows
+    The file input comes first, where the front end has its view, with the file in progress, when the rows
     behind it are replaced.
     """
     basic.own_layout(view).width = "100%"

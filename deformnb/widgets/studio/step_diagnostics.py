@@ -542,7 +542,7 @@ class StepDiagnostics:
 
         Parameters
         ----------
-        overlay : of the picture; "uncertainty" has it made.
+        overlay : of the picture; "uncertainty" computes it.
         """
         if self.keep_chosen and self.fold_actions.keep_chosen():
             return None

@@ -2,7 +2,7 @@
 
 The studio wires and decides nothing: the :class:`Session` holds the document, the editor's front end
 fits and warps while the mouse moves, and the view's front end follows it. Python receives the end of an edit, makes the
-next document, and does slow work in one thread of its own, the newest first.
+next document, and does slow work in a separate thread, the newest first.
 
 The module also builds the parts of a studio: its view, the layout of its widgets, its status line, its still.
 """

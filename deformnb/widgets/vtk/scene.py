@@ -209,7 +209,7 @@ def clipping_planes(lattice: Grid, kept: IndexBox | None) -> list[Any]:
 _LIKE = 2.0
 
 
-# Of the volume with cuts: cut faces have the colour of what is inside in one of them, and of what lies between it and
+# Of the volume with cuts: cut faces have the colour of the inside in one of them, and of the values between it and
 # nothing in the other, which costs 2.6; a shader that hides nothing is off by 4.8, one without slopes there by 3.7.
 _LIKE_WITH_CUTS = 3.2
 

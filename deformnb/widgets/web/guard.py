@@ -2,7 +2,7 @@
 
 trame's server alone answers every page of the browser and everyone on the machine: its password is public, it checks
 neither the origin of a request nor the host name in it, and a message may have 4 GB. So each start makes a
-password of its own, requests that carry another name or origin get 403, and of the remote procedures only those in a
+separate password, requests that carry another name or origin get 403, and of the remote procedures only those in a
 table remain, each with a check of its arguments. A wrong message is logged, without its content, and dropped.
 """
 
@@ -48,7 +48,7 @@ FAREWELL_SECONDS = 0.5
 
 _ORIGIN = re.compile(r"https?://(?:[A-Za-z0-9.-]{1,253}|\[[0-9a-fA-F:.]{2,45}\])(?::[0-9]{1,5})?")
 _HEADER = 12  # bytes that wslink puts before a message
-_PER_SECOND = 240.0  # messages of one page that are read; a drag makes 60, a camera another 60
+_PER_SECOND = 240.0  # messages of one page that are read; a drag makes 60, a camera 60 more
 _AT_ONCE = 480.0
 
 _LOG = logging.getLogger(__name__)

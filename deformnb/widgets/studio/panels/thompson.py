@@ -58,7 +58,7 @@ class ThompsonPanel(Panel):
     ----------
     session : to deform.
     guard : runs requests and reports errors; default shows them in the panel.
-    editor : the studio's, of which the panel shows more views; default is one of its own, so that the panel can be
+    editor : the studio's, of which the panel shows more views; default is a separate one, so that the panel can be
         shown by itself, as the last expression of a cell.
     folder : where figures are written.
 
