@@ -379,7 +379,7 @@ ENTRANCES: dict[str, Callable[[Any, Path], Any]] = {
     "volume.channels.Channels.with_volumes(volumes)": lambda v, _: dn.volume.Channels((_like(v),)).with_volumes([v]),
     "volume.labelled.to_xarray(volume)": lambda v, _: dn.volume.to_xarray(v),
     "volume.transfer.preset(volume)": lambda v, _: dn.preset("bone", v),
-    "warping.mesh.filled(distance)": lambda v, _: dn.warping.fill_distance(v),
+    "warping.mesh.fill_distance(distance)": lambda v, _: dn.warping.fill_distance(v),
     "warping.mesh.isosurface(volume)": lambda v, _: dn.warping.isosurface(v, 20.5).points,
     "warping.warper.Warper(volume)": lambda v, _: dn.Warper(v)(SHIFT),
     "warping.warper.warp(volume)": lambda v, _: dn.warp(v, SHIFT),

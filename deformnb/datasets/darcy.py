@@ -262,7 +262,7 @@ def _arrange_rows(landmarks: Landmarks, name: str, rows: int | None) -> Floats:
     if not isinstance(rows, int) or rows < 2 or count % rows:
         raise DeformError(
             f'the {count} landmarks of the grid {name!r} are not named by row and column ("r0 c3"); '
-            f"state their number of rows: own_grid(..., rows=4). Got rows={short_value(rows)}."
+            f"state their number of rows: custom_grid(..., rows=4). Got rows={short_value(rows)}."
         )
     return places[:, :2].reshape(rows, -1, 2)
 

@@ -489,6 +489,7 @@ class Recovery:
     >>> recovery.offer
     ''
     >>> recovery.autosave.close()
+    True
     """
 
     def __init__(

@@ -8,7 +8,13 @@ import { newPoint } from "../src/maths/points.ts";
 test("each stroke has a number of its own in the names of its points", () => {
   const named = (id, name) => newPoint(id, [90 + id, 90], [90 + id, 90], name);
   const stroke = (points, tool) =>
-    new Stroke(points, [20, 20], 10, { tool, id: 7 }, { sourceAt: () => (place) => place, box: [0, 100, 0, 100] });
+    new Stroke(
+      points,
+      [20, 20],
+      10,
+      { tool, id: 7 },
+      { sourceAt: () => (place) => place, box: [0, 100, 0, 100], reach: 0, settle: (place) => place },
+    );
   const first = stroke([], "move");
   assert.equal(first.name, "move 1");
   assert.equal(first.points.find((p) => p.id === first.held).name, "move 1");

@@ -134,7 +134,7 @@ def test_points_are_drawn_once_in_a_frame_and_only_those_that_have_moved(shown: 
 def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: LivePage) -> None:
     here = shown(one())
     view = "document.querySelector('.dnb-view').deformnb"
-    page.wait(f"{view}.spaceLink.given")
+    page.wait(f"{view}.shownField.spaceLink.given")
     page.wait("models.view.sent.some((m) => m.type === 'follows')")
     page.answered()
     before, messages = middle(page.pixels()), here.view.stats()["messages"]
@@ -142,7 +142,7 @@ def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: L
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 30, y - 18, steps=3)
-    page.wait(f"{view}.spaceLink.count > 0 && {view}.spaceLink.awaited === null")
+    page.wait(f"{view}.shownField.spaceLink.count > 0 && {view}.shownField.spaceLink.awaited === null")
     page.answered()
     assert here.view.stats()["messages"] == messages
     nodes = page.page.evaluate(f"[...{view}.caster.givenSpace.shape]")

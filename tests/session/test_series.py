@@ -48,7 +48,7 @@ def test_the_map_is_evaluated_once_for_all_channels(monkeypatch: pytest.MonkeyPa
         calls.append(1)
         return seen(*given)
 
-    monkeypatch.setattr(warper.planning, "seen", counted)
+    monkeypatch.setattr(warper.planning, "displacements_and_opacity", counted)
     [four] = _moments(1, 4)
     dn.warp(four[0], BUMP)
     alone = len(calls)

@@ -26,6 +26,7 @@ from deformnb.widgets import (
     TransferEditor,
     VolumeView,
 )
+from deformnb.widgets.boxes import Box, Boxes, Fold, Tabs
 from deformnb.widgets.inputs.file_input import FileInput
 from deformnb.widgets.inputs.grid_drawing import GridDrawing
 from deformnb.widgets.inputs.item_list import ItemList
@@ -69,6 +70,7 @@ def table() -> PointsTable:
 
 
 MAKERS: dict[str, Callable[[], SyncedWidget]] = {
+    "Boxes": lambda: Boxes([Tabs([Fold(Box(), "a"), Box()], ["b", "c"])]),
     "Editor": lambda: Editor(None, ControlPoints.from_arrays([[0, 0], [9, 0], [0, 9]])),
     "SpaceEditor": space_editor,
     "CurveEditor": CurveEditor,

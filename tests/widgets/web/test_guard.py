@@ -375,7 +375,7 @@ def test_a_message_has_a_number_and_buffers(running: RunningApp, number: Any, bu
 
 def _part(widget: Any, trait: str, value: Any) -> Any:
     """The first part of a studio with this value of a trait."""
-    if widget.has_trait(trait) and getattr(widget, trait) == value:
+    if getattr(widget, trait, None) == value:
         return widget
     parts = (_part(child, trait, value) for child in getattr(widget, "children", ()))
     return next((part for part in parts if part is not None), None)
