@@ -132,7 +132,7 @@ def need_package(name: str, *options: str) -> str:
 
 
 def run(*command: str) -> None:
-    """Run a command in the checkout; what it prints goes to the error stream."""
+    """Run a command in the checkout; its output is written to the error stream."""
     done = subprocess.run(command, cwd=FRONT_END, stdout=sys.stderr, check=False)
     if done.returncode != 0:
         raise NodeError(f'"{" ".join(command)}" has failed; above it says why.')

@@ -1,7 +1,7 @@
 """A plugin for pytest: a test that drives a browser gets a second attempt, and every repeat is printed as a defect.
 
 What a browser does depends on how busy the machine is, and one lost race in thousands of tests fails a whole run. Only
-tests marked ``needs_browser`` are repeated, once, with new fixtures; whatever else fails has failed.
+tests marked ``needs_browser`` are repeated, once, with new fixtures; all other failures are final.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def pytest_fixture_post_finalizer(fixturedef: pytest.FixtureDef[Any]) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """A second attempt starts with a browser, a page and a notebook of its own: the first may have left them broken."""
+    """A second attempt starts with a new browser, page and notebook: the first may have left them broken."""
     if getattr(item, "execution_count", 1) < 2:
         return
     for fixturedef, request in reversed(list(_shared.items())):
@@ -59,7 +59,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 def _end_of(text: str) -> list[str]:
-    """The first line of the error in the text of a failure, and the last line, which says where it was raised."""
+    """The first line of the error in the text of a failure, and the last line, which states where it was raised."""
     lines = [line for line in text.splitlines() if line.strip()]
     errors = [line[1:].strip() for line in lines[:-1] if line.startswith("E ")]
     return [*errors[:1], *lines[-1:]]

@@ -1,6 +1,6 @@
-"""A plugin for pytest: where no browser can be driven the tests that drive one are skipped, and one line says why.
+"""A plugin for pytest: where no browser can be driven the tests that drive one are skipped, and one line reports why.
 
-Each of them would fail on its own otherwise, and be repeated. Whether one can be driven is tried once for a run.
+Each of them would fail separately otherwise, and be repeated. Whether one can be driven is tried once for a run.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _reason_of_a_trial() -> str:
 
 
 def _reason_in(errors: str) -> str:
-    """Why the driver or the browser has not started, in a few words."""
+    """The reason for which the driver or the browser has not started, in a few words."""
     library = re.search(r"(?:(\S+): )?error while loading shared libraries: ([^\s:]+)", errors)
     if library is not None:
         return f"{library[1] or 'a program'} needs the shared library {library[2]}, which is missing"
@@ -59,7 +59,7 @@ def _reason_in(errors: str) -> str:
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
-    """Of a run in several processes, which begin after this; else what is collected is known first."""
+    """Report for a run in several processes, which begin after this; else the collected tests are known first."""
     return why_no_browser() or None if config.getoption("numprocesses", None) else None
 
 

@@ -1,4 +1,4 @@
-"""What the tests of the command line share: a folder to work in, a way to run a line, and what an error looks like."""
+"""Helpers of the tests of the command line: a folder to work in, a runner of lines, and the form of an error."""
 
 from __future__ import annotations
 

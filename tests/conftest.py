@@ -1,4 +1,4 @@
-"""What all tests share: strict numerics, folders of their own, the real data where they are present."""
+"""Fixtures of all tests: strict numerics, separate folders, the real data where they are present."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ ROOT = Path(__file__).resolve().parent.parent
 
 # These hold for the examples in the docstrings and for child processes too, hence the environment and not fixtures;
 # they must be set before JAX or Matplotlib are imported.
-_CACHE = ROOT / ".pytest_cache" / "deformnb"  # kept between runs: JAX compiles once, Matplotlib lists its fonts once
+_CACHE = ROOT / ".pytest_cache" / "deformnb"  # cached between runs: JAX compiles once, Matplotlib lists its fonts once
 os.environ["XDG_CACHE_HOME"] = str(_CACHE / "cache")
 os.environ["XDG_CONFIG_HOME"] = str(_CACHE / "config")
 os.environ["MPLBACKEND"] = "Agg"
 os.environ.setdefault("JAX_PLATFORMS", "cpu")  # with a GPU: JAX_PLATFORMS=cuda,cpu DEFORMNB_DEVICE=gpu
 os.environ["JAX_DEBUG_NANS"] = "1"  # a NaN is an error where it is made, not where it is noticed; see allow_nan
-os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must be asked for where it is needed
+os.environ.pop("JAX_ENABLE_X64", None)  # users run without it, so float64 must be requested where it is needed
 for _own in ("DEFORMNB_DATA", "DEFORMNB_COMPILATION_CACHE"):
     os.environ.pop(_own, None)  # a developer's own settings change no result
 
-# XLA took more than half of a run without kept programs, and takes a quarter of that where it optimises nothing. The
+# XLA took more than half of a run without cached programs, and takes a quarter of that where it optimises nothing. The
 # nightly run compiles as users' processes do, and so do at any time the notebooks, JupyterLab and its like.
 _QUICK_COMPILATION = "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 
 
 def _compile_quickly() -> None:
-    """Set the flags for this process and its children, if XLA knows them: it ends a process with one it does not."""
+    """Set the flags for this process and its children, if XLA knows them: an unknown one ends the process."""
     known = subprocess.run(
         [sys.executable, "-c", "import jax; jax.devices()"],
         capture_output=True,
@@ -45,9 +45,9 @@ def _compile_quickly() -> None:
         os.environ["XLA_FLAGS"] = _QUICK_COMPILATION
 
 
-# Users keep what took a tenth of a second to compile. Tests compile hundreds of small programs, the same in several
+# Users cache programs that compile for 0.1 s or more. Tests compile hundreds of small programs, the same in several
 # processes, after each clear_caches and in the next run: 24 of 62 s of three files of tests were compiling, and looking
-# a program up costs little beside it. A file that another process is writing is compiled anew, with a warning.
+# a program up costs little in comparison. A file that another process is writing is compiled anew, with a warning.
 _PROGRAMS = {
     "JAX_COMPILATION_CACHE_DIR": str(_CACHE / "programs"),
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
@@ -57,7 +57,7 @@ _KEPT_SECONDS = 14 * 24 * 60 * 60.0
 
 
 def _keep_all_programs() -> None:
-    """Keep each compiled program, 20 kB, for two weeks: changes of the code leave behind those of before."""
+    """Cache each compiled program, 20 kB, for two weeks: changes of the code leave behind those of before."""
     os.environ.update(_PROGRAMS)
     folder = _CACHE / "programs"
     for file in folder.iterdir() if folder.exists() else ():
@@ -80,7 +80,7 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE") or ("ci" i
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, Any, Any]:
-    """Search no garbage while tests are imported, and later none in what they have imported: 770 000 objects that stay.
+    """Collect no garbage while tests are imported, and later none of their imports: 770 000 permanent objects.
 
     It saves 4 s of the 10.7 s in which a process collects all tests, and 4 s of the 37 s of the tests of studios.
     """
@@ -104,7 +104,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Programs that JAX has compiled go when there are many: they are gigabytes, in thousands of pieces of memory."""
+    """Clear the programs that JAX has compiled when there are many: gigabytes, in thousands of pieces of memory."""
     maps = Path("/proc/self/maps")
     if nextitem is not None and nextitem.path != item.path and maps.exists() and "jax" in sys.modules:
         with maps.open(encoding="utf-8") as lines:

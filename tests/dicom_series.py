@@ -1,4 +1,4 @@
-"""DICOM series to read: CT slices with an oblique direction, and one that is wrong where a test asks for it."""
+"""DICOM series to read: CT slices with an oblique direction, and one that is wrong where a test requests it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A studio without a browser: what its page would send, and where its panels are."""
+"""A studio without a browser: the messages of its front end, and the places of its panels."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 from comm import get_comm_manager
 from front_end import deliver
-from waiting import PATIENCE, wait_for  # noqa: F401  (with the rest of what a studio's tests need)
+from waiting import PATIENCE, wait_for  # noqa: F401  (with the other helpers of a studio's tests)
 
 from deformnb.session.autosave import Autosave
 from deformnb.volume.volume import Grid, Volume
@@ -28,27 +28,27 @@ SEQ = iter(range(1, 10**6))
 
 
 def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
-    """As a message of the page of an editor, by default the one that is shown."""
+    """Send a message as the front end of an editor, by default of the visible one."""
     deliver(editor or studio.editor, {"sender": "test", "seq": next(SEQ), **content})
 
 
 def open_widgets() -> set[str]:
-    """Ids of the widgets that are open, besides the layouts and styles that all of them share."""
+    """Ids of the widgets that are open, without the layouts and styles that all of them share."""
     return set(get_comm_manager().comms) - {model.model_id for model in shared_models()}
 
 
 def notice_of(studio: Studio) -> str:
-    """The line of what has just happened."""
+    """The line of the last action."""
     return str(studio.parts.words.notice.value)
 
 
 def status_of(studio: Studio) -> str:
-    """The line of what is so: points, folds, speed."""
+    """The line of the state: points, folds, speed."""
     return str(studio.parts.words.status.value)
 
 
 def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
-    """As the end of a drag in the page of an editor."""
+    """Send the end of a drag as the front end of an editor."""
     page_says(
         studio,
         {
@@ -97,24 +97,24 @@ def all_of(widget: Any) -> list[Any]:
 
 
 def box_of(studio: Studio, name: str) -> Any:
-    """The box of a studio with this class name in the page."""
+    """The box of a studio with this class name in the front end."""
     return next(box for box in all_of(studio) if name in classes_of(box))
 
 
 def classes_of(widget: Any) -> tuple[str, ...]:
-    """The class names of a widget in the page."""
+    """The class names of a widget in the front end."""
     return widget.classes if isinstance(widget, Box) else tuple(widget.get_state().get("_dom_classes", ()))
 
 
 def act(items: Any, what: str, index: int, value: Any = None) -> None:
-    """As a click in the page of a list."""
+    """Send a click as the front end of a list."""
     message = {"type": "act", "what": what, "index": index, "value": value, "version": items.version}
     deliver(items, message)
 
 
 def crash(saving: Autosave) -> None:
-    """Leave what a session has written as if its process had been killed."""
-    with mock.patch("deformnb.session.autosave.mark"):  # nobody says that it was closed
+    """Leave the files of a session as if its process had been killed."""
+    with mock.patch("deformnb.session.autosave.mark"):  # nothing records that it was closed
         closed(saving)
 
 

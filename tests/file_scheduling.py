@@ -15,16 +15,16 @@ from xdist.scheduler import LoadFileScheduling
 BROWSER = "tests/browser/"
 # Files with pages of JupyterLab, by the ends of their names: one process starts it for all of them.
 OF_LAB = ("_lab.py", "/test_hosts.py", "/test_studio_layout.py", "/test_volume_view_hand.py")
-# Each of its tests runs a notebook in a kernel of its own, for minutes: they are handed out one by one and first.
+# Each of its tests runs a notebook in a separate kernel, for minutes: they are assigned one by one and first.
 ONE_BY_ONE = "tests/test_notebooks.py"
 
 
 class BrowsersApart(LoadFileScheduling):
-    """Hands out files in their order, but those of browsers to ``limit`` processes at a time, those of Lab to one.
+    """Assigns files in their order, but those of browsers to ``limit`` processes at a time, those of Lab to one.
 
     Parameters
     ----------
-    config, log : as the scheduler of pytest-xdist takes them.
+    config, log : arguments of the scheduler of pytest-xdist.
     limit : how many processes may drive browsers while there is other work.
     """
 

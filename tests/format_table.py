@@ -12,7 +12,7 @@ DOCUMENT = Path(__file__).parents[1] / "docs" / "formats.md"
 
 @dataclass(frozen=True)
 class Row:
-    """A row: what is exchanged, its format, the endings of files, whether it is read and written, and with whom."""
+    """A row: the kind of object, its format, the endings of files, whether it is read and written, and the programs."""
 
     kind: str
     format: str
@@ -49,7 +49,7 @@ def table() -> tuple[Row, ...]:
 
 
 def agreed(kind: str, name: str, program: str) -> float:
-    """The largest difference that the table states between a format as we have it and another program has it."""
+    """The largest difference that the table states between a format in this package and in another program."""
     [row] = [row for row in table() if (row.kind, row.format, row.program) == (kind, name, program)]
     assert row.difference is not None
     return row.difference

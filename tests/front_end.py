@@ -1,4 +1,4 @@
-"""The part of a front end in tests without one: what a page would send to its widget."""
+"""Messages of a front end to its widget, for tests without one."""
 
 from __future__ import annotations
 

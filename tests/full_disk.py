@@ -18,7 +18,7 @@ def full_disk(limit: int) -> Iterator[None]:
     """
     if sys.platform == "win32":
         pytest.skip("file size limits are POSIX")
-    import resource  # Python itself ignores the signal that comes with a write beyond the limit
+    import resource  # Python itself ignores the signal of a write beyond the limit
 
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     least = jax.config.jax_persistent_cache_min_compile_time_secs  # type: ignore[attr-defined]

@@ -12,7 +12,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Of each table of cases a sample is run at once: so many that each value of each argument occurs.
 
     The values of a case are the parts of its name. So each row of a registry is tested at each change, and so is each
-    case that is unlike the others; what is left to the nightly run are their combinations. Of a table that is marked
+    case that is unlike the others; the nightly run has their combinations. Of a table that is marked
     ``sampled(n)``, whose cases take long, every n-th is run.
     """
     tables: dict[str, list[pytest.Item]] = {}
@@ -44,5 +44,5 @@ def covering(cases: list[pytest.Item]) -> list[pytest.Item]:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("nightly") is None or os.environ.get("HYPOTHESIS_PROFILE") == "nightly":
         return
-    if not any("::" in argument for argument in item.config.args):  # a test that is asked for by its name is run
+    if not any("::" in argument for argument in item.config.args):  # a test that is requested by its name is run
         pytest.skip("it takes long: HYPOTHESIS_PROFILE=nightly runs all")

@@ -3,7 +3,7 @@
 Written from the paper and not from the package. Points are rows (x, y) or (x, y, z), d_i = source_i - target_i is the
 backward displacement at the target x_i, phi is any function of the distance. The paper prints P_i = (1, x, y) but its
 kappa_1 = [1, 0, 0] picks the factor of x, so P is ordered (x, y, 1) here. Eq. 5 as printed has two equations more than
-unknowns; what stands here is the least-energy problem it was meant to be, with the two missing columns of multipliers.
+unknowns; the code below has the least-energy problem it was meant to be, with the two missing columns of multipliers.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def complex_map(x: Sequence[float], points: Array, c: NDArray[Any], a: complex, 
 def equation_6(
     points: Array, displacements: Array, phi: Phi, weight: Callable[[Sequence[float]], float]
 ) -> Callable[[Sequence[float]], Array]:
-    """phi_R(x, x_i) = w(x) w(x_i) phi(|x - x_i|) around a part that stays where it is (no polynomial)."""
+    """phi_R(x, x_i) = w(x) w(x_i) phi(|x - x_i|) around a part that is fixed (no polynomial)."""
     n = len(points)
     w = [weight(x) for x in points]
     system = np.array([[w[i] * w[j] * phi(distance(points[i], points[j])) for j in range(n)] for i in range(n)])

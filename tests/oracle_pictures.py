@@ -18,7 +18,7 @@ LAMP = np.array([-0.35, -0.45, -0.82]) / np.linalg.norm([-0.35, -0.45, -0.82])
 TOP = 93
 RAMP = TransferFunction(((0, 0.1, 0.2, 0.3), (40, 0.9, 0.4, 0.1), (TOP, 1, 1, 0.8)), ((0, 0.0), (30, 0.02), (TOP, 0.4)))
 
-# Ways to store a volume: plain, RAS, axes swapped, and swapped with flips.
+# Layouts of a stored volume: plain, RAS, axes swapped, and swapped with flips.
 DIRECTIONS = {
     "LPS": np.eye(3),
     "RAS": np.diag([-1.0, -1, 1]),
@@ -34,7 +34,7 @@ def volume_of(values: Any, spacing: Any = (1.0, 1.0, 1.0), direction: Any = None
 
 def noise(shape: tuple[int, int, int], dtype: str = "uint8", top: int = TOP) -> np.ndarray:
     values = np.random.default_rng(7).integers(0, top + 1, shape)
-    values.flat[0], values.flat[-1] = 0, top  # the whole range, whatever chance says
+    values.flat[0], values.flat[-1] = 0, top  # the whole range in each random draw
     return values.astype(dtype)
 
 

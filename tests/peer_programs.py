@@ -1,4 +1,4 @@
-"""Other programs that read and apply transforms, each in a process of its own: ``python peer_programs.py NAME FOLDER``.
+"""Other programs that read and apply transforms, each in a separate process: ``python peer_programs.py NAME FOLDER``.
 
 Importing ITK's wrappings where warnings are errors ends the process, and two of them in one do not get along. Each
 function reads what a test has put into the folder and leaves arrays (.npy, [z, y, x]) and files there.

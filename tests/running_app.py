@@ -1,4 +1,4 @@
-"""An application's server in a thread of this process, and a page that speaks its protocol without a browser."""
+"""An application's server in a thread of this process, and a client of its protocol without a browser."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def in_a_terminal(command: list[str]) -> list[str]:
 
 
 class RunningApp:
-    """Serves an application from entering the context until leaving it, and closes it then."""
+    """Server of an application from entering the context until leaving it, closed then."""
 
     def __init__(self, application: Application, **options: Any) -> None:
         self.application = application
@@ -54,7 +54,7 @@ class RunningApp:
 
         try:
             asyncio.run(run())
-        except BaseException as error:  # told by the test that waits for it
+        except BaseException as error:  # reported by the test that waits for it
             self.error = error
         finally:
             self._ready.set()
@@ -87,16 +87,16 @@ class RunningApp:
 
     @property
     def session(self) -> Session:
-        """What is edited."""
+        """The model that is edited."""
         return self.application.session
 
     @property
     def studio(self) -> Studio:
-        """What the pages show."""
+        """The studio that the clients show."""
         return self.application.studio
 
     def settled(self) -> None:
-        """Wait until the application has done all that was asked of it so far."""
+        """Wait until the application has completed all requests so far."""
         self.application.thread.call(lambda: None).result(PATIENCE)
         self.studio.wait(PATIENCE)
 
@@ -108,7 +108,7 @@ def framed(content: Any) -> bytes:
 
 
 class Socket:
-    """A page's end of the conversation."""
+    """The client's end of the connection."""
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self.socket = socket
@@ -125,7 +125,7 @@ class Socket:
         return number
 
     async def answer(self, number: str) -> dict[str, Any]:
-        """The answer to a call; what else is heard is kept in ``heard``."""
+        """The reply to a call; other messages received are stored in ``heard``."""
         while True:
             content = await self.next()
             if content["id"] == number:
@@ -133,7 +133,7 @@ class Socket:
             self.heard.append(content)
 
     async def next(self) -> dict[str, Any]:
-        """The next message, whatever it is."""
+        """The next message of any kind."""
         message = await asyncio.wait_for(self.socket.receive(), PATIENCE)
         if message.type != aiohttp.WSMsgType.BINARY:
             raise ConnectionError(f"closed with code {self.socket.close_code}")
@@ -149,13 +149,13 @@ class Socket:
         return answer["result"] if "result" in answer else answer["error"]
 
     async def login(self, secret: Any) -> bool:
-        """Whether the server takes a password."""
+        """Whether the server accepts a password."""
         answer = await self.answer(await self.send("wslink.hello", {"secret": secret}, system=True))
         return "result" in answer
 
 
 async def heard(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-    """The first thing that is published to a page and wanted, waiting for it."""
+    """Wait for the first message published to a client that is wanted."""
     for message in page.heard:
         if wanted(message):
             return message
@@ -167,7 +167,7 @@ async def heard(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[
 
 
 def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> dict[str, Any]:
-    """A page's message that the points of an editor are these."""
+    """A client's message of the points of an editor."""
     return {
         "type": "edit",
         "sender": "window",
@@ -184,7 +184,7 @@ def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> d
 async def connected(
     running: RunningApp, *, origin: str | None = "", host: str | None = None, secret: Any = ""
 ) -> AsyncIterator[Socket]:
-    """A socket of the application: from its own origin and with its password unless told otherwise.
+    """A socket of the application: from its own origin and with its password by default.
 
     ``origin`` None sends none, ``secret`` None does not log in.
     """

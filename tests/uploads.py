@@ -12,11 +12,11 @@ from deformnb.widgets.inputs.file_input import FileInput
 
 
 def uploaded(widget: FileInput, name: str, content: bytes, *, cancel_at: int | None = None) -> list[dict[str, Any]]:
-    """Upload a file and wait until it is taken; returns what the widget has sent.
+    """Upload a file and wait until it is received; returns the widget's messages.
 
     Parameters
     ----------
-    cancel_at : number of the piece in the place of which the user gives up.
+    cancel_at : number of the piece at which the user cancels.
     """
     sent: list[dict[str, Any]] = []
     send = widget.send

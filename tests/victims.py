@@ -1,7 +1,7 @@
-"""Processes that are killed at random moments, run as a program of its own: ``python victims.py what folder seed``.
+"""Processes that are killed at random moments, run as a separate program: ``python victims.py what folder seed``.
 
-Importing takes seconds and being killed no time: so one process imports, and copies of it are made and killed. It says
-as JSON what it found after each of them.
+Importing takes seconds and being killed no time: so one process imports, and forks of it are killed. It reports
+as JSON its findings after each of them.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def a_document(number: int, count: int = 300) -> Deformation:
 
 
 def copied(work: Callable[[], Any]) -> int:
-    """The id of a copy of this process that does this."""
+    """The id of a fork of this process that does this."""
     pid = os.fork()
     if pid:
         return pid
@@ -67,11 +67,11 @@ def listing(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-# -- what is done to them ----------------------------------------------------------------------------------------------
+# -- their operations --------------------------------------------------------------------------------------------------
 
 
 def save(folder: Path, chance: random.Random) -> Any:
-    """Killed while it saves one document after the other into one file."""
+    """Kill a process while it saves one document after the other into one file."""
     path, last, most, found = folder / "fish.json", -1, 0, set()
     write_deformation(a_document(0, 120), path)
     documents = [a_document(number, 120) for number in range(5)]
@@ -93,7 +93,7 @@ def save(folder: Path, chance: random.Random) -> Any:
 
 
 def autosave(folder: Path, chance: random.Random) -> Any:
-    """Edited without end while it saves itself; tells the strength that it has written."""
+    """Edit without end with autosave; reports the strength that was written."""
 
     def tell(entry: Any) -> None:
         os.write(1, b"%d\n" % round(restore(entry).steps[0].strength * 1e6))
@@ -106,7 +106,7 @@ def autosave(folder: Path, chance: random.Random) -> Any:
 
 
 def writers(folder: Path, chance: random.Random) -> Any:
-    """Two processes that have read one file save at once: one of them is told that the other was first."""
+    """Two processes that have read one file save at once: one of them receives the error that the other was first."""
     path, outcomes = folder / "fish.json", []
     mine = [a_document(100 + k) for k in range(2)]
     for number in range(ROUNDS["writers"]):
@@ -141,10 +141,10 @@ def writers(folder: Path, chance: random.Random) -> Any:
 
 
 def pairs(folder: Path, chance: random.Random) -> Any:
-    """Killed while one volume after the other is written over a header with detached voxels.
+    """Kill a process while one volume after the other is written over a header with detached voxels.
 
-    First before every single operation on a name in the folder, then at random moments. The spacing of each volume says
-    what its voxels are: a header beside the voxels of another is seen.
+    First before every single operation on a name in the folder, then at random moments. Each volume's spacing marks
+    its voxels: a header with the voxels of another is detected.
     """
     wrong, most, found = [], 0, set()
     for suffix in (".mhd", ".nhdr"):
@@ -221,7 +221,7 @@ def full(folder: Path, chance: random.Random) -> Any:
         while True:
             filler.write(bytes(512))
     for strength in (0.6, 0.7):
-        session.editing.change(strength=strength)  # editing goes on
+        session.editing.change(strength=strength)  # editing continues
         saving.flush()
         strengths.append(restore(saved_sessions(session.volume, folder / "state", every=True)[0]).steps[0].strength)
     try:
@@ -241,7 +241,7 @@ def full(folder: Path, chance: random.Random) -> Any:
 
 
 def ends(folder: Path, chance: random.Random) -> Any:
-    """Edits and comes to its end, as a program or a kernel that is shut down; nothing is closed or waited for."""
+    """Edit and exit, as a program or a kernel that is shut down; nothing is closed or waited for."""
     session = Session(a_volume())
     saving = Autosave(session, folder, 60.0)
     session.editing.change(strength=chance.uniform(0.1, 0.9))
@@ -250,7 +250,7 @@ def ends(folder: Path, chance: random.Random) -> Any:
 
 
 def lost(folder: Path, chance: random.Random) -> Any:
-    """Edits, waits until it is written, tells what it holds, and dies."""
+    """Edit, wait until it is written, report its state, and die."""
     session = Session(a_volume())
     written: list[Any] = []
     Autosave(session, folder, 0.05, on_written=written.append)

@@ -1,4 +1,4 @@
-"""Displacements of compositions at every voxel, put together from what the warp's kernel reads, in plain NumPy."""
+"""Displacements of compositions at every voxel, composed of the input of the warp's kernel, in plain NumPy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from deformnb.warping.compositions import ComposedEvaluator, Displacements, Node
 def at_voxels(
     found: Displacements, table: NodeTable | ComposedEvaluator, block: tuple[slice, slice], grid: Grid
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Displacements (3, z, y, x) at the voxels of a block that lie in the grid, and opacity [z, y, x] beside cuts."""
+    """Displacements (3, z, y, x) at the voxels of a block that lie in the grid, and opacity [z, y, x] at cuts."""
     d = np.stack([np.asarray(part) for part in found.d])
     opacity = None if found.opacity is None else np.array(found.opacity)
     if found.nodes is not None:
@@ -26,7 +26,7 @@ def at_voxels(
     d = d[:, : grid.shape[0] - start[0], : grid.shape[1] - start[1]]
     for voxels, values, share in (*found.exact, *(find() for find in table.left())):
         z, y, x = voxels[0] - start[0], voxels[1] - start[1], voxels[2]
-        own = (z >= 0) & (z < d.shape[1]) & (y >= 0) & (y < d.shape[2])  # cells may go on beyond the block
+        own = (z >= 0) & (z < d.shape[1]) & (y >= 0) & (y < d.shape[2])  # cells may extend beyond the block
         at = z[own], y[own], x[own]
         d[:, *at] = np.asarray(values)[:, own]
         if share is not None:

@@ -1,4 +1,4 @@
-"""Waits of tests for states that other threads bring about; a state that never comes fails the test."""
+"""Waits of tests for states that other threads bring about; a state that is never reached fails the test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PATIENCE = 60.0  # seconds, on a machine that is busy with other tests
 def wait_for(condition: Callable[[], Any], seconds: float = PATIENCE) -> None:
     """Wait until a condition holds.
 
-    What another thread does behind it is not waited for: the condition must name all that the test asks for next.
+    What another thread does behind it is not waited for: the condition must name all that the test requires next.
     """
     end = time.monotonic() + seconds
     while not condition():

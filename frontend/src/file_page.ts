@@ -1,4 +1,4 @@
-// A page without Python in which a user opens a volume or a picture of their own: it is read here, and shown by the same
+// A page without Python in which a user opens a volume or a picture: it is read here, and shown by the same
 // page as an exported volume. What was done is saved as the document that "deformnb replay" applies to the same file.
 // The data is written by deformnb/widgets/standalone.py: the traits of the widgets with a tiny volume, in whose place
 // the file's is put.
@@ -53,14 +53,14 @@ export interface Opened {
   packed: (Pick<PageData, "chunks"> & { packed: Values }) | null;
 }
 
-const STORED = "deformnb.page"; // the key of what was done last, in the browser's own store
+const STORED = "deformnb.page"; // the key of the last edits in the browser's storage
 const KEPT = ["points", "next_id", "settings", "cuts", "parts"]; // traits of the editor
 const LONGEST_PICTURE = 4096; // pixels along a side of a picture that is saved
 const SHORTEST_PICTURE = 1024; // the same of a picture of a volume
 const SIDE = "+y",
   PICTURE_SIDE = "+z";
 
-let editors = 0; // that were on the page: each has undo steps of its own
+let editors = 0; // that were on the page: each has separate undo steps
 
 /** The bytes of a PNG of pixels. */
 async function pngOf(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
@@ -136,7 +136,7 @@ async function packedVolume(
   return { chunks, packed: { window, share, grid, id, unit: transfer.unit, table: new DataView(table.buffer) } };
 }
 
-/** The data of the page of an open file, seen from a side. */
+/** The payload of the page of an open file, seen from a side. */
 async function dataOf(template: Template, opened: Opened, side: string): Promise<PageData> {
   const { volume, photograph, about, packed } = opened,
     { grid } = volume,
@@ -280,7 +280,7 @@ class FilePage extends StandalonePage {
     return editor;
   }
 
-  /** Displacements [da, db] of the picture at places [a, b], for tests: from where what is seen there was taken. */
+  /** Displacements [da, db] of the picture at places [a, b], for tests: from where the pixels there were sampled. */
   displacements(places: [number, number][]) {
     const {
       map: { fit },
@@ -408,7 +408,7 @@ class FileOpener {
     this.sideBox.hidden = !this.opened || Boolean(this.opened.photograph) || isBusy;
   }
 
-  /** Open a file in place of the one that is open, which stays where the new one cannot be read. */
+  /** Open a file in place of the one that is open, which stays open where the new one cannot be read. */
   async open(file: File) {
     if (this.work) return;
     if (this.isUnsaved && !window.confirm(inLanguage(`Open ${file.name}? What you did is not downloaded yet.`))) return;
@@ -503,7 +503,7 @@ class FileOpener {
     ].join(". ");
   }
 
-  /** Keeps what was done, for the case that the page is closed by mistake. */
+  /** Stores the edits, for the case that the page is closed by mistake. */
   #keep(page: FilePage) {
     if (page !== this.page || !this.opened) return;
     page.isSaved = false;
@@ -511,17 +511,17 @@ class FileOpener {
     try {
       localStorage.setItem(STORED, JSON.stringify({ of: nameOf(this.opened), side: this.side, ...kept }));
     } catch {
-      /* a browser that keeps nothing for a file, or has no room */
+      /* a browser that stores nothing for a file, or has no room */
     }
   }
 }
 
-/** What tells one open file from another. */
+/** The identity of an open file. */
 function nameOf({ volume: { name, grid }, sha256 }: Opened) {
   return sha256 ?? `${name} ${grid.shape.join(" ")}`;
 }
 
-/** What was done to a file last time, if the browser has kept it. */
+/** The last edits of a file, if the browser has stored them. */
 function storedWork(opened: Opened): Values | null {
   try {
     const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");

@@ -41,9 +41,9 @@ export interface PageData {
   trends: Record<string, number>;
   /** Display modes of the picture */
   picture_shows: string[];
-  /** Names of those that the page has */
+  /** Names of those in the page */
   controls: string[];
-  /** Names of the sides of the box; a warning, "%" stands for them */
+  /** Names of the sides of the box; a warning, where "%" is replaced by them */
   cut_off: { sides: string[]; text: string } | null;
   /** Of the controls, as deformnb/widgets/parameters.py has them */
   parameters: { view: MenuParameter; [name: string]: SliderParameter | MenuParameter };
@@ -56,9 +56,9 @@ export interface PageData {
   still?: DataView<ArrayBuffer>;
 }
 
-const NARROW = 860; // CSS pixels below which picture and volume stand one above the other
+const NARROW = 860; // CSS pixels below which picture and volume are stacked
 
-/** What the scripts of the widgets export, by the names of the widgets: they have run before. */
+/** The exports of the widgets' scripts, by the names of the widgets: they have run before. */
 export function exportedWidgets(): Values {
   return Object(globalThis)[Symbol.for("deformnb.standalone")];
 }
@@ -96,8 +96,8 @@ function bytesOfText(text: string) {
 // ---- answers in place of Python's -----------------------------------------------------------------------------------
 
 /**
- * Answers to an editor. They come later, as those of a kernel do: a front end sends while it is still being built. An
- * editor gets its points first, then which of its messages they include, then that the message is done.
+ * Replies to an editor, dispatched later, as by a kernel: a front end sends while it is still being built. An
+ * editor receives its points first, then which of its messages they include, then that the message is done.
  */
 function editorAnswers(model: () => PlainModel): (message: Values) => void {
   return (content) =>
@@ -241,7 +241,7 @@ export class StandalonePage {
     this.fit();
   }
 
-  /** Says beyond which sides of the box there is tissue, which is not seen. */
+  /** Reports the sides of the box beyond which there is tissue that is not visible. */
   warn(sides: number[] = []) {
     const { cut_off: cutOff } = this.data,
       note = pagePart("note"),
@@ -365,7 +365,7 @@ export class StandalonePage {
     for (const option of select.options) option.disabled = order < kernels[option.value]!; // no fit exists
   }
 
-  /** Adds the sliders that cut the volume, in a box of their own under the others. */
+  /** Adds the sliders that cut the volume, in a separate box under the others. */
   #clip(bar: Element, view: PlainModel) {
     const box = pageElement("details", "dnb-page-clip", bar, {});
     pageElement("summary", "dnb-page-label", box, { title: "show only a part of the volume", ...OWN_KEYS }, "Clipping");
@@ -394,7 +394,7 @@ export class StandalonePage {
     this.view?.update({ camera: { ...camera }, shows, clip });
   }
 
-  /** Locks and radii beside the points, as deformnb/document/json_format.py writes them. */
+  /** Locks and radii of the points, as deformnb/document/json_format.py writes them. */
   #own(points: Point[]) {
     const locked = points.filter((p) => p.locked).map((p) => p.id);
     const radii = points.filter((p) => (p.radius ?? null) !== null).map((p) => [p.id, p.radius]);
@@ -467,7 +467,7 @@ function setting<T>(model: PlainModel, name: string): Bound<T> {
   };
 }
 
-/** Shows on the page that an action has failed; the page goes on. */
+/** Reports an action that has failed on the page, which stays usable. */
 export function guarded(action: () => void) {
   try {
     action();

@@ -10,14 +10,14 @@ export type { CutData, HalfSpaceData, LineData, MaskData, PartData, PolygonData,
 /** A model of a widget: anywidget's, or one of sync/host_model.js. */
 export type Model = AnyModel;
 
-/** Values by their names, as Python sends and takes them: traits of a model, or the content of a message. */
+/** Values by their names, as Python sends and receives them: traits of a model, or the content of a message. */
 // biome-ignore lint/suspicious/noExplicitAny: JSON enters here
 export type Values = Record<string, any>;
 
 /** A message without the fields that are added where all messages of a widget are sent. */
 export type Without<Message, Field extends PropertyKey> = Message extends unknown ? Omit<Message, Field> : never;
 
-/** A function that a model calls at an event; what it is given depends on the event. */
+/** A handler of a model's event; its arguments depend on the event. */
 export type ModelHandler = Parameters<Model["on"]>[1];
 
 /** The handlers of a widget, by the events of its model. */
@@ -171,7 +171,7 @@ export interface TipBlend {
 }
 
 /**
- * Any fit: a plain one, one beside rigid parts (`base` and `rigid`), the inverse of one `forward`, one in stages, or one
+ * Any fit: a plain one, one with rigid parts (`base` and `rigid`), the inverse of one `forward`, one in stages, or one
  * blended at tips of cuts.
  */
 export interface Fit extends RbfFit {
@@ -180,7 +180,7 @@ export interface Fit extends RbfFit {
   stages?: Fit[];
   forward?: RbfFit;
   blend?: TipBlend;
-  /** While something moves: the displacements that stand for those of the fit. */
+  /** While something moves: the displacements that replace those of the fit. */
   sampled?: Sampled;
 }
 
@@ -191,7 +191,7 @@ export interface Sampled {
   fit: Fit;
 }
 
-/** Fits that cuts keep apart. */
+/** Fits separated by cuts. */
 export interface LayeredFit {
   /** `key`: the sides of the cuts as one number, bit k is set inside cut k. */
   fits: { key: number; sides: boolean[]; fit: Fit }[];

@@ -1,4 +1,4 @@
-"""A tab of a real browser that shows the application, and what tests ask of it."""
+"""A tab of a real browser that shows the application, with the queries of tests."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def grey(image: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def finer(grid: Grid) -> Grid:
-    """The same box, which says how large things are seen, with voxels a third as long: the edges are sharper."""
+    """The same bounding box, which sets the scale of the view, with voxels a third as long: the edges are sharper."""
     first = grid.index_to_point(np.full(3, -1 / 3))
     return replace(
         grid, shape=tuple(3 * n for n in grid.shape), spacing=tuple(np.asarray(grid.spacing) / 3), origin=tuple(first)
@@ -66,27 +66,27 @@ def finer(grid: Grid) -> Grid:
 
 
 def silhouette(image: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where the cube is, on a dark ground."""
+    """Mask of the cube, on a dark background."""
     found = image > 60
     assert found.sum() > 200
     return found
 
 
 def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
-    """How much two silhouettes of the same size share: 1 if they are the same."""
+    """Dice coefficient of two silhouettes of the same size: 1 if they are equal."""
     return float(2 * (a & b).sum() / (a.sum() + b.sum()))
 
 
 def eventually(condition: Callable[[], Any]) -> None:
-    """Wait until it holds."""
+    """Wait until a condition holds."""
     end = time.monotonic() + PATIENCE / 1000
     while not condition():
-        assert time.monotonic() < end, "it did not come true"
+        assert time.monotonic() < end, "it did not become true"
         time.sleep(0.05)
 
 
 class Tab:
-    """A tab of the browser that shows the application; none may complain or ask elsewhere."""
+    """A tab of the browser that shows the application; none may report an error or send requests elsewhere."""
 
     def __init__(
         self,
@@ -125,7 +125,7 @@ class Tab:
         self.page.wait_for_function(_DRAWN, timeout=PATIENCE)
 
     def has(self, points: int, moved: int) -> None:
-        """Wait until the session and the page have so many points, and so many of them moved."""
+        """Wait until the session and the front end have so many points, and so many of them moved."""
 
         def count() -> tuple[int, int]:
             now = self.app.session.editing.points
@@ -148,21 +148,21 @@ class Tab:
         return np.asarray(Image.open(io.BytesIO(data)).convert("L"), float)
 
     def volume(self) -> NDArray[np.float64]:
-        """What is drawn of the volume."""
+        """The drawing of the volume."""
         return self.image(_VOLUME)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Of the full picture of the volume in pixels; a quick one, which the canvas may show, has fewer."""
+        """Size of the full picture of the volume in pixels; a quick one, which the canvas may show, has fewer."""
         return tuple(self.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.size"))
 
     @property
     def camera(self) -> dict[str, Any]:
-        """From where the volume is seen."""
+        """The view direction of the volume."""
         return dict(self.app.studio.view.camera)
 
     def core(self) -> NDArray[np.float64]:
-        """What the page should show of the volume: the core's own warp of what the session says, from the same side."""
+        """The expected drawing of the volume: the core's own warp of the session's state, from the same side."""
         session = self.app.session
         view = LiveView(session.volume, transfer=session.pictures.transfer, background="dark")
         view.show_deformation(session.results.field(), output=finer(session.volume.grid))
@@ -170,22 +170,22 @@ class Tab:
         return grey(view.still(self.size))
 
     def follows(self, before: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Wait until the volume is as the core deforms it, which is not as it was before; returns its picture."""
+        """Wait until the volume is deformed as by the core and differs from the picture before; returns its picture."""
         self.app.settled()
         wanted = silhouette(self.core())
-        assert dice(silhouette(before), wanted) < 0.92  # else a volume that stands still would do
+        assert dice(silhouette(before), wanted) < 0.92  # else a volume that does not change would pass
         end = time.monotonic() + PATIENCE / 1000
         while dice(silhouette(now := self.volume()), wanted) < 0.96:
             assert time.monotonic() < end, "the volume is not as the core deforms it"
         return now
 
     def picture(self) -> NDArray[np.float64]:
-        """What is drawn of the picture, without its grid, once nothing moves any more."""
+        """The drawing of the picture, without its grid, once nothing moves any more."""
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.frames.isMoving", timeout=PATIENCE)
         return self.image(_PICTURE)
 
     def point(self, k: int) -> tuple[float, float]:
-        """Where a point is in the page."""
+        """The place of a point in the front end."""
         box = self.page.locator(".dnb-ed-target .dnb-ed-disc").nth(k).bounding_box()
         return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
@@ -206,7 +206,7 @@ class Tab:
         self.hide_grid()
 
     def hide_grid(self) -> None:
-        """Without its grid the picture's own pixels can be measured."""
+        """Hide the grid, so that the picture's own pixels can be measured."""
         self.page.locator(".dnb-pane [data-command=grid]").click()
         self.page.wait_for_function("!document.querySelector('.dnb-editor').deformnb.model.get('show_grid')")
 

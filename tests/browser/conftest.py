@@ -1,4 +1,4 @@
-"""What the browser tests share: one Chromium for each module, a fresh page for each test, and JupyterLab."""
+"""Fixtures of the browser tests: one Chromium for each module, a fresh page for each test, and JupyterLab."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def app(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningApp]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    if why_no_browser():  # asked by a test without the marker
+    if why_no_browser():  # requested by a test without the marker
         pytest.skip(why_no_browser())
     from playwright.sync_api import sync_playwright
 
@@ -48,7 +48,7 @@ def page(browser: Any) -> Iterator[LivePage]:
 
 @pytest.fixture
 def tab(browser: Any) -> Iterator[Any]:
-    """A plain page of the browser, for a server of its own."""
+    """A plain page of the browser, for a separate server."""
     opened = browser.new_page(viewport={"width": 1280, "height": 800})
     yield opened
     opened.close()
@@ -71,7 +71,7 @@ def lab(lab_server: Lab, request: pytest.FixtureRequest) -> Iterator[Lab]:
 
 @pytest.fixture
 def opened(browser: Any) -> Iterator[Any]:
-    """Opens editors, each on a page of its own; none of them may complain."""
+    """Function that opens editors, each on a separate page; none of them may report an error."""
     pages: list[EditorOnPage] = []
 
     def open_page(editor: Editor, **options: Any) -> EditorOnPage:

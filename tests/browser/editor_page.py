@@ -20,13 +20,13 @@ PAGE = "document.querySelector('.dnb-editor').deformnb"
 
 
 class EditorOnPage(LivePage):
-    """An editor whose Python is in this process; ``model`` and ``page.view`` are looked at from here."""
+    """An editor whose Python is in this process; ``model`` and ``page.view`` are read from here."""
 
     def __init__(self, browser: Any, editor: Editor, size: tuple[int, int] = (900, 700), *, draws: int = 1) -> None:
         super().__init__(browser, size)
         self.editor = self.widgets["editor"] = editor
         self.held: list[tuple[str, Any]] | None = None
-        """Values of traits on their way to the page, oldest first, while they are held; None sends them at once."""
+        """The queue of traits' values for the front end, oldest first, while they are held; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
         editor.observe(self._told)
         state = {
@@ -51,13 +51,13 @@ class EditorOnPage(LivePage):
         self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [name, value])
 
     def delivered(self) -> None:
-        """The oldest held value reaches the page, which draws what it then knows."""
+        """Deliver the oldest held value to the front end, which draws its state then."""
         assert self.held
         self._deliver(*self.held.pop(0))
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def settled(self) -> None:
-        """Until the picture is there, and all views of the editor are drawn as they will stay."""
+        """Wait until the picture is loaded, and all views of the editor are drawn in full."""
         self.wait(
             f"({PAGE}.picture.painter.source || !{PAGE}.model.get('image').byteLength) && "
             "[...document.querySelectorAll('.dnb-editor')].every(({ deformnb: { frames } }) => "
@@ -66,12 +66,12 @@ class EditorOnPage(LivePage):
 
     @property
     def points(self) -> ControlPoints:
-        """Python's points, after all that the page has said."""
+        """Python's points, after all messages of the front end."""
         self.answered()
         return self.editor.points
 
     def answered(self) -> None:
-        """Until Python has taken in all that was edited, and the page has heard it."""
+        """Wait until Python has received all edits, and the front end its reply."""
         self.wait(f"!{PAGE}.sender.isBehind()")
         self.settled()
 
@@ -79,12 +79,12 @@ class EditorOnPage(LivePage):
         return self.page.evaluate(f"() => {expression}")
 
     def on_screen(self, place: Any) -> tuple[float, float]:
-        """CSS pixels of the window where a place of the picture is."""
+        """CSS pixels of the window at a place of the picture."""
         v, box = self.js(f"({PAGE}.viewport.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
         return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
 
     def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
-        """Drags what is at a place of the picture by pixels of the screen, with the real mouse."""
+        """Drag the object at a place of the picture by pixels of the screen, with the real mouse."""
         x, y = self.on_screen(place)
         mouse = self.page.mouse
         mouse.move(x, y)
@@ -98,12 +98,12 @@ class EditorOnPage(LivePage):
         self.settled()
         self.page.wait_for_function("""() => { const stage = document.querySelector('.dnb-ed-stage');
             const canvas = stage.querySelector('.dnb-ed-canvas'), ratio = Math.min(2, window.devicePixelRatio);
-            return Math.abs(canvas.width - ratio * stage.clientWidth) <= 1; }""")  # a style sheet may come after it
+            return Math.abs(canvas.width - ratio * stage.clientWidth) <= 1; }""")  # style sheets may be loaded later
         data = self.js("document.querySelector('.dnb-ed-canvas').toDataURL('image/png').split(',')[1]")
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGB")).astype(int)
 
     def raster(self) -> Raster:
-        """Where the pixels of the canvas are on the picture's plane."""
+        """The raster of the canvas's pixels on the picture's plane."""
         v = self.js(f"({PAGE}.viewport.view)")
         shape, d = self.canvas().shape[:2], 1 / (v["k"] * v["ratio"])
         return Raster(
@@ -116,7 +116,7 @@ def packed(value: Any) -> Any:
 
 
 def smooth_picture() -> Picture:
-    """Smooth and without symmetry, 60 x 44 pixels that are not square, away from the origin."""
+    """Picture, smooth and without symmetry, 60 x 44 pixels that are not square, away from the origin."""
     raster = Raster((44, 60), (2.0, 2.5), (11.0, -30.0))
     at = raster.points()
     a, b = (at[..., 0] - 11) / 120, (at[..., 1] + 30) / 110
@@ -126,6 +126,6 @@ def smooth_picture() -> Picture:
 
 
 def five_points() -> ControlPoints:
-    """At rest, the last in the middle of the picture."""
+    """Points at rest, the last in the middle of the picture."""
     source = np.array([[30.0, -10.0], [110.0, -5.0], [100.0, 60.0], [35.0, 55.0], [70.0, 25.0]])
     return ControlPoints.from_arrays(source, names=["", "top right", "", "", "middle"])

@@ -1,4 +1,4 @@
-"""A page of another site, open in the browser of whoever uses the application, that asks for its sockets."""
+"""A page of another site, open in the browser of a user of the application, that requests its sockets."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def blank_pages() -> Iterator[str]:
 
 
 def ask_for_sockets(browser: Any, origin: str, address: str, count: int = 24) -> list[str]:
-    """What a page of this origin gets of the server at this address: by fetch twice, by a WebSocket, by an image.
+    """The replies of the server at this address to a page of this origin: by fetch twice, by a WebSocket, by an image.
 
     Parameters
     ----------
     address : host and port of the application.
-    count : how many images ask.
+    count : how many images request it.
     """
     page = browser.new_page()
     try:

@@ -26,11 +26,11 @@ _PORT_TAKEN = ("is not available", "in use")  # in the servers' words, who end t
 
 
 class Host:
-    """A server on the loopback with a token of its own; its folders are in ``folder`` and nowhere else.
+    """A server on the loopback with a separate token; its folders are in ``folder`` and nowhere else.
 
     Parameters
     ----------
-    folder : where notebooks, settings and the server's log go.
+    folder : folder of notebooks, settings and the server's log.
     options : further options of its command line.
     """
 
@@ -110,7 +110,7 @@ class Host:
 
     @classmethod
     def missing(cls) -> str:
-        """Why it cannot be run here, or an empty text."""
+        """The reason for which it cannot be run here, or an empty text."""
         absent = [
             module for module in (cls.module, "ipykernel", *cls.requires) if importlib.util.find_spec(module) is None
         ]
@@ -138,7 +138,7 @@ class Host:
         raise RuntimeError(f"{self.name} did not start:\n{self.messages()[-2000:]}")
 
     def messages(self) -> str:
-        """What the server has printed."""
+        """The server's output."""
         return (self.folder / "server.log").read_text(errors="replace", encoding="utf-8")
 
     def url(self, path: str) -> str:
@@ -169,10 +169,10 @@ class Host:
         raise NotImplementedError
 
     def save(self, page: Any) -> None:
-        """Writes what the page shows to the notebook's file, where the host can."""
+        """Save the page's notebook to its file, where the host can."""
 
     def close(self) -> None:
-        """Ends the server and its kernels."""
+        """End the server and its kernels."""
         for kind in (signal.SIGTERM, signal.SIGKILL):
             try:
                 os.killpg(self.process.pid, kind)
@@ -196,7 +196,7 @@ class _Application(Host):
         self.run_all(page)
 
     def wait_until_open(self, page: Any) -> None:
-        """Until the notebook is there with a kernel."""
+        """Wait until the notebook is open with a kernel."""
         page.wait_for_function("window.jupyterapp?.shell.currentWidget?.sessionContext", timeout=90_000)
         page.evaluate("""async () => {
             await jupyterapp.restored;
@@ -206,14 +206,14 @@ class _Application(Host):
         }""")
 
     def run_all(self, page: Any) -> None:
-        """Runs all cells and waits for the last."""
+        """Run all cells and wait for the last."""
         page.evaluate("() => jupyterapp.commands.execute('notebook:run-all-cells')")
 
     def save(self, page: Any) -> None:
         page.evaluate("() => jupyterapp.shell.currentWidget.context.save()")
 
     def run(self, page: Any, code: str) -> str:
-        """What a new cell at the end of the notebook prints."""
+        """The output of a new cell at the end of the notebook."""
         return str(
             page.evaluate(
                 """async (code) => {
@@ -229,7 +229,7 @@ class _Application(Host):
         )
 
     def end_kernels(self) -> None:
-        """Ends all kernels, and forgets what they have written by themselves."""
+        """End all kernels, and remove their autosaved files."""
         for kernel in self._ask("GET", "/api/kernels"):
             for _ in range(20):
                 with contextlib.suppress(urllib.error.HTTPError):  # it is just being restarted
@@ -246,7 +246,7 @@ class _Application(Host):
             return json.loads(answer.read() or "null")
 
     def dark(self, page: Any, dark: bool = True) -> None:
-        """The dark theme or the light one."""
+        """Set the dark theme or the light one."""
         theme = "JupyterLab Dark" if dark else "JupyterLab Light"
         page.evaluate("(theme) => jupyterapp.commands.execute('apputils:change-theme', { theme })", theme)
         page.wait_for_function(f"document.body.dataset.jpThemeLight === '{str(not dark).lower()}'")
@@ -256,7 +256,7 @@ class Lab(_Application):
     """JupyterLab."""
 
     name, module, requires = "JupyterLab", "jupyterlab", ("jupyterlab",)
-    address = "/lab/workspaces/{workspace}/tree/{name}"  # else it opens the notebooks of other pages as well
+    address = "/lab/workspaces/{workspace}/tree/{name}"  # else it opens the notebooks of other tabs as well
     options = (
         "--ip=127.0.0.1",
         "--IdentityProvider.token={token}",
@@ -270,7 +270,7 @@ class Lab(_Application):
 
     def prepare(self) -> None:
         settings = self.folder / "jupyterlab_settings_dir" / "@jupyterlab" / "apputils-extension"
-        settings.mkdir(parents=True, exist_ok=True)  # it would ask whether it may fetch news
+        settings.mkdir(parents=True, exist_ok=True)  # it would request permission to fetch news
         (settings / "notification.jupyterlab-settings").write_text('{"fetchNews": "false"}', encoding="utf-8")
 
 
@@ -290,7 +290,7 @@ class Notebook(_Application):
 
 
 class Voila(Host):
-    """Voila, which runs a notebook for each page and shows only what the cells return."""
+    """Voila, which runs a notebook for each page and shows only the results of the cells."""
 
     name, module = "Voila", "voila"
     address = "/voila/render/{name}"
@@ -337,7 +337,7 @@ AT_REST = """() => {
 
 
 def resting(element: Any) -> Any:
-    """The box of an element that does not move any more: a page that has just come is still laid out."""
+    """The bounding box of an element at rest: a page that was just loaded is still being laid out."""
     element.evaluate("""async (element) => {
       const place = () => JSON.stringify([element.getBoundingClientRect(), scrollX, scrollY]);
       for (let still = 0, since = performance.now(), last = place(); still < 10 || performance.now() - since < 200;) {
@@ -349,9 +349,9 @@ def resting(element: Any) -> Any:
 
 
 def quiet(host: Host, page: Any) -> None:
-    """Until page and kernel have heard all that the other has said, and picture and volume are drawn in full."""
+    """Wait until client and kernel have read each other's messages, and picture and volume are drawn in full."""
     heard = "document.querySelector('.dnb-editor')?.deformnb?.sender.isBehind() === false"
     page.wait_for_function(heard, timeout=60_000)
     if isinstance(host, _Application):
-        host.run(page, "")  # behind all messages of the page, and answered behind all of the kernel's
+        host.run(page, "")  # after all messages of the client, and answered after all of the kernel's
     page.wait_for_function(AT_REST, timeout=60_000)

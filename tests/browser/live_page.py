@@ -114,7 +114,7 @@ class LivePage:
             self.errors.append(message.text)  # reading pixels back is what a screenshot is
 
     def add(self, widget: Any, name: str = "view", *, draw: bool = True) -> None:
-        """Puts a widget on the page."""
+        """Add a widget to the page."""
         self.widgets[name] = widget
         widget.send = lambda content, buffers=None: self.outbox.append((name, content, list(buffers or [])))
         widget.observe(lambda change: self._changed(name, change))
@@ -143,7 +143,7 @@ class LivePage:
         self.flush()
 
     def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
-        """One message after the other, as in a kernel: telling the page of one lets the next one in."""
+        """Read one message after the other, as in a kernel: the reply to one lets the next one in."""
         self._inbox.append((name, kind, text, buffers))
         if self._is_reading:
             return
@@ -164,7 +164,7 @@ class LivePage:
             deliver(widget, content, [memoryview(base64.b64decode(b)) for b in buffers])
 
     def flush(self) -> None:
-        """Delivers what the widgets have sent, and what other threads have changed."""
+        """Deliver the widgets' messages, and changes by other threads."""
         while self._changes:
             self._deliver_trait(*self._changes.pop(0))
         while self.outbox:
@@ -173,7 +173,7 @@ class LivePage:
             self.page.evaluate("([m, c, b]) => { models[m].receive(c, b); }", [name, content, text])
 
     def wait(self, condition: str, timeout: float = PATIENCE, *, passing: bool = False) -> None:
-        """Until a JavaScript expression holds and no message is underway, to either side.
+        """Wait until a JavaScript expression holds and no message is pending, on either side.
 
         What may hold for a moment only is ``passing``: messages may then be underway.
         """
@@ -183,17 +183,17 @@ class LivePage:
             if self.page.evaluate(f"() => Boolean({condition}){rest}") and (passing or not self._is_busy):
                 return
             self.page.wait_for_timeout(30)
-        raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
+        raise TimeoutError(f"{condition} did not become true in {timeout} s; the page reported {self.errors}")
 
     def until(self, condition: Callable[[], Any], timeout: float = PATIENCE) -> None:
-        """Until what Python has, or what it reads of the page, is so; widgets and page go on telling each other."""
+        """Wait for a state of Python, or of the page read by it; messages are dispatched meanwhile."""
         end = time.monotonic() + timeout
         while True:
             self.flush()
             if condition():
                 return
             if time.monotonic() > end:
-                raise TimeoutError(f"it did not come true in {timeout} s; the page said {self.errors}")
+                raise TimeoutError(f"it did not become true in {timeout} s; the page reported {self.errors}")
             self.page.wait_for_timeout(30)
 
     @property
@@ -203,16 +203,16 @@ class LivePage:
         return self._is_reading or bool(self._inbox or self.outbox) or any(pacer.is_waiting for pacer in pacers)
 
     def answered(self) -> None:
-        """Until Python has read all that the page has said so far, and the page has heard the answers."""
+        """Wait until Python has read all messages of the page so far, and the page its replies."""
         self.wait("true")
 
     def frames(self) -> None:
-        """Two frames of the page: in the first sizes are observed, in the second it is drawn with them."""
+        """Wait for two frames of the page: in the first sizes are observed, in the second it is drawn with them."""
         self.page.evaluate("""async () => {
             for (const _ of [1, 2]) await new Promise(requestAnimationFrame); }""")
 
     def loaded(self) -> None:
-        """Until the volume is on the card and all that was sent is applied."""
+        """Wait until the volume is on the GPU and all messages are applied."""
         self.wait(
             "document.querySelector('.dnb-view').deformnb.caster?.isReady && "
             "document.querySelector('.dnb-view').deformnb.field"

@@ -1,4 +1,4 @@
-"""What of a studio is clipped, covered or out of reach in a page: boxes of its controls against one another."""
+"""Controls of a studio that are clipped, covered or unreachable in a page, by their bounding boxes."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ GROUPS = {
 """Sections with a heading, by the title of their group."""
 
 ARE_MADE = "() => ![...document.querySelectorAll('.dnb-studio .dnb-late')].some((place) => place.offsetParent)"
-"""Whether all panels that are seen have come from the kernel."""
+"""Whether the kernel has made all visible panels."""
 
 HEADING = ".dnb-section-head"
 TAB = ".dnb-studio .dnb-tab"
@@ -93,7 +93,7 @@ def sections_of(page: Any) -> list[str]:
 
 
 def choose(page: Any, title: str) -> None:
-    """Show a group, or a section of one, and wait until its box has the size it keeps."""
+    """Show a group, or a section of one, and wait until its box has its final size."""
     group = next(group for group, sections in GROUPS.items() if title in (group, *sections))
     page.locator(TAB).filter(has_text=group).first.click()
     if title != group:
@@ -109,17 +109,17 @@ def choose(page: Any, title: str) -> None:
 
 
 def faults(page: Any, may_scroll: str = "") -> list[str]:
-    """What is clipped, covered or scrolled away sideways in the tab that is shown, and in the rest of the studio.
+    """Controls that are clipped, covered or scrolled away sideways in the selected tab, and in the rest of the studio.
 
     Parameters
     ----------
-    may_scroll : a selector of what may have a bar of its own there.
+    may_scroll : a selector of elements that may have a scroll bar there.
     """
     return list(page.evaluate(FAULTS, may_scroll))
 
 
 def has_fault(page: Any, words: str) -> bool:
-    """Whether a fault with these words is found, at once or when the layout has come to rest."""
+    """Whether a fault with these words is found, at once or when the layout is at rest."""
     for _ in range(10):
         if any(words in fault for fault in faults(page)):
             return True
@@ -128,7 +128,7 @@ def has_fault(page: Any, words: str) -> bool:
 
 
 def lasting_faults(page: Any, may_scroll: str = "") -> list[str]:
-    """The same, but for what passes while parts of a tab that was never shown before are still arriving."""
+    """The same, without faults that pass while parts of a tab are still loading."""
     for _ in range(10):
         if not (found := faults(page, may_scroll)):
             break

@@ -35,7 +35,7 @@ COLLECT = """() => {
   };
   if (document.body) begin(); else document.addEventListener("DOMContentLoaded", begin);
 }"""
-"""Script that keeps every text below the body, and every text of an attribute, as they are when a frame is drawn."""
+"""Script that records every text below the body, and every text of an attribute, as they are when a frame is drawn."""
 
 TOOLS = ("add", "select", "move", "grow", "cut", "part", "fixed", "wand", "window", "mirror", "snap", "stop")
 
@@ -46,7 +46,7 @@ def seen_words(page: Any) -> list[str]:
 
 
 def walk_editor(page: Any, root: str = ".dnb-editor") -> None:
-    """Use every tool of an editor, look at its lists, and go through its overlays."""
+    """Use every tool of an editor, its lists, and its overlays."""
     stage = page.locator(f"{root} .dnb-ed-stage").first
     box = stage.bounding_box()
     x, y, w, h = box["x"], box["y"], box["width"], box["height"]
@@ -182,7 +182,7 @@ def foreign_words(texts: Iterable[str], table: Mapping[str, str], allowed: Itera
     Parameters
     ----------
     table : of a language, by the English words.
-    allowed : names of files and of volumes, beside :data:`NEUTRAL`.
+    allowed : names of files and of volumes, in addition to :data:`NEUTRAL`.
     """
     known = Translator({translation: key for key, translation in table.items()})
     neutral = re.compile("|".join(map(re.escape, sorted((*NEUTRAL, *allowed), key=len, reverse=True))))

@@ -53,7 +53,7 @@ ELSEWHERE = {
     "a formula in z or a tuple of numbers",
     "rising numbers from 0 to 1",
     "the page has no {} of {}",
-    "the page makes no widgets of its own",
+    "the client makes no widgets itself",
     "an edit could not be sent:",
     "there is no model {}",
     "a volume or labels ({}), names of labels ({}), landmarks ({}) or a session ({})",

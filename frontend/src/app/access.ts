@@ -1,7 +1,7 @@
 // Runs before anything else of the application: reads the password from the address once and removes it from there.
 //
 // trame's client takes it from the address and removes it there, so a page that is loaded again would have none. It is
-// kept for this tab. Nothing in the address may name another server to talk to.
+// stored for this tab. Nothing in the address may name another server to talk to.
 
 (() => {
   const KEY = "deformnb-secret",
@@ -15,7 +15,7 @@
   searchParams.set("sessionURL", `ws://${window.location.host}/ws`); // else the client needs a launcher
   window.history.replaceState({}, document.title, `${address.pathname}${address.search}${address.hash}`);
 
-  // A client that is refused writes a bare line of its own into the page.
+  // A client that is refused writes a bare line into the page.
   document.addEventListener("DOMContentLoaded", () => {
     const app = document.getElementById("app");
     const text =

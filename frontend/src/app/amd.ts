@@ -1,4 +1,4 @@
-// A page for AMD modules of notebooks: keeps the result of the module that is imported next.
+// A loader for AMD modules of notebooks: stores the result of the module that is imported next.
 
 import * as base from "@jupyter-widgets/base";
 

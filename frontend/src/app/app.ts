@@ -1,4 +1,4 @@
-// The application's page: the studio over the whole window, in light or dark.
+// The application's client: the studio over the whole window, in light or dark.
 //
 // trame's client brings Vue and the socket. <deformnb-studio> is a Vue component that shows the studio's widgets by a
 // widget manager.
@@ -19,7 +19,7 @@ export interface Studio {
   keyed: (event: KeyboardEvent) => void;
 }
 
-let isLeaving = false; // whether the page is being closed or loaded again, which ends what waits for Python
+let isLeaving = false; // whether the page is being closed or loaded again, which ends requests that wait for Python
 window.addEventListener("pagehide", () => {
   isLeaving = true;
 });
@@ -33,7 +33,7 @@ const AppStudio: Component<Studio> = {
   template: '<div ref="place" class="dnb-app-studio"></div>',
   methods: {
     /**
-     * Shows the studio over the session of now: after a broken connection it is another one, and all comes anew.
+     * Shows the studio over the current session: after a broken connection another one, with all loaded again.
      */
     async show() {
       const session = this.trame.client.getConnection().getSession();
@@ -48,7 +48,7 @@ const AppStudio: Component<Studio> = {
         this.shown = view.luminoWidget;
         Widget.attach(view.luminoWidget, place);
       } catch (error) {
-        if (this.manager !== manager || isLeaving) return; // the page or its connection has gone meanwhile
+        if (this.manager !== manager || isLeaving) return; // the page or its connection was closed meanwhile
         console.error(error);
         place.textContent = `The studio could not be shown: ${(error as Error).message}`;
       }
@@ -80,7 +80,7 @@ const AppStudio: Component<Studio> = {
   },
 };
 
-/** Sets light or dark as Jupyter's pages say it. */
+/** Sets light or dark by the attributes of Jupyter's pages. */
 function setTheme(isDark: boolean) {
   document.body.dataset.jpThemeLight = String(!isDark);
 }
@@ -97,7 +97,7 @@ window.deformnb_app = {
     app.component("deformnb-studio", AppStudio);
     setTheme(window.matchMedia("(prefers-color-scheme: dark)").matches);
     addThemeButton();
-    const viewport = document.querySelector("meta[name=viewport]"); // trame's own lets nobody zoom
+    const viewport = document.querySelector("meta[name=viewport]"); // trame's own does not allow zooming
     viewport?.setAttribute("content", "width=device-width, initial-scale=1");
   },
 };

@@ -1,5 +1,5 @@
-// Captions and an orientation cube over pictures that come by trame's remote controlled area. Python gets an
-// acknowledgement of each picture that has come, and sends no more than that.
+// Captions and an orientation cube over pictures of trame's remote controlled area. Python gets an
+// acknowledgement of each picture that was received, and sends no more than that.
 
 import { Camera } from "../maths/camera.ts";
 import { pageElement, setText } from "../ui/dom.ts";

@@ -1,7 +1,7 @@
-// The widget manager of the application's page: ipywidgets' own front end, over trame's socket instead of a kernel's.
+// The widget manager of the application's client: ipywidgets' own front end, over trame's socket instead of a kernel's.
 //
-// Python sends messages for widgets under one topic; those of the page are calls of a procedure, which returns when
-// Python's widget has taken the message. That is what a kernel's state "idle" says.
+// Python sends messages for widgets under one topic; those of the client are calls of a procedure, which returns when
+// Python's widget has received the message. A kernel's state "idle" means the same.
 
 import * as base from "@jupyter-widgets/base";
 import { ManagerBase } from "@jupyter-widgets/base-manager";
@@ -23,7 +23,7 @@ export interface CommMessage {
   widget: string;
   data: CommData;
   buffers: unknown[];
-  /** Id of the message by a page that this is the echo of */
+  /** Id of the message by a client that this is the echo of */
   parent?: string;
   /** States of widgets that the data are the first to refer to */
   opened?: Record<string, State>;
@@ -37,7 +37,7 @@ const MODULES: Record<string, object> = {
   anywidget: defined.exports,
 };
 
-/** Bytes come as arrays of the socket's own kind; the widgets expect what Jupyter gives. */
+/** Bytes are received as arrays of the socket's type; the widgets expect those of Jupyter. */
 function withViews(value: unknown): unknown {
   if (value instanceof Uint8Array) return new DataView(value.buffer, value.byteOffset, value.byteLength);
   if (Array.isArray(value)) return value.map(withViews);
@@ -51,7 +51,7 @@ function asBytes(buffer: ArrayBuffer | ArrayBufferView) {
     : new Uint8Array(buffer);
 }
 
-let sent = 0; // messages of this page
+let sent = 0; // messages of this client
 
 /** The channel of one widget. */
 class SocketComm {
@@ -102,7 +102,7 @@ export class WidgetManager extends ManagerBase {
 
   constructor(readonly session: Session) {
     super();
-    /** The states of all widgets are there; messages may come before them */
+    /** The states of all widgets are loaded; messages may be received before */
     this.opened = new Promise((resolve) => {
       this.haveOpened = resolve;
     });
@@ -116,7 +116,7 @@ export class WidgetManager extends ManagerBase {
     this.haveOpened();
     const { words = {}, language = "" }: { words?: Record<string, string>; language?: string } =
       Object.values(widgets).find(({ words: its }) => Object.keys(its ?? {}).length > 0) ?? {};
-    if (language) showInLanguage(document.body, words, language); // what stands beside the studio too
+    if (language) showInLanguage(document.body, words, language); // the page around the studio too
     return this.create_view(await this.get_model(studio));
   }
 
@@ -153,7 +153,7 @@ export class WidgetManager extends ManagerBase {
   }
 
   async _create_comm(): Promise<never> {
-    throw new Error("the page makes no widgets of its own");
+    throw new Error("the client makes no widgets itself");
   }
 
   async _get_comm_info() {

@@ -1,5 +1,5 @@
 // Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
-// rounds them, turned as the camera says, rows along y. The browser unpacks them.
+// rounds them, rotated as the camera states, rows along y. The browser unpacks them.
 
 import { checkedGrid, IDENTITY } from "../volume/grid.ts";
 import { FileError, shownText } from "./reading.ts";

@@ -16,7 +16,7 @@ export interface Header {
   /** [nz, ny, nx] */
   shape: Vector3;
   type: VoxelType;
-  /** Whether the highest byte comes first */
+  /** Whether the highest byte is the first */
   isBig: boolean;
   /** Voxels mean slope * stored + intercept */
   slope: number;
@@ -154,7 +154,7 @@ export async function voxelChecksum({ values, dtype, grid: { shape } }: Volume) 
     const digest = new Uint8Array(await subtle.digest("SHA-256", all));
     return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
   } catch {
-    // not enough memory for the copy: the document goes without
+    // not enough memory for the copy: the document is written without it
     return null;
   }
 }

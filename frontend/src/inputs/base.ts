@@ -17,8 +17,8 @@ export function targetIndex(elements: Element[], event: Event) {
 }
 
 /**
- * The value of an attribute of what lies under the pointer within an element, or null. The place is looked up because
- * the clicks of a captured pointer go to the element that has captured it.
+ * The value of an attribute of the element under the pointer, or null. The place is looked up because
+ * the clicks of a captured pointer are dispatched to the element that has captured it.
  */
 export function attributeUnder(event: MouseEvent, within: Element, name: string) {
   const hit = treeOf(within).elementFromPoint(event.clientX, event.clientY)?.closest(`[${name}]`);
@@ -46,7 +46,7 @@ export class InputView extends Widget {
     this.liveRegion = pageElement("div", "dnb-cv-spoken", null, { "aria-live": "polite" });
     const repaint = () => this.guard(() => this.applyTheme());
     this.theme = new ThemeObserver(this.root, repaint);
-    this.observer = new ResizeObserver(repaint); // a style sheet may come late
+    this.observer = new ResizeObserver(repaint); // a style sheet may be loaded late
   }
 
   /** Called by a widget once its elements exist. */
@@ -140,7 +140,7 @@ export class InputView extends Widget {
   }
 }
 
-/** What a drag does. `press` returns what is grabbed, or null. */
+/** The effect of a drag. `press` returns what is grabbed, or null. */
 export interface DragHandler<T> {
   press: (event: PointerEvent) => T | null;
   drag: (grabbed: T, by: Vector2) => void;
@@ -159,7 +159,7 @@ export function listenToDrags<T>(view: InputView, target: Element, handler: Drag
     held = null;
     handler.drop(grabbed, isCancelled, isPress);
   };
-  // A finger on a node must not scroll the page; touch-action of a part of an SVG does not keep it from that.
+  // A finger on a node must not scroll the page; touch-action of a part of an SVG does not prevent that.
   view.listen(
     target,
     "touchstart",

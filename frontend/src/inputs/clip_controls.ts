@@ -1,4 +1,4 @@
-// The clip controls: a view's sliders in a cell of their own.
+// The clip controls: a view's sliders in a separate cell.
 
 import type { Model } from "../types.ts";
 

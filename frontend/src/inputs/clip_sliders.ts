@@ -1,4 +1,4 @@
-// Three sliders with two ends each, which cut away what lies outside of a part of a view's box. They set the view's
+// Three sliders with two ends each, which clip all outside a part of a view's bounding box. They set the view's
 // trait `clip` in the front end, so a live view follows without the kernel.
 
 import { AXES, type Axis, perAxis } from "../maths/axes.ts";
@@ -14,7 +14,7 @@ const SIDE_WORDS: Record<string, string> = { L: "left", R: "right", A: "front", 
 /** The trait `volume_info`, as far as it is needed here; empty before there is a volume. */
 export type VolumeInfo = { axes?: Matrix3 };
 
-/** The lower or the upper end of what is seen. */
+/** The lower or the upper end of the visible part. */
 type End = 0 | 1;
 type Ends<T> = [T, T];
 type Row = {
@@ -30,7 +30,7 @@ type Row = {
 const axisOf = ([x, y, z]: Matrix3, i: Axis): Vector3 => [x[i], y[i], z[i]];
 const sideWords = (letters: string) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
 
-/** The clip that takes away the half of what is seen that lies towards a viewer. */
+/** The clip that removes the half of the visible part towards a viewer. */
 function openedTowards(direction: Vector3, axes: Matrix3): Clip {
   const along = perAxis((i) => dot(direction, axisOf(axes, i)));
   const axis = AXES.reduce<Axis>((best, i) => (Math.abs(along[i]) > Math.abs(along[best]) ? i : best), 0);
@@ -150,7 +150,7 @@ export class ClipSliders {
           "aria-valuetext": `seen ${Math.round(100 * low)} to ${Math.round(100 * high)} percent`,
         });
       }
-      // Where both ends lie together at the far side, only the lower one can be moved: it must lie above.
+      // Where both ends are together at the far side, only the lower one can be moved: it must be on top.
       track.classList.toggle("dnb-clip-far", low > 0.5);
     }
   }

@@ -1,4 +1,4 @@
-// The curve editor: f(z) over the depth, drawn by hand or given by a formula.
+// The curve editor: f(z) over the depth, drawn with the pointer or given by a formula.
 
 import type { CurveEditorToFrontEnd } from "../generated.ts";
 import type { Node, NodeRules } from "../maths/curves.ts";
@@ -74,13 +74,13 @@ class CurveEditorView extends CurvePlot {
     this.commit();
   }
 
-  /** Send a formula. Only Python can read it: until it has answered, the old curve stays. */
+  /** Send a formula. Only Python can read it: until it has replied, the old curve is shown. */
   take(formula: string) {
     if (this.isReadOnly || formula.trim() === "") {
       this.forget();
       return;
     }
-    // Enter comes as a key and as a change.
+    // Enter dispatches both a key and a change.
     if ((!this.isTyping && formula === this.named) || formula === this.sent) return;
     this.settle();
     this.sent = formula;
@@ -93,7 +93,7 @@ class CurveEditorView extends CurvePlot {
     super.message(message);
     const isOurs = !message.view || message.view === this.link.id;
     const isRefused = message.type === "error" && isOurs && this.sent !== undefined;
-    if (isRefused) this.isTyping = true; // stays for correction
+    if (isRefused) this.isTyping = true; // left in the field for correction
     const isAnswered = message.type === "done" && isOurs && message.seq === this.link.last;
     if (isAnswered && this.alert.hidden) this.sent = undefined;
     this.invalidate();
@@ -115,7 +115,7 @@ class CurveEditorView extends CurvePlot {
     return { nodes: this.nodes, smooth: this.isSmooth };
   }
 
-  // ---- what is on the plot ------------------------------------------------------------------------------------------
+  // ---- the plot -----------------------------------------------------------------------------------------------------
 
   rules(): NodeRules {
     return { x: [0, 1], y: this.view[1], step: 1 / 128, gap: 1 / 128, isPinned: true, most: 64 };

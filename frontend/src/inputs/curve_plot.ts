@@ -82,7 +82,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     return [x, y];
   }
 
-  /** The value that Python gets. */
+  /** The value that Python receives. */
   value(): object {
     return { nodes: this.nodes };
   }
@@ -188,7 +188,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
       return;
     }
     Object.assign(this, grabbed.before);
-    // Whoever followed the movements must get the value at the end; Python's has not changed.
+    // A follower of the movements must receive the value at the end; Python's has not changed.
     if (this.model.get("live")) this.commit();
     else this.receive();
     this.invalidate();
@@ -284,7 +284,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
     return "Tab goes through the nodes, arrows move them, A adds one, Delete removes one.";
   }
 
-  /** Draw what lies behind the curve. */
+  /** Draw the background of the curve. */
   drawBack() {}
 
   /** The curve in pixels, from edge to edge. */
@@ -293,7 +293,7 @@ export class CurvePlot extends NodesView<NodeDrag | PlotDrag> {
       curve = this.curve(),
       { nodes } = this;
     const at = (x: number) => this.toPixel([x, curve(x)]);
-    /** The part of it that is seen. */
+    /** Its visible part. */
     const between = (from: number, to: number) => {
       const a = Math.max(from, x0),
         b = Math.min(to, x1);

@@ -55,7 +55,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
     return this.model.get("least_apart");
   }
 
-  /** These keys with the k-th one at another depth, as far as its neighbours let it. */
+  /** These keys with the k-th one at another depth, limited by its neighbours. */
   moved(knots: number[], k: number, depth: number) {
     const before = knots[k - 1],
       after = knots[k + 1];
@@ -68,7 +68,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
 
   // ---- edits --------------------------------------------------------------------------------------------------------
 
-  /** The value that Python gets. */
+  /** The value that Python receives. */
   value(kind: string, index: number) {
     return { kind, index, knots: this.knots, selected: this.selected };
   }
@@ -151,7 +151,7 @@ class DepthKeysView extends NodesView<KeyDrag> {
     this.announce(`added ${this.words(this.selected)}`);
   }
 
-  /** Add a key in the middle of the wider gap beside the selected one; the ends of the bar count as gaps too. */
+  /** Add a key in the middle of the wider gap next to the selected one; the ends of the bar count as gaps too. */
   addChosen() {
     const { knots, selected: k } = this,
       at = knots[k]!,

@@ -21,10 +21,10 @@ class FileInputView extends Widget {
   stop: HTMLButtonElement;
   veil: HTMLDivElement;
 
-  /** Files that wait for the one under way. */
+  /** Files that wait for the current one. */
   waiting: File[] = [];
 
-  /** The upload under way. */
+  /** The current upload. */
   current: { id: string; file: File } | null = null;
 
   depth = 0; // of the elements that a dragged file has entered
@@ -74,7 +74,7 @@ class FileInputView extends Widget {
 
   // ---- drops --------------------------------------------------------------------------------------------------------
 
-  /** On the way down: JupyterLab would open a file that is dropped, and a browser would leave the page. */
+  /** In the capture phase: JupyterLab would open a file that is dropped, and a browser would leave the page. */
   #takeDrops() {
     const options = { capture: true };
     const isOurs = (event: DragEvent) =>
@@ -152,7 +152,7 @@ class FileInputView extends Widget {
   async #receive(content: FileInputToFrontEnd) {
     const { current } = this,
       { id } = content;
-    if (!current || current.id !== id) return; // of another page
+    if (!current || current.id !== id) return; // of another client
     const { file } = current;
     if (content.type === "next") {
       const { offset, length } = content;

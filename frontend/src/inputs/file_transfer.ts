@@ -1,4 +1,4 @@
-// A text for the clipboard or a file for the downloads, from Python; reports what it has done.
+// A text for the clipboard or a file for the downloads, from Python; reports the result.
 
 import type { FileTransferToFrontEnd } from "../generated.ts";
 import type { Model } from "../types.ts";

@@ -98,7 +98,7 @@ class GridDrawingView extends InputView {
   // ---- edits --------------------------------------------------------------------------------------------------------
 
   /**
-   * The grid with a node at another place. It goes where it is put, the corners and the other nodes that were placed stay,
+   * The grid with a node at another place. It moves there, the corners and the other nodes that were placed stay,
    * and all between them follow.
    */
   moved(before: Grid, index: number, place: Vector2): Grid {
@@ -195,7 +195,7 @@ class GridDrawingView extends InputView {
     event.stopPropagation();
   }
 
-  /** With Alt an arrow goes to the next node, else it moves the one that has the focus. */
+  /** With Alt an arrow focuses the next node, else it moves the focused one. */
   nudge(event: KeyboardEvent, [di, dj]: Vector2) {
     const index = targetIndex(this.marks, event);
     if (index < 0) return;

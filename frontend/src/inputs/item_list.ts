@@ -114,7 +114,7 @@ class ItemListView extends Widget {
   // ---- drawing ------------------------------------------------------------------------------------------------------
 
   draw() {
-    if (this.isNaming) return; // what is being written shall not go; drawn when it is done
+    if (this.isNaming) return; // text being typed must not be lost; drawn when that is done
     const held = this.#focused(),
       { rows } = this,
       chosen = this.model.get("chosen");
@@ -288,7 +288,7 @@ class ItemListView extends Widget {
     wanted?.focus({ preventScroll: false });
   }
 
-  /** Let Tab reach one row only, and all of it; arrows go to the others. */
+  /** Make one row reachable by Tab, and all of it; arrows focus the others. */
   #reach() {
     [...this.body.rows].forEach((line, k) => {
       const index = k === this.current ? "0" : "-1";

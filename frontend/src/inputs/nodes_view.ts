@@ -6,7 +6,7 @@ import { ARROWS, OWN_KEYS, pageElement, svgElement } from "../ui/dom.ts";
 import type { DragHandler } from "./base.ts";
 import { InputView, KEYS_REST, listenToDrags, numberUnder, targetIndex } from "./base.ts";
 
-/** A mark of a node: circles for what a press hits, for a halo, and for a dot. */
+/** A mark of a node: circles for the hit area, for a halo, and for a dot. */
 export function markElement(parent: Element, [hit, halo, dot]: [number, number, number], attributes: Attributes = {}) {
   const mark = svgElement("g", { class: "dnb-cv-node", ...attributes, ...OWN_KEYS }, parent);
   svgElement("circle", { class: "dnb-cv-hit", r: hit }, mark);

@@ -14,7 +14,7 @@ import { iconElement, OWN_KEYS, pageElement, setAttributes, setText } from "../u
 import { widgetOf } from "../ui/widget.ts";
 import { InputView } from "./base.ts";
 
-const LONGEST_TICK = 250; // ms: after a window was hidden the animation goes on where it was, and does not leap
+const LONGEST_TICK = 250; // ms: after a window was hidden the animation continues where it was, and does not leap
 
 /** The functions of a window by which a clock ticks. */
 export type FrameSource = Pick<Window, "requestAnimationFrame" | "cancelAnimationFrame">;
@@ -37,12 +37,12 @@ export class PlayClock {
     readonly frames: FrameSource = window,
   ) {}
 
-  /** The moment from 0 to the duration; on the way back of a swing it falls while the position rises. */
+  /** The moment from 0 to the duration; in the second half of a swing it falls while the position rises. */
   get time() {
     return momentOf(this.position, this.duration, this.loop);
   }
 
-  /** Change settings; what is undefined stays. */
+  /** Change settings; those that are undefined are left unchanged. */
   set({ duration, speed, loop }: { duration?: number; speed?: number; loop?: string }) {
     const time = this.time;
     if (speed !== undefined) this.speed = speed;
@@ -235,7 +235,7 @@ class PlayerView extends InputView {
   #run() {
     if (this.model.get("is_playing")) this.clock.play();
     else this.clock.pause();
-    this.#send(true); // where there is nothing to play it stays paused
+    this.#send(true); // without anything to play it remains paused
   }
 
   #set(name: "speed" | "loop", value: number | string) {
@@ -273,7 +273,7 @@ class PlayerView extends InputView {
     this.invalidate();
   }
 
-  // ---- what the user does -------------------------------------------------------------------------------------------
+  // ---- actions of the user ------------------------------------------------------------------------------------------
 
   toggle() {
     if (this.clock.isPlaying) this.clock.pause();

@@ -109,7 +109,7 @@ export function pointColumns(dim: number): Column[] {
   ];
 }
 
-/** Columns by their keys or fields, the most wanted first: what has room where a table is narrow. */
+/** Columns by their keys or fields, the most wanted first, for narrow tables. */
 const WANTED = ["name", "go", "active", "target", "drag", "source", "error", "locked", "id", "weight", "radius"];
 
 /** The least width of a column in CSS pixels. */
@@ -184,7 +184,7 @@ export function formatNumber(value: number) {
   return size < 0.005 || size >= 1e7 ? value.toExponential(1) : value.toFixed(2);
 }
 
-/** Indices of the points in the order of a column; those without a value come last, either way round. */
+/** Indices of the points in the order of a column; those without a value are last in both directions. */
 export function orderedPoints(points: TableRow[], column: Column | undefined, isDown: boolean, dim: number) {
   const places = points.map((_, k) => k);
   if (!column) return places;

@@ -230,7 +230,7 @@ class PointsTableView extends Widget {
     const { clientWidth } = this.scroller,
       all = pointColumns(this.dim),
       before = this.columns;
-    if (this.root.querySelector(".dnb-pt-writing")) return; // what is being written shall not go
+    if (this.root.querySelector(".dnb-pt-writing")) return; // text being typed must not be lost
     const columns = clientWidth ? fittingColumns(all, clientWidth) : all;
     if (
       columns.length === before.length &&
@@ -345,7 +345,7 @@ class PointsTableView extends Widget {
     /** Places of the rows to draw, by id */
     const wanted: Map<number, number> = new Map();
     for (let k = first; k < end; k += 1) wanted.set(this.pointAt(k)!.id, k);
-    const { id: active } = this.active; // the row that holds the focus stays, wherever it is
+    const { id: active } = this.active; // the row with the focus is always drawn
     if (held && active !== null && this.rankOf(active) >= 0) wanted.set(active, this.rankOf(active));
     for (const [id, row] of this.rows)
       if (!wanted.has(id)) {
@@ -493,7 +493,7 @@ class PointsTableView extends Widget {
     this.cellOf(this.active.id, this.active.key)?.focus({ preventScroll: true });
   }
 
-  /** Let Tab reach one cell only; arrows go to the others. */
+  /** Make one cell reachable by Tab; arrows focus the others. */
   reach() {
     if (this.active.id !== null && this.rankOf(this.active.id) < 0) {
       const near = this.pointAt(Math.min(this.lastRank, this.order.length - 1));
@@ -703,7 +703,7 @@ class PointsTableView extends Widget {
     box.checked = !box.checked; // as Python holds it, until it answers
   }
 
-  // ---- what is done -------------------------------------------------------------------------------------------------
+  // ---- actions ------------------------------------------------------------------------------------------------------
 
   run(name: string) {
     if (name === "add") this.act("add", [], { value: this.place.value }, "place");

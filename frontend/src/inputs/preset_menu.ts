@@ -19,7 +19,7 @@ class PresetMenuView extends Widget {
   constructor(model: Model, el: HTMLElement) {
     super(model, el, "dnb-preset-menu", OWN_KEYS);
     this.button = pageElement("button", "dnb-pm-button", this.root, { type: "button", "aria-haspopup": "listbox" });
-    // In the browser's top layer, since the row over the volume cuts off what is higher than itself.
+    // In the browser's top layer, since the row over the volume clips all that is higher than itself.
     this.list = pageElement("div", "dnb-pm-list", this.root, {
       role: "listbox",
       "aria-label": "Preset",
@@ -81,7 +81,7 @@ class PresetMenuView extends Widget {
       Home: 0,
       End: -1,
     };
-    if (event.key !== "Tab") event.stopPropagation(); // the page around has its own keys
+    if (event.key !== "Tab") event.stopPropagation(); // the host has its own keys
     const place = next[event.key];
     if (place === undefined) return;
     event.preventDefault();

@@ -1,4 +1,4 @@
-// An offer to restore what was lost when a kernel died; and a message when the front end's own kernel has gone.
+// An offer to restore edits that were lost when a kernel died; and a message when the front end's kernel has died.
 //
 // Python owns the offer. Facts that a front end has of its kernel: the notebook's widget manager notifies each model
 // that its comm is dead when the kernel is restarted by the user, and the kernel itself signals when it died and was

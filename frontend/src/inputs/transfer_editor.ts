@@ -34,7 +34,7 @@ const FINEST = 1 / 500; // share of the whole axis that is seen at most enlarged
 const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the wheel
 
 /**
- * The seen part of the axis, zoomed by a factor about a value and kept within the whole axis; null where all of it is
+ * The seen part of the axis, zoomed by a factor about a value and limited to the whole axis; null where all of it is
  * seen.
  */
 export function zoomedAxis([low, high]: Vector2, [first, last]: Vector2, factor: number, at: number): Vector2 | null {
@@ -44,7 +44,7 @@ export function zoomedAxis([low, high]: Vector2, [first, last]: Vector2, factor:
   return keptInside([at - ((at - low) * width) / (high - low), width], [first, last]);
 }
 
-/** The seen part of the axis, moved and kept within the whole axis. */
+/** The seen part of the axis, moved and limited to the whole axis. */
 export function pannedAxis([low, high]: Vector2, whole: Vector2, by: number) {
   return keptInside([low + by, high - low], whole);
 }
@@ -111,7 +111,7 @@ export function colorAt(stops: ColorStop[], value: number): Vector3 {
   return [part(1), part(2), part(3)];
 }
 
-/** Stops with one of them moved, which keeps its place among the others. No edit changes the list it is given. */
+/** Stops with one of them moved, in the same place among the others. No edit changes the given list. */
 export function movedStop(stops: ColorStop[], k: number, value: number, [first, last]: Vector2): ColorStop[] {
   const low = k > 0 ? stops[k - 1]![0] : Math.min(first, stops[0]![0]);
   const high = k < stops.length - 1 ? stops[k + 1]![0] : Math.max(last, stops[stops.length - 1]![0]);
@@ -170,7 +170,7 @@ class ColorStops {
     return this.view.colors;
   }
 
-  /** The value that Python gets. */
+  /** The value that Python receives. */
   value() {
     return { colors: this.stops.map(([value, ...rgb]) => [value, hexOf(rgb)]) };
   }
@@ -300,7 +300,7 @@ class ColorStops {
     this.add(view.tidy(view.toPlace(view.pointOf(event)))[0]);
   }
 
-  /** Opens the browser's colours where it lets a script do so; else the input has the focus. */
+  /** Opens the browser's colours where scripts are allowed to; else focuses the input. */
   pick() {
     if (this.view.isReadOnly) return;
     this.view.draw();
@@ -455,13 +455,13 @@ class WindowBar {
     return NARROWEST * (high - low);
   }
 
-  /** Nodes that all lie at one value cannot be stretched. */
+  /** Nodes that are all at one value cannot be stretched. */
   get isFlat() {
     const [low, high] = this.window;
     return !(high > low);
   }
 
-  /** The value that Python gets. */
+  /** The value that Python receives. */
   value() {
     return { window: this.window };
   }
@@ -615,7 +615,7 @@ class WindowBar {
   }
 }
 
-// ---- the presets: buttons with pictures of this very volume, which come when they are made --------------------------
+// ---- the presets: buttons with pictures of this very volume, shown once they are made -------------------------------
 
 const PICTURE = { alt: "", width: 56, height: 56, draggable: "false" }; // CSS pixels
 
@@ -790,7 +790,7 @@ class TransferEditorView extends CurvePlot {
     }
     this.isHeld = false;
     Object.assign(this, before);
-    // Whoever followed the movements must get the value at the end; Python's has not changed.
+    // A follower of the movements must receive the value at the end; Python's has not changed.
     if (isCancelled && this.model.get("live")) this.end(before.named ? { preset: before.named } : row.value());
     else this.receive();
     this.invalidate();
@@ -917,7 +917,7 @@ class TransferEditorView extends CurvePlot {
       this.hint("Click here, or hold Ctrl, to zoom with the wheel");
       return;
     }
-    if (!this.zoom && event.deltaY >= 0 && !isCommand) return; // all is seen: let the page scroll
+    if (!this.zoom && event.deltaY >= 0 && !isCommand) return; // all is seen: the page scrolls
     event.preventDefault();
     const lines = event.deltaMode === 1 ? 16 : event.deltaMode === 2 ? 400 : 1,
       [[low, high]] = this.view;
@@ -945,7 +945,7 @@ class TransferEditorView extends CurvePlot {
     this.invalidate();
   }
 
-  // ---- what is on the plot ------------------------------------------------------------------------------------------
+  // ---- the plot -----------------------------------------------------------------------------------------------------
 
   rules(): NodeRules {
     return { x: this.whole, y: [0, 1], step: 0, gap: 0, isPinned: false, most: 64 };
@@ -955,7 +955,7 @@ class TransferEditorView extends CurvePlot {
     return [this.zoom ?? this.whole, [0, 1]];
   }
 
-  /** The same, kept within what is seen; the ends of the window may leave it. */
+  /** The same, limited to the visible part; the ends of the window may leave it. */
   tidy([x, y]: Vector2, isFree: boolean = false, isInside: boolean = true): Vector2 {
     const [[low, high]] = this.view;
     return super.tidy([isInside ? Math.max(low, Math.min(high, x)) : x, y], isFree);

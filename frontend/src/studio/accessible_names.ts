@@ -1,5 +1,5 @@
 // Accessible names of ipywidgets' controls where they have none: a screen reader stops at the handles of noUiSlider,
-// which no label names, at the number beside them, and at fields with an empty label, whose tooltip says what they are.
+// which no label names, at the number next to them, and at fields with an empty label, whose tooltip describes them.
 // Their keys are their own, too: a letter that chooses an option of a menu is no command for a cell of the notebook.
 
 import { OWN_KEYS, setAttributes } from "../ui/dom.ts";
@@ -13,7 +13,7 @@ function nameAll(root: Element) {
   for (const handle of root.querySelectorAll(HANDLES)) {
     const slider = handle.closest(".widget-slider"),
       label = slider?.querySelector(".widget-label")?.textContent?.trim();
-    if (!slider || !label) continue; // the label comes with a later change
+    if (!slider || !label) continue; // the label is set by a later change
     const isRange = slider.querySelectorAll(".noUi-handle").length > 1;
     const end = handle.classList.contains("noUi-handle-lower") ? "from" : "to";
     handle.setAttribute("aria-label", isRange ? `${label}, ${end}` : label);
@@ -32,7 +32,7 @@ function nameAll(root: Element) {
 }
 
 /**
- * Name the controls of a studio, and those that come later.
+ * Name the controls of a studio, and those that are added later.
  * @param signal ends it
  */
 export function nameControls(root: Element, signal: AbortSignal) {

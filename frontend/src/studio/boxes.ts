@@ -1,8 +1,8 @@
 // Boxes of widgets: elements for a tree of boxes, tabs and folds, with the views of ipywidgets' and our own widgets in
-// them. A box has the class names of ipywidgets' boxes, and keeps its element and its views while it is in the tree.
+// them. A box has the class names of ipywidgets' boxes, and caches its element and its views while it is in the tree.
 //
 // Messages to Python: the tab that was chosen, the section that was opened or closed. They are shown at once, and
-// Python puts into a section what it had not made before.
+// Python adds contents to a section that it had not made before.
 
 import type { BoxChoice } from "../generated.ts";
 import type { Model } from "../types.ts";
@@ -40,7 +40,7 @@ const WAITING = "Waiting for Python \u2026";
 
 let made = 0; // elements with ids, in this page
 
-/** Lumino's message of this type: a widget in an element that is none of Lumino's gets it from here. */
+/** Lumino's message of this type: a widget in an element that is none of Lumino's receives it from here. */
 function notify({ luminoWidget }: WidgetView, type: string) {
   luminoWidget.processMessage({ type, isConflatable: false, conflate: () => false });
 }
@@ -81,7 +81,7 @@ class WidgetPlace {
   }
 }
 
-/** The element of a box, and what is in it. */
+/** The element of a box, and its contents. */
 class BoxPlace {
   data: BoxNode | null = null;
 
@@ -117,7 +117,7 @@ class BoxesView {
     this.top = new BoxPlace(el);
     el.classList.add("widget-vbox");
     this.draw = () => {
-      if (this.isDue) return; // tree and contents come together
+      if (this.isDue) return; // tree and contents change together
       this.isDue = true;
       queueMicrotask(() => {
         this.isDue = false;
@@ -180,7 +180,7 @@ class BoxesView {
       return inner.root;
     });
     this.#arrange(place, [...this.#headings(place, data), ...this.#waiting(place, data), ...children]);
-    // What Python has changed is shown; a choice of the user that it does not know yet stays.
+    // Changes by Python are shown; a choice of the user that it does not know yet is left unchanged.
     if (data.titles && (!before || before.selected !== data.selected)) place.selected = data.selected ?? null;
     if (data.titles) this.#select(place);
   }

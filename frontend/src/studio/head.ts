@@ -1,6 +1,6 @@
 // The studio's head: the volume's name, undo and redo, menus, "Save", which Ctrl+S presses anywhere in the studio, and
-// the whole screen. The menus and the panes are widgets beside it, found by their classes in the same studio.
-// Messages to Python: save; a menu that is opened, whose panel is made then. Undo and redo are the editor's, for its edits that are still on their way.
+// the whole screen. The menus and the panes are separate widgets, found by their classes in the same studio.
+// Messages to Python: save; a menu that is opened, whose panel is made then. Undo and redo are the editor's.
 
 import type { EditorDrawing } from "../editor/base.ts";
 import type { MenuRequest, SaveRequest } from "../generated.ts";
@@ -24,7 +24,7 @@ const MENUS = [
   ["export", "Export"],
 ] as const;
 const PANES = ["picture", "volume"] as const;
-const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two stand side by side
+const NEARLY_SQUARE = 1.25; // width by height of a picture up to which two are side by side
 
 /** The head of one view of a studio. */
 class StudioHead extends Widget {
@@ -64,7 +64,7 @@ class StudioHead extends Widget {
     this.full = this.#icon("full", () => this.#fill(), "Whole screen");
     this.help = this.#icon("help", () => this.#editor?.commands.run("help", null), "Keys and gestures (?)");
     this.onChange(["name", "facts", "history", "unsaved", "tip"], () => this.draw());
-    // On the way down: the host's own listeners may end the event. They still get it, so that a notebook is saved too.
+    // In the capture phase: the host's listeners may end the event; they still receive it, so a notebook is saved too.
     this.listen(window, "keydown", (event) => this.#key(event), { capture: true });
     this.listen(window, "pointerdown", (event) => this.#press(event), { capture: true });
     this.listen(window, "click", (event) => {
@@ -123,14 +123,14 @@ class StudioHead extends Widget {
     }
   }
 
-  /** More of the studio has come: until its panel and its editor are there. */
+  /** More of the studio is loaded: until its panel and its editor are there. */
   #arrived() {
     this.#addSidePanel();
     this.arrange();
     if (this.side && this.#editor) this.arrivals.disconnect();
   }
 
-  /** The splitter and the memory of the panel, once it has come. */
+  /** The splitter and the stored state of the panel, once it is loaded. */
   #addSidePanel() {
     const [body, panel] = [".dnb-studio-body", ".dnb-studio-panel"].map((name) => this.studio?.querySelector(name));
     if (this.side || this.closing.signal.aborted || !(body instanceof HTMLElement) || !(panel instanceof HTMLElement))
@@ -222,7 +222,7 @@ class StudioHead extends Widget {
     if (!event.repeat) this.save();
   }
 
-  /** A press beside an open menu closes it. */
+  /** A press outside an open menu closes it. */
   #press({ target }: PointerEvent) {
     const isInside = target instanceof Element && (this.root.contains(target) || target.closest(".dnb-studio-menu"));
     if (!isInside) this.toggleMenu();
@@ -241,7 +241,7 @@ class StudioHead extends Widget {
     if (isOurs && !target.matches(":focus-visible")) this.#editor?.stage.focus();
   }
 
-  /** A message that its user has read goes, until Python has another one. */
+  /** A message that its user has read is removed, until Python has another one. */
   #dismiss({ target }: MouseEvent) {
     const button = target instanceof Element ? target.closest(".dnb-message-close") : null;
     if (button && this.studio?.contains(button)) button.parentElement?.remove();

@@ -1,9 +1,9 @@
-// The panel beside the panes: the splitter that sets its width, and what this browser remembers of it: the width, the
+// The panel next to the panes: the splitter that sets its width, and its state stored in this browser: the width, the
 // tab, and which sections are open.
 //
-// All pages of a studio share the state of tabs and sections. So what is remembered is applied only to what is still as
-// the studio was made (class dnb-section-open): a second page changes nothing for the first.
-// It is kept in a cookie, for an application has another port at each start, and local storage belongs to a port.
+// All clients of a studio share the state of tabs and sections. So the stored state is applied only to those still as
+// the studio was made (class dnb-section-open): a second client changes nothing for the first.
+// It is stored in a cookie, for an application has another port at each start, and local storage belongs to a port.
 
 import { OWN_KEYS, pageElement, setAttributes } from "../ui/dom.ts";
 
@@ -53,10 +53,10 @@ export class SidePanel {
 
   isTabSet = false;
 
-  /** The section that was opened last: its contents come from the kernel. */
+  /** The section that was opened last: its contents are made by the kernel. */
   opened: Element | null = null;
 
-  isUsed = false; // by the user of this page, and not only by Python or another page
+  isUsed = false; // by the user of this client, and not only by Python or another client
 
   frame = 0;
 
@@ -180,7 +180,7 @@ export class SidePanel {
 
   // ---- tab and sections ---------------------------------------------------------------------------------------------
 
-  /** Apply what is remembered to what has come, remember what the user has changed, and show what was opened. */
+  /** Apply the stored state to loaded sections, store the user's changes, and show the opened section. */
   #follow() {
     const { open = {}, tab } = remembered();
     this.#followTab(tab);
@@ -216,7 +216,7 @@ export class SidePanel {
     if (this.isUsed) remember({ tab: current.textContent?.trim() });
   }
 
-  /** A section that grows by its contents, or by what is chosen in one of its menus, comes into view. */
+  /** A section that grows by its contents, or by a choice in one of its menus, is scrolled into view. */
   #sized(section: Element) {
     const { height } = section.getBoundingClientRect(),
       before = this.heights.get(section) ?? height;

@@ -1,6 +1,6 @@
 // State that the widgets in a window share without the kernel: the live points of an editor, by the editor's uid.
 //
-// A front end hands each widget a proxy of its model, never the same object twice, so nothing can be stored on the
+// A front end gives each widget a proxy of its model, never the same object twice, so nothing can be stored on the
 // model itself. An editor therefore has a trait `uid`, and its bus is found by that name in the window:
 //
 //   const bus = busOf(editorModel);              the same EventTarget for all callers, made by the first call
@@ -22,7 +22,7 @@ export function busOf(model: Model): Bus {
   shared[KEY] = buses;
   const bus = buses.get(uid) ?? Object.assign(new EventTarget(), { latest: null, owners: 0 });
   buses.set(uid, bus);
-  Object.assign(model, { deformnb: bus }); // where the front end hands out the model itself, this is the short way
+  Object.assign(model, { deformnb: bus }); // where the front end gives the model itself, this is the short path
   return bus;
 }
 
@@ -37,7 +37,7 @@ export function publishPoints(bus: Bus, detail: PointsDetail) {
   bus.dispatchEvent(new CustomEvent("deformnb:points", { detail }));
 }
 
-/** Traits of an editor that its fit depends on, besides the points. */
+/** Traits of an editor that its fit depends on, other than the points. */
 export const FIT_TRAITS = ["settings", "lone_support", "cuts", "cut_rule", "parts"];
 
 /** The settings of a fit with the shapes, as the traits of an editor hold them. */
@@ -47,7 +47,7 @@ export function settingsOf(model: Model): FitSettings {
 }
 
 /**
- * Hold a bus. It lives as long as someone holds it: the editor's model and its followers. Views come and go in between.
+ * Hold a bus. It lives while it has holders: the editor's model and its followers. Views open and close in between.
  */
 export function holdBus(bus: Bus) {
   bus.owners += 1;
@@ -86,7 +86,7 @@ export class FollowedModel {
     if (this.#ticket !== ticket) return null;
     const bus = busOf(model),
       uid = model.get("uid");
-    holdBus(bus); // its own view may go and come back
+    holdBus(bus); // its own view may be closed and opened again
     this.ends.push(() => releaseBus(bus, uid));
     return { model, bus };
   }

@@ -1,10 +1,10 @@
-// The edits of this window on their way to Python: a Sender for the points, cuts and parts of an editor, an EditLink
+// The edits that this window sends to Python: a Sender for the points, cuts and parts of an editor, an EditLink
 // for a single value such as a curve.
 //
 // Edits are sent as numbered messages only, never as a trait: a front end holds trait updates back while the kernel
 // works, and they would overtake each other. At most two are in flight, and the newest waits; ends of edits are always
 // sent, and do not wait behind movements. Python sends with its values (the trait `seen`) the number of the last
-// message it has received from each sender. While one of ours is still on its way, Python's values are an echo of what
+// message it has received from each sender. While one of ours is not yet received, Python's values are an echo of what
 // we had before, and it will have ours in the end: they are left alone. Otherwise they are new. So Python's order
 // decides, and all windows and views end with what Python has.
 //
@@ -30,7 +30,7 @@ export type Change = "points" | "status" | "history";
 export type Clock = { now: () => number; later: (f: () => void, ms: number) => number; cancel: (id: number) => void };
 
 const MOST_IN_FLIGHT = 2; // movements, and as many ends
-const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is taken to be busy or gone
+const LOST_AFTER = 2000; // milliseconds without an answer, after which the kernel is assumed to be busy or dead
 const PRECEDENCE_MS = 10000; // milliseconds for which an edit of ours takes precedence over Python's values
 /** Characters of an edit at most; Python counts the bytes of its own JSON, which has blanks and escapes. */
 export const MOST_CHARACTERS = LONGEST_EDIT / 2;
@@ -204,7 +204,7 @@ export class Sender {
     this.#send("end", { type: "choose", what: null, ...chosen });
   }
 
-  /** Send points during a drag, or a rigid part on its way and the points with it. */
+  /** Send points during a drag, or a rigid part being moved and the points with it. */
   move(points: Point[], part: MovedPart | null = null) {
     this.pending.move = { points, ...(part && { part }) };
     this.#next();
@@ -337,7 +337,7 @@ export class Sender {
 
   // ---- a kernel that does not answer --------------------------------------------------------------------------------
 
-  // What was sent is not sent again: it will be answered late, or never. What waits is sent.
+  // Sent edits are not sent again: they will be answered late, or never. Pending ones are sent.
   #unanswered() {
     const { move, end } = this.waiting;
     if (move.size + end.size === 0) return;
@@ -348,7 +348,7 @@ export class Sender {
     this.#next();
   }
 
-  /** The kernel of a Jupyter front end, null where it is gone; undefined of other hosts. */
+  /** The kernel of a Jupyter front end, null where it is dead; undefined of other hosts. */
   get #kernel(): { status: string } | null | undefined {
     return (this.model?.widget_manager as { kernel?: { status: string } | null } | undefined)?.kernel;
   }
@@ -360,8 +360,8 @@ export class Sender {
   }
 
   /**
-   * Send a first message when a view opens: where no answer comes, that must be seen before anything is edited. A busy
-   * kernel answers later; of one that is idle, no answer will come.
+   * Send a first message when a view opens: where no reply follows, that must be seen before anything is edited. A busy
+   * kernel replies later; an idle one never will.
    */
   greet() {
     if (this.isAnswered || this.#isGreeted || this.#kernel === undefined) return;
@@ -448,7 +448,7 @@ export function senderOf(bus: Bus, model: Model) {
   return bus.sender;
 }
 
-/** A value of one view on its way to Python, such as a curve. */
+/** A value that one view sends to Python, such as a curve. */
 export class EditLink {
   post: (message: ValueEdit) => void;
   id: string;

@@ -1,4 +1,4 @@
-// A model without Jupyter: it stands in for anywidget's, over any channel or none.
+// A model without Jupyter: it replaces anywidget's, over any channel or none.
 //
 //   const model = new PlainModel(state, { deliver: (message, buffers) => {...}, save: (changed) => {...} });
 //   const close = await widget.render({ model, el });
@@ -6,7 +6,7 @@
 //   model.update(state)                  traits that the other side has changed
 //   model.answered(state)                its values of traits that we have saved; with `isAnswered` once for each save
 //
-// `deliver` gets the messages of model.send; `save` gets the traits that the front end has changed. Until our last
+// `deliver` receives the messages of model.send; `save` the traits that the front end has changed. Until our last
 // save of a trait is answered, values of that trait from the other side are old.
 
 import type { AnyModel } from "@anywidget/types";

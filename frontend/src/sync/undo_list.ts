@@ -1,4 +1,4 @@
-// The steps that Ctrl+Z takes back in a front end. Python has a history of its own: deformnb.session.history.
+// The steps that Ctrl+Z reverts in a front end. Python has a separate history: deformnb.session.history.
 
 /** Undo as a list of old states. Edits of one kind in quick succession (arrow keys) count as one. */
 export class History<S> {

@@ -3,7 +3,7 @@
 import type { Vector2 } from "../types.ts";
 
 const SVG_SPACE = "http://www.w3.org/2000/svg";
-// JupyterLab's own keys (x cuts the cell) stay away from an element with this, but look at the focused one only.
+// JupyterLab's own keys (x cuts the cell) ignore an element with this, but check only the focused one.
 /** The view that an element is the root of. */
 export function viewOf<View>(root: Element | null | undefined) {
   return (root as (Element & { deformnb?: View }) | null | undefined)?.deformnb;
@@ -63,7 +63,7 @@ export function iconElement(path: string, attributes: Attributes = {}) {
   return icon;
 }
 
-/** A button with a text or an icon, which keeps JupyterLab's keys away. */
+/** A button with a text or an icon, which blocks JupyterLab's keys. */
 export function buttonElement(
   className: string,
   parent: ParentNode | null,
@@ -91,7 +91,7 @@ export function setText(node: Node, text: string) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Let the user keep a file. */
+/** Download a file. */
 export function saveFile(blob: Blob, name: string) {
   const link = pageElement("a", "", null, { download: name });
   link.href = URL.createObjectURL(blob);
@@ -124,9 +124,9 @@ function scrollsAround(element: Element) {
       isPage = box === document.scrollingElement;
     const scrolls = isPage ? overflowY !== "hidden" : overflowY === "auto" || overflowY === "scroll";
     if (scrolls && box.scrollHeight > box.clientHeight + 1) return true;
-    if (box === document.fullscreenElement) return false; // what is around it is not seen
+    if (box === document.fullscreenElement) return false; // its surroundings are not visible
   }
-  return window.parent !== window; // a frame is as high as its contents, and what is around it scrolls
+  return window.parent !== window; // a frame is as high as its contents, and its parent scrolls
 }
 
 /** The element around one, also out of a shadow tree. */

@@ -170,7 +170,7 @@ export const SPACE_EDITOR_KEYS: KeyTable = [
 ];
 
 /**
- * Keys of the live view (view/pointer.js). It shows no list; they are kept here so that one module holds all keys.
+ * Keys of the live view (view/pointer.js). It shows no list; they are here so that one module holds all keys.
  */
 export const VIEW_KEYS: KeyTable = [
   [
@@ -216,7 +216,7 @@ export function keyWords(table: KeyTable, command: string) {
   return SAME_ROW[command]?.[1] ?? keyRow(table, command)?.[0] ?? "";
 }
 
-/** The tip of a button: what it does, and by which keys. */
+/** The tip of a button: its action and its keys. */
 export function tipOf(table: KeyTable, command: string, text: string) {
   const words = keyWords(table, command);
   return words ? `${text} (${words.replaceAll(" + ", "+")})` : text;
@@ -233,12 +233,12 @@ export function shortcutsOf(table: KeyTable, command: string) {
 
 /** The list over the picture, hidden at first. */
 export class HelpPanel {
-  before: HTMLElement | SVGElement | null = null; // what had the focus
+  before: HTMLElement | SVGElement | null = null; // had the focus before
   panel: HTMLDivElement;
 
   /**
-   * @param root of the editor: what has the focus within gets it back
-   * @param focusStage called where that is gone meanwhile
+   * @param root of the editor: the focused element within receives it back
+   * @param focusStage called where that is removed meanwhile
    */
   constructor(
     parent: Element,
@@ -269,7 +269,7 @@ export class HelpPanel {
     return !this.panel.hidden;
   }
 
-  /** The focus goes to the list, and back to where it was. */
+  /** Focus the list, and later the element before it. */
   toggle() {
     const { activeElement } = treeOf(this.root);
     this.panel.hidden = this.isOpen;

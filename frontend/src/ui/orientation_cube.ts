@@ -1,5 +1,5 @@
 // A small cube in a corner that turns with the camera: its faces bear the letters of a patient's sides, and a click on
-// one looks from there. Where one face hides all others, arrows beside it lead to its neighbours.
+// one looks from there. Where one face hides all others, arrows next to it lead to its neighbours.
 
 import { cross, dot, scaled } from "../maths/camera.ts";
 import type { Vector2, Vector3 } from "../types.ts";

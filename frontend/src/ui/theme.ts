@@ -1,11 +1,11 @@
-// The theme of the page around a widget: of Jupyter, of VS Code, or the browser's preference.
+// The theme of the host of a widget: of Jupyter, of VS Code, or the browser's preference.
 
 import { pageElement } from "./dom.ts";
 
 const DARK_BELOW = 110; // luminance of the background, of 255
 
 /**
- * Finds whether an element has a dark background, and calls `changed` when the page around it changes its theme.
+ * Finds whether an element has a dark background, and calls `changed` when its host changes the theme.
  */
 export class ThemeObserver {
   preference: MediaQueryList;
@@ -38,7 +38,7 @@ export class ThemeObserver {
   }
 }
 
-/** The theme of the page by name, for a view, whose own background is that of its volume. */
+/** The theme of the host by name, for a view, whose own background is that of its volume. */
 export class Theme {
   observer: ThemeObserver;
 
@@ -47,7 +47,7 @@ export class Theme {
   }
 
   get name(): "dark" | "light" {
-    const attribute = document.body.dataset.jpThemeLight; // of Jupyter: in Voila the colours come after the widgets
+    const attribute = document.body.dataset.jpThemeLight; // of Jupyter: Voila loads the colours after the widgets
     return (attribute === undefined ? this.observer.isDark : attribute === "false") ? "dark" : "light";
   }
 

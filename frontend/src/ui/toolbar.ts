@@ -4,7 +4,7 @@ import { buttonElement, iconElement, named, pageElement, setAttributes } from ".
 import type { KeyTable } from "./keys.ts";
 import { EDITOR_KEYS, keyWords, shortcutsOf, tipOf } from "./keys.ts";
 
-/** A tool: `stays` says that its button stays pressed, `needs` that it needs points, a selection, history, ... */
+/** A tool: `stays` means that its button remains pressed, `needs` that it needs points, a selection, history, ... */
 export type ToolEntry = [command: keyof typeof ICONS, label: string, tip: string, stays?: boolean, needs?: Need];
 export type Need = "points" | "selection" | "points_selected" | "one" | "turns" | "past" | "future";
 

@@ -94,7 +94,7 @@ export type ViewName = Side | "home";
 const LETTER_SIDES = ["left", "right", "top", "bottom"] as const;
 type LetterSide = (typeof LETTER_SIDES)[number];
 
-const FLICKER_MS = 700; // long enough to look at one place, short enough to see it move
+const FLICKER_MS = 700; // long enough to inspect one place, short enough to see it move
 
 /**
  * Give a view's root the size of its model's traits, as far as there is room; returns its size in CSS pixels and the
@@ -106,14 +106,14 @@ export function sized(root: HTMLElement, host: HTMLElement, model: Model) {
   root.style.width = `${width}px`;
   root.style.setProperty("--dnb-shape", `${width} / ${height}`);
   root.style.maxHeight = `${height}px`;
-  root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // instead the size of the box around it
-  host.style.minWidth = "0"; // in a row of widgets it gets narrower instead of being cut off
+  root.classList.toggle("dnb-fill", Boolean(model.get("fill"))); // instead the size of its container
+  host.style.minWidth = "0"; // in a row of widgets it shrinks instead of being cut off
   const ratio = Math.min(2, window.devicePixelRatio || 1),
     box = root.getBoundingClientRect();
   return { width: box.width || width, height: box.height || height, ratio };
 }
 
-/** What a view shows: a value of its trait `shows`. */
+/** The overlay of a view: a value of its trait `shows`. */
 export type Shows = "deformed" | "original" | "side_by_side" | "flicker" | "wipe" | "fade";
 const CAPTIONS: Record<"deformed" | "original" | "side_by_side", string[]> = {
   deformed: [""],
@@ -317,7 +317,7 @@ export class Flicker {
     this.observer.observe(root);
   }
 
-  /** Start or end; either way the first layer is shown. */
+  /** Start or end; the first layer is shown in both cases. */
   set(isOn: boolean) {
     this.isOn = isOn;
     this.isPaused = false;

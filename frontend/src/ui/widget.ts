@@ -44,7 +44,7 @@ export class Widget {
     });
   }
 
-  /** Run an action; the widget goes on after an error in it. */
+  /** Run an action; the widget stays usable after an error in it. */
   guard<T>(action: () => T) {
     try {
       return action();
@@ -77,7 +77,7 @@ export class Widget {
   }
 }
 
-/** What anywidget asks of the module of a widget. */
+/** The interface of a widget's module that anywidget requires. */
 export function widgetOf<M extends Model>(View: new (model: M, el: HTMLElement) => { close: () => void }) {
   return {
     render({ model, el }: { model: M; el: HTMLElement }) {

@@ -1,11 +1,11 @@
-// The visible words in another language. The sources have the English words; a table has what is shown instead.
+// The visible words in another language. The sources have the English words; a table has their translations.
 //
-// A key of the table is the English text. A name in braces stands for a value: one letter ({n}) for a number; {name} and
-// {file}, with digits behind where there are several, for what stays as it is; {text} for what is translated if the table
+// A key of the table is the English text. A name in braces is a placeholder: one letter ({n}) for a number; {name} and
+// {file}, with digits behind where there are several, for untranslated words; {text} for those translated if the table
 // has it; any other for words that the table must have. deformnb/words/translator.py does the same in Python.
 //
-// Whatever is written into the document below a root is translated before it is drawn: texts, tooltips, and the names
-// that screen readers say. So widgets of ipywidgets are in the language too, and no module has to ask for it. What
+// All that is written into the document below a root is translated before it is drawn: texts, tooltips, and the names
+// that screen readers speak. So widgets of ipywidgets are in the language too, and no module has to request it. What
 // users name is in an element with translate="no", the attribute of HTML by which translators leave it alone.
 
 import type { Model } from "../types.ts";
@@ -43,7 +43,7 @@ export class Translator {
     this.patterns = [...this.table]
       .filter(([key]) => key.includes("{"))
       .map(([key, value]) => patternOf(key, value))
-      .sort((a, b) => b.length - a.length || a.free - b.free); // what says most comes first
+      .sort((a, b) => b.length - a.length || a.free - b.free); // the most specific first
   }
 
   /** A text in the language; itself where the table has nothing for it. */
@@ -80,7 +80,7 @@ export class Translator {
     return null;
   }
 
-  /** What stands in the place of a value; null if it is of words that the table does not have. */
+  /** The text for a placeholder; null if it is of words that the table does not have. */
   #value(name: string, given: string) {
     if (name.length === 1 || AS_GIVEN.test(name)) return given;
     return this.#piece(given) ?? (ANY.test(name) ? given : null);

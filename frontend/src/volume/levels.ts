@@ -25,7 +25,7 @@ export type Measured = { range: Vector2; whole: Vector2; levels: Levels; hounsfi
 /** Nodes: a value with red, green and blue, and a value with its opacity */
 export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
 
-/** Replace what is not finite by the smallest finite value; returns how many there were. */
+/** Replace values that are not finite by the smallest finite one; returns how many there were. */
 export function repairedValues(values: Values) {
   if (!(values instanceof Float32Array || values instanceof Float64Array)) return 0;
   let low = Infinity,
@@ -244,7 +244,7 @@ export function tableOf(transfer: Transfer, low: number, high: number) {
 }
 
 /**
- * The values that bytes tell apart: all of bytes and labels, else up to the densest tissue, and only those among which
+ * The values that bytes distinguish: all of bytes and labels, else up to the densest tissue, and only those among which
  * colours change where these are less than a quarter.
  */
 export function windowOf(

@@ -34,10 +34,10 @@ import type { Measured } from "./levels.ts";
 
 const LONGEST = 1024;
 
-/** Lets the page draw between two pieces of work. */
+/** Yields to the browser, to draw between two pieces of work. */
 const rest = () => new Promise((resolve) => setTimeout(resolve, 0));
 
-/** Numbers of voxels to average along x, y, z: always where they lie closest. */
+/** Numbers of voxels to average along x, y, z: always along the axes where they are closest. */
 export function factorsOf(grid: Grid) {
   const factors: Vector3 = [1, 1, 1];
   for (;;) {
@@ -159,7 +159,7 @@ export function pictureWindow(
   return [low, high > low ? high : low + Math.max(1, Math.abs(low)) * (isReal ? 1e-6 : 1)];
 }
 
-/** The pixels of a grey picture as an editor gets them: red, green, blue and alpha, and what they mean. */
+/** The pixels of a grey picture as an editor receives them: red, green, blue and alpha, and their meaning. */
 export function packedPicture(pixels: Values, window: Vector2) {
   const [black, white] = window,
     margin = WINDOWS_AROUND * (white - black);
@@ -244,7 +244,7 @@ export function tissueCheck({ grid, isLabels }: Volume, { whole, levels }: Measu
 }
 
 /**
- * The message "field" of a displacement over a plane that is zero; the page fits it to the points.
+ * The message "field" of a displacement over a plane that is zero; the client fits it to the points.
  * @param grid of the packed voxels
  */
 export function stillField(own: Grid, grid: Grid, plane: Plane) {

@@ -18,7 +18,7 @@ export function findUnit(text: string) {
   return Object.hasOwn(LOWER, lower) ? LOWER[lower]! : null;
 }
 
-/** The unit that a file states; what is none that is known is said in a note. */
+/** The unit that a file states; one that is not known is reported in a note. */
 export function statedUnit(text: string, notes: string[]) {
   const found = findUnit(text);
   if (found !== null) return found;
