@@ -97,7 +97,7 @@ async function bundled(name, paths, format) {
       loader === "css"
         ? own.map((path) => `@import "./${path}";`).join("\n")
         : format === "esm"
-          ? `import { worded } from "./ui/words.ts"; import widget from "./${first}"; export default worded(widget);`
+          ? `import { translateWidget } from "./ui/words.ts"; import widget from "./${first}"; export default translateWidget(widget);`
           : `import "./${first}";`;
     const stdin = { contents, resolveDir: source, loader };
     const { metafile } = await build({

@@ -54,11 +54,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     for report in repeats:
         outcome = "failed again" if report.nodeid in failed else "passed when repeated"
         terminalreporter.line(f"{report.nodeid} ({outcome})")
-        for line in _end_of(report.longreprtext):
+        for line in _error_summary(report.longreprtext):
             terminalreporter.line(f"    {line}")
 
 
-def _end_of(text: str) -> list[str]:
+def _error_summary(text: str) -> list[str]:
     """The first line of the error in the text of a failure, and the last line, which states where it was raised."""
     lines = [line for line in text.splitlines() if line.strip()]
     errors = [line[1:].strip() for line in lines[:-1] if line.startswith("E ")]

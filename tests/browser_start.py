@@ -26,12 +26,12 @@ with sync_playwright() as p:
 def why_no_browser() -> str:
     """The reason for which no browser can be driven, and what to do, in a sentence; empty where one can."""
     if _REASON not in os.environ:
-        found = _reason_of_a_trial()
+        found = _try_browser()
         os.environ[_REASON] = f"the tests in a browser are skipped, since {found}; {_CURE}" if found else ""
     return os.environ[_REASON]
 
 
-def _reason_of_a_trial() -> str:
+def _try_browser() -> str:
     path = chromium()
     if path is None:
         return "there is no Chromium, or no Playwright to drive it"
@@ -46,10 +46,10 @@ def _reason_of_a_trial() -> str:
         )
     except subprocess.TimeoutExpired:
         return f"{path} has not started within two minutes"
-    return "" if done.returncode == 0 else _reason_in(done.stderr)
+    return "" if done.returncode == 0 else _shorten_errors(done.stderr)
 
 
-def _reason_in(errors: str) -> str:
+def _shorten_errors(errors: str) -> str:
     """The reason for which the driver or the browser has not started, in a few words."""
     library = re.search(r"(?:(\S+): )?error while loading shared libraries: ([^\s:]+)", errors)
     if library is not None:

@@ -39,7 +39,7 @@ def run(folder: Path, line: str, monkeypatch: pytest.MonkeyPatch) -> int:
     return main(shlex.split(line))
 
 
-def refused(captured: Any, code: int) -> str:
+def error_sentence(captured: Any, code: int) -> str:
     """The one sentence on standard error."""
     assert code == 2
     assert captured.out == ""

@@ -95,7 +95,7 @@ ODD: tuple[Any, ...] = (
 """Values that a field may not expect."""
 
 
-def mutated(rng: random.Random, content: Any, buffers: list[bytes]) -> tuple[Any, Any]:
+def mutate(rng: random.Random, content: Any, buffers: list[bytes]) -> tuple[Any, Any]:
     """A message that was changed in one or two places."""
     content, buffers = copy.copy(content), list(buffers)
     for _ in range(rng.choice((1, 1, 2))):
@@ -105,11 +105,11 @@ def mutated(rng: random.Random, content: Any, buffers: list[bytes]) -> tuple[Any
         if change == 1:
             buffers = rng.choice(([], [b""], [bytes(2**18 + 1)], [b"a", b"b"], [memoryview(b"abc")]))
         elif isinstance(content, dict):
-            content = _changed(rng, content, change)
+            content = _mutate_value(rng, content, change)
     return content, buffers
 
 
-def _changed(rng: random.Random, data: Any, change: int) -> Any:
+def _mutate_value(rng: random.Random, data: Any, change: int) -> Any:
     if isinstance(data, dict) and data:
         name = rng.choice(list(data))
         if change == 2:
@@ -117,7 +117,7 @@ def _changed(rng: random.Random, data: Any, change: int) -> Any:
         if change == 3:
             return {**data, rng.choice(("extra", "__class__", "type", "points")): rng.choice(ODD)}
         if change > 5 and isinstance(data[name], dict | list):
-            return {**data, name: _changed(rng, data[name], rng.randrange(2, 8))}
+            return {**data, name: _mutate_value(rng, data[name], rng.randrange(2, 8))}
         return {**data, name: rng.choice(ODD)}
     if isinstance(data, list) and data:
         k = rng.randrange(len(data))
@@ -125,5 +125,5 @@ def _changed(rng: random.Random, data: Any, change: int) -> Any:
             return data[:k] + data[k + 1 :]
         if change == 3:
             return data * rng.choice((2, 50))
-        return [*data[:k], _changed(rng, data[k], change), *data[k + 1 :]]
+        return [*data[:k], _mutate_value(rng, data[k], change), *data[k + 1 :]]
     return rng.choice(ODD)

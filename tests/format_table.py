@@ -48,7 +48,7 @@ def table() -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def agreed(kind: str, name: str, program: str) -> float:
+def bound(kind: str, name: str, program: str) -> float:
     """The largest difference that the table states between a format in this package and in another program."""
     [row] = [row for row in table() if (row.kind, row.format, row.program) == (kind, name, program)]
     assert row.difference is not None

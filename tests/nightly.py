@@ -20,13 +20,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         tables.setdefault(item.nodeid.partition("[")[0], []).append(item)
     for cases in tables.values():
         marker = cases[0].get_closest_marker("sampled")
-        kept = cases[:: marker.args[0]] if marker else covering(cases)
+        kept = cases[:: marker.args[0]] if marker else cover_values(cases)
         for item in cases:
             if item not in kept:
                 item.add_marker(pytest.mark.nightly)
 
 
-def covering(cases: list[pytest.Item]) -> list[pytest.Item]:
+def cover_values(cases: list[pytest.Item]) -> list[pytest.Item]:
     """Cases with all values that occur; the next is always the first of those with the most new ones."""
     values = [set(item.nodeid.removesuffix("]").partition("[")[2].split("-")) for item in cases]
     kept: list[pytest.Item] = []

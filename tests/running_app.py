@@ -29,7 +29,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 
 
-def in_a_terminal(command: list[str]) -> list[str]:
+def terminal_command(command: list[str]) -> list[str]:
     """The command with the signals of a terminal at their defaults: under nohup, and in the background of a shell, they
     are ignored, and each child inherits that.
     """
@@ -70,12 +70,12 @@ class RunningApp:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.server.stop()
-        self.ended()
+        self.wait_end()
         self.application.close()
         if self.error is not None and error is None:
             raise self.error
 
-    def ended(self, seconds: float = PATIENCE) -> None:
+    def wait_end(self, seconds: float = PATIENCE) -> None:
         """Wait for the end of the server."""
         self._thread.join(seconds)
         assert not self._thread.is_alive()
@@ -95,13 +95,13 @@ class RunningApp:
         """The studio that the clients show."""
         return self.application.studio
 
-    def settled(self) -> None:
+    def wait_idle(self) -> None:
         """Wait until the application has completed all requests so far."""
         self.application.thread.call(lambda: None).result(PATIENCE)
         self.studio.wait(PATIENCE)
 
 
-def framed(content: Any) -> bytes:
+def frame(content: Any) -> bytes:
     """A message as wslink sends it: number, place of the piece, size of the whole, and the content."""
     body = content if isinstance(content, bytes) else msgpack.packb(content)
     return b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + len(body).to_bytes(4, "little") + body
@@ -112,7 +112,7 @@ class Socket:
 
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self.socket = socket
-        self.heard: list[dict[str, Any]] = []
+        self.inbox: list[dict[str, Any]] = []
         self._count = 0
 
     async def send(self, method: str, *args: Any, system: bool = False, **extra: Any) -> str:
@@ -120,17 +120,17 @@ class Socket:
         self._count += 1
         number = f"{'system' if system else 'rpc'}:c0:{self._count}"
         await self.socket.send_bytes(
-            framed({"wslink": "1.0", "id": number, "method": method, "args": list(args), "kwargs": {}, **extra})
+            frame({"wslink": "1.0", "id": number, "method": method, "args": list(args), "kwargs": {}, **extra})
         )
         return number
 
     async def answer(self, number: str) -> dict[str, Any]:
-        """The reply to a call; other messages received are stored in ``heard``."""
+        """The reply to a call; other messages received are stored in ``inbox``."""
         while True:
             content = await self.next()
             if content["id"] == number:
                 return content
-            self.heard.append(content)
+            self.inbox.append(content)
 
     async def next(self) -> dict[str, Any]:
         """The next message of any kind."""
@@ -154,19 +154,19 @@ class Socket:
         return "result" in answer
 
 
-async def heard(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+async def await_message(page: Socket, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
     """Wait for the first message published to a client that is wanted."""
-    for message in page.heard:
+    for message in page.inbox:
         if wanted(message):
             return message
     while True:
         message = await page.next()
-        page.heard.append(message)
+        page.inbox.append(message)
         if wanted(message):
             return message
 
 
-def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> dict[str, Any]:
+def edit_message(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> dict[str, Any]:
     """A client's message of the points of an editor."""
     return {
         "type": "edit",
@@ -181,7 +181,7 @@ def edit_of(points: list[dict[str, Any]], seq: int = 1, phase: str = "end") -> d
 
 
 @contextlib.asynccontextmanager
-async def connected(
+async def connect(
     running: RunningApp, *, origin: str | None = "", host: str | None = None, secret: Any = ""
 ) -> AsyncIterator[Socket]:
     """A socket of the application: from its own origin and with its password by default.
@@ -202,7 +202,7 @@ async def connected(
 
 
 @contextlib.contextmanager
-def status_of(running: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
+def fetch(running: RunningApp, path: str, **headers: str) -> Iterator[tuple[int, dict[str, str], str]]:
     """Status, headers and text of a request."""
 
     async def get() -> tuple[int, dict[str, str], str]:
@@ -224,13 +224,13 @@ HANDSHAKE = {
 }
 
 
-def request_of(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
+def http_request(name: str, path: str = "/ws", method: str = "GET", **headers: str) -> bytes:
     """The bytes of a request."""
     lines = [f"{key}: {value.format(name=name)}" for key, value in {"Host": name, **headers}.items()]
     return "\r\n".join([f"{method} {path} HTTP/1.1", *lines, "", ""]).encode()
 
 
-def connection_with(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
+def open_connection(name: str, request: bytes, receive_buffer: int | None = None) -> socket.socket:
     """A connection on which these bytes were sent."""
     made = socket.socket()
     if receive_buffer is not None:

@@ -20,11 +20,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import crashes
 import numpy as np
 import pytest
-import victims
-from driven_studio import a_drag, a_volume, closed, crash, drag, notice_of, panel, wait_for
 from full_disk import full_disk
+from studio_driver import a_drag, a_volume, crash, drag, finish, get_notice, panel, wait_for
 from waiting import PATIENCE, Threads
 
 from deformnb.errors import DeformError
@@ -140,7 +140,7 @@ def _tests_of(path: Path) -> set[str]:
 def started(what: str, folder: Path, seed: int = 1) -> subprocess.Popen[str]:
     paths = os.pathsep.join([str(TESTS.parent), str(TESTS)])
     return subprocess.Popen(
-        [sys.executable, str(TESTS / "victims.py"), what, str(folder), str(seed)],
+        [sys.executable, str(TESTS / "crashes.py"), what, str(folder), str(seed)],
         text=True,
         stdout=subprocess.PIPE,
         env={**os.environ, "PYTHONPATH": paths},
@@ -199,7 +199,7 @@ def test_processes_killed_while_they_save_themselves_leave_what_they_had_told(tm
         for child in children:
             child.kill()
             child.communicate()
-    volume = victims.a_volume()
+    volume = crashes.a_volume()
     entries = {int(entry.path.name.split("-")[1]): entry for entry in saved_sessions(volume, tmp_path)}
     assert set(entries) == {child.pid for child in children}
     for child, known in zip(children, newest, strict=True):
@@ -221,15 +221,15 @@ def test_points_of_a_killed_process_come_back_exactly(tmp_path: Path) -> None:
         child.kill()
         child.wait()
     assert child.returncode == -9
-    (entry,) = saved_sessions(victims.a_volume(), tmp_path)
+    (entry,) = saved_sessions(crashes.a_volume(), tmp_path)
     assert (entry.points, entry.steps) == (13, 2)
     assert [m.target.tolist() for step in restore(entry).steps for m in step.maps] == json.loads(out)  # to the last bit
 
 
 def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tmp_path: Path) -> None:
     strength = told("ends", tmp_path)
-    assert saved_sessions(victims.a_volume(), tmp_path) == []
-    (entry,) = saved_sessions(victims.a_volume(), tmp_path, every=True)
+    assert saved_sessions(crashes.a_volume(), tmp_path) == []
+    (entry,) = saved_sessions(crashes.a_volume(), tmp_path, every=True)
     assert (entry.state, entry.is_earlier) == ("closed", True)
     assert restore(entry).steps[0].strength == strength
 
@@ -239,8 +239,8 @@ def test_a_process_that_ends_by_itself_offers_nothing_and_keeps_its_last_edit(tm
 def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_killed_does(tmp_path: Path) -> None:
     manager = pytest.importorskip("jupyter_client.manager")
     work = (
-        "import sys; sys.path[:0] = [%r, %r]; import victims; from pathlib import Path\n"
-        "victims.ends(Path(%r), victims.random.Random(%d))"
+        "import sys; sys.path[:0] = [%r, %r]; import crashes; from pathlib import Path\n"
+        "crashes.ends(Path(%r), crashes.random.Random(%d))"
     )
     states = []
     for number, end in enumerate(("shut down", "restarted", "killed")):
@@ -249,14 +249,14 @@ def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_
             folder = tmp_path / end
             client.execute_interactive(work % (str(TESTS.parent), str(TESTS), str(folder), number), timeout=120)
             if end == "killed":
-                client.execute("import os, signal; victims._kept_by.flush(); os.kill(os.getpid(), signal.SIGKILL)")
+                client.execute("import os, signal; crashes._kept_by.flush(); os.kill(os.getpid(), signal.SIGKILL)")
                 kernel.provisioner.process.wait(60)
             elif end == "restarted":
                 kernel.restart_kernel()
         finally:
             client.stop_channels()
             kernel.shutdown_kernel()
-        (entry,) = saved_sessions(victims.a_volume(), folder, every=True)
+        (entry,) = saved_sessions(crashes.a_volume(), folder, every=True)
         states.append((end, entry.state, entry.is_lost))
     assert states == [("shut down", "closed", False), ("restarted", "closed", False), ("killed", "open", True)]
 
@@ -265,7 +265,7 @@ def test_a_kernel_that_is_shut_down_or_restarted_offers_nothing_and_one_that_is_
 @posix
 def test_of_two_that_write_at_once_one_is_told(tmp_path: Path) -> None:
     found = told("writers", tmp_path)
-    assert found["outcomes"] == [True] * victims.ROUNDS["writers"]
+    assert found["outcomes"] == [True] * crashes.ROUNDS["writers"]
     assert found["left"] == ["fish.json"]
 
 
@@ -279,7 +279,7 @@ def test_a_full_disk_keeps_the_old_file_and_stops_no_edit(tmp_path: Path) -> Non
     if shutil.which("unshare") is None or subprocess.call([*private, mount], stderr=subprocess.DEVNULL):
         pytest.skip("a small disk of its own needs unshare and user namespaces")
     paths = os.pathsep.join([str(TESTS.parent), str(TESTS)])
-    command = f'{mount} && exec "{sys.executable}" "{TESTS / "victims.py"}" full "{tmp_path}" 1'
+    command = f'{mount} && exec "{sys.executable}" "{TESTS / "crashes.py"}" full "{tmp_path}" 1'
     done = subprocess.run(
         [*private, command],
         capture_output=True,
@@ -300,7 +300,7 @@ def test_a_full_disk_keeps_the_old_file_and_stops_no_edit(tmp_path: Path) -> Non
 
 
 def test_no_more_room_for_a_file_is_said(tmp_path: Path) -> None:
-    session = Session(victims.a_volume())
+    session = Session(crashes.a_volume())
     session.save(tmp_path / "fish.json")
     before = (tmp_path / "fish.json").read_bytes()
     troubles: list[str] = []
@@ -313,7 +313,7 @@ def test_no_more_room_for_a_file_is_said(tmp_path: Path) -> None:
     assert len(troubles) == 1
     assert (tmp_path / "fish.json").read_bytes() == before
     session.save(tmp_path / "fish.json")
-    closed(saving)
+    finish(saving)
     assert [entry.state for entry in saved_sessions(session.volume, tmp_path / "state", every=True)] == ["saved"]
 
 
@@ -330,7 +330,7 @@ def test_a_folder_that_goes_away_stops_nothing(tmp_path: Path, state_folder: Pat
         studio.save(tmp_path / "work" / "a.json")
     files.name.value = "ball.nrrd"
     files.write.click()
-    wait_for(lambda: "there is no folder" in notice_of(studio))
+    wait_for(lambda: "there is no folder" in get_notice(studio))
     wait_for(lambda: not files.write.disabled)
     drag(studio, a_drag(studio, 3.0))
     assert len(studio.editor.points) == 5
@@ -372,7 +372,7 @@ def test_a_cell_that_runs_again_and_again_keeps_nothing(monkeypatch: pytest.Monk
         assert studio.parts.bar.recovery.ready.wait(PATIENCE)
         drag(studio, a_drag(studio, 1.0 + run[0]))
         studio.wait()
-    wait_for(lambda: len(threads.begun) <= 2)  # its own and that which writes sessions
+    wait_for(lambda: len(threads.alive) <= 2)  # its own and that which writes sessions
     studio.close()
     threads.wait()
     assert len(list((state_folder / "sessions").glob("*.json"))) == 5

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from browser.hosts import Host, running
+from browser.hosts import Host, start_host
 
 from deformnb import server_extension
 
@@ -80,7 +80,7 @@ def opened(server: Host, kernel: str) -> socket.socket:
 def test_a_real_server_sends_small_messages_at_once(tmp_path: Path, enabled: bool, expected: int) -> None:
     (tmp_path / "probe_extension.py").write_text(PROBE, encoding="utf-8")
     extensions = {"probe_extension": True} | ({} if enabled else {"deformnb.server_extension": False})
-    with running(Server, tmp_path, f"--ServerApp.jpserver_extensions={extensions}") as server:
+    with start_host(Server, tmp_path, f"--ServerApp.jpserver_extensions={extensions}") as server:
         kernel = asked(server, "/api/kernels", data=b"{}")["id"]
         with opened(server, kernel):
             assert asked(server, "/probe") == [expected], server.messages()

@@ -11,7 +11,7 @@ from front_end import deliver
 from deformnb.widgets.inputs.file_input import FileInput
 
 
-def uploaded(widget: FileInput, name: str, content: bytes, *, cancel_at: int | None = None) -> list[dict[str, Any]]:
+def upload_file(widget: FileInput, name: str, content: bytes, *, cancel_at: int | None = None) -> list[dict[str, Any]]:
     """Upload a file and wait until it is received; returns the widget's messages.
 
     Parameters

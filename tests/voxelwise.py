@@ -12,7 +12,7 @@ from deformnb.volume.volume import Grid
 from deformnb.warping.compositions import ComposedEvaluator, Displacements, NodeTable
 
 
-def at_voxels(
+def values_at_voxels(
     found: Displacements, table: NodeTable | ComposedEvaluator, block: tuple[slice, slice], grid: Grid
 ) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Displacements (3, z, y, x) at the voxels of a block that lie in the grid, and opacity [z, y, x] at cuts."""
@@ -39,4 +39,4 @@ def chain_at_voxels(field: AbstractField, grid: Grid) -> tuple[NDArray[Any], NDA
     """The same of a composition on all of its grid."""
     chain, block = ComposedEvaluator(field, grid), (slice(0, grid.shape[0]), slice(0, grid.shape[1]))
     chain.prepare()
-    return at_voxels(chain.block(block), chain, block, grid)
+    return values_at_voxels(chain.block(block), chain, block, grid)

@@ -22,7 +22,7 @@ def wait_for(condition: Callable[[], Any], seconds: float = PATIENCE) -> None:
 
 
 class Threads:
-    """Threads that were started since this was made: what others end or have begun before does not count.
+    """Threads that were started since this was made: those of others or from before do not count.
 
     Counts of all threads mislead: while one that this test must wait for begins, one of an earlier test may end.
     """
@@ -31,10 +31,10 @@ class Threads:
         self._before = set(threading.enumerate())
 
     @property
-    def begun(self) -> list[threading.Thread]:
+    def alive(self) -> list[threading.Thread]:
         """Those that are still alive."""
         return [thread for thread in threading.enumerate() if thread not in self._before]
 
     def wait(self) -> None:
         """Wait until all of them have ended."""
-        wait_for(lambda: not self.begun)
+        wait_for(lambda: not self.alive)

@@ -1,5 +1,5 @@
 // A page without Python in which a user opens a volume or a picture: it is read here, and shown by the same
-// page as an exported volume. What was done is saved as the document that "deformnb replay" applies to the same file.
+// page as an exported volume. The edits are saved as the document that "deformnb replay" applies to the same file.
 // The data is written by deformnb/widgets/standalone.py: the traits of the widgets with a tiny volume, in whose place
 // the file's is put.
 
@@ -13,21 +13,21 @@ import { readVolume, VOLUME_SUFFIXES, volumeSuffix, voxelChecksum } from "./form
 import { fieldAt } from "./maths/rigid_stages.ts";
 import type { PageData } from "./standalone_page.ts";
 import {
-  decodedData,
+  decodeData,
   exportedWidgets,
   guarded,
   messageOf,
   pagePart,
   StandalonePage,
-  showOnPage,
+  showAlert,
 } from "./standalone_page.ts";
 import type { Plane, Point, Values, Vector2 } from "./types.ts";
 import { buttonElement, OWN_KEYS, pageElement, saveFile, viewOf } from "./ui/dom.ts";
-import { inLanguage, showInLanguage } from "./ui/words.ts";
+import { localize, showInLanguage } from "./ui/words.ts";
 import type { LiveVolumeView } from "./view/live_view.ts";
 import { coarserGrid, lengthsOf, planeAlong, sideNames, unitOf, voxelRaster } from "./volume/grid.ts";
 import type { Measured } from "./volume/levels.ts";
-import { measured, repairedValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
+import { measured, repairValues, specimen, tableOf, windowOf } from "./volume/levels.ts";
 import {
   bytesOfVolume,
   cornerPoints,
@@ -79,7 +79,7 @@ function blobOf(canvas: HTMLCanvasElement): Promise<Blob> {
 }
 
 /** Read a file and prepare all that does not depend on the side it is seen from. */
-async function openedFile(
+async function readFile(
   file: File,
   template: Template,
   report: (words: string, share: number) => void,
@@ -104,7 +104,7 @@ async function openedFile(
     }));
   signal.throwIfAborted();
   const sha256 = photograph && !photograph.isExact ? null : await voxelChecksum(volume);
-  const bad = repairedValues(volume.values);
+  const bad = repairValues(volume.values);
   if (bad) volume.notes.push(`${bad} voxels are not finite, shown as background`);
   const about = measured(volume);
   signal.throwIfAborted();
@@ -113,11 +113,11 @@ async function openedFile(
     photograph,
     about,
     sha256,
-    packed: photograph ? null : await packedVolume(volume, about, report, signal),
+    packed: photograph ? null : await packVolume(volume, about, report, signal),
   };
 }
 
-async function packedVolume(
+async function packVolume(
   volume: Volume,
   about: Measured,
   report: (words: string, share: number) => void,
@@ -411,14 +411,14 @@ class FileOpener {
   /** Open a file in place of the one that is open, which stays open where the new one cannot be read. */
   async open(file: File) {
     if (this.work) return;
-    if (this.isUnsaved && !window.confirm(inLanguage(`Open ${file.name}? What you did is not downloaded yet.`))) return;
+    if (this.isUnsaved && !window.confirm(localize(`Open ${file.name}? What you did is not downloaded yet.`))) return;
     const work = new AbortController(),
       before = this.words.textContent ?? "";
     this.work = work;
-    showOnPage("");
+    showAlert("");
     try {
-      const opened = await openedFile(file, this.template, (words, share) => this.#report(words, share), work.signal);
-      const stored = storedWork(opened),
+      const opened = await readFile(file, this.template, (words, share) => this.#report(words, share), work.signal);
+      const stored = readStored(opened),
         side = stored?.side ?? (opened.photograph ? PICTURE_SIDE : SIDE);
       const data = await dataOf(this.template, opened, side);
       work.signal.throwIfAborted();
@@ -430,7 +430,7 @@ class FileOpener {
       this.#report(before, 1);
       if (work.signal.aborted) return;
       if (!(error instanceof FileError)) console.error(error);
-      showOnPage(
+      showAlert(
         error instanceof RangeError
           ? `${shownText(file.name)}: there is not enough memory for it; save it coarser.`
           : `${messageOf(error)}`,
@@ -446,7 +446,7 @@ class FileOpener {
     if (!opened || this.work || side === this.side) return;
     if (
       this.isUnsaved &&
-      !window.confirm(inLanguage("See it from another side? The points of this side are not downloaded yet."))
+      !window.confirm(localize("See it from another side? The points of this side are not downloaded yet."))
     ) {
       sides.value = this.side;
       return;
@@ -459,7 +459,7 @@ class FileOpener {
     } catch (error) {
       console.error(error);
       sides.value = this.side;
-      showOnPage(`${messageOf(error)}`);
+      showAlert(`${messageOf(error)}`);
     }
   }
 
@@ -522,7 +522,7 @@ function nameOf({ volume: { name, grid }, sha256 }: Opened) {
 }
 
 /** The last edits of a file, if the browser has stored them. */
-function storedWork(opened: Opened): Values | null {
+function readStored(opened: Opened): Values | null {
   try {
     const stored = JSON.parse(localStorage.getItem(STORED) ?? "null");
     const isPoint = (p: Point) =>
@@ -534,12 +534,12 @@ function storedWork(opened: Opened): Values | null {
 }
 
 async function openPage() {
-  const template = await decodedData<Template>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const template = await decodeData<Template>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, template.words, template.language);
   Object.assign(document.body, { opener: new FileOpener(template, exportedWidgets()) }); // for tests and for debugging
 }
 
 openPage().catch((error) => {
   console.error(error);
-  guarded(() => showOnPage(`This page could not be opened: ${messageOf(error)}`));
+  guarded(() => showAlert(`This page could not be opened: ${messageOf(error)}`));
 });

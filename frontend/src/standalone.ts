@@ -2,11 +2,11 @@
 // exports under a symbol.
 
 import type { PageData } from "./standalone_page.ts";
-import { decodedData, exportedWidgets, messageOf, StandalonePage, showOnPage } from "./standalone_page.ts";
+import { decodeData, exportedWidgets, messageOf, StandalonePage, showAlert } from "./standalone_page.ts";
 import { showInLanguage } from "./ui/words.ts";
 
 async function openStandalone() {
-  const data = await decodedData<PageData>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
+  const data = await decodeData<PageData>(JSON.parse(document.getElementById("dnb-data")?.textContent ?? ""));
   showInLanguage(document.body, data.words, data.language);
   const page = new StandalonePage(data, exportedWidgets());
   Object.assign(document.body, { deformnb: page }); // for tests and for debugging
@@ -16,7 +16,7 @@ async function openStandalone() {
 openStandalone().catch((error) => {
   console.error(error);
   const isOld = typeof DecompressionStream === "undefined";
-  showOnPage(
+  showAlert(
     isOld
       ? "This browser is too old to unpack the volume; a still picture is shown."
       : `This page could not be opened: ${messageOf(error)}`,

@@ -64,16 +64,16 @@ export function exportedWidgets(): Values {
 }
 
 /** Everything binary in the data as DataView, as Jupyter delivers it; the rest as it is. */
-export async function decodedData<Data>(value: unknown): Promise<Data> {
-  return (await withBytes(value)) as Data;
+export async function decodeData<Data>(value: unknown): Promise<Data> {
+  return (await decodeArrays(value)) as Data;
 }
 
-async function withBytes(value: unknown): Promise<unknown> {
-  if (Array.isArray(value)) return Promise.all(value.map(withBytes));
+async function decodeArrays(value: unknown): Promise<unknown> {
+  if (Array.isArray(value)) return Promise.all(value.map(decodeArrays));
   if (!value || typeof value !== "object") return value;
   const { base64, gzip }: Values = value;
-  if (typeof base64 === "string") return decodedBytes(base64, gzip);
-  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await withBytes(inner)]);
+  if (typeof base64 === "string") return decodeBytes(base64, gzip);
+  const pairs = Object.entries(value).map(async ([name, inner]) => [name, await decodeArrays(inner)]);
   return Object.fromEntries(await Promise.all(pairs));
 }
 
@@ -81,7 +81,7 @@ async function withBytes(value: unknown): Promise<unknown> {
  * @param text in base64
  * @param isPacked whether by gzip
  */
-async function decodedBytes(text: string, isPacked: boolean = false) {
+async function decodeBytes(text: string, isPacked: boolean = false) {
   const bytes = bytesOfText(text);
   if (!isPacked) return new DataView(bytes.buffer);
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -157,7 +157,7 @@ export function pagePart(name: string) {
   return document.querySelector(`.dnb-page-${name}`) as HTMLElement;
 }
 
-export function showOnPage(text: string) {
+export function showAlert(text: string) {
   const alert = pagePart("alert");
   alert.textContent = text;
   alert.hidden = !text;
@@ -232,7 +232,7 @@ export class StandalonePage {
   fall() {
     this.isStill = true;
     pagePart("volume").classList.add("dnb-page-flat");
-    showOnPage(
+    showAlert(
       "This browser offers no WebGL2, so the volume is a still picture; the picture beside it can be " + "dragged.",
     );
     document.querySelector(".dnb-page-select[name=shows]")?.setAttribute("disabled", "");
@@ -473,7 +473,7 @@ export function guarded(action: () => void) {
     action();
   } catch (error) {
     console.error(error);
-    showOnPage(`This page met an error: ${messageOf(error)}`);
+    showAlert(`This page met an error: ${messageOf(error)}`);
   }
 }
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_app import RunningApp, connected, edit_of, heard
+from running_app import RunningApp, await_message, connect, edit_message
 from waiting import PATIENCE, wait_for
 
 from deformnb.app.application import Application, announce, check_app, synthetic_carp
@@ -56,7 +56,7 @@ def _update(**state: Any) -> dict[str, Any]:
 
 def test_a_page_gets_all_widgets_that_the_studio_refers_to(running: RunningApp) -> None:
     async def talk() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             return await page.call("deformnb.open")
 
     answer = asyncio.run(talk())
@@ -75,7 +75,7 @@ def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
     """Traits saved by the front end, by kind of input; a new kind is missing here until it is added."""
 
     async def talk() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             return (await page.call("deformnb.open"))["widgets"]
 
     for late in running.studio.parts.panels.late:
@@ -93,12 +93,12 @@ def test_all_inputs_of_the_studio_may_be_set(running: RunningApp) -> None:
 
 def test_a_widget_that_is_made_later_comes_before_what_refers_to_it(running: RunningApp) -> None:
     async def talk() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             before = (await page.call("deformnb.open"))["widgets"]
             step = _named(before, "description", "Add step in space")
             await page.call("deformnb.comm", step, _custom({"event": "click"}), "1", [])
-            await asyncio.to_thread(running.settled)  # the studio has its new editor by now
-            return before, (await heard(page, lambda m: is_opened(m.get("result", {}))))["result"]
+            await asyncio.to_thread(running.wait_idle)  # the studio has its new editor by now
+            return before, (await await_message(page, lambda m: is_opened(m.get("result", {}))))["result"]
 
     def is_opened(news: dict[str, Any]) -> bool:
         return running.studio.editor.model_id in news.get("opened", {})
@@ -113,12 +113,12 @@ def test_the_volume_comes_in_pieces_that_make_it_whole(running: RunningApp) -> N
     import gzip
 
     async def talk() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             view = running.studio.view.model_id
             info = (await page.call("deformnb.open"))["widgets"][view]["volume_info"]
             chunk = {"type": "chunk", "view": "v", "id": info["id"], "index": 0}
             await page.call("deformnb.comm", view, _custom(chunk), "1", [])
-            return info, await heard(
+            return info, await await_message(
                 page, lambda m: m.get("result", {}).get("data", {}).get("content", {}).get("type") == "chunk"
             )
 
@@ -135,12 +135,12 @@ def test_what_one_page_drags_the_other_sees_and_its_own_echo_is_marked(running: 
         return bool(result.get("widget") == editor and trait in result.get("data", {}).get("state", {}))
 
     async def talk() -> Any:
-        async with connected(running) as mine, connected(running) as other:
+        async with connect(running) as mine, connect(running) as other:
             await mine.call("deformnb.open")
-            await mine.call("deformnb.comm", editor, _custom(edit_of(points)), "mine-1", [])
-            news = await heard(other, lambda m: is_update(m, "points"))
+            await mine.call("deformnb.comm", editor, _custom(edit_message(points)), "mine-1", [])
+            news = await await_message(other, lambda m: is_update(m, "points"))
             await mine.call("deformnb.comm", editor, _update(selected=[2]), "mine-2", [])
-            return news, await heard(other, lambda m: is_update(m, "selected"))
+            return news, await await_message(other, lambda m: is_update(m, "selected"))
 
     news, chosen = asyncio.run(talk())
     assert news["result"]["data"]["state"]["points"][0]["target"] == points[0]["target"]
@@ -154,10 +154,10 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
     points[0]["target"] = points[1]["target"]  # two features at one target
 
     async def talk() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             await page.call("deformnb.open")
-            await page.call("deformnb.comm", running.studio.editor.model_id, _custom(edit_of(points)), "1", [])
-            await heard(
+            await page.call("deformnb.comm", running.studio.editor.model_id, _custom(edit_message(points)), "1", [])
+            await await_message(
                 page,
                 lambda m: (
                     "are at the same place"
@@ -166,7 +166,7 @@ def test_points_that_cannot_be_fitted_go_back(running: RunningApp) -> None:
             )
 
     asyncio.run(talk())
-    running.settled()  # the reason is reported before the points go back
+    running.wait_idle()  # the reason is reported before the points go back
     assert running.session.editing.points == before
     assert running.studio.editor.points == before
 
@@ -178,15 +178,15 @@ def test_a_volume_that_is_opened_in_place_reaches_the_pages() -> None:
         other = Volume.from_array(_bar().values[:, ::2], name="other")
 
         async def talk() -> tuple[Any, Any]:
-            async with connected(running) as page:
+            async with connect(running) as page:
                 await page.call("deformnb.open")
                 running.application.thread.call(lambda: studio.open_volume(other))
-                news = await heard(page, lambda m: studio.model_id == m.get("result", {}).get("widget"))
+                news = await await_message(page, lambda m: studio.model_id == m.get("result", {}).get("widget"))
                 message = {"method": "custom", "content": {"type": "act"}}
                 return news["result"], await page.call("deformnb.comm", before, message, "1", [])
 
         news, answer = asyncio.run(talk())
-        running.settled()
+        running.wait_idle()
         assert studio.editor.model_id in news["opened"]
         assert before not in news["opened"]
         assert answer is None  # a page speaks to a widget until it learns that it is closed

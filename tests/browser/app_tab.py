@@ -57,7 +57,7 @@ def grey(image: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(Image.fromarray(image).convert("L"), float)
 
 
-def finer(grid: Grid) -> Grid:
+def finer_grid(grid: Grid) -> Grid:
     """The same bounding box, which sets the scale of the view, with voxels a third as long: the edges are sharper."""
     first = grid.index_to_point(np.full(3, -1 / 3))
     return replace(
@@ -77,7 +77,7 @@ def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
     return float(2 * (a & b).sum() / (a.sum() + b.sum()))
 
 
-def eventually(condition: Callable[[], Any]) -> None:
+def wait_until(condition: Callable[[], Any]) -> None:
     """Wait until a condition holds."""
     end = time.monotonic() + PATIENCE / 1000
     while not condition():
@@ -104,34 +104,34 @@ class Tab:
         self.errors: list[str] = []
         self.elsewhere: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", self._heard)
-        self.page.on("request", self._asked)
+        self.page.on("console", self._collect_error)
+        self.page.on("request", self._check_request)
         if init:
             self.page.add_init_script(init)
         self.page.goto(app.server.url)
         if viewer == "live":
-            self.drawn()
+            self.wait_drawn()
 
-    def _heard(self, message: Any) -> None:
+    def _collect_error(self, message: Any) -> None:
         if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
             self.errors.append(message.text)
 
-    def _asked(self, request: Any) -> None:
+    def _check_request(self, request: Any) -> None:
         if not request.url.startswith((f"http://{self.app.name}/", "blob:", "data:")):
             self.elsewhere.append(request.url)
 
-    def drawn(self) -> None:
+    def wait_drawn(self) -> None:
         """Wait for the picture and the volume."""
         self.page.wait_for_function(_DRAWN, timeout=PATIENCE)
 
-    def has(self, points: int, moved: int) -> None:
+    def wait_for_points(self, points: int, moved: int) -> None:
         """Wait until the session and the front end have so many points, and so many of them moved."""
 
         def count() -> tuple[int, int]:
             now = self.app.session.editing.points
             return len(now), int(now.displacement.any(axis=1).sum())
 
-        eventually(lambda: count() == (points, moved))
+        wait_until(lambda: count() == (points, moved))
         self.page.wait_for_function(
             """([count, moved]) => {
           const points = document.querySelector('.dnb-editor')?.deformnb?.points.list ?? [];
@@ -165,13 +165,13 @@ class Tab:
         """The expected drawing of the volume: the core's own warp of the session's state, from the same side."""
         session = self.app.session
         view = LiveView(session.volume, transfer=session.pictures.transfer, background="dark")
-        view.show_deformation(session.results.field(), output=finer(session.volume.grid))
+        view.show_deformation(session.results.field(), output=finer_grid(session.volume.grid))
         view.camera = self.camera
         return grey(view.still(self.size))
 
-    def follows(self, before: NDArray[np.float64]) -> NDArray[np.float64]:
+    def wait_deformed(self, before: NDArray[np.float64]) -> NDArray[np.float64]:
         """Wait until the volume is deformed as by the core and differs from the picture before; returns its picture."""
-        self.app.settled()
+        self.app.wait_settled()
         wanted = silhouette(self.core())
         assert dice(silhouette(before), wanted) < 0.92  # else a volume that does not change would pass
         end = time.monotonic() + PATIENCE / 1000
@@ -202,7 +202,7 @@ class Tab:
     def add_in_the_middle(self) -> None:
         box = self.page.locator(".dnb-ed-stage").bounding_box()
         self.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        self.has(5, 0)
+        self.wait_for_points(5, 0)
         self.hide_grid()
 
     def hide_grid(self) -> None:

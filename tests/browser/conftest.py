@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from browser.app_tab import app_of_a_cube
 from browser.editor_page import EditorOnPage, five_points, smooth_picture
-from browser.hosts import Lab, running
+from browser.hosts import Lab, start_host
 from browser.live_page import ARGUMENTS, LivePage
 from browser_start import why_no_browser
 from running_app import RunningApp
@@ -57,7 +57,7 @@ def tab(browser: Any) -> Iterator[Any]:
 @pytest.fixture(scope="session")
 def lab_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
     """JupyterLab on this machine, started once: it takes longer to start than most tests."""
-    with running(Lab, tmp_path_factory.mktemp("lab")) as server:
+    with start_host(Lab, tmp_path_factory.mktemp("lab")) as server:
         yield server
 
 

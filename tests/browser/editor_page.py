@@ -28,20 +28,20 @@ class EditorOnPage(LivePage):
         self.held: list[tuple[str, Any]] | None = None
         """The queue of traits' values for the front end, oldest first, while they are held; None sends them at once."""
         editor.send = lambda content, buffers=None: self.outbox.append(("editor", content, list(buffers or [])))
-        editor.observe(self._told)
+        editor.observe(self._send_change)
         state = {
-            k: packed(v)
+            k: pack(v)
             for k, v in editor.get_state().items()
             if not k.startswith("_") and k not in ("layout", "tabbable", "tooltip")
         }
         self.page.evaluate("([n, s]) => { makeModel(n, s); }", ["editor", state])
         for _ in range(draws):
             self.draw("editor")
-        self.settled()
+        self.wait_settled()
 
-    def _told(self, change: Any) -> None:
+    def _send_change(self, change: Any) -> None:
         if self.editor.trait_metadata(change["name"], "sync") and self._echo != "editor":
-            told = change["name"], packed(self.editor.get_state(change["name"])[change["name"]])
+            told = change["name"], pack(self.editor.get_state(change["name"])[change["name"]])
             if self.held is None:
                 self._deliver(*told)
             else:
@@ -50,13 +50,13 @@ class EditorOnPage(LivePage):
     def _deliver(self, name: str, value: Any) -> None:
         self.page.evaluate("([k, v]) => models.editor.fromPython(k, v)", [name, value])
 
-    def delivered(self) -> None:
+    def deliver_next(self) -> None:
         """Deliver the oldest held value to the front end, which draws its state then."""
         assert self.held
         self._deliver(*self.held.pop(0))
         self.page.evaluate("() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         """Wait until the picture is loaded, and all views of the editor are drawn in full."""
         self.wait(
             f"({PAGE}.picture.painter.source || !{PAGE}.model.get('image').byteLength) && "
@@ -67,35 +67,35 @@ class EditorOnPage(LivePage):
     @property
     def points(self) -> ControlPoints:
         """Python's points, after all messages of the front end."""
-        self.answered()
+        self.wait_answered()
         return self.editor.points
 
-    def answered(self) -> None:
+    def wait_answered(self) -> None:
         """Wait until Python has received all edits, and the front end its reply."""
         self.wait(f"!{PAGE}.sender.isBehind()")
-        self.settled()
+        self.wait_settled()
 
     def js(self, expression: str) -> Any:
         return self.page.evaluate(f"() => {expression}")
 
-    def on_screen(self, place: Any) -> tuple[float, float]:
+    def to_screen(self, place: Any) -> tuple[float, float]:
         """CSS pixels of the window at a place of the picture."""
         v, box = self.js(f"({PAGE}.viewport.view)"), self.page.locator(".dnb-ed-stage").first.bounding_box()
         return box["x"] + v["k"] * place[0] + v["x"], box["y"] + v["k"] * place[1] + v["y"]
 
     def drag(self, place: Any, by: tuple[float, float], *, steps: int = 5) -> None:
         """Drag the object at a place of the picture by pixels of the screen, with the real mouse."""
-        x, y = self.on_screen(place)
+        x, y = self.to_screen(place)
         mouse = self.page.mouse
         mouse.move(x, y)
         mouse.down()
         mouse.move(x + by[0], y + by[1], steps=steps)
         mouse.up()
-        self.settled()
+        self.wait_settled()
 
     def canvas(self) -> np.ndarray:
         """The canvas in its own pixels; grid and points are not on it if the grid is off."""
-        self.settled()
+        self.wait_settled()
         self.page.wait_for_function("""() => { const stage = document.querySelector('.dnb-ed-stage');
             const canvas = stage.querySelector('.dnb-ed-canvas'), ratio = Math.min(2, window.devicePixelRatio);
             return Math.abs(canvas.width - ratio * stage.clientWidth) <= 1; }""")  # style sheets may be loaded later
@@ -111,7 +111,7 @@ class EditorOnPage(LivePage):
         )
 
 
-def packed(value: Any) -> Any:
+def pack(value: Any) -> Any:
     return {"__bytes__": base64.b64encode(bytes(value)).decode()} if isinstance(value, bytes | memoryview) else value
 
 

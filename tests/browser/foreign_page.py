@@ -50,7 +50,7 @@ def blank_pages() -> Iterator[str]:
     thread.join(10)
 
 
-def ask_for_sockets(browser: Any, origin: str, address: str, count: int = 24) -> list[str]:
+def request_sockets(browser: Any, origin: str, address: str, count: int = 24) -> list[str]:
     """The replies of the server at this address to a page of this origin: by fetch twice, by a WebSocket, by an image.
 
     Parameters

@@ -302,12 +302,12 @@ class Voila(Host):
         page.goto(self.url(self.address.format(name=name)), timeout=90_000)
 
 
-def told(page: Any, reached: Callable[[Any], bool] = lambda state: True, patience: float = 60.0) -> Any:
-    """What the label with class "told" says, as JSON, once it is as wanted; after a minute whatever it says."""
+def read_report(page: Any, reached: Callable[[Any], bool] = lambda state: True, patience: float = 60.0) -> Any:
+    """The JSON of the label with class "report", once it is as wanted; after a minute as it is."""
     end = time.monotonic() + patience
     while True:
-        page.wait_for_function("document.querySelector('.told')?.innerText.length > 1")  # empty while it is drawn anew
-        text = page.locator(".told").first.inner_text()
+        page.wait_for_function("document.querySelector('.report')?.innerText.length > 1")  # empty while redrawn
+        text = page.locator(".report").first.inner_text()
         state = json.loads(text) if text else None
         if state is not None and (reached(state) or time.monotonic() > end):
             return state
@@ -315,7 +315,7 @@ def told(page: Any, reached: Callable[[Any], bool] = lambda state: True, patienc
 
 
 @contextlib.contextmanager
-def running(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
+def start_host(host: type[Host], folder: Path, *options: str) -> Iterator[Any]:
     """A host while a test needs it; skips the test where it is not installed."""
     if host.missing():
         pytest.skip(host.missing())
@@ -336,7 +336,7 @@ AT_REST = """() => {
 """Whether picture and volume of a studio in a page are drawn in full."""
 
 
-def resting(element: Any) -> Any:
+def box_at_rest(element: Any) -> Any:
     """The bounding box of an element at rest: a page that was just loaded is still being laid out."""
     element.evaluate("""async (element) => {
       const place = () => JSON.stringify([element.getBoundingClientRect(), scrollX, scrollY]);
@@ -348,7 +348,7 @@ def resting(element: Any) -> Any:
     return element.bounding_box()
 
 
-def quiet(host: Host, page: Any) -> None:
+def wait_idle(host: Host, page: Any) -> None:
     """Wait until client and kernel have read each other's messages, and picture and volume are drawn in full."""
     heard = "document.querySelector('.dnb-editor')?.deformnb?.sender.isBehind() === false"
     page.wait_for_function(heard, timeout=60_000)

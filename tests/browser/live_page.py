@@ -96,7 +96,7 @@ class LivePage:
         self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", self._heard)
+        self.page.on("console", self._collect_error)
         self.widgets: dict[str, Any] = {}
         self.outbox: list[tuple[str, dict[str, Any], list[bytes]]] = []
         self._thread = threading.current_thread()  # the only one that may talk to the browser
@@ -104,12 +104,12 @@ class LivePage:
         self._echo = ""  # the widget that hears its own page
         self._inbox: list[tuple[str, str, str, list[str]]] = []
         self._is_reading = False
-        self.page.expose_function("toPython", self._from_page)
+        self.page.expose_function("toPython", self._receive)
         self.page.set_content(_PAGE)
         if init:
             self.page.evaluate(init)
 
-    def _heard(self, message: Any) -> None:
+    def _collect_error(self, message: Any) -> None:
         if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
             self.errors.append(message.text)  # reading pixels back is what a screenshot is
 
@@ -117,14 +117,14 @@ class LivePage:
         """Add a widget to the page."""
         self.widgets[name] = widget
         widget.send = lambda content, buffers=None: self.outbox.append((name, content, list(buffers or [])))
-        widget.observe(lambda change: self._changed(name, change))
+        widget.observe(lambda change: self._send_change(name, change))
         state = {k: _plain(v) for k, v in widget.get_state().items() if not k.startswith("_") and k not in _OTHERS}
         # Under its own name and under the one by which another widget's trait refers to it.
         self.page.evaluate("([n, s, id]) => { models[id] = makeModel(n, s); }", [name, state, widget.model_id])
         if draw:
             self.draw(name)
 
-    def _changed(self, name: str, change: Any) -> None:
+    def _send_change(self, name: str, change: Any) -> None:
         if self.widgets[name].trait_metadata(change["name"], "sync") and self._echo != name:
             if threading.current_thread() is self._thread:
                 self._deliver_trait(name, change["name"])
@@ -142,7 +142,7 @@ class LivePage:
         self.page.evaluate("([n, s]) => draw(n, s)", [name, of_widget["_esm"]])
         self.flush()
 
-    def _from_page(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
+    def _receive(self, name: str, kind: str, text: str, buffers: list[str]) -> None:
         """Read one message after the other, as in a kernel: the reply to one lets the next one in."""
         self._inbox.append((name, kind, text, buffers))
         if self._is_reading:
@@ -185,7 +185,7 @@ class LivePage:
             self.page.wait_for_timeout(30)
         raise TimeoutError(f"{condition} did not become true in {timeout} s; the page reported {self.errors}")
 
-    def until(self, condition: Callable[[], Any], timeout: float = PATIENCE) -> None:
+    def wait_until(self, condition: Callable[[], Any], timeout: float = PATIENCE) -> None:
         """Wait for a state of Python, or of the page read by it; messages are dispatched meanwhile."""
         end = time.monotonic() + timeout
         while True:
@@ -202,7 +202,7 @@ class LivePage:
         pacers = (widget.fields.pacer for widget in self.widgets.values() if isinstance(widget, LiveView))
         return self._is_reading or bool(self._inbox or self.outbox) or any(pacer.is_waiting for pacer in pacers)
 
-    def answered(self) -> None:
+    def wait_answered(self) -> None:
         """Wait until Python has read all messages of the page so far, and the page its replies."""
         self.wait("true")
 
@@ -211,7 +211,7 @@ class LivePage:
         self.page.evaluate("""async () => {
             for (const _ of [1, 2]) await new Promise(requestAnimationFrame); }""")
 
-    def loaded(self) -> None:
+    def wait_loaded(self) -> None:
         """Wait until the volume is on the GPU and all messages are applied."""
         self.wait(
             "document.querySelector('.dnb-view').deformnb.caster?.isReady && "

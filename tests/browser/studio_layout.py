@@ -81,13 +81,13 @@ HEADING = ".dnb-section-head"
 TAB = ".dnb-studio .dnb-tab"
 
 
-def tabs_of(page: Any) -> list[str]:
+def tab_titles(page: Any) -> list[str]:
     """The titles of the studio's groups, once the last is there."""
     page.locator(TAB).nth(len(GROUPS) - 1).wait_for()
     return [text.strip() for text in page.locator(TAB).all_inner_texts()]
 
 
-def sections_of(page: Any) -> list[str]:
+def section_titles(page: Any) -> list[str]:
     """The titles of the sections of the group that is shown."""
     return [text.strip() for text in page.locator(HEADING).filter(visible=True).all_inner_texts()]
 

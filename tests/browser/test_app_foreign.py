@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 from browser.app_tab import PATIENCE, Tab
-from browser.foreign_page import ask_for_sockets, blank_pages
-from running_app import RunningApp, in_a_terminal
+from browser.foreign_page import blank_pages, request_sockets
+from running_app import RunningApp, terminal_command
 
 pytestmark = pytest.mark.needs_browser
 
@@ -22,14 +22,14 @@ _REFUSED = ["opaque", "refused", "refused", "refused"]
 
 def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningApp) -> None:
     with blank_pages() as origin:
-        assert ask_for_sockets(browser, origin, app.name) == _REFUSED
-        assert ask_for_sockets(browser, origin, app.name.replace("127.0.0.1", "localhost")) == _REFUSED
+        assert request_sockets(browser, origin, app.name) == _REFUSED
+        assert request_sockets(browser, origin, app.name.replace("127.0.0.1", "localhost")) == _REFUSED
         tab = Tab(browser, app)
         before = tab.volume()
-        assert ask_for_sockets(browser, origin, app.name) == _REFUSED
+        assert request_sockets(browser, origin, app.name) == _REFUSED
         tab.drag(0, 40, 0)
-        tab.has(4, 1)
-        tab.follows(before)
+        tab.wait_for_points(4, 1)
+        tab.wait_deformed(before)
         tab.close()
     app.application.thread.call(app.session.editing.reset).result(30)
 
@@ -37,17 +37,17 @@ def test_a_foreign_page_takes_no_place_from_the_user(browser: Any, app: RunningA
 @pytest.mark.nightly
 @pytest.mark.skipif(os.name != "posix", reason="signals of another kind")
 def test_the_command_ends_at_once_although_a_foreign_page_was_there(browser: Any, tmp_path: Path) -> None:
-    command = in_a_terminal([sys.executable, "-m", "deformnb", "app", "--no-browser"])
+    command = terminal_command([sys.executable, "-m", "deformnb", "app", "--no-browser"])
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=tmp_path)
     page = browser.new_page()
     try:
         assert process.stdout is not None
         url = process.stdout.readline().strip()
         with blank_pages() as origin:
-            assert ask_for_sockets(browser, origin, url.split("/")[2]) == _REFUSED
+            assert request_sockets(browser, origin, url.split("/")[2]) == _REFUSED
             page.goto(url)
             page.locator(".dnb-ed-target").first.wait_for(timeout=2 * PATIENCE)  # its own user is let in
-            assert ask_for_sockets(browser, origin, url.split("/")[2]) == _REFUSED
+            assert request_sockets(browser, origin, url.split("/")[2]) == _REFUSED
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=40.0)
         assert process.returncode == 0

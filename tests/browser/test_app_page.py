@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.app_tab import PATIENCE, Tab, app_of_a_cube, eventually
-from browser.studio_layout import GROUPS, choose, lasting_faults, tabs_of
-from driven_studio import all_of, crash
+from browser.app_tab import PATIENCE, Tab, app_of_a_cube, wait_until
+from browser.studio_layout import GROUPS, choose, lasting_faults, tab_titles
 from numpy.typing import NDArray
 from running_app import RunningApp
+from studio_driver import crash, walk
 
 from deformnb.app.application import Application
 from deformnb.datasets import PHANTOMS
@@ -47,7 +47,7 @@ def fresh(app: RunningApp) -> RunningApp:
         app.studio.view.set_camera(session.editing.plane.normal, -np.asarray(session.editing.plane.v))
 
     app.application.thread.call(begin).result(30)
-    app.settled()
+    app.wait_settled()
     return app
 
 
@@ -87,8 +87,8 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
     tab.add_in_the_middle()
     flat, solid = tab.picture(), tab.volume()
     tab.drag(4, 60, -30)
-    tab.has(5, 1)
-    deformed = tab.follows(solid)
+    tab.wait_for_points(5, 1)
+    deformed = tab.wait_deformed(solid)
     for before, after in ((flat, tab.picture()), (solid, deformed)):
         moved = _middle(after) - _middle(before)
         assert moved[0] > 0.03  # to the right
@@ -96,11 +96,11 @@ def test_a_drag_moves_the_picture_and_the_volume_and_undo_brings_them_back(tab: 
     backward = tab.app.session.editing.points.displacement[4]
     np.testing.assert_allclose(backward < 0, [True, False])  # b points down
     tab.page.locator(".dnb-head").get_by_role("button", name="Undo: ").click()
-    tab.has(5, 0)
+    tab.wait_for_points(5, 0)
     _alike(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
     tab.page.locator(".dnb-head").get_by_role("button", name="Redo: ").click()
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
     assert _middle(tab.volume())[0] - _middle(solid)[0] > 0.03
 
 
@@ -111,11 +111,11 @@ def test_the_volume_follows_while_the_mouse_is_down_and_a_page_that_goes_leaves_
     tab.page.mouse.move(x, y)
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
-    eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
+    wait_until(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
     assert not tab.app.session.editing.points.displacement.any()  # Python has not heard of it
     tab.page.reload()
-    tab.drawn()
-    tab.has(5, 0)
+    tab.wait_drawn()
+    tab.wait_for_points(5, 0)
     assert np.abs(_middle(tab.volume()) - _middle(before)).max() < 0.002
 
 
@@ -127,7 +127,7 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.app.application.thread.call(
         lambda: session.editing.edit_parts([RigidPart(Polygon(corners), name="cube")])
     ).result(30)
-    tab.app.settled()
+    tab.app.wait_settled()
     before = tab.volume()
     tab.page.locator(".dnb-ed-shape-inside").wait_for(state="attached")
     k = tab.page.evaluate("() => document.querySelector('.dnb-editor').deformnb.viewport.view.k")
@@ -140,10 +140,10 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
     tab.page.mouse.move(x, y)
     tab.page.mouse.down()
     tab.page.mouse.move(x + 60, y, steps=5)
-    eventually(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
+    wait_until(lambda: _middle(tab.volume())[0] - _middle(before)[0] > 0.03)
     assert session.editing.step.parts[0].motion is None  # Python has not heard of it
     tab.page.mouse.up()
-    eventually(lambda: session.editing.step.parts[0].motion is not None)
+    wait_until(lambda: session.editing.step.parts[0].motion is not None)
     np.testing.assert_allclose(session.editing.step.parts[0].motion.shift, (60 / k, 0), atol=1e-6)
     choose(tab.page, "Rigid parts and cuts")
     tab.page.get_by_text(f"shifted {60 / k:.1f}, 0.0").wait_for(state="attached")  # a narrow panel has no room for it
@@ -152,31 +152,31 @@ def test_a_rigid_part_is_dragged_and_the_volume_and_its_numbers_follow(tab: Tab)
 def test_undo_is_heard_wherever_the_focus_is_but_where_text_is_written(tab: Tab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 40, 0)
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
     tab.page.keyboard.press("Control+z")  # in the editor
-    tab.has(5, 0)
+    tab.wait_for_points(5, 0)
     choose(tab.page, "Depth")
     tab.page.keyboard.press("Control+Shift+z")
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
     choose(tab.page, "Points")
     tab.page.locator(".dnb-pt-place").fill("3, 4")
     tab.page.keyboard.press("Control+z")  # of what was written
     choose(tab.page, "Check")
     tab.page.keyboard.press("Control+z")
-    tab.has(5, 0)
+    tab.wait_for_points(5, 0)
     tab.page.keyboard.press("Control+y")
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
 
 
 def test_a_page_that_is_loaded_again_shows_the_same(tab: Tab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 60, 0)
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
     flat, solid = tab.picture(), tab.volume()
     assert tab.app.server.token not in tab.page.url  # out of sight of a classroom
     tab.page.reload()
-    tab.drawn()
-    tab.has(5, 1)
+    tab.wait_drawn()
+    tab.wait_for_points(5, 1)
     _alike(tab.picture(), flat)
     assert np.abs(_middle(tab.volume()) - _middle(solid)).max() < 0.002
 
@@ -195,10 +195,10 @@ def test_two_tabs_show_one_session(browser: Any, tab: Tab) -> None:
     other = Tab(browser, tab.app)
     tab.add_in_the_middle()
     tab.drag(4, 60, 0)
-    other.has(5, 1)
-    other.follows(np.zeros_like(other.volume()) + 255)
+    other.wait_for_points(5, 1)
+    other.wait_deformed(np.zeros_like(other.volume()) + 255)
     other.page.locator(".dnb-head").get_by_role("button", name="Undo: ").click()
-    tab.has(5, 0)
+    tab.wait_for_points(5, 0)
     choose(other.page, "Interpolation")
     other.page.get_by_label("Kernel", exact=True).select_option("Gaussian")
     choose(tab.page, "Interpolation")
@@ -211,14 +211,14 @@ def test_two_tabs_show_one_session(browser: Any, tab: Tab) -> None:
 def test_the_keyboard_moves_a_slider(tab: Tab) -> None:
     tab.add_in_the_middle()
     tab.drag(4, 40, 0)
-    tab.has(5, 1)
+    tab.wait_for_points(5, 1)
     once = _middle(tab.volume())[0]
     thumb = tab.page.locator(".widget-slider:has(> label:text-is('Strength')) .noUi-handle")
     thumb.focus()
     for _ in range(10):
         thumb.press("ArrowLeft")
-    eventually(lambda: tab.app.session.editing.step.strength < 0.95)
-    eventually(lambda: once - _middle(tab.volume())[0] > 0.001)
+    wait_until(lambda: tab.app.session.editing.step.strength < 0.95)
+    wait_until(lambda: once - _middle(tab.volume())[0] > 0.001)
 
 
 def test_another_side_shows_another_picture(tab: Tab) -> None:
@@ -240,11 +240,11 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab = Tab(browser, app)
         tab.add_in_the_middle()
         tab.drag(4, 40, 0)
-        tab.has(5, 1)
+        tab.wait_for_points(5, 1)
         before = app.session.editing.points
         tab.page.keyboard.press("Control+s")
         saved = tmp_path / "cube_nii.json"
-        eventually(saved.exists)
+        wait_until(saved.exists)
         assert from_json(saved.read_text(encoding="utf-8")).steps[0].points == before
         assert json.loads(saved.read_text(encoding="utf-8"))["volume"]["name"] == "cube.nii"
         tab.page.get_by_role("button", name="Export").click()
@@ -256,14 +256,14 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         )
         tab.page.locator(".dnb-ed-stage").focus()
         tab.page.keyboard.press("Control+z")
-        tab.has(5, 0)
+        tab.wait_for_points(5, 0)
         with tab.page.expect_file_chooser() as choosing:
             tab.page.get_by_role("button", name="Open", exact=True).click()
         choosing.value.set_files(saved)
-        tab.has(5, 1)
+        tab.wait_for_points(5, 1)
         assert app.session.editing.points == before
         tab.page.evaluate(DROP, ["mark.fcsv", "# CoordinateSystem = LPS\n1,10,9,12,0,0,0,1,1,1,0,nose,,\n"])
-        tab.has(6, 1)
+        tab.wait_for_points(6, 1)
         assert app.session.editing.points.names[-1] == "nose"
         tab.page.evaluate(DROP, ["scan.zip", "PK"])
         tab.page.get_by_text("scan.zip is no file that can be opened here").wait_for()
@@ -271,14 +271,14 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
         tab.page.evaluate(DROP, ["ramp.nrrd", f"{RAMP}\n{''.join(chr(1 + k % 120) for k in range(16**3))}"])
         tab.page.get_by_text("Open ramp.nrrd in place of cube.nii?").wait_for()
         tab.page.locator(".dnb-studio-messages").get_by_role("button", name="Open", exact=True).click()
-        eventually(lambda: app.session is not first)
+        wait_until(lambda: app.session is not first)
         tab.page.wait_for_function("document.title === 'ramp - deformnb'", timeout=PATIENCE)
-        tab.drawn()
-        tab.has(4, 0)
+        tab.wait_drawn()
+        tab.wait_for_points(4, 0)
         tab.page.get_by_role("button", name="History").click()
         tab.page.get_by_role("button", name="Back to cube.nii").click()
-        tab.drawn()
-        tab.has(6, 1)
+        tab.wait_drawn()
+        tab.wait_for_points(6, 1)
         assert app.session is first
         tab.close()
         assert tab.errors == []
@@ -289,7 +289,7 @@ def test_files_are_saved_downloaded_and_opened(browser: Any, tmp_path: Path) -> 
 def test_it_fits_its_window_in_light_and_dark(browser: Any, fresh: RunningApp, width: int, scheme: str) -> None:
     tab = Tab(browser, fresh, scheme=scheme, size=(width, 800))
     page = tab.page
-    assert tabs_of(page) == list(GROUPS)
+    assert tab_titles(page) == list(GROUPS)
     assert lasting_faults(page, ".dnb-it-scroller, .dnb-pt-scroller") == []
     box = page.locator(".dnb-studio").bounding_box()
     assert (box["x"], box["y"], box["width"]) == (0, 0, width)
@@ -299,7 +299,7 @@ def test_it_fits_its_window_in_light_and_dark(browser: Any, fresh: RunningApp, w
     shade = np.mean(_channels(page, ".dnb-studio-panel"))
     assert shade > 200 if scheme == "light" else shade < 60
     page.get_by_role("button", name="Light or dark").click()
-    eventually(lambda: (np.mean(_channels(page, ".dnb-studio-panel")) < 60) == (scheme == "light"))
+    wait_until(lambda: (np.mean(_channels(page, ".dnb-studio-panel")) < 60) == (scheme == "light"))
     tab.close()
 
 
@@ -380,7 +380,7 @@ def test_the_session_goes_on_without_a_page(browser: Any, fresh: RunningApp) -> 
     moved = ControlPoints.from_arrays(points.source, points.source + np.array([3.0, 0.0]))
     fresh.application.thread.call(lambda: fresh.session.editing.edit_points(moved)).result(30)
     tab = Tab(browser, fresh)
-    tab.has(4, 4)
+    tab.wait_for_points(4, 4)
     assert tab.page.evaluate(
         "document.querySelector('.dnb-editor').deformnb.points.list[0].target[0]"
     ) == pytest.approx(float(moved.target[0, 0]))
@@ -399,7 +399,7 @@ def test_what_was_lost_is_offered_and_restored(browser: Any, tmp_path: Path) -> 
         page.goto(app.server.url)
         page.get_by_text("was not saved (5 points, 1 step).").wait_for(timeout=PATIENCE)
         page.get_by_role("button", name="Restore").click()
-        eventually(lambda: app.session.editing.points == wanted)
+        wait_until(lambda: app.session.editing.points == wanted)
         page.close()
 
 
@@ -416,8 +416,8 @@ def test_vtk_draws_the_volume_if_asked(browser: Any, tmp_path: Path) -> None:
         before = _middle(shown())
         tab.add_in_the_middle()
         tab.drag(4, 60, 0)
-        tab.has(5, 1)
-        eventually(lambda: _middle(shown())[0] - before[0] > 0.03)
+        tab.wait_for_points(5, 1)
+        wait_until(lambda: _middle(shown())[0] - before[0] > 0.03)
         tab.close()
 
 
@@ -429,7 +429,7 @@ def test_one_pane_takes_the_place_of_both_and_gives_it_back(tab: Tab) -> None:
     alone = volume.bounding_box()
     assert alone["height"] == whole["height"]
     assert alone["width"] * alone["height"] > 1.5 * before["width"] * before["height"]
-    eventually(lambda: tab.size[0] >= alone["width"] - 2)  # the canvas goes with it
+    wait_until(lambda: tab.size[0] >= alone["width"] - 2)  # the canvas goes with it
     volume.locator(".dnb-pane-head").dblclick(position={"x": alone["width"] - 120, "y": 14})
     picture.wait_for(state="visible")
     assert volume.bounding_box() == before
@@ -439,8 +439,8 @@ def test_one_pane_takes_the_place_of_both_and_gives_it_back(tab: Tab) -> None:
 
 
 def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(tab: Tab) -> None:
-    page, tabs = tab.page, next(box for box in all_of(tab.app.studio) if isinstance(box, Tabs))
-    sections = {box.title: box for box in all_of(tabs) if isinstance(box, Fold)}
+    page, tabs = tab.page, next(box for box in walk(tab.app.studio) if isinstance(box, Tabs))
+    sections = {box.title: box for box in walk(tabs) if isinstance(box, Fold)}
     splitter = page.get_by_role("separator", name="Width of the panel")
     splitter.press("ArrowLeft")
     assert splitter.get_attribute("aria-valuenow") == "320"
@@ -461,7 +461,7 @@ def test_the_panel_has_the_width_the_tab_and_the_sections_in_which_it_was_left(t
     tab.app.application.thread.call(as_made).result(30)
     page.goto(tab.app.server.url)
     page.get_by_role("tab", name="Depth", selected=True).wait_for(timeout=PATIENCE)
-    eventually(lambda: tabs.selected == 1 and sections["Points"].is_open)
+    wait_until(lambda: tabs.selected == 1 and sections["Points"].is_open)
     assert sections["Steps"].is_open
     assert splitter.get_attribute("aria-valuenow") == "320"
 

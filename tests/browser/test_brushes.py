@@ -34,12 +34,12 @@ def beside(da: float) -> NDArray[np.float64]:
 def stroke(page: EditorOnPage, *way: Any, steps: int = 8) -> None:
     """Through these places of the picture with the mouse."""
     mouse = page.page.mouse
-    mouse.move(*page.on_screen(way[0]))
+    mouse.move(*page.to_screen(way[0]))
     mouse.down()
     for place in way[1:]:
-        mouse.move(*page.on_screen(place), steps=steps)
+        mouse.move(*page.to_screen(place), steps=steps)
     mouse.up()
-    page.settled()
+    page.wait_settled()
 
 
 def around(middle: Any, radius: float, count: int = 48) -> NDArray[np.float64]:
@@ -96,10 +96,10 @@ def test_a_stroke_is_one_step_and_the_picture_follows_while_it_goes_on(
     page = opened(editor)
     radius, before = brush(page, "s"), page.canvas()
     mouse = page.page.mouse
-    mouse.move(*page.on_screen(MIDDLE))
+    mouse.move(*page.to_screen(MIDDLE))
     mouse.down()
-    mouse.move(*page.on_screen(beside(0.5 * radius)), steps=6)
-    page.settled()
+    mouse.move(*page.to_screen(beside(0.5 * radius)), steps=6)
+    page.wait_settled()
     assert np.abs(page.canvas() - before).max() > 20
     assert editor.points == points
     mouse.up()
@@ -163,7 +163,7 @@ def test_the_other_brush_grows_to_the_right_and_shrinks_to_the_left(
 ) -> None:
     page = opened(Editor(picture, points.remove(4)))
     radius = brush(page, "e")
-    x, y = page.on_screen(MIDDLE)
+    x, y = page.to_screen(MIDDLE)
     mouse = page.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -183,9 +183,9 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     page = opened(Editor(picture, points))
     radius = brush(page, "s")
     k = page.js(f"{PAGE}.viewport.view.k")
-    page.page.mouse.move(*page.on_screen(MIDDLE))
+    page.page.mouse.move(*page.to_screen(MIDDLE))
     page.page.keyboard.press("]")
-    page.settled()
+    page.wait_settled()
     circle = page.page.locator(".dnb-ed-circle-line")
     assert float(circle.get_attribute("r")) == pytest.approx(1.1 * radius * k, abs=0.1)
     assert (float(circle.get_attribute("cx")), float(circle.get_attribute("cy"))) == pytest.approx(
@@ -199,11 +199,11 @@ def test_the_radius_follows_keys_the_wheel_and_the_slider(opened: Any, picture: 
     page.page.keyboard.press("End")
     page.wait(f"Math.abs(models.editor.get('brush_radius') - 400 / {k}) < 1e-6")
     page.wait(f"models.editor.saved.some((s) => Math.abs(s.brush_radius - 400 / {k}) < 1e-6)")
-    page.settled()
+    page.wait_settled()
     assert page.editor.brush_radius == pytest.approx(400 / k)
     page.page.get_by_role("button", name="put the brush away").click()
     assert page.js(f"{PAGE}.tools.brush.isOn") is False
-    page.settled()
+    page.wait_settled()
     assert circle.is_hidden()
 
 
@@ -230,14 +230,14 @@ def test_escape_gives_a_stroke_up_and_a_click_leaves_nothing(
     page = opened(Editor(picture, points))
     radius = brush(page, "s")
     mouse = page.page.mouse
-    mouse.move(*page.on_screen(MIDDLE))
+    mouse.move(*page.to_screen(MIDDLE))
     mouse.down()
-    mouse.move(*page.on_screen(beside(0.4 * radius)), steps=4)
+    mouse.move(*page.to_screen(beside(0.4 * radius)), steps=4)
     page.page.keyboard.press("Escape")
     mouse.up()
     assert page.points == points
     assert page.js(f"{PAGE}.points.list.length") == len(points)
-    page.page.mouse.click(*page.on_screen(MIDDLE))
+    page.page.mouse.click(*page.to_screen(MIDDLE))
     assert page.points == points
     assert page.js("models.editor.sent.filter((m) => m.phase === 'end').length") == 0
 
@@ -264,20 +264,20 @@ def test_a_finger_strokes_and_two_zoom(opened: Any, picture: Picture, points: Co
             {"type": kind, "touchPoints": [{"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]},
         )
 
-    touch("touchStart", page.on_screen(MIDDLE))
+    touch("touchStart", page.to_screen(MIDDLE))
     for share in (0.1, 0.25, 0.4):
-        touch("touchMove", page.on_screen(beside(share * radius)))
+        touch("touchMove", page.to_screen(beside(share * radius)))
     touch("touchEnd")
     assert len(page.points) > len(points)
     assert moved(page.editor, MIDDLE)[0] == pytest.approx([0.4 * radius, 0], abs=0.06 * radius)
     after = page.points
-    x, y = page.on_screen([70, 40])
+    x, y = page.to_screen([70, 40])
     touch("touchStart", (x - 40, y))
     touch("touchStart", (x - 40, y), (x + 40, y))
     touch("touchMove", (x - 60, y), (x + 60, y))
     touch("touchMove", (x - 80, y), (x + 80, y))
     touch("touchEnd")
-    page.settled()
+    page.wait_settled()
     assert page.points == after
     assert page.js(f"{PAGE}.viewport.view.k") > 1.5 * k
 

@@ -25,7 +25,7 @@ def opened(page: LivePage, **options: Any) -> LiveView:
     values[0, 0, 0] = 0
     view = LiveView(Volume(values, GRID), transfer="surface", width=400, height=300, settle_ms=60000, **options)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     page.add(ClipControls(view), "clip")
     page.wait("document.querySelectorAll('.dnb-clip-row').length === 3")
     return view
@@ -59,14 +59,14 @@ def test_dragging_an_end_cuts_the_volume_while_the_button_is_down(page: LivePage
     page.page.mouse.down()
     page.page.mouse.move(box["x"] + 7 + 0.25 * (box["width"] - 14), y, steps=4)
     page.page.mouse.move(box["x"] + 7 + 0.5 * (box["width"] - 14), y, steps=4)
-    page.answered()
+    page.wait_answered()
     assert view.clip[1][0] == pytest.approx(0.5, abs=0.03)
     assert view.clip[1][1] == 1.0
     held = page.pixels()
     assert (held != whole).any()
     page.page.mouse.move(box["x"] + box["width"], y, steps=6)  # never past the other end
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     assert view.clip[1][0] == pytest.approx(0.98)
     assert page.errors == []
 
@@ -77,15 +77,15 @@ def test_keys_move_the_ends_and_both_can_be_reached(page: LivePage) -> None:
     ends.nth(5).focus()
     for _ in range(10):
         page.page.keyboard.press("ArrowLeft")
-    page.answered()
+    page.wait_answered()
     assert view.clip[2] == (0.0, 0.9)
     page.page.keyboard.press("Shift+Tab")
     page.page.keyboard.press("ArrowRight")
-    page.answered()
+    page.wait_answered()
     assert view.clip[2] == (0.01, 0.9)
     assert ends.nth(4).get_attribute("aria-valuetext") == "seen 1 to 90 percent"
     page.page.keyboard.press("End")
-    page.answered()
+    page.wait_answered()
     assert view.clip[2] == (0.88, 0.9)
     far = page.page.evaluate("document.querySelectorAll('.dnb-clip-track')[2].classList.contains('dnb-clip-far')")
     assert far  # the lower end lies above, else neither could be taken hold of at the far side
@@ -102,7 +102,7 @@ def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> N
     ):
         view.set_camera(direction)
         button.click()
-        page.answered()
+        page.wait_answered()
         axis, pair = wanted
         assert view.clip == tuple(pair if k == axis else (0.0, 1.0) for k in range(3)), direction
         # The viewer's half is gone: the middle of the half that stays lies behind the middle of all.
@@ -110,7 +110,7 @@ def test_one_button_opens_towards_the_viewer_and_one_closes(page: LivePage) -> N
         mid = GRID.index_to_point(shares * GRID.shape[::-1] - 0.5)
         assert (mid - GRID.center) @ np.asarray(direction) > 0
     page.page.get_by_role("button", name="Show all").click()
-    page.answered()
+    page.wait_answered()
     assert view.clip == ((0.0, 1.0), (0.0, 1.0), (0.0, 1.0))
     assert page.page.get_by_role("button", name="Show all").is_disabled()
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, resting
+from browser.hosts import Lab, box_at_rest
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -46,7 +46,7 @@ def settled(lab: Lab, page: Any, reached: Callable[[Any], bool]) -> Any:
 
 def drag(page: Any, node: Any, dx: float, dy: float, mark: str = ".dnb-cv-dot") -> None:
     node.locator(mark).scroll_into_view_if_needed()
-    box = resting(node.locator(mark))
+    box = box_at_rest(node.locator(mark))
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()

@@ -35,12 +35,12 @@ class Drawn(LivePage):
             for _ in range(draws):
                 self.draw(f"w{k}")
         self.widget = widgets[0] if widgets else None
-        self.settled()
+        self.wait_settled()
 
     def listen(self) -> None:
         self.widget.on_edit(lambda value, phase: self.heard.append((value, phase)))
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         self.wait("[...document.querySelectorAll('.dnb-curves')].every((e) => !e.deformnb.frame)")
         self.wait("true")
 
@@ -65,12 +65,12 @@ class Drawn(LivePage):
         self.page.mouse.move(*self.at(end), steps=steps)
         if release:
             self.page.mouse.up()
-        self.settled()
+        self.wait_settled()
 
     def key(self, *keys: str) -> None:
         for key in keys:
             self.page.keyboard.press(key)
-        self.settled()
+        self.wait_settled()
 
     def focus(self, index: int) -> None:
         self.page.locator(".dnb-cv-node").nth(index).focus()
@@ -152,7 +152,7 @@ def test_during_a_drag_python_hears_and_keeps_its_curve(drawn: Any) -> None:
     assert page.widget.curve == before
     page.key("Escape")
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.widget.curve == before
     assert page.heard[-1] == (before, "end")  # whoever followed comes back
     assert page.js("w.nodes") == [list(node) for node in TENT]
@@ -177,14 +177,14 @@ def test_nodes_snap_to_nothing_and_to_all(drawn: Any) -> None:
     page.page.mouse.down()
     page.page.mouse.move(x, y + 3, steps=4)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes[2][1] == 0.0
 
 
 def test_a_click_changes_nothing(drawn: Any) -> None:
     page = drawn(CurveEditor("sin(pi*z)"))
     page.page.mouse.click(*page.at((0.5, 1.0)))
-    page.settled()
+    page.wait_settled()
     assert page.widget.curve == "sin(pi*z)"
     assert page.sent("edit") == []
     assert page.js("document.activeElement.getAttribute('aria-label')") == "node 5 of 9"
@@ -202,7 +202,7 @@ def test_a_finger_drags_up_without_scrolling_the_page(drawn: Any) -> None:
     for y in (0.3, 0.0, -0.4, -0.75):
         touch("touchMove", page.at((0.5, y)))
     touch("touchEnd")
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes[2] == (0.5, pytest.approx(-0.75, abs=0.02))
     assert page.page.evaluate("window.scrollY") == 0
 
@@ -213,11 +213,11 @@ def test_a_finger_drags_up_without_scrolling_the_page(drawn: Any) -> None:
 def test_a_double_click_adds_and_a_right_click_removes(drawn: Any) -> None:
     page = drawn(tent())
     page.page.mouse.dblclick(*page.at((0.75, 0.7)))
-    page.settled()
+    page.wait_settled()
     assert len(page.widget.nodes) == 5
     assert page.widget.nodes[3] == (0.75, pytest.approx(0.7, abs=0.02))
     page.page.mouse.click(*page.at(page.widget.nodes[3]), button="right")
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes == tuple(TENT)
 
 
@@ -243,7 +243,7 @@ def test_an_arrow_key_that_is_held_is_one_edit(drawn: Any) -> None:
     for _ in range(5):
         page.page.keyboard.down("ArrowRight")
     page.page.keyboard.up("ArrowRight")
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes[2][0] == 0.5 + 5 / 128
     assert page.sent("edit") == ["end"]
 
@@ -252,10 +252,10 @@ def test_buttons_add_and_remove(drawn: Any) -> None:
     page = drawn(tent())
     page.focus(2)
     page.page.get_by_label("Add a node").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes[3] == (0.75, pytest.approx(0.0, abs=1e-3))
     page.page.get_by_label("Remove the chosen").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.nodes == tuple(TENT)
 
 
@@ -293,7 +293,7 @@ def test_a_wrong_formula_is_explained_below_and_can_be_corrected(drawn: Any) -> 
     field.press("Enter")
     field.blur()
     page.wait("!document.querySelector('.dnb-cv-alert').hidden")
-    page.settled()
+    page.wait_settled()
     assert "'q' is something else" in alert.inner_text()
     assert page.sent("edit") == ["end"]  # asked once
     assert alert.bounding_box()["y"] > page.page.locator(".dnb-cv-svg").bounding_box()["y"]
@@ -302,34 +302,34 @@ def test_a_wrong_formula_is_explained_below_and_can_be_corrected(drawn: Any) -> 
     assert (page.widget.curve, page.js("w.samples")[128]) == ("z", 0.5)
     field.fill("z^2")
     field.press("Enter")
-    page.settled()
+    page.wait_settled()
     assert page.widget.curve == "z^2"
     assert not alert.is_visible()
     assert page.js("w.samples")[128] == pytest.approx(0.25)
     field.fill("nonsense")
     field.press("Escape")
-    page.settled()
+    page.wait_settled()
     assert field.input_value() == "z^2"
     page.page.locator(".dnb-cv-node").first.focus()
-    page.settled()
+    page.wait_settled()
     assert page.widget.curve == "z^2"
 
 
 def test_ready_made_curves(drawn: Any) -> None:
     page = drawn(tent())
     page.page.locator(".dnb-cv-select").select_option("smoothstep")
-    page.settled()
+    page.wait_settled()
     assert page.widget.curve == "z*z*(3-2*z)"
     assert page.page.locator(".dnb-cv-input").input_value() == "z*z*(3-2*z)"
     page.page.locator(".dnb-cv-select").select_option("constant 1")
-    page.settled()
+    page.wait_settled()
     assert page.widget.values(3) == (1.0, 1.0, 1.0)
 
 
 def test_lines_are_rounded_by_a_button(drawn: Any) -> None:
     page = drawn(tent())
     page.page.get_by_role("button", name="Smooth").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.smooth
     assert len(page.widget.curve) == 129
     assert page.page.get_by_role("button", name="Smooth").get_attribute("aria-pressed") == "true"
@@ -339,7 +339,7 @@ def test_a_curve_beyond_the_range_makes_the_plot_grow(drawn: Any) -> None:
     page = drawn(CurveEditor("4*z"))
     assert page.js("w.view[1]") == [-1, 4]
     page.widget.range = (-8.0, 2.0)
-    page.settled()
+    page.wait_settled()
     assert page.js("w.view[1]") == [-8, 4]
 
 
@@ -349,7 +349,7 @@ def test_a_curve_beyond_the_range_makes_the_plot_grow(drawn: Any) -> None:
 def test_python_changes_what_is_seen(drawn: Any) -> None:
     page = drawn(tent())
     page.widget.curve = (1.0, 0.0)
-    page.settled()
+    page.wait_settled()
     assert page.js("w.nodes") == [[0, 1], [1, 0]]
     assert page.page.locator(".dnb-cv-node").count() == 2
 
@@ -368,10 +368,10 @@ def test_old_news_do_not_undo_an_edit(drawn: Any) -> None:
     edited = page.js("w.nodes")
     stale = page.widget.shown
     page.widget.shown = {**stale, "nodes": [[0, 1], [1, 1]]}
-    page.settled()
+    page.wait_settled()
     assert page.js("w.nodes") == edited
     page.widget.shown = {**stale, "nodes": [[0, 1], [1, 1]], "seen": {page.js("w.link.id"): 1}}
-    page.settled()
+    page.wait_settled()
     assert page.js("w.nodes") == [[0, 1], [1, 1]]
 
 
@@ -389,7 +389,7 @@ def test_what_is_read_only_cannot_be_changed(drawn: Any, kind: str) -> None:
     for button in page.page.locator(".dnb-cv-button").all():
         button.click(force=True)
     page.page.mouse.dblclick(*page.at(0.3 if kind == "keys" else (page.js("w.view[0][1]") * 0.3, 0.9)))
-    page.settled()
+    page.wait_settled()
     assert page.sent("edit") == []
 
 
@@ -428,7 +428,7 @@ def test_small_opacities_have_room_and_none_leaves_the_plot(drawn: Any) -> None:
     page.page.mouse.down()
     page.page.mouse.move(600, 0)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.opacities[3] == (199.0, 1.0)
 
 
@@ -437,7 +437,7 @@ def test_a_preset_is_chosen(drawn: Any) -> None:
     marked = page.page.locator("[aria-pressed='true']")
     assert marked.count() == 0
     page.page.get_by_role("button", name="bone").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer == preset("bone", page.widget.volume)
     assert page.js("w.nodes.length") == 4
     assert marked.all_inner_texts() == ["bone"]
@@ -485,12 +485,12 @@ def test_a_click_selects_a_key_and_moves_none(drawn: Any) -> None:
     page = drawn(DepthKeys((0.0, 0.5, 1.0)))
     page.listen()
     page.page.mouse.click(*page.at(1.0))
-    page.settled()
+    page.wait_settled()
     assert (page.widget.selected, page.widget.knots) == (2, (0.0, 0.5, 1.0))
     assert [(e.kind, e.index, p) for e, p in page.heard] == [("select", 2, "end")]
     assert page.page.locator(".dnb-cv-facts").inner_text() == "Key 3 of 3 at depth 1"
     page.page.mouse.click(*page.at(1.0))
-    page.settled()
+    page.wait_settled()
     assert len(page.heard) == 1
 
 
@@ -498,19 +498,19 @@ def test_keys_come_and_go(drawn: Any) -> None:
     page = drawn(DepthKeys((0.0, 1.0)))
     page.listen()
     page.page.mouse.dblclick(*page.at(0.3))
-    page.settled()
+    page.wait_settled()
     assert page.widget.knots == (0.0, pytest.approx(0.3, abs=0.005), 1.0)
     assert page.widget.selected == 1
     page.page.get_by_label("Add a key").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.knots[2] == pytest.approx(0.65, abs=0.005)
     page.page.mouse.click(*page.at(page.widget.knots[1]), button="right")
-    page.settled()
+    page.wait_settled()
     assert len(page.widget.knots) == 3
     assert page.widget.selected == 1  # still the one added last
     for _ in range(3):
         page.page.get_by_label("Remove the selected").click(force=True)
-    page.settled()
+    page.wait_settled()
     assert len(page.widget.knots) == 1
     assert [(e.kind, e.index) for e, _ in page.heard] == [
         ("add", 1),
@@ -544,7 +544,7 @@ def test_a_click_with_ctrl_removes_nothing_for_on_a_mac_it_opens_menus(drawn: An
         page.page.keyboard.down("Control")
         page.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, button="right")
         page.page.keyboard.up("Control")
-    page.settled()
+    page.wait_settled()
     assert marks.count() == before
     assert page.sent("edit") == []
 
@@ -562,7 +562,7 @@ def test_a_style_sheet_may_come_late_and_the_page_may_change_its_width(drawn: An
     for width in (700, 500):
         page.page.set_viewport_size({"width": width, "height": 900})
         page.wait(f"document.querySelector('.dnb-cv-svg').getAttribute('viewBox').startsWith('0 0 {width - 2} ')")
-        page.settled()
+        page.wait_settled()
 
 
 def test_small_opacities_are_labelled_as_such(drawn: Any) -> None:
@@ -601,7 +601,7 @@ def test_light_and_dark_can_be_read(drawn: Any, kind: str, dark: bool) -> None:
     assert abs(soft - paper) > 90
     assert abs(ink - paper) > 160
     page.widget.theme = "light" if dark else "dark"
-    page.settled()
+    page.wait_settled()
     assert page.js("w.root.classList.contains('dnb-dark')") is not dark
 
 

@@ -43,7 +43,7 @@ class Depth:
         page.add(self.view, "view")
         self.link.show(self.editor)
         self.session.editing.observe(self._changed, "deformation")
-        page.loaded()
+        page.wait_loaded()
         page.wait("document.querySelector('.dnb-view').deformnb.shownField.link.index !== null")
 
     def _guard(self, action: Any) -> bool:
@@ -59,11 +59,11 @@ class Depth:
 
     def differ(self, before: Any, least: int = 150) -> Any:
         """The picture, once it is another one."""
-        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 25).sum() > least)
+        self.page.wait_until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 25).sum() > least)
         return self.pixels()
 
     def alike(self, before: Any) -> None:
-        self.page.until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() < 20)
+        self.page.wait_until(lambda: (np.abs(self.pixels() - before).sum(axis=-1) > 40).sum() < 20)
 
     def press(self, selector: str) -> tuple[float, float]:
         box = self.page.page.locator(selector).bounding_box()

@@ -63,7 +63,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     before = page.js(f"({PAGE}.viewport.view.k)")
     assert session.results.fit_output()
     show_step(editor, session)
-    page.settled()
+    page.wait_settled()
     assert page.js(f"({PAGE}.viewport.view.k)") < before  # all of it is seen
     assert page.js(f"({PAGE}.picture.box)") == pytest.approx(
         editor.picture.raster.box
@@ -86,7 +86,7 @@ def test_matter_beyond_the_picture_is_that_of_the_result(opened: Any) -> None:
     assert np.median(np.abs(shown - expected)[seen & (expected > 60)]) < 6
     session.editing.output = None
     show_step(editor, session)
-    page.settled()
+    page.wait_settled()
     assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
     assert np.ptp(page.canvas()[..., 0][beyond(page, editor.picture)]) == 0  # nothing but paper
 
@@ -99,7 +99,7 @@ def test_who_has_zoomed_keeps_the_view(opened: Any) -> None:
     before = page.js(f"({PAGE}.viewport.view.k)")
     session.results.grow(20.0)
     show_step(editor, session)
-    page.settled()
+    page.wait_settled()
     assert page.js(f"({PAGE}.viewport.view.k)") == pytest.approx(before)
 
 

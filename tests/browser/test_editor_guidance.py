@@ -20,7 +20,7 @@ HINT = "(document.querySelector('.dnb-ed-hint:not([hidden])')?.textContent ?? ''
 
 
 def notes(page: EditorOnPage) -> str:
-    page.settled()
+    page.wait_settled()
     return str(page.page.locator(".dnb-ed-notes").inner_text())
 
 
@@ -31,7 +31,7 @@ def test_undo_and_redo_go_on_when_the_point_in_focus_is_gone(
     opened: Any, picture: Picture, points: ControlPoints
 ) -> None:
     page = opened(Editor(picture, points))
-    page.page.mouse.dblclick(*page.on_screen([50, 20]))
+    page.page.mouse.dblclick(*page.to_screen([50, 20]))
     added = page.points
     page.drag(added.target[5], (20, 12))
     moved = page.points
@@ -61,7 +61,7 @@ def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
     editor.on_edit(edited, details=True)
     editor.on_history(step)
     page = opened(editor)
-    page.page.mouse.dblclick(*page.on_screen([50, 20]))
+    page.page.mouse.dblclick(*page.to_screen([50, 20]))
     assert len(page.points) == 6
     assert page.js("document.activeElement.dataset.id") == "5"
     page.page.keyboard.press("Control+z")
@@ -72,9 +72,9 @@ def test_focus_stays_in_the_editor_when_python_takes_the_point_away(
     page.page.locator("[data-id='2']").focus()
     page.page.keyboard.press("F2")
     editor.points = points.remove(2)  # while its name is being typed
-    page.settled()
+    page.wait_settled()
     page.page.keyboard.press("Enter")
-    page.settled()
+    page.wait_settled()
     assert page.js(ON_STAGE)
 
 
@@ -83,7 +83,7 @@ def test_focus_outside_stays_outside(opened: Any, picture: Picture, points: Cont
     page = opened(editor)
     page.js("{ const b = document.createElement('button'); b.id = 'other'; document.body.append(b); b.focus(); }")
     editor.points = points.remove(2)
-    page.settled()
+    page.wait_settled()
     assert page.js("document.activeElement.id") == "other"
 
 
@@ -106,8 +106,8 @@ def test_nothing_is_edited_while_python_makes_another_picture(
     for key in ("Control+z", "ArrowRight", "o", "Home", "Delete", "F2", "a"):
         page.page.keyboard.press(key)
     page.drag(moved.target[4], (-25, 10))
-    page.page.mouse.dblclick(*page.on_screen([50, 20]))
-    page.page.mouse.click(*page.on_screen(moved.target[1]), button="right")
+    page.page.mouse.dblclick(*page.to_screen([50, 20]))
+    page.page.mouse.click(*page.to_screen(moved.target[1]), button="right")
     page.page.locator("[data-command=undo]").click(force=True)
     page.page.locator("[data-command=reset]").click(force=True)
     page.page.locator(".dnb-ed-stage").focus()
@@ -128,7 +128,7 @@ def test_waiting_ends_a_drag_and_a_name_as_escape_does(opened: Any, picture: Pic
     editor, seen = Editor(picture, points), []
     editor.on_edit(lambda p, phase: seen.append((phase, p.target[4].tolist())))
     page = opened(editor)
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y + 20, steps=4)
@@ -171,12 +171,12 @@ def test_points_that_turn_without_a_fold_are_not_said_to_fold(opened: Any, pictu
     assert "no folds" in page.page.locator(".dnb-ed-folds").inner_text()
     corners = np.array([[20.0, -20], [120, -20], [120, 70], [20, 70]])
     editor.points = ControlPoints.from_arrays([*corners, [40, 20], [90, 25]], [*corners, [90.5, 25], [90, 25]])
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.map.folds.least") < 0
     assert notes(page) == "control points 4 and 5 are pulled past each other: the map folds there"
     line = np.array([[30.0, 0.0], [60.0, 20.0], [90.0, 40.0]])
     editor.points = ControlPoints.from_arrays(line, line + np.array([[0, 0], [3, 2], [0, 0]]))
-    page.settled()
+    page.wait_settled()
     assert "the control points lie nearly on one line" in notes(page)  # no word on folds, so it stays
 
 
@@ -190,7 +190,7 @@ def test_whoever_has_not_begun_hears_how_a_point_is_added(opened: Any, picture: 
     page.page.keyboard.press("Escape")
     assert notes(page) == "Drag a disc to move what is under it; ? for keys"
     page.editor.points = ControlPoints.empty()
-    page.settled()
+    page.wait_settled()
     assert notes(page) == "Double-click adds a point: one moves the picture, two turn it, three bend it"
 
 
@@ -212,7 +212,7 @@ def test_tips_explain_the_folds_and_the_points(opened: Any, picture: Picture, po
     assert tips[1] == "top right: dragged by 5, -4 from 110, -5; reaches 80"
     assert tips[3] == "point 3: not dragged; switched off"
     editor.points = ControlPoints.empty()
-    page.settled()
+    page.wait_settled()
     assert page.page.locator(".dnb-ed-folds").get_attribute("title") == ""
 
 

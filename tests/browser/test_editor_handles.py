@@ -55,7 +55,7 @@ def test_an_arrow_follows_the_hand_and_goes_where_there_is_no_room(opened: Any, 
     shown = "document.querySelector('.dnb-ed-arrows > g').getAttribute('visibility')"
     ring = "document.querySelector('.dnb-ed-source').getAttribute('visibility')"
     assert page.js(f"[{shown}, {ring}]") == ["hidden", "hidden"]
-    x, y = page.on_screen((70, 25))
+    x, y = page.to_screen((70, 25))
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 9, y, steps=3)
@@ -103,11 +103,11 @@ def test_a_point_with_a_radius_of_its_own_shows_that(opened: Any, picture: Pictu
     assert circles(page) == []
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("r")
-    page.settled()
+    page.wait_settled()
     k = page.js(f"{PAGE}.viewport.view.k")
     assert sorted(r for *_, r in circles(page)) == pytest.approx([17 * k, 40 * k, 40 * k, 40 * k], abs=0.06)
-    page.page.mouse.click(*page.on_screen(points.target[1]))
-    page.settled()
+    page.page.mouse.click(*page.to_screen(points.target[1]))
+    page.wait_settled()
     ((cx, cy, r),) = circles(page)  # of what is selected only
     assert [cx, cy] == pytest.approx(on_stage(page, points.target[1]), abs=0.06)
     assert r == pytest.approx(17 * k, abs=0.06)
@@ -143,7 +143,7 @@ def test_handles_are_told_apart_by_form_whatever_colours_are_seen(opened: Any, p
     points = ControlPoints.from_arrays([[30.0, -10], [100, 60], [35, 55]], [[70.0, -10], [100, 60], [35, 55]])
     page = opened(Editor(plain, points.edit(1, active=False), density=0, overlay="none"))
     # Where the disc of a point is, where its ring is, where a point is that is off, and where nothing is.
-    places = [page.on_screen(at) for at in ([70, -10], [30, -10], [100, 60], [70, 25])]
+    places = [page.to_screen(at) for at in ([70, -10], [30, -10], [100, 60], [70, 25])]
     images = {eyes: seen(page, eyes) for eyes in EYES}
     assert all(np.abs(images[eyes] - images["none"]).max() > 20 for eyes in EYES[1:])  # they are simulated
     for eyes, image in images.items():
@@ -162,10 +162,10 @@ def test_what_is_selected_has_a_ring_that_all_eyes_see(
     opened: Any, picture: Picture, points: ControlPoints, eyes: str
 ) -> None:
     page = opened(Editor(picture, points, density=0))
-    place = page.on_screen(points.target[0])
+    place = page.to_screen(points.target[0])
     before = patch(seen(page, eyes), place, 14)
     page.editor.selected = [0]
-    page.settled()
+    page.wait_settled()
     after = patch(seen(page, eyes), place, 14)
     y, x = np.mgrid[-14:15, -14:15]
     ring = np.abs(np.hypot(x, y) - 11) < 0.8
@@ -177,7 +177,7 @@ def test_regions_differ_by_form_as_well_as_by_colour(opened: Any, picture: Pictu
     page = opened(Editor(picture))
     points = ControlPoints.from_arrays([[30.0 + 10 * k, 25.0] for k in range(8)])
     page.editor.points = points
-    page.settled()
+    page.wait_settled()
     forms = page.js(f"""[0, 1, 2, 3, 4, 5, 6, 7].map((k) => {{
         const parts = {PAGE}.layers.handles.byId.get(k);
         {PAGE}.tools.shapes.markOf = (p) => p.id;

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, resting
+from browser.hosts import Lab, box_at_rest
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
 
@@ -34,7 +34,7 @@ STATE = "import json; print(json.dumps([editor.points.target.tolist(), list(edit
 
 def middle(page: Any, point: int) -> tuple[float, float]:
     """Where a point is on the screen, once Lab has come to rest."""
-    box = resting(page.locator(f"[data-id='{point}'] .dnb-ed-disc"))
+    box = box_at_rest(page.locator(f"[data-id='{point}'] .dnb-ed-disc"))
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 

@@ -27,7 +27,7 @@ ASIDE = (90, 50)  # and such that fold nothing
 
 def layer(page: EditorOnPage) -> NDArray[np.int_]:
     """The overlay alone, (rows, columns, RGBA)."""
-    page.settled()
+    page.wait_settled()
     data = page.js("document.querySelector('.dnb-ed-overlay').toDataURL('image/png').split(',')[1]")
     return np.asarray(Image.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")).astype(int)
 
@@ -78,7 +78,7 @@ def test_a_point_dragged_over_its_neighbour_paints_the_fold_red(
 
 def test_the_fold_is_there_while_the_mouse_moves(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     mouse = page.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -137,12 +137,12 @@ def test_folds_in_the_air_around_the_body_are_told_apart(opened: Any, picture: P
     page.drag(points.target[4], OVER)
     assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
     page.editor.air = float(picture.values.max())  # nothing but air
-    page.settled()
+    page.wait_settled()
     assert page.page.locator(".dnb-ed-folds").inner_text() == "\u2713 no folds in tissue"
     assert not red(page).any()
     assert layer(page).any()  # in grey
     page.editor.air = float(picture.values.min()) - 1  # no air at all
-    page.settled()
+    page.wait_settled()
     assert "\u25b2 folds" in page.page.locator(".dnb-ed-folds").inner_text()
 
 
@@ -151,7 +151,7 @@ def test_stages_unfold_what_one_fit_folds(opened: Any, picture: Picture, points:
     page.drag(points.target[4], OVER)
     assert red(page).any()
     page.editor.stages = 16
-    page.settled()
+    page.wait_settled()
     assert determinant(page)[on_picture(page, picture)].min() > 0
     assert not layer(page).any()
     assert "no folds" in page.page.locator(".dnb-ed-folds").inner_text()
@@ -234,7 +234,7 @@ def test_marked_points_have_a_dashed_ring_and_say_why(opened: Any, picture: Pict
     dashes = "getComputedStyle(document.querySelector('[data-id=\"{}\"] .dnb-ed-doubt')).display"
     assert (page.js(dashes.format(1)), page.js(dashes.format(2))) == ("inline", "none")
     page.editor.marked = []
-    page.settled()
+    page.wait_settled()
     assert page.js("document.querySelectorAll('.dnb-ed-suspect').length") == 0
 
 
@@ -251,10 +251,10 @@ def test_the_menu_and_its_key_choose_the_overlay(opened: Any, picture: Picture, 
     assert red(page).any()
     assert (page.editor.overlay, menu.input_value()) == ("folds", "folds")
     page.page.keyboard.press("v")
-    page.settled()
+    page.wait_settled()
     assert (page.editor.overlay, menu.input_value()) == ("area", "area")
     page.editor.overlay = "uncertainty"
-    page.settled()
+    page.wait_settled()
     assert menu.input_value() == "uncertainty"
     assert "extrapolated" in menu.get_attribute("title")
     assert menu.locator("option").all_inner_texts() == ["Plain", "Folds", "Area", "Strain", "Uncertainty"]
@@ -272,18 +272,18 @@ def test_the_legend_lies_where_it_hides_no_point(opened: Any, picture: Picture) 
         return d.left < k.right && d.right > k.left && d.top < k.bottom && d.bottom > k.top; }).length"""
     for places in ([low_left], [low_left, low_right], [low_left, low_right, [a1 - 4, b0 + 4]]):
         page.editor.points = ControlPoints.from_arrays(places)
-        page.settled()
+        page.wait_settled()
         assert page.js(hidden) == 0
     page.editor.points = ControlPoints.from_arrays([low_left, [a1 - 4, b0 + 4], [a0 + 4, b0 + 4], [70, 25]])
-    page.settled()
+    page.wait_settled()
     assert page.js(hidden) == 0
     assert page.js(left_of_middle) is False
-    page.page.mouse.move(*page.on_screen([70, 25]))
+    page.page.mouse.move(*page.to_screen([70, 25]))
     page.page.mouse.down()
-    page.page.mouse.move(*page.on_screen(low_right), steps=4)  # over the legend: it stays while the hand moves
+    page.page.mouse.move(*page.to_screen(low_right), steps=4)  # over the legend: it stays while the hand moves
     page.wait(f"{hidden} === 1")
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.js(hidden) <= 1  # all corners are taken now
 
 

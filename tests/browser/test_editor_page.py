@@ -153,7 +153,7 @@ def test_a_double_click_takes_hold_without_moving_anything(
     page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     place = [50.0, 20.0]
-    page.page.mouse.dblclick(*page.on_screen(place))
+    page.page.mouse.dblclick(*page.to_screen(place))
     added = page.points
     assert added.ids == (0, 1, 2, 3, 4, 5)
     # Playwright rounds nothing, the browser hands whole CSS pixels of a mouse: less than a pixel of the screen.
@@ -166,7 +166,7 @@ def test_a_double_click_takes_hold_without_moving_anything(
 
 def test_a_new_point_next_to_an_old_one_selects_that(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    x, y = page.on_screen(points.target[2])
+    x, y = page.to_screen(points.target[2])
     page.page.keyboard.press("Tab")
     page.page.locator("[data-command=add]").click()
     page.page.locator(".dnb-ed-stage").click(position={"x": 5, "y": 5})  # away from all: a new point
@@ -211,9 +211,9 @@ def test_keys_do_all_of_it(opened: Any, picture: Picture, points: ControlPoints)
 
 def test_a_double_click_on_a_point_renames_it(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.page.mouse.dblclick(*page.on_screen(points.target[3]))
+    page.page.mouse.dblclick(*page.to_screen(points.target[3]))
     page.page.keyboard.type("tail fin")
-    page.page.mouse.click(*page.on_screen([20, 20]))
+    page.page.mouse.click(*page.to_screen([20, 20]))
     assert page.points.names[3] == "tail fin"
     assert len(page.points) == 5
 
@@ -240,7 +240,7 @@ def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(opened: Any, pictu
     press("Delete")
     assert page.js(focused) == "198"
     press("Control+z")
-    page.answered()
+    page.wait_answered()
     assert page.js("document.querySelectorAll('.dnb-ed-target[tabindex=\"0\"]').length") == 1
     press("Enter")
     assert page.js(f"[...{PAGE}.points.selected]") == [198]
@@ -251,13 +251,13 @@ def test_tab_leads_to_one_point_and_keys_from_one_to_the_next(opened: Any, pictu
 
 def test_a_right_click_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    page.page.mouse.click(*page.on_screen(points.target[3]), button="right")
+    page.page.mouse.click(*page.to_screen(points.target[3]), button="right")
     assert page.points.ids == (0, 1, 2, 4)
 
 
 def test_no_other_way_to_a_menu_deletes(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
-    x, y = page.on_screen(points.target[3])
+    x, y = page.to_screen(points.target[3])
     # A Mac's Ctrl + click with either button, the key for menus, and a finger that rests.
     for event in (
         {"button": 0, "ctrlKey": True},
@@ -279,7 +279,7 @@ def test_a_band_selects_and_the_selected_move_together(opened: Any, picture: Pic
     page.drag([15, 40], (70 * page.js(f"{PAGE}.viewport.view.k"), 30 * page.js(f"{PAGE}.viewport.view.k")))
     page.wait("models.editor.get('selected').length")
     assert page.editor.selected == [3]
-    x, y = page.on_screen(points.target[2])
+    x, y = page.to_screen(points.target[2])
     page.page.keyboard.down("Shift")
     page.page.mouse.click(x, y)
     page.page.keyboard.up("Shift")
@@ -305,7 +305,7 @@ def test_a_ring_moves_the_source_and_alt_both(opened: Any, picture: Picture, poi
 def test_escape_ends_a_drag_as_if_it_had_not_begun(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, show_grid=False))  # the grid: see the undo
     before = page.canvas()
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 50, y + 20, steps=4)
@@ -327,10 +327,10 @@ def test_points_that_cannot_be_fitted_go_back_and_it_is_said_why(
     assert page.points == points
     page.editor.kernel = "thin_plate"
     page.editor.trend = "rigid"
-    page.settled()
+    page.wait_settled()
     assert "needs a trend of affine" in page.page.locator(".dnb-ed-notes").inner_text()
     page.editor.trend = "affine"
-    page.settled()
+    page.wait_settled()
     assert "needs" not in page.page.locator(".dnb-ed-notes").inner_text()
 
 
@@ -351,27 +351,27 @@ def test_remarks_and_folds_are_in_the_status_line(opened: Any, picture: Picture)
 def test_the_wheel_zooms_only_where_someone_works(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, show_grid=False))
     k = page.js(f"{PAGE}.viewport.view.k")
-    page.page.mouse.move(*page.on_screen(points.target[4]))
+    page.page.mouse.move(*page.to_screen(points.target[4]))
     page.page.evaluate("document.body.style.height = '4000px'")
     page.page.mouse.wheel(0, 300)
     page.wait("window.scrollY > 50")
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.viewport.view.k") == k
     page.page.evaluate("window.scrollTo(0, 0)")
     page.wait("window.scrollY === 0")
     page.page.locator(".dnb-ed-stage").focus()
-    held = page.on_screen(points.target[4])
+    held = page.to_screen(points.target[4])
     page.page.mouse.wheel(0, -300)
     page.wait(f"{PAGE}.viewport.view.k > {1.3 * k}")
-    assert page.on_screen(points.target[4]) == pytest.approx(held, abs=1)
+    assert page.to_screen(points.target[4]) == pytest.approx(held, abs=1)
     assert_alike(page, picture)
     page.page.keyboard.down(" ")
     page.drag([75, 32], (30, 10))
     page.page.keyboard.up(" ")
-    assert page.on_screen(points.target[4]) == pytest.approx((held[0] + 30, held[1] + 10), abs=1)
+    assert page.to_screen(points.target[4]) == pytest.approx((held[0] + 30, held[1] + 10), abs=1)
     assert page.points == points
     page.page.keyboard.press("0")
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(k)
 
 
@@ -385,20 +385,20 @@ def test_two_fingers_zoom_and_one_drags_a_point(opened: Any, picture: Picture, p
             {"type": kind, "touchPoints": [{"x": float(x), "y": float(y), "id": n} for n, (x, y) in enumerate(places)]},
         )
 
-    x, y = page.on_screen([70, 40])
+    x, y = page.to_screen([70, 40])
     touch("touchStart", (x - 40, y))
     touch("touchStart", (x - 40, y), (x + 40, y))
     for spread in (50, 60, 80):
         touch("touchMove", (x - spread, y), (x + spread, y))
     touch("touchEnd")
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(2 * k, rel=0.02)
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     touch("touchStart", (x, y))
     touch("touchMove", (x + 10, y + 10))
     touch("touchMove", (x + 30, y - 20))
     touch("touchEnd")
-    page.settled()
+    page.wait_settled()
     assert page.points.displacement[4] == pytest.approx(
         np.array([-30, 20]) / page.js(f"{PAGE}.viewport.view.k"), abs=1e-6
     )
@@ -433,14 +433,14 @@ def test_python_moves_points_and_the_hand_goes_first(opened: Any, picture: Pictu
     page = opened(Editor(picture, points, show_grid=False))
     page.editor.points = points.move(0, [40, 0])
     assert_alike(page, picture)
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 20, y, steps=3)
     page.editor.points = points.reset()
     page.page.mouse.move(x + 40, y, steps=3)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.points.target[0].tolist() == [40, 0]
     assert page.points.target[4] == pytest.approx(points.target[4] + [40 / page.js(f"{PAGE}.viewport.view.k"), 0])
 
@@ -513,7 +513,7 @@ def test_points_that_are_only_shown_stay(opened: Any, picture: Picture, points: 
     page = opened(Editor(picture, points, read_only=True))
     page.drag(points.target[4], (20, 10))
     page.page.keyboard.press("Delete")
-    page.page.mouse.dblclick(*page.on_screen([50, 50]))
+    page.page.mouse.dblclick(*page.to_screen([50, 50]))
     assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
 
 
@@ -563,8 +563,8 @@ def test_nothing_is_clipped(opened: Any, picture: Picture, points: ControlPoints
     a0, a1, b0, b1 = picture.raster.box
     height = min(560, 40 + (stage["width"] - 40) * (b1 - b0) / (a1 - a0))
     assert stage["height"] == pytest.approx(height, abs=1)
-    left, top = page.on_screen((a0, b0))
-    right, bottom = page.on_screen((a1, b1))
+    left, top = page.to_screen((a0, b0))
+    right, bottom = page.to_screen((a1, b1))
     assert min(left, top - stage["y"], width - right, stage["y"] + stage["height"] - bottom) >= 19  # all of it is seen
 
 

@@ -32,7 +32,7 @@ def frame() -> ControlPoints:
 
 def choose(page: EditorOnPage, place: Any = (62.0, 18.0)) -> None:
     """Chooses a part by its line."""
-    page.page.mouse.click(*page.on_screen(place))
+    page.page.mouse.click(*page.to_screen(place))
     page.page.locator(".dnb-ed-motion").wait_for(state="visible")
 
 
@@ -57,7 +57,7 @@ def turn(page: EditorOnPage, degrees: float) -> None:
 
 def undo(page: EditorOnPage) -> None:
     page.page.locator("[data-command=undo]").click()
-    page.answered()
+    page.wait_answered()
 
 
 def assert_motion(part: RigidPart, motion: RigidMotion, tolerance: float = 1e-6) -> None:
@@ -73,12 +73,12 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     page = opened(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag(INSIDE, (40, -25))
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts == (BONE,)  # what is not chosen is not moved
-    page.page.mouse.click(*page.on_screen(INSIDE))
-    page.answered()
+    page.page.mouse.click(*page.to_screen(INSIDE))
+    page.wait_answered()
     assert page.editor.chosen_shape == {"what": "parts", "index": 0}
-    x, y = page.on_screen(INSIDE)
+    x, y = page.to_screen(INSIDE)
     moves: list[PointsEdit] = []
     page.editor.on_edit(moves.append, details=True)
     page.wait(f"{PAGE}.model.get('live')")
@@ -88,17 +88,17 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     page.wait(f"{PAGE}.map.layered.fit.rigid[0].back.isStill === false")
     assert page.page.locator(".dnb-ed-hint").inner_text() == f"moved {40 / k:.1f}, {-25 / k:.1f}"
     assert page.editor.parts == (BONE,)  # on its way it is no edit
-    page.answered()
+    page.wait_answered()
     (on_the_way,) = moves[-1].with_part(page.editor.parts)
     page.page.keyboard.press("Escape")
-    page.answered()
+    page.wait_answered()
     assert moves[-1].with_part(page.editor.parts) == (BONE,)  # and one that is given up ends where it began
     page.page.mouse.up()
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 40, y - 25, steps=4)
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     (part,) = page.editor.parts
     assert_motion(on_the_way, part.motion)
     assert part.region == BONE.region
@@ -107,7 +107,7 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
     corner = page.page.locator("[data-corner='0']").bounding_box()
     np.testing.assert_allclose(
         [corner["x"] + corner["width"] / 2, corner["y"] + corner["height"] / 2],
-        page.on_screen(part.motion(CORNERS[0])),
+        page.to_screen(part.motion(CORNERS[0])),
         atol=1.5,
     )
     undo(page)
@@ -117,13 +117,13 @@ def test_a_part_is_moved_by_its_inside_and_what_is_around_it_bends(opened: Any, 
 def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, frame(), show_grid=False, theme="light", parts=[BONE]))
     choose(page)
-    cross, joint = handle(page, ".dnb-ed-pivot"), page.on_screen((86.0, 40.0 - 6))
-    np.testing.assert_allclose(cross, page.on_screen(MIDDLE), atol=1)
+    cross, joint = handle(page, ".dnb-ed-pivot"), page.to_screen((86.0, 40.0 - 6))
+    np.testing.assert_allclose(cross, page.to_screen(MIDDLE), atol=1)
     page.page.mouse.move(*cross)
     page.page.mouse.down()
     page.page.mouse.move(*joint, steps=3)
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     (part,) = page.editor.parts
     np.testing.assert_allclose(part.pivot, (86, 34), atol=0.3)
     assert part.motion is None
@@ -134,7 +134,7 @@ def test_a_ring_turns_a_part_about_its_pivot_which_can_be_dragged(opened: Any, p
     page.wait("document.querySelector('.dnb-ed-hint').textContent === 'turned 30\\u00b0'")
     page.page.mouse.up()
     page.page.keyboard.up("Shift")
-    page.answered()
+    page.wait_answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(30, part.pivot))
     assert page.editor.parts[0].pivot == part.pivot
     assert_as_the_core(page, picture, 100_000)
@@ -151,7 +151,7 @@ def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: 
     at = motion(CORNERS[0])
     choose(page, (motion(CORNERS[0]) * 0.7 + motion(CORNERS[1]) * 0.3))
     page.drag(at, (30, -12))
-    page.answered()
+    page.wait_answered()
     (part,) = page.editor.parts
     assert part.motion == motion
     np.testing.assert_allclose(motion(part.region.vertices[0]), at + np.array([30, -12]) / k, atol=1e-6)
@@ -168,9 +168,9 @@ def test_the_outline_of_a_moved_part_is_reshaped_where_the_part_is_seen(opened: 
 def test_every_kind_of_region_is_moved_by_its_inside(opened: Any, picture: Picture, region: Any) -> None:
     page = opened(Editor(picture, ControlPoints.from_arrays([[15.0, -25], [150, -25]]), parts=[RigidPart(region)]))
     k = page.js(f"{PAGE}.viewport.view.k")
-    page.page.mouse.click(*page.on_screen((60.0, 30.0)))
+    page.page.mouse.click(*page.to_screen((60.0, 30.0)))
     page.drag((60.0, 30.0), (-24, 18))
-    page.answered()
+    page.wait_answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(0, (0, 0), (-24 / k, 18 / k)))
 
 
@@ -187,7 +187,7 @@ def test_a_drag_of_a_part_stops_before_the_picture_folds(opened: Any, picture: P
     turn(page, 75)
     page.wait("document.querySelector('.dnb-ed-notes').textContent.startsWith('Stopped before the picture folds')")
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     (part,) = page.editor.parts
     assert part.motion is not None
     assert 5 < np.degrees(np.arctan2(*part.motion.matrix[1])) < 70
@@ -197,16 +197,16 @@ def test_a_drag_of_a_part_stops_before_the_picture_folds(opened: Any, picture: P
 def test_the_inside_of_a_part_takes_points_and_no_right_click(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, frame(), parts=[BONE]))
     choose(page)
-    page.page.mouse.click(*page.on_screen(INSIDE), button="right")
-    page.page.mouse.dblclick(*page.on_screen(INSIDE))
-    page.answered()
+    page.page.mouse.click(*page.to_screen(INSIDE), button="right")
+    page.page.mouse.dblclick(*page.to_screen(INSIDE))
+    page.wait_answered()
     assert (len(page.editor.parts), len(page.editor.points)) == (1, 5)
     page.editor.read_only = True
-    page.settled()
-    choose_place = page.on_screen((62.0, 18.0))
+    page.wait_settled()
+    choose_place = page.to_screen((62.0, 18.0))
     page.page.mouse.click(*choose_place)
     page.drag((70.0, 16.0), (30, 0))
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts == (BONE,)
     assert page.page.locator(".dnb-ed-motion").is_hidden()
 
@@ -217,7 +217,7 @@ def test_escape_gives_a_drag_of_a_part_up(opened: Any, picture: Picture) -> None
     turn(page, 40)
     page.page.keyboard.press("Escape")
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts == (BONE,)
     page.wait(f"{PAGE}.points.shapes.parts[0].motion === null && {PAGE}.map.layered.fit.rigid[0].back.isStill")
 
@@ -231,24 +231,24 @@ def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, p
     page.page.locator("[data-shape='parts:0']").focus()
     for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp"):
         page.page.keyboard.press(key)
-    page.answered()
+    page.wait_answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(0, MIDDLE, (2 * du, -10 * dv)))
     for key in (".", "Shift+.", ","):
         page.page.keyboard.press(key)
-    page.answered()
+    page.wait_answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(15, MIDDLE, (2 * du, -10 * dv)))
     assert page.page.locator(".dnb-ed-spoken").inner_text() == (f"bone moved {2 * du:g}, {-10 * dv:g}, turned 15\u00b0")
     page.page.locator(".dnb-ed-part-knob").focus()
     page.page.keyboard.press("ArrowLeft")
-    page.answered()
+    page.wait_answered()
     assert page.page.get_by_role("slider", name="Turn of bone").get_attribute("aria-valuenow") == "14"
     page.page.locator(".dnb-ed-pivot").focus()
     page.page.keyboard.press("Shift+ArrowDown")
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts[0].pivot is not None
     page.page.locator("[data-shape='parts:0']").focus()
     page.page.keyboard.press("Home")
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts[0].motion is None
     joined = page.js("models.editor.sent.filter((m) => m.type === 'shapes').map((m) => [m.kind, Boolean(m.joins)])")
     assert joined[0] == ["move bone", True]
@@ -258,11 +258,11 @@ def test_keys_move_and_turn_a_part_and_quick_presses_are_one_step(opened: Any, p
 def test_a_finger_moves_the_chosen_part(opened: Any, picture: Picture) -> None:
     page = opened(Editor(picture, frame(), parts=[BONE]))
     fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
-    fingers.tap(page.on_screen(INSIDE))
+    fingers.tap(page.to_screen(INSIDE))
     page.page.locator(".dnb-ed-motion").wait_for(state="visible")
     before = page.js(f"[{PAGE}.viewport.view.x, {PAGE}.viewport.view.y]")
-    fingers.drag(page.on_screen(INSIDE), (36, 24))
-    page.answered()
+    fingers.drag(page.to_screen(INSIDE), (36, 24))
+    page.wait_answered()
     assert_motion(page.editor.parts[0], RigidMotion.turn(0, MIDDLE, (36 / k, 24 / k)), 0.3)
     assert page.js(f"[{PAGE}.viewport.view.x, {PAGE}.viewport.view.y]") == before  # the view stays
 
@@ -276,7 +276,7 @@ def test_points_that_a_part_carries_go_with_it(opened: Any, picture: Picture) ->
     choose(page)
     turn(page, 25)
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     (part,) = page.editor.parts
     np.testing.assert_allclose(page.editor.points.target[4], part.motion([80.0, 30.0]), atol=1e-6)
     page.editor.fit()
@@ -292,12 +292,12 @@ def test_a_part_laid_over_points_asks_once_what_becomes_of_them(opened: Any, pic
     k = page.js(f"{PAGE}.viewport.view.k")
     choose(page)
     page.drag(INSIDE, (26 * k, 0))
-    page.answered()
+    page.wait_answered()
     assert (page.editor.parts, page.editor.points) == ((BONE,), points)  # until there is an answer
     alert = page.page.locator(".dnb-ed-alert")
     assert alert.inner_text().startswith("2 control points in this rigid part require another movement")
     page.page.locator(f"[data-offer={how}]").click()
-    page.answered()
+    page.wait_answered()
     assert alert.is_hidden()
     if how == "cancel":
         assert (page.editor.parts, page.editor.points) == ((BONE,), points)
@@ -320,7 +320,7 @@ def test_parts_that_python_proposes_are_asked_about_in_the_same_way(opened: Any,
     page.wait("!document.querySelector('.dnb-ed-alert').hidden")
     assert "Control point 4 in this rigid part requires another" in page.page.locator(".dnb-ed-alert").inner_text()
     page.page.get_by_role("button", name="Switch it off").click()
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts == (moved,)
     assert page.editor.points.active.tolist() == [True] * 4 + [False, True]
     np.testing.assert_allclose(page.editor.points.target[5], (104, 30))  # carried
@@ -332,6 +332,6 @@ def test_a_small_part_has_room_to_be_dragged(opened: Any, picture: Picture) -> N
     page = opened(Editor(picture, frame(), parts=[small]))
     choose(page, (72, 22))
     page.drag((70, 20), (30, 0))  # where a corner would be
-    page.answered()
+    page.wait_answered()
     assert page.editor.parts[0].region == small.region
     assert page.editor.parts[0].motion is not None

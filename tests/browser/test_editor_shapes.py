@@ -41,10 +41,10 @@ def draw(page: EditorOnPage, key: str, places: list[tuple[float, float]], end: s
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press(key)
     for place in places:
-        page.page.mouse.click(*page.on_screen(place))
+        page.page.mouse.click(*page.to_screen(place))
     if end:
         page.page.keyboard.press(end)
-    page.answered()
+    page.wait_answered()
 
 
 def assert_as_the_core(page: EditorOnPage, picture: Picture, least: int) -> np.ndarray:
@@ -75,13 +75,13 @@ def test_a_cut_is_drawn_and_opens_as_wide_as_its_sides_are_pulled(opened: Any, p
     assert np.abs(page.canvas() - before).max() <= 1  # a closed cut is not seen
     pull(page, two_sides(), [0, 1, 2], (-40, 0))
     pull(page, two_sides(), [3, 4, 5], (50, 0))
-    page.answered()
+    page.wait_answered()
     opacity = assert_as_the_core(page, picture, 100_000)
     row = opacity[opacity.shape[0] // 2]
     gap = np.nansum(1 - row) / page.js(f"{PAGE}.viewport.view.ratio")
     assert gap == pytest.approx(90, abs=1.0)
     columns = np.flatnonzero(row < 0.5)
-    middle = page.on_screen((71, 0))[0] - page.page.locator(".dnb-ed-stage").bounding_box()["x"]
+    middle = page.to_screen((71, 0))[0] - page.page.locator(".dnb-ed-stage").bounding_box()["x"]
     assert (columns.min(), columns.max()) == pytest.approx((middle - 40, middle + 50), abs=4)
 
 
@@ -93,7 +93,7 @@ def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: 
     bar.get_by_label("Stop at the ends").check()
     bar.get_by_label("Front only").check()
     bar.get_by_role("button", name="Pull open").click()
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.stops == (True, True)
     assert page.editor.front_only is True
     moved = page.editor.points.displacement.any(axis=1)
@@ -102,7 +102,7 @@ def test_the_chosen_cut_stops_at_its_ends_and_is_pulled_open_by_its_bar(opened: 
     assert page.editor.fit().opacity([[71.0, 25]]) == 0
     assert page.editor.fit().opacity([[71.0, 60]]) == 1
     page.editor.front_only = None
-    page.answered()
+    page.wait_answered()
     assert bar.get_by_label("Front only").is_hidden()
 
 
@@ -115,7 +115,7 @@ def test_an_outline_that_was_traced_becomes_points_in_its_place(opened: Any, pic
     (cut,) = page.editor.cuts
     outline = np.array([*cut.region.vertices, cut.region.vertices[0]])
     bar.get_by_role("button", name="Make points").click()
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts == ()
     points = page.editor.points
     assert points.names == tuple(f"outline {k}" for k in range(1, 17))
@@ -159,12 +159,12 @@ def test_a_cut_is_closed_by_a_click_on_its_start_and_drawn_in_one_stroke(opened:
     turns = np.linspace(0, 1, 30)
     stroke = np.stack([80 + 10 * np.sin(9 * turns), -20 + 90 * turns], axis=-1)
     mouse = page.page.mouse
-    mouse.move(*page.on_screen(stroke[0]))
+    mouse.move(*page.to_screen(stroke[0]))
     mouse.down()
     for place in stroke[1:]:
-        mouse.move(*page.on_screen(place))
+        mouse.move(*page.to_screen(place))
     mouse.up()
-    page.answered()
+    page.wait_answered()
     line = page.editor.cuts[1].region
     assert line.kind == "line"
     assert 5 < len(line.vertices) < 25
@@ -183,7 +183,7 @@ def test_points_show_the_region_they_bend(opened: Any, picture: Picture) -> None
     bands = page.js("[...document.querySelectorAll('.dnb-ed-shape-bands path')].map((b) => b.dataset.region)")
     assert sorted(bands) == ["0", "1"]
     page.editor.cuts = []
-    page.settled()
+    page.wait_settled()
     assert page.js("document.querySelector('.dnb-ed-target').hasAttribute('data-region')") is False
 
 
@@ -210,7 +210,7 @@ def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> Non
     (part,) = page.editor.parts
     assert part.region.vertices == pytest.approx(np.array(corners), abs=0.4)
     page.drag((60, 25), (-30, 45))
-    page.answered()
+    page.wait_answered()
     at, after = page.raster().points(), page.canvas()
     within = Polygon(part.region.vertices).signed_distance(at) < -0.2
     assert within.sum() > 5000
@@ -222,12 +222,12 @@ def test_nothing_moves_within_a_rigid_part(opened: Any, picture: Picture) -> Non
 def test_a_point_cannot_be_dragged_into_a_part(opened: Any, picture: Picture) -> None:
     part = RigidPart(Polygon([(75, 10), (100, 10), (100, 45), (75, 45)]), name="bone")
     page = opened(Editor(picture, two_sides(), parts=[part]))
-    x, y = page.on_screen((45, 25))
-    there = page.on_screen((85, 25))
+    x, y = page.to_screen((45, 25))
+    there = page.to_screen((85, 25))
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(*there, steps=4)
-    page.settled()
+    page.wait_settled()
     assert page.js("document.querySelector('[data-id=\"1\"]').classList.contains('dnb-ed-locked')")
     assert 'cannot go into the rigid part "bone"' in page.page.locator(".dnb-ed-hint").inner_text()
     page.page.mouse.up()
@@ -252,17 +252,17 @@ def test_a_part_around_a_dragged_point_asks_what_becomes_of_the_point(opened: An
     assert page.page.locator(".dnb-ed-offer").filter(visible=True).count() == 0
     draw(page, "p", corners)
     page.page.locator("[data-offer=carry]" if how == "carry" else "[data-offer=off]").click()
-    page.answered()
+    page.wait_answered()
     np.testing.assert_allclose(editor.parts[0].region.vertices, corners, atol=0.1)
     part = RigidPart(Polygon(editor.parts[0].region.vertices))
     assert editor.points == without_conflicts(points, [part], how) != points
     assert page.js(f"{PAGE}.tools.shapes.choice.shape.region.vertices.length") == 4
     editor.fit()
     page.page.locator("[data-command=undo]").click()  # one edit
-    page.answered()
+    page.wait_answered()
     assert (editor.parts, editor.points) == ((), points)
     page.page.locator("[data-command=redo]").click()
-    page.answered()
+    page.wait_answered()
     assert (len(editor.parts), editor.points) == (1, without_conflicts(points, [part], how))
 
 
@@ -290,7 +290,7 @@ def test_the_fixed_side_is_the_half_that_bears_its_name_until_the_sides_are_swap
     ):
         normal = page.editor.parts[0].region.normal
         press()
-        page.answered()
+        page.wait_answered()
         assert page.editor.parts[0].region.normal == pytest.approx(-np.array(normal))
     assert fixed.signed_distance([names_half()])[0] > 0
 
@@ -311,21 +311,21 @@ def test_corners_are_dragged_made_and_deleted(opened: Any, picture: Picture) -> 
     start = [(71.0, -20.0), (75.0, 20.0), (71.0, 70.0)]
     page = opened(Editor(picture, two_sides(), cuts=[Cut(Line(start))]))
     k = page.js(f"{PAGE}.viewport.view.k")
-    page.page.mouse.click(*page.on_screen((73, 0)))  # choose it by its line
+    page.page.mouse.click(*page.to_screen((73, 0)))  # choose it by its line
     page.drag((75, 20), (30, 10))
     vertices = np.array(start) + np.array([[0, 0], [30 / k, 10 / k], [0, 0]])
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.vertices == pytest.approx(vertices, abs=1e-6)
     middle = vertices[1:].mean(axis=0)
     page.drag(middle, (-25, 0))
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.vertices[2] == pytest.approx(middle - [25 / k, 0], abs=1e-6)
     page.page.keyboard.press("Delete")  # the new corner has the focus
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.vertices == pytest.approx(vertices, abs=1e-6)
     for _ in range(3):
         page.page.keyboard.press("Control+z")
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.vertices == pytest.approx(np.array(start))
 
 
@@ -333,36 +333,36 @@ def test_a_double_click_on_an_end_lets_a_cut_stop_there(opened: Any, picture: Pi
     """Its tip is dragged like a corner; the picture is that of the core, with no gap beyond the tip."""
     line = Line([(71, -20), (71, 15)], stops=(False, False))
     page = opened(Editor(picture, two_sides(), show_grid=False, theme="light", cuts=[Cut(line)]))
-    page.page.mouse.click(*page.on_screen((71, 0)))
-    page.page.mouse.dblclick(*page.on_screen((71, 15)))
-    page.answered()
+    page.page.mouse.click(*page.to_screen((71, 0)))
+    page.page.mouse.dblclick(*page.to_screen((71, 15)))
+    page.wait_answered()
     assert page.editor.cuts == (Cut(Line(line.vertices, stops=(False, True))),)
     assert page.page.locator(".dnb-ed-tip").count() == 1
     page.drag((71, 15), (0, 30))
-    page.answered()
+    page.wait_answered()
     (cut,) = page.editor.cuts
     tip = cut.region.vertices[1]
     assert tip == pytest.approx((71, 15 + 30 / page.js(f"{PAGE}.viewport.view.k")), abs=1e-6)
     pull(page, two_sides(), [0], (-40, 0))
     pull(page, two_sides(), [3], (50, 0))
-    page.answered()
+    page.wait_answered()
     opacity, at = assert_as_the_core(page, picture, 100_000), page.raster().points()
     assert (opacity[at[..., 1] < tip[1] - 12] == 0).sum() > 500
     assert (opacity[at[..., 1] > tip[1] + 4] < 1).sum() == 0
-    page.page.mouse.click(*page.on_screen((71, 0)))  # the points were chosen last
+    page.page.mouse.click(*page.to_screen((71, 0)))  # the points were chosen last
     page.page.locator(".dnb-ed-tip").focus()
     page.page.keyboard.press("Enter")
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.stops == (False, False)
 
 
 def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Picture) -> None:
     start = [(50.0, -20.0), (50.0, 20.0), (90.0, 20.0), (90.0, 70.0)]
     page = opened(Editor(picture, ControlPoints.empty(), cuts=[Cut(Line(start))]))
-    page.page.mouse.click(*page.on_screen((50, 0)))
+    page.page.mouse.click(*page.to_screen((50, 0)))
     page.drag((90, 70), (-50, -500))
     assert "crosses itself" in page.page.locator(".dnb-ed-hint").inner_text()
-    page.answered()
+    page.wait_answered()
     Line(page.editor.cuts[0].region.vertices)
     page.page.keyboard.press("Escape")
     draw(page, "x", [(30, -10), (60, 60), (110, 0), (20, 20)])
@@ -371,7 +371,7 @@ def test_a_line_that_would_cross_itself_stays_as_it_was(opened: Any, picture: Pi
     assert page.js(f"{PAGE}.tools.pen.draft.places.length") == 4  # and can be mended
     page.page.keyboard.press("Backspace")
     page.page.keyboard.press("Enter")
-    page.answered()
+    page.wait_answered()
     assert len(page.editor.cuts) == 2
 
 
@@ -388,7 +388,7 @@ def test_shapes_and_points_are_undone_in_their_order(opened: Any, picture: Pictu
     seen = []
     for key in ["Control+z"] * 3 + ["Control+y"] * 3:
         page.page.keyboard.press(key)
-        page.answered()
+        page.wait_answered()
         seen.append((len(page.editor.cuts), len(page.editor.parts), bool(page.editor.points.displacement.any())))
     assert seen == [(1, 0, True), (1, 0, False), (0, 0, False), (1, 0, False), (1, 0, True), (1, 1, True)]
     kinds = page.js("models.editor.sent.filter((m) => m.type === 'shapes').map((m) => [m.what, m.kind])")
@@ -409,10 +409,10 @@ def test_python_owns_the_history_where_it_has_one(opened: Any, picture: Picture)
     editor.history = {"undo": "add cut", "redo": ""}
     page.page.keyboard.press("Control+z")
     page.wait("models.editor.sent.some((m) => m.type === 'history')")
-    page.answered()
+    page.wait_answered()
     assert asked == ["undo"]
     editor.cuts = []
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.points.shapes.cuts.length") == 0
     assert editor.edit_under_way is None
 
@@ -429,23 +429,23 @@ def test_the_chosen_shape_is_the_same_in_python_and_in_the_page_however_late(ope
         name = page.js(f"{PAGE}.tools.shapes.choice.shape?.name ?? ''")
         return name, editor.parts[chosen["index"]].name if chosen else ""
 
-    page.page.mouse.click(*page.on_screen((60.0, 15.0)))
-    page.answered()
+    page.page.mouse.click(*page.to_screen((60.0, 15.0)))
+    page.wait_answered()
     assert names() == ("b", "b")
     editor.parts = editor.parts[1:]  # the list is another one before the page has said what is clicked on
     page.held = []
     editor.parts = editor.parts[::-1]
-    page.page.mouse.click(*page.on_screen((115.0, 15.0)))
+    page.page.mouse.click(*page.to_screen((115.0, 15.0)))
     page.wait("models.editor.sent.at(-1).shape?.name === 'c'")
     assert names() == ("c", "c")
     while page.held:
-        page.delivered()
+        page.deliver_next()
         assert names() == ("c", "c")
     page.held = None
     editor.choose("parts", 1)
     assert names() == ("b", "b")
     page.page.keyboard.press("Delete")
-    page.answered()
+    page.wait_answered()
     assert ([part.name for part in editor.parts], names()) == (["c"], ("", ""))
 
 
@@ -481,7 +481,7 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     press("Enter")
     assert page.page.locator(".dnb-ed-spoken").inner_text() == "place 2 set"
     press("Enter")  # again on the same place: done
-    page.answered()
+    page.wait_answered()
     a0, a1, b0, b1 = picture.raster.box
     first = np.array([(a0 + a1) / 2, (b0 + b1) / 2 - 100 / k])
     found = np.array(page.editor.cuts[0].region.vertices)
@@ -491,39 +491,39 @@ def test_a_cut_is_drawn_named_reshaped_and_deleted_by_keys_alone(opened: Any, pi
     press("F2")
     page.page.keyboard.type("mouth")
     press("Enter")
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].name == "mouth"
     assert page.js(focused) == "Cut 1 mouth, open line with 2 corners"
     press("o")
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].enabled is False
     press("o")
     press("Tab")
     assert page.js(focused).startswith("Corner 1 of 2 of mouth")
     press("Shift+ArrowLeft")
-    page.answered()
+    page.wait_answered()
     du = picture.raster.spacing[0]
     assert page.editor.cuts[0].region.vertices[0] == pytest.approx(first - [10 * du, 0], abs=1e-6)
     press("Tab")
     press("Tab")
     assert page.js(focused) == "Middle of edge 1: Enter makes it a corner"
     press("Enter")
-    page.answered()
+    page.wait_answered()
     assert len(page.editor.cuts[0].region.vertices) == 3
     press("Delete")
-    page.answered()
+    page.wait_answered()
     assert len(page.editor.cuts[0].region.vertices) == 2
     press("Delete")  # a line of one place is none
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts == ()
 
 
 def test_nothing_is_added_in_a_gap(opened: Any, picture: Picture) -> None:
     points = two_sides().move(0, [40, -10]).move(1, [35, 25]).move(2, [40, 60])
     page = opened(Editor(picture, points, cuts=[Cut(Line([(71, -40), (71, 90)]))]))
-    page.page.mouse.dblclick(*page.on_screen((66, 20)))
+    page.page.mouse.dblclick(*page.to_screen((66, 20)))
     assert "This is a gap" in page.page.locator(".dnb-ed-hint").inner_text()
-    page.page.mouse.dblclick(*page.on_screen((58, 20)))
+    page.page.mouse.dblclick(*page.to_screen((58, 20)))
     assert len(page.points) == 7
     assert page.points.source[6] == pytest.approx([68, 20], abs=0.3)
 
@@ -533,11 +533,11 @@ def test_escape_gives_a_drawing_up_and_a_read_only_editor_draws_nothing(opened: 
     draw(page, "p", [(30, 0), (60, 0), (60, 40)], end="Escape")
     assert page.editor.parts == ()
     page.editor.read_only = True
-    page.settled()
+    page.wait_settled()
     draw(page, "x", [(30, 0), (60, 0)])
-    page.page.mouse.click(*page.on_screen((71, 40)))
+    page.page.mouse.click(*page.to_screen((71, 40)))
     page.page.keyboard.press("Delete")
-    page.answered()
+    page.wait_answered()
     assert len(page.editor.cuts) == 1
     assert page.js("document.querySelectorAll('.dnb-ed-grip').length") == 0
 

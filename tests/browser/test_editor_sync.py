@@ -19,7 +19,7 @@ TIP = ".dnb-ed-hint:not([hidden])"
 
 def pressed(page: EditorOnPage, place: Any, *ways: tuple[float, float]) -> None:
     """The mouse goes down on a place of the picture and moves; it stays down."""
-    x, y = page.on_screen(place)
+    x, y = page.to_screen(place)
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     for dx, dy in ways:
@@ -69,24 +69,24 @@ def test_python_owns_the_undo_where_it_says_so(opened: Any, picture: Picture, po
     page.wait("document.querySelector('[data-command=undo]').ariaDisabled === 'true'")
     page.drag(points.target[4], (40, 20))
     page.page.keyboard.press("Delete")
-    page.answered()
+    page.wait_answered()
     assert [kind for kind, _ in held.past] == ["move", "remove"]
     assert (button.get_attribute("title"), button.get_attribute("aria-label")) == ("Undo 2 back (Ctrl+Z)",) * 2
     page.page.locator(".dnb-ed-notes").click()  # nothing there takes the focus by itself
     page.page.keyboard.press("Control+z")
-    page.answered()
+    page.wait_answered()
     assert page.js(f"{PAGE}.points.list.length") == len(editor.points) == 5
     button.click()  # and a button keeps the focus
     page.page.keyboard.press("Control+y")
     page.page.keyboard.press("Control+z")
-    page.answered()
+    page.wait_answered()
     assert editor.points == points
     assert page.js(f"{PAGE}.points.list.map((p) => p.target)") == points.target.tolist()
     ways = [m["way"] for m in page.js("models.editor.sent") if m["type"] == "history"]
     assert ways == ["undo", "undo", "redo", "undo"]
     page.page.keyboard.press("?")
     page.page.keyboard.press("Control+y")  # over the list of keys too
-    page.answered()
+    page.wait_answered()
     assert editor.points == page.points != points
     editor.history = {}
     page.wait("document.querySelector('[data-command=undo]').title === 'Undo (Ctrl+Z)'")
@@ -108,26 +108,26 @@ def test_undo_and_redo_are_lit_by_what_is_there_however_late_python_answers(
     pressed(page, points.target[4], (40, 20))
     page.page.mouse.up()
     page.wait(sent.format(1))
-    page.settled()
+    page.wait_settled()
     assert (lit(page), len(held.past)) == ((True, False), 1)  # Python has it, the page has not heard of that
     while page.held:
         assert lit(page) == (True, False)
-        page.delivered()
+        page.deliver_next()
     for _ in range(3):  # faster than any answer, and once more than there is to undo
         page.page.keyboard.press("Control+z")
     page.wait(sent.format(4))
-    page.settled()
+    page.wait_settled()
     while page.held:
         assert lit(page)[1]
-        page.delivered()
+        page.deliver_next()
     assert lit(page) == (False, True)
     pressed(page, points.target[4], (-30, 10))  # an edit right after the undo: there is nothing to do again
     page.page.mouse.up()
     page.wait(sent.format(5))
-    page.settled()
+    page.wait_settled()
     while page.held:
         assert lit(page) == (True, False)
-        page.delivered()
+        page.deliver_next()
     assert lit(page) == (True, False)
     page.held = None
 
@@ -161,13 +161,13 @@ def test_python_hears_what_was_done_and_what_belongs_together(
     )  # a slow machine joins as well
     for key in ("ArrowRight", "ArrowRight", "ArrowDown", "o", "ArrowRight", "Home", "Delete"):
         page.page.keyboard.press(key)
-        page.answered()
+        page.wait_answered()
     page.page.keyboard.press("Control+z")
-    page.page.mouse.dblclick(*page.on_screen([50, 50]))
+    page.page.mouse.dblclick(*page.to_screen([50, 50]))
     page.page.keyboard.press("F2")
     page.page.keyboard.type("eye")
     page.page.keyboard.press("Enter")
-    page.answered()
+    page.wait_answered()
     assert seen == [
         ("nudge", False),
         ("nudge", True),
@@ -196,7 +196,7 @@ def test_an_error_of_a_callback_is_seen_while_the_drag_goes_on(
     pressed(page, points.target[4], (20, 10))
     page.wait("!document.querySelector('[role=alert]').hidden")
     assert "RuntimeError in a callback: no room on the card" in page.page.locator("[role=alert]").inner_text()
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     page.page.mouse.move(x + 50, y - 30, steps=5)
     page.page.mouse.up()
     k = page.js(f"{PAGE}.viewport.view.k")
@@ -210,10 +210,10 @@ def test_a_drag_that_is_given_up_ends_where_it_began_for_python_too(
     editor.on_edit(lambda p, phase: seen.append((phase, p == points)))
     page = opened(editor)
     pressed(page, points.target[4], (20, 10), (50, 30))
-    page.answered()
+    page.wait_answered()
     page.page.keyboard.press("Escape")
     page.page.mouse.up()
-    page.answered()
+    page.wait_answered()
     assert ("move", False) in seen
     assert seen[-1] == ("move", True)
     assert editor.points == points
@@ -261,14 +261,14 @@ def test_two_windows_and_a_new_one_show_what_python_has(opened: Any, picture: Pi
 
     editor.send = send  # type: ignore[method-assign]
     first.drag(points.target[4], (30, 20))
-    first.answered()
+    first.wait_answered()
     second.drag(points.target[0], (-10, 15))
     second.page.keyboard.press("Control+z")
     second.page.keyboard.press("Control+z")  # what the other window did is undone as well
-    second.answered()
+    second.wait_answered()
     first.drag(points.target[2], (12, 6))
-    first.answered()
-    second.answered()
+    first.wait_answered()
+    second.wait_answered()
     wanted = editor.points.target.tolist()
     assert wanted[:2] == points.target[:2].tolist()
     assert wanted[4] == points.target[4].tolist()

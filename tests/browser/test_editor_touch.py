@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
-from browser.hosts import resting
+from browser.hosts import box_at_rest
 from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE as SPACE
 from browser.test_space_editor_page import Opened, waves
@@ -55,13 +55,13 @@ class Fingers:
             self.touch("touchMove", (x + by[0] * step / 6, y + by[1] * step / 6))
             self.page.wait_for_timeout(60)
         self.touch("touchEnd")
-        resting(self.page.locator("body"))
+        box_at_rest(self.page.locator("body"))
 
 
 def tall(page: Any) -> None:
     """A page with something to scroll, as notebooks are."""
     page.evaluate("() => { document.body.style.height = '4000px'; }")
-    resting(page.locator(".dnb-editor").first)  # a bar beside it may make the editor narrower
+    box_at_rest(page.locator(".dnb-editor").first)  # a bar beside it may make the editor narrower
 
 
 def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
@@ -87,7 +87,7 @@ def pen(page: EditorOnPage, start: Any, by: Any, *, steps: int = 4) -> None:
     for step in range(1, steps + 1):
         event("mouseMoved", step / steps, 1)
     event("mouseReleased", 1, 0)
-    page.settled()
+    page.wait_settled()
 
 
 # ---- who owns a finger ----------------------------------------------------------------------------------------------
@@ -98,7 +98,7 @@ def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
 ) -> None:
     page = opened(Editor(picture, points))
     tall(page.page)
-    fingers, place, view = Fingers(page.page), page.on_screen([52, 40]), page.js(f"({{...{PAGE}.viewport.view}})")
+    fingers, place, view = Fingers(page.page), page.to_screen([52, 40]), page.js(f"({{...{PAGE}.viewport.view}})")
     fingers.swipe(place, (0, -150))
     page.wait("scrollY > 100")
     assert page.js(f"({{...{PAGE}.viewport.view}})") == view
@@ -118,8 +118,8 @@ def test_a_finger_scrolls_the_page_until_someone_works_in_the_editor(
 def test_a_point_is_dragged_at_once_and_nothing_scrolls(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points))
     tall(page.page)
-    Fingers(page.page).drag(page.on_screen(points.target[4]), (6, -60))
-    page.settled()
+    Fingers(page.page).drag(page.to_screen(points.target[4]), (6, -60))
+    page.wait_settled()
     k = page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[4] == pytest.approx(points.target[4] + np.array([6, -60]) / k, abs=1e-6)
     assert page.js("scrollY") == 0
@@ -131,7 +131,7 @@ def test_in_an_application_that_it_fills_a_finger_is_the_editors(opened: Any, pi
     page.js("models.editor.set('fill', true)")
     page.js(f"{PAGE}.layout()")
     assert page.js("getComputedStyle(document.querySelector('.dnb-ed-stage')).touchAction") == "none"
-    Fingers(page.page).drag(page.on_screen([52, 40]), (40, 0))
+    Fingers(page.page).drag(page.to_screen([52, 40]), (40, 0))
     page.wait(f"!{PAGE}.viewport.isFitted")
 
 
@@ -144,23 +144,23 @@ def test_fingers_select_several_points_by_taps_and_by_a_band(
     page = opened(Editor(picture, points))
     fingers, button = Fingers(page.page), page.page.locator("[data-command=select]")
     selected = f"[...{PAGE}.points.selected].sort().join()"
-    fingers.tap(page.on_screen(points.target[0]))
-    fingers.tap(page.on_screen(points.target[1]))
+    fingers.tap(page.to_screen(points.target[0]))
+    fingers.tap(page.to_screen(points.target[1]))
     assert page.js(selected) == "1"  # without the tool a tap selects one
     fingers.tap((button.bounding_box()["x"] + 8, button.bounding_box()["y"] + 8))
     page.wait(f"{PAGE}.tools.modes.isSelecting")
     page.wait("document.querySelector('[data-command=select]').getAttribute('aria-pressed') === 'true'")
-    fingers.tap(page.on_screen(points.target[0]))
+    fingers.tap(page.to_screen(points.target[0]))
     assert page.js(selected) == "0,1"
-    low, high = page.on_screen([20, 40]), page.on_screen([115, 65])
+    low, high = page.to_screen([20, 40]), page.to_screen([115, 65])
     fingers.drag(low, (high[0] - low[0], high[1] - low[1]))
     assert page.js(selected) == "0,1,2,3"
     assert page.js(f"{PAGE}.viewport.isFitted")  # the view stays
-    fingers.tap(page.on_screen(points.target[0]))
-    fingers.tap(page.on_screen([52, 30]))  # beside all: nothing is lost
+    fingers.tap(page.to_screen(points.target[0]))
+    fingers.tap(page.to_screen([52, 30]))  # beside all: nothing is lost
     assert page.js(selected) == "1,2,3"
-    fingers.drag(page.on_screen(points.target[2]), (12, 20))
-    page.settled()
+    fingers.drag(page.to_screen(points.target[2]), (12, 20))
+    page.wait_settled()
     by = np.array([12, 20]) / page.js(f"{PAGE}.viewport.view.k")
     assert page.points.target[1:4] == pytest.approx(points.target[1:4] + by, abs=1e-6)
     assert np.array_equal(page.points.target[[0, 4]], points.target[[0, 4]])
@@ -168,7 +168,7 @@ def test_fingers_select_several_points_by_taps_and_by_a_band(
     page.page.keyboard.press("Escape")
     assert not page.js(f"{PAGE}.tools.modes.isSelecting")
     assert page.js(selected) == "1,2,3"
-    fingers.tap(page.on_screen([52, 30]))
+    fingers.tap(page.to_screen([52, 30]))
     assert page.js(selected) == ""
 
 
@@ -177,17 +177,17 @@ def test_two_fingers_end_a_band_and_move_the_view(opened: Any, picture: Picture,
     fingers, k = Fingers(page.page), page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("b")
-    x, y = page.on_screen([20, 40])
+    x, y = page.to_screen([20, 40])
     fingers.touch("touchStart", (x, y))
-    fingers.touch("touchMove", page.on_screen([60, 65]))
+    fingers.touch("touchMove", page.to_screen([60, 65]))
     assert page.js(f"[...{PAGE}.points.selected]") == [3]
-    x, y = page.on_screen([60, 65])
+    x, y = page.to_screen([60, 65])
     fingers.touch("touchStart", (x, y), (x + 80, y))
     assert page.js(f"[...{PAGE}.points.selected]") == []
     for gap in (100, 130, 160):
         fingers.touch("touchMove", (x, y), (x + gap, y))
     fingers.touch("touchEnd")
-    page.settled()
+    page.wait_settled()
     assert page.js(f"{PAGE}.viewport.view.k") == pytest.approx(2 * k, rel=0.02)
     assert page.page.locator(".dnb-ed-band").get_attribute("visibility") == "hidden"
 
@@ -208,11 +208,11 @@ def test_one_tool_at_a_time(opened: Any, picture: Picture, points: ControlPoints
         ]
         press(key)
         assert not page.js(f"{PAGE}.tools.modes.isSelecting"), key
-    page.page.mouse.dblclick(*page.on_screen([52, 30]))
+    page.page.mouse.dblclick(*page.to_screen([52, 30]))
     page.page.keyboard.press("Escape")
     press("b")
     before = page.points
-    page.page.mouse.dblclick(*page.on_screen([80, 50]))  # two clicks while one selects add nothing
+    page.page.mouse.dblclick(*page.to_screen([80, 50]))  # two clicks while one selects add nothing
     assert page.points == before
 
 
@@ -223,10 +223,10 @@ def test_a_drag_that_begins_on_a_line_draws_a_band_and_a_click_chooses_the_line(
     k = page.js(f"{PAGE}.viewport.view.k")
     page.drag([55, 15], (30 * k, 20 * k))
     assert page.js(f"[{PAGE}.tools.shapes.choice.chosen, [...{PAGE}.points.selected]]") == [None, [4]]
-    page.page.mouse.click(*page.on_screen([55, 15]))
+    page.page.mouse.click(*page.to_screen([55, 15]))
     assert page.js(f"{PAGE}.tools.shapes.choice.chosen") == {"what": "cuts", "index": 0}
     page.drag([55, 5], (4 * k, 0))  # now that it is chosen
-    page.answered()
+    page.wait_answered()
     assert page.editor.cuts[0].region.vertices[0] == pytest.approx([59, -20], abs=0.6)
 
 
@@ -241,18 +241,18 @@ def test_a_pen_drags_points_draws_bands_and_strokes(opened: Any, picture: Pictur
     )
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.locator(".dnb-ed-stage").focus()
-    pen(page, page.on_screen(points.target[4]), (24, -18))
+    pen(page, page.to_screen(points.target[4]), (24, -18))
     assert page.js("[...kinds]") == ["pen"]
     moved = page.points
     assert moved.target[4] == pytest.approx(points.target[4] + np.array([24, -18]) / k, abs=1e-6)
-    pen(page, page.on_screen(points.target[3]), (2, 0))  # a hand that trembles: a press, no drag
+    pen(page, page.to_screen(points.target[3]), (2, 0))  # a hand that trembles: a press, no drag
     assert page.points == moved
     assert page.js(f"[...{PAGE}.points.selected]") == [3]
-    pen(page, page.on_screen([90, -20]), (40 * k, 30 * k))
+    pen(page, page.to_screen([90, -20]), (40 * k, 30 * k))
     assert page.js(f"[...{PAGE}.points.selected]") == [1]  # by a band, while a finger would move the view
     assert page.js(f"{PAGE}.viewport.isFitted")
     page.page.keyboard.press("s")
-    pen(page, page.on_screen([50, 20]), (0.4 * page.js(f"{PAGE}.tools.brush.radius") * k, 0), steps=6)
+    pen(page, page.to_screen([50, 20]), (0.4 * page.js(f"{PAGE}.tools.brush.radius") * k, 0), steps=6)
     assert len(page.points) > 5  # the brush has set points of its own
 
 
@@ -264,24 +264,24 @@ def test_in_space_fingers_scroll_tap_and_select(page: LivePage) -> None:
     start = ControlPoints.from_arrays([[-10.0, 25, 20], [10, 45, 20], [25, 40, 20]])
     space = Opened(page, SpaceEditor(waves(), start, cursor=[-10.0, 25, 20]))
     tall(page.page)
-    fingers, far = Fingers(page.page), space.on_screen(0, [0, 60, 20])
+    fingers, far = Fingers(page.page), space.to_screen(0, [0, 60, 20])
     fingers.swipe(far, (0, -120))
     page.wait("scrollY > 80")
     assert np.allclose(space.editor.cursor, [-10, 25, 20])
     assert space.js("document.activeElement === document.body")
     space.js("scrollTo(0, 0)")
     fingers.tap(far)
-    space.settled()
+    space.wait_settled()
     page.wait("document.activeElement.classList.contains('dnb-sp-stage')")
     assert space.editor.cursor[:2] == pytest.approx([0, 60], abs=1)
     page.page.keyboard.press("b")
     for k in (0, 2):
-        fingers.tap(space.on_screen(0, start.target[k]))
+        fingers.tap(space.to_screen(0, start.target[k]))
     assert space.js(f"[...{SPACE}.selected]") == [0, 2]
     stage = page.page.locator(".dnb-sp-stage").first.bounding_box()
     fingers.drag((stage["x"] + 4, stage["y"] + 4), (stage["width"] - 8, stage["height"] - 8))
     assert sorted(space.js(f"[...{SPACE}.selected]")) == [0, 1, 2]
     page.page.keyboard.press("Escape")
-    space.settled()
+    space.wait_settled()
     assert space.js(f"[{SPACE}.isSelecting, {SPACE}.selected.size]") == [False, 3]
     space.editor.close()

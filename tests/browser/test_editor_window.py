@@ -42,7 +42,7 @@ def test_a_drag_with_the_right_button_changes_the_window_at_once_and_python_hear
     page = opened(Editor(picture, points, show_grid=False))
     assert np.abs(shown_pixels(page).astype(int) - wanted(picture)).max() <= (0 if factor == 1.0 else 1)
     bright, mouse = page.canvas().mean(), page.page.mouse
-    x, y = page.on_screen(points.target[4])
+    x, y = page.to_screen(points.target[4])
     mouse.move(x, y)
     mouse.down(button="right")
     mouse.move(x - 40, y - 90, steps=4)
@@ -67,7 +67,7 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     page = opened(Editor(picture, points, show_grid=False))
     before = page.canvas()
     page.page.locator("[data-command=window]").click()
-    page.settled()
+    page.wait_settled()
     assert page.page.locator("[data-command=window]").get_attribute("aria-pressed") == "true"
     page.drag(points.target[4], (60, 0))
     low, high = page.editor.window
@@ -79,8 +79,8 @@ def test_the_tool_changes_the_window_by_any_pointer_and_by_keys_and_resets_it(
     a, b = page.editor.window
     assert b - a < high - low
     assert a + b > low + high
-    page.page.mouse.dblclick(*page.on_screen(points.target[4]))
-    page.settled()
+    page.page.mouse.dblclick(*page.to_screen(points.target[4]))
+    page.wait_settled()
     assert page.editor.window == []
     np.testing.assert_array_equal(page.canvas(), before)
     page.page.keyboard.press("ArrowRight")
@@ -103,7 +103,7 @@ def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
     assert bar.is_hidden()
     page.editor.colour_map = "viridis"
     page.wait(f"{PAGE}.picture.hasColours")
-    page.settled()
+    page.wait_settled()
     table = {tuple(colour) for colour in colour_table("viridis").tolist()}
     seen = np.unique(page.canvas()[200:400, 300:500].reshape(-1, page.canvas().shape[-1])[:, :3], axis=0)
     assert {tuple(colour) for colour in seen.tolist()} <= table
@@ -118,10 +118,10 @@ def test_a_colour_bar_has_the_colours_and_its_handles_set_the_window(
     assert (black > low + 10, white) == (True, high)
     assert handles.nth(0).inner_text() == handles.nth(0).get_attribute("aria-valuenow") == f"{black:g}"
     handles.nth(1).press("ArrowDown")
-    page.settled()
+    page.wait_settled()
     assert page.editor.window[1] < high
     handles.nth(1).press("Home")
-    page.settled()
+    page.wait_settled()
     assert page.editor.window == []
     assert page.points == points
     page.editor.colour_map = "grey"
@@ -136,7 +136,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
     def shown(shows: str) -> Any:
         page.editor.shows = shows
         page.wait(f"{PAGE}.picture.compare.shows === '{shows}'")
-        page.settled()
+        page.wait_settled()
         return page.canvas().astype(float)
 
     deformed, original = shown("deformed"), shown("original")
@@ -153,14 +153,14 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
         return editor.picture.painter.sampled.fit.sampled.raster; }})()""")  # of grid and folds while something moves
     ends = nodes["origin"][0] + np.array([0, nodes["spacing"][0] * (nodes["shape"][1] - 1)])
     assert np.allclose(ends, picture.raster.box[:2], atol=nodes["spacing"][0])  # also below the original
-    page.settled()
+    page.wait_settled()
     page.page.locator(".dnb-wipe").press("Home")
-    page.settled()
+    page.wait_settled()
     np.testing.assert_array_equal(page.canvas(), deformed)
     shown("fade")
     page.page.locator(".dnb-fade input").fill("0.25")
     page.wait(f"!{PAGE}.frames.isMoving")
-    page.settled()
+    page.wait_settled()
     assert np.abs(page.canvas() - (0.25 * original + 0.75 * deformed)).max() <= 2
     assert page.points == page.editor.points
 
@@ -168,7 +168,7 @@ def test_the_picture_is_compared_by_a_line_and_by_an_opacity(
 def test_escape_gives_a_drag_of_the_window_up(opened: Any, picture: Picture, points: ControlPoints) -> None:
     page = opened(Editor(picture, points, window=[50, 150]))
     page.page.keyboard.press("Tab")
-    x, y = page.on_screen((90, 10))
+    x, y = page.to_screen((90, 10))
     page.page.locator(".dnb-ed-stage").focus()
     page.page.mouse.move(x, y)
     page.page.mouse.down(button="right")
@@ -186,20 +186,20 @@ def test_wheel_and_page_keys_go_through_the_slices(opened: Any, picture: Picture
     status = page.page.locator(".dnb-ed-slice")
     assert status.inner_text() == "slice 4 / 9, -2.0 mm"
     page.page.evaluate("document.body.style.height = '4000px'")
-    page.page.mouse.move(*page.on_screen((90, 10)))
+    page.page.mouse.move(*page.to_screen((90, 10)))
     page.page.mouse.wheel(0, 100)
     page.wait("window.scrollY > 50")
     assert page.editor.slice == 3  # until the picture is clicked the page scrolls
     page.page.evaluate("window.scrollTo(0, 0)")
     page.wait("window.scrollY === 0")
-    page.page.mouse.click(*page.on_screen((90, 10)))
+    page.page.mouse.click(*page.to_screen((90, 10)))
     k = page.js(f"{PAGE}.viewport.view.k")
     page.page.mouse.wheel(0, 100)
     page.wait(f"{PAGE}.model.get('slice') === 4")
     assert page.js(f"{PAGE}.viewport.view.k") == k
     page.page.keyboard.press("PageUp")
     page.page.keyboard.press("PageUp")
-    page.settled()
+    page.wait_settled()
     assert page.editor.slice == 2
     assert status.inner_text() == "slice 3 / 9, -4.0 mm"
     page.page.keyboard.down("Control")
@@ -214,7 +214,7 @@ def test_the_status_line_names_place_and_value_under_the_pointer(
 ) -> None:
     moved = points.move(4, points.target[4] + [10.0, 0.0])
     page = opened(Editor(replace(picture, unit="HU"), moved))
-    page.page.mouse.move(*page.on_screen(points.target[4] + [10.0, 0.0]))
+    page.page.mouse.move(*page.to_screen(points.target[4] + [10.0, 0.0]))
     line = page.page.locator(".dnb-ed-value")
     page.wait("document.querySelector('.dnb-ed-value').textContent !== ''")
     a, b = points.source[4]  # what is seen there was there before
@@ -239,15 +239,15 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
     page = opened(editor)
     before = page.points
     page.page.locator("[data-command=wand]").click()
-    x, y = page.on_screen(points.target[4] + [4.0, 0.0])
+    x, y = page.to_screen(points.target[4] + [4.0, 0.0])
     page.page.mouse.click(x, y)
-    page.settled()
+    page.wait_settled()
     assert asked[-1].what == "preview"
     assert asked[-1].place == pytest.approx(points.source[4], abs=0.6)  # where that was before it was dragged
     first = asked[-1].tolerance
     page.page.keyboard.press("]")
     page.wait(f"{PAGE}.model.sent.filter((m) => m.type === 'wand').length === 2")
-    page.settled()
+    page.wait_settled()
     assert asked[-1].tolerance > first
     mask = Mask(picture.values > 100, picture.raster)
     editor.wand = {"region": region_to_data(mask), "words": "100 to 200", "share": 1.0}
@@ -258,15 +258,15 @@ def test_the_wand_asks_for_what_is_seen_shows_its_outline_and_makes_a_part(
     seen, dark = (np.argwhere(part)[len(np.argwhere(part)) // 2] for part in (mask.values, ~mask.values))
     for (line, column), is_in in ((seen, True), (dark, False)):  # all of it is marked, and nothing else
         at = np.subtract(
-            page.on_screen(np.array([picture.raster.columns[column], picture.raster.rows[line]])), (box["x"], box["y"])
+            page.to_screen(np.array([picture.raster.columns[column], picture.raster.rows[line]])), (box["x"], box["y"])
         )
         assert page.page.evaluate(inside, at.tolist()) is is_in
     page.page.get_by_role("button", name="Make rigid part").click()
-    page.settled()
+    page.wait_settled()
     assert [m.what for m in asked[-1:]] == ["part"]
     assert page.page.get_by_role("group", name="Wand").is_visible()  # for the next one
     page.page.mouse.click(x + 3, y)
-    page.settled()
+    page.wait_settled()
     assert asked[-1].what == "preview"
     page.page.keyboard.press("Escape")
     page.wait("document.querySelector('.dnb-ed-wand-bar').hidden")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from browser.editor_page import PAGE, EditorOnPage
-from browser.hosts import resting
+from browser.hosts import box_at_rest
 
 from deformnb.rbf.points import ControlPoints
 from deformnb.volume.plane import Picture
@@ -24,9 +24,9 @@ def test_a_drag_goes_where_the_hand_goes_from_right_to_left_and_enlarged(
     page = EditorOnPage(browser, Editor(picture, points), size)  # 1280 x 1040 at 400 % has room for 320 x 260
     page.page.evaluate("(direction) => { document.documentElement.dir = direction; }", direction)
     page.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
-    resting(page.page.locator(".dnb-ed-stage"))
-    page.settled()
-    here, there = page.on_screen(points.target[4]), page.on_screen(points.target[4] + [3.0, -2.0])
+    box_at_rest(page.page.locator(".dnb-ed-stage"))
+    page.wait_settled()
+    here, there = page.to_screen(points.target[4]), page.to_screen(points.target[4] + [3.0, -2.0])
     page.page.mouse.move(*here)
     page.page.mouse.down()
     page.page.mouse.move(*there, steps=4)

@@ -50,7 +50,7 @@ class FilePage(Opened):
             f"document.querySelector('.dnb-page-words').textContent.startsWith('{name}: ') && "
             "!document.body.opener.work"
         )
-        self.settled()
+        self.wait_settled()
 
     def save(self, button: str, path: Path) -> Path:
         with self.page.expect_download() as download:
@@ -140,7 +140,7 @@ def test_a_session_of_the_page_gives_the_same_volume_in_python(opened: Callable[
         f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
         "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
     )
-    page.settled()
+    page.wait_settled()
     page.volume()
     page.wait("!document.querySelector('.dnb-page-note').hidden")
     assert "Tissue leaves the box" in page.page.locator(".dnb-page-note").text_content()
@@ -165,7 +165,7 @@ def test_a_picture_is_deformed_by_a_finger_on_a_phone(opened: Callable[..., File
     view, box = page.js(f"({EDITOR}.viewport.view)"), page.page.locator(".dnb-ed-stage").bounding_box()
     corner = box["x"] + view["k"] * 79 + view["x"], box["y"] + view["k"] * 59 + view["y"]
     Fingers(page.page).drag(corner, (-60, -40))
-    page.settled()
+    page.wait_settled()
     assert np.abs(page.points().displacement).max() > 5
     check_replay(page, path, page.save("Download session", tmp_path / "session.json"), tmp_path / "out")
     saved = Image.open(io.BytesIO(page.save("Download picture", tmp_path / "after.png").read_bytes()))

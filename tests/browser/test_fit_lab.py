@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, told
+from browser.hosts import Lab, read_report
 from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
@@ -30,12 +30,12 @@ session.editing.edit_points(points)
 bent = session.results.volume()
 for k in range(4):
     points = points.edit(k, locked=True)
-told = Label().add_class("told")
+report = Label().add_class("report")
 start = dn.Deformation((session.editing.step.with_points(points.reset()),))
 studio = Studio(volume, start, side="-x", target=bent, height=300)
 def tell(change=None):
     away = (studio.session.editing.points.target - points.target) / [du, dv]
-    told.value = json.dumps({"miss": float(np.linalg.norm(away, axis=1).max()),
+    report.value = json.dumps({"miss": float(np.linalg.norm(away, axis=1).max()),
         "undo": studio.session.editing.history["undo"],
                              "selected": len(studio.editor.selected)})
 studio.observe(tell, "deformation")
@@ -49,8 +49,8 @@ EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
 @pytest.fixture(scope="module")
 def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
     page = browser.new_page(viewport={"width": 1280, "height": 1100})
-    lab.open_notebook(page, [SETUP, "told"])
-    page.wait_for_selector(".told", timeout=120_000)
+    lab.open_notebook(page, [SETUP, "report"])
+    page.wait_for_selector(".report", timeout=120_000)
     page.wait_for_function(f"{EDITOR}.picture.painter.source", timeout=120_000)
     choose(page, "Match to another picture")
     yield lab, page
@@ -59,13 +59,13 @@ def shown(browser: Any, lab: Lab) -> Iterator[tuple[Any, Any]]:
 
 def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(shown: tuple[Any, Any]) -> None:
     _, page = shown
-    before = told(page, lambda state: True)
+    before = read_report(page, lambda state: True)
     assert before["miss"] > 2.5
     image = page.locator(".jupyter-widgets.widget-image:visible")
     image.wait_for()
     first = image.get_attribute("src")
     page.get_by_role("button", name="Fit all points").click()
-    state = told(page, lambda state: state["undo"] == "fit all points")
+    state = read_report(page, lambda state: state["undo"] == "fit all points")
     assert state["miss"] < 1
     status = page.locator("[role=status]", has_text="Similarity")
     status.wait_for(timeout=60_000)
@@ -79,7 +79,7 @@ def test_fit_all_finds_a_known_deformation_within_a_pixel_and_is_undone_at_once(
     assert shown_to_the_hand == 4
     page.locator(".dnb-ed-stage").focus()
     page.keyboard.press("Control+z")
-    assert told(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
+    assert read_report(page, lambda state: state["undo"] == "")["miss"] == pytest.approx(before["miss"])
 
 
 def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
@@ -89,9 +89,9 @@ def test_what_is_selected_snaps(shown: tuple[Any, Any]) -> None:
     page.locator("[role=status]", has_text="no point is selected").wait_for(timeout=60_000)
     page.locator(".dnb-ed-stage").focus()
     page.keyboard.press("Control+a")
-    told(page, lambda state: state["selected"] > 5)
+    read_report(page, lambda state: state["selected"] > 5)
     button.click()
-    state = told(page, lambda state: state["undo"] == "snap selected points")
+    state = read_report(page, lambda state: state["undo"] == "snap selected points")
     assert state["undo"] == "snap selected points"
     status = page.locator("[role=status]", has_text="of 10 points snapped")
     status.wait_for(timeout=60_000)

@@ -43,12 +43,12 @@ class OnDrawing(LivePage):
         mouse.move(x + dx / 2, y + dy / 2, steps=3)
         mouse.move(x + dx, y + dy, steps=3)
         mouse.up()
-        self.until(lambda: self.drawing.nodes is not before)
+        self.wait_until(lambda: self.drawing.nodes is not before)
 
     def press(self, key: str) -> None:
         before = self.drawing.nodes
         self.page.keyboard.press(key)
-        self.until(lambda: self.drawing.nodes is not before)
+        self.wait_until(lambda: self.drawing.nodes is not before)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_drags_are_taken_back_and_inner_nodes_spread_again(on_drawing: OnDrawing
     on_drawing.drag(12, 10, 15)
     before = on_drawing.drawing.nodes
     on_drawing.page.get_by_role("button", name="Spread evenly").click()
-    on_drawing.until(lambda: on_drawing.drawing.nodes is not before)
+    on_drawing.wait_until(lambda: on_drawing.drawing.nodes is not before)
     np.testing.assert_allclose(on_drawing.drawing.nodes, corner, atol=1e-9)
 
 
@@ -106,7 +106,7 @@ def test_escape_gives_up_a_drag(on_drawing: OnDrawing) -> None:
     on_drawing.page.mouse.move(x + 30, y + 30, steps=3)
     on_drawing.page.keyboard.press("Escape")
     on_drawing.page.mouse.up()
-    on_drawing.until(lambda: np.allclose(on_drawing.node(0), (x, y), atol=1))
+    on_drawing.wait_until(lambda: np.allclose(on_drawing.node(0), (x, y), atol=1))
     assert on_drawing.drawing.nodes is before
 
 

@@ -25,13 +25,13 @@ def turned(places: Any, about: Any, degrees: float, factor: float = 1.0) -> NDAr
 
 def knob(page: EditorOnPage) -> tuple[float, float]:
     """Where the handle that turns is, in the window."""
-    page.settled()
+    page.wait_settled()
     box = page.page.locator("[data-mark='turn'] .dnb-ed-turn-disc").bounding_box()
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
 
 def turn_by_hand(page: EditorOnPage, about: Any, degrees: float, *keys: str) -> None:
-    start, middle = np.array(knob(page)), np.array(page.on_screen(about))
+    start, middle = np.array(knob(page)), np.array(page.to_screen(about))
     mouse = page.page.mouse
     mouse.move(*start)
     mouse.down()
@@ -42,13 +42,13 @@ def turn_by_hand(page: EditorOnPage, about: Any, degrees: float, *keys: str) -> 
     mouse.up()
     for key in keys:
         page.page.keyboard.up(key)
-    page.settled()
+    page.wait_settled()
 
 
 def select(page: EditorOnPage, *ids: int) -> None:
     for k, number in enumerate(ids):
         page.page.locator(f"[data-id='{number}'] .dnb-ed-hit").click(modifiers=["Shift"] if k else [])
-    page.settled()
+    page.wait_settled()
 
 
 # ---- turning --------------------------------------------------------------------------------------------------------
@@ -102,7 +102,7 @@ def test_alt_scales_by_the_handle(opened: Any, picture: Picture, points: Control
     page = opened(Editor(picture, points))
     select(page, 1, 2)
     about = points.target[[1, 2]].mean(axis=0)
-    (x, y), (mx, my) = knob(page), page.on_screen(about)
+    (x, y), (mx, my) = knob(page), page.to_screen(about)
     mouse = page.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -179,7 +179,7 @@ def test_the_menu_turns_too_and_tells_what_it_cannot(opened: Any, picture: Pictu
     for _ in range(3):
         page.page.keyboard.press("ArrowDown")
     page.page.keyboard.press("Enter")
-    page.answered()
+    page.wait_answered()
     assert page.editor.stop_at_folds
     assert menu.is_hidden()
     assert page.page.locator(".dnb-ed-bar").bounding_box()["height"] < 45  # one row, as in the studio
@@ -227,7 +227,7 @@ def test_a_locked_point_does_not_move_by_any_hand(opened: Any, picture: Picture,
     page.page.locator("[data-id='4']").focus()
     for key in ("ArrowRight", "Home", "Delete", ".", "Alt+."):
         page.page.keyboard.press(key)
-    page.page.mouse.click(*page.on_screen(points.target[4]), button="right")
+    page.page.mouse.click(*page.to_screen(points.target[4]), button="right")
     assert page.points == locked
     assert "is locked" in page.page.locator(".dnb-ed-hint").inner_text()
     page.page.keyboard.press("Control+a")
@@ -278,12 +278,12 @@ def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Pictu
 
     page.drag(points.target[4], (31, 17))
     assert off(page.points.target[4]) < 1e-9
-    page.page.mouse.dblclick(*page.on_screen([47, 3]))
+    page.page.mouse.dblclick(*page.to_screen([47, 3]))
     assert off(page.points.target[5]) < 1e-9
     assert np.linalg.norm(page.points.target[5] - [47, 3]) < 120 / 16
     before = page.points.target[3]
     mouse = page.page.mouse
-    x, y = page.on_screen(before)
+    x, y = page.to_screen(before)
     mouse.move(x, y)
     mouse.down()
     page.page.keyboard.down("Alt")
@@ -302,18 +302,18 @@ def test_targets_snap_to_the_nodes_of_the_drawn_grid(opened: Any, picture: Pictu
 def test_points_stop_before_the_picture_folds(opened: Any, picture: Picture, points: ControlPoints) -> None:
     editor = Editor(picture, points, stop_at_folds=True)
     page = opened(editor)
-    far = np.array(page.on_screen([70, 25]))
+    far = np.array(page.to_screen([70, 25]))
     page.drag([70, 25], (330, 60), steps=12)
     stopped = page.points.target[4]
     status = page.page.locator(".dnb-ed-notes").inner_text()
     assert status.startswith("Stopped before the picture folds")
     assert 0.04 < page.js(f"{PAGE}.map.folds.least") < 0.12
-    way = np.array(page.on_screen(stopped)) - far
+    way = np.array(page.to_screen(stopped)) - far
     assert np.cross([*way, 0], [330, 60, 0])[2] == pytest.approx(0, abs=1e-6 * 330 * 330)
     assert 0.1 < np.linalg.norm(way) / np.hypot(330, 60) < 0.95
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("t")
-    page.answered()
+    page.wait_answered()
     assert not editor.stop_at_folds
     page.drag(stopped, (330 - way[0], 60 - way[1]), steps=6)
     assert page.js(f"{PAGE}.map.folds.least") < 0
@@ -325,7 +325,7 @@ def test_a_drop_keeps_the_fit_of_the_last_move(
     opened: Any, picture: Picture, points: ControlPoints, stops: bool
 ) -> None:
     page = opened(Editor(picture, points, stop_at_folds=stops))
-    at = page.on_screen(points.target[4])
+    at = page.to_screen(points.target[4])
     page.page.mouse.move(*at)
     page.page.mouse.down()
     page.page.mouse.move(at[0] + 9, at[1] + 5, steps=3)
@@ -341,7 +341,7 @@ def test_folds_in_air_stop_no_drag(opened: Any, picture: Picture, points: Contro
     page.drag([70, 25], (330, 60), steps=12)
     assert "Stopped" not in page.page.locator(".dnb-ed-notes").inner_text()
     assert page.js(f"{PAGE}.map.folds.air") > 0
-    assert np.array(page.on_screen(page.points.target[4])) - page.on_screen([70, 25]) == pytest.approx([330, 60], abs=1)
+    assert np.array(page.to_screen(page.points.target[4])) - page.to_screen([70, 25]) == pytest.approx([330, 60], abs=1)
 
 
 def test_what_is_folded_already_can_be_moved_back(opened: Any, picture: Picture, points: ControlPoints) -> None:

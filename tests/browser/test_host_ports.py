@@ -6,7 +6,7 @@ import socket
 from pathlib import Path
 
 import pytest
-from browser.hosts import Host, running
+from browser.hosts import Host, start_host
 
 
 class Files(Host):
@@ -29,11 +29,11 @@ def test_a_server_whose_port_is_taken_starts_at_another_one(tmp_path: Path, monk
         other.bind(("127.0.0.1", 0))
         taken = other.getsockname()[1]
         monkeypatch.setattr(Files, "ports", (taken,))
-        with running(Files, tmp_path) as server:
+        with start_host(Files, tmp_path) as server:
             assert server.port != taken
             assert server.process.poll() is None
 
 
 def test_a_server_that_ends_for_another_reason_is_not_started_again(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError, match="did not start"), running(Files, tmp_path, "--no-such-option"):
+    with pytest.raises(RuntimeError, match="did not start"), start_host(Files, tmp_path, "--no-such-option"):
         pass

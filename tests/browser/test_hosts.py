@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Host, Lab, Notebook, Voila, quiet, resting, running, told
+from browser.hosts import Host, Lab, Notebook, Voila, box_at_rest, read_report, start_host, wait_idle
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -36,7 +36,7 @@ ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 8 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
 corners = [[2, 2], [57, 2], [57, 57], [2, 57]]
 start = Deformation.from_picture_points(volume.grid, "+y", ControlPoints.from_arrays([*corners, [29.5, 29.5]]))
-told = Label().add_class("told")
+report = Label().add_class("report")
 """
 # The point in the middle of the ball is number 4; an observer that raises when number 0 moves stands for a user's.
 SHOW = """
@@ -48,7 +48,7 @@ edits = -1
 def tell(change=None):
     global edits
     points, edits = studio.deformation.steps[0].points, edits + 1
-    told.value = json.dumps({"targets": points.target.tolist(), "edits": edits})
+    report.value = json.dumps({"targets": points.target.tolist(), "edits": edits})
     if points.target[0].tolist() != corners[0]:
         raise ValueError("no such corner")
 studio.observe(tell, "deformation")
@@ -83,21 +83,21 @@ class Shown:
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.add_init_script(CONTEXTS)
-        host.open_notebook(self.page, [SETUP, SHOW, "told", PLAIN])
+        host.open_notebook(self.page, [SETUP, SHOW, "report", PLAIN])
         self.ready()
 
     def ready(self) -> None:
         """Until picture and volume are drawn, and nothing moves any more."""
-        self.page.wait_for_selector(".told", timeout=60_000)
+        self.page.wait_for_selector(".report", timeout=60_000)
         self.page.wait_for_function(
             f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady && {VIEW}.caster.planar", timeout=60_000
         )
         self.page.locator(".dnb-editor").first.scroll_into_view_if_needed()
-        resting(self.page.locator(".dnb-view").first)
+        box_at_rest(self.page.locator(".dnb-view").first)
 
-    def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
+    def read(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
         """What the kernel knows, once it is as wanted, or after a minute."""
-        state: dict[str, Any] = told(self.page, reached)
+        state: dict[str, Any] = read_report(self.page, reached)
         return state
 
     def handle(self, point: int) -> tuple[float, float]:
@@ -108,11 +108,11 @@ class Shown:
     def restore(self) -> None:
         """Puts the points back to where the cells had them."""
         for point, home in ((0, (2.0, 2.0)), (4, (29.5, 29.5))):
-            x, y = (home - np.array(self.told()["targets"][point])) * self.scale
+            x, y = (home - np.array(self.read()["targets"][point])) * self.scale
             if abs(x) + abs(y) > 0.1:
-                edits = self.told()["edits"]
+                edits = self.read()["edits"]
                 self.drag(point, (x, y))
-                self.told(lambda state, edits=edits: state["edits"] > edits)
+                self.read(lambda state, edits=edits: state["edits"] > edits)
 
     def drag(self, point: int, by: tuple[float, float], steps: int = 8) -> None:
         """With the real mouse."""
@@ -131,7 +131,7 @@ class Shown:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        quiet(self.host, self.page)
+        wait_idle(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))[16:-16, 16:-16]  # the box has round corners
 
@@ -170,7 +170,7 @@ def opened(request: pytest.FixtureRequest, browser: Any, tmp_path_factory: pytes
         page.page.close()
         return
     options = ["--theme=dark"] if host is Voila else []
-    with running(host, tmp_path_factory.mktemp(host.__name__.lower()), *options) as server:
+    with start_host(host, tmp_path_factory.mktemp(host.__name__.lower()), *options) as server:
         page = Shown(server, browser)
         yield page
         page.page.close()
@@ -185,9 +185,9 @@ def shown(opened: Shown) -> Iterator[Shown]:
 
 def test_a_drag_moves_picture_and_volume_alike(shown: Shown) -> None:
     picture, volume = shown.middles()
-    k, edits = shown.scale, shown.told()["edits"]
+    k, edits = shown.scale, shown.read()["edits"]
     shown.drag(4, (52, -34))
-    state = shown.told(lambda state: state["edits"] == edits + 1)
+    state = shown.read(lambda state: state["edits"] == edits + 1)
     assert state["targets"][4] == pytest.approx([29.5 + 52 / k, 29.5 - 34 / k], abs=0.02)
     picture_after, volume_after = shown.middles()
     assert picture_after - picture == pytest.approx(k * shift_by_the_core(52 / k, -34 / k), abs=3)
@@ -195,7 +195,7 @@ def test_a_drag_moves_picture_and_volume_alike(shown: Shown) -> None:
     assert moved[0] > 20
     assert moved[0] / moved[1] == pytest.approx(-52 / 34, rel=0.15)
     shown.drag(4, (-52, 34))
-    assert shown.told(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.02)
+    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.02)
     for before, after in zip((picture, volume), shown.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
 
@@ -208,10 +208,10 @@ def _skip_twin(shown: Shown) -> None:
 def test_rapid_drags_end_in_the_last(shown: Shown) -> None:
     _skip_twin(shown)
     picture, volume = shown.middles()
-    k, edits = shown.scale, shown.told()["edits"]
+    k, edits = shown.scale, shown.read()["edits"]
     for by in ((30, 0), (0, 30), (-60, 0), (0, -60), (40, 40)):  # in all 10 to the right and 10 down
         shown.drag(4, by, steps=2)
-    state = shown.told(lambda state: state["edits"] == edits + 5)
+    state = shown.read(lambda state: state["edits"] == edits + 5)
     assert state["edits"] == edits + 5
     assert state["targets"][4] == pytest.approx([29.5 + 10 / k, 29.5 + 10 / k], abs=0.05)
     picture_after, volume_after = shown.middles()
@@ -221,49 +221,49 @@ def test_rapid_drags_end_in_the_last(shown: Shown) -> None:
 
 def test_undo_and_redo_by_keys(shown: Shown) -> None:
     picture, volume = shown.middles()
-    edits = shown.told()["edits"]
+    edits = shown.read()["edits"]
     shown.drag(4, (40, 20))
-    dragged = shown.told(lambda state: state["edits"] == edits + 1)["targets"][4]
+    dragged = shown.read(lambda state: state["edits"] == edits + 1)["targets"][4]
     shown.page.keyboard.press("Control+z")
-    assert shown.told(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
+    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
     for before, after in zip((picture, volume), shown.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
     shown.page.keyboard.press("Control+Shift+z")
-    assert shown.told(lambda state: state["edits"] == edits + 3)["targets"][4] == dragged
+    assert shown.read(lambda state: state["edits"] == edits + 3)["targets"][4] == dragged
     shown.page.keyboard.press("Control+z")
-    shown.told(lambda state: state["edits"] == edits + 4)
+    shown.read(lambda state: state["edits"] == edits + 4)
 
 
 def test_the_exception_of_a_callback_is_seen(shown: Shown) -> None:
-    edits = shown.told()["edits"]
+    edits = shown.read()["edits"]
     shown.drag(0, (20, 20))
     shown.page.wait_for_function("document.querySelector('.dnb-studio').innerText.includes('no such corner')")
-    assert shown.told(lambda state: state["edits"] == edits + 1)["edits"] == edits + 1
+    assert shown.read(lambda state: state["edits"] == edits + 1)["edits"] == edits + 1
     shown.drag(0, (-20, -20))  # and the conversation goes on
-    assert shown.told(lambda state: state["edits"] == edits + 2)["targets"][0] == pytest.approx([2, 2], abs=0.05)
+    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][0] == pytest.approx([2, 2], abs=0.05)
 
 
 @pytest.mark.sampled(3)
 def test_the_page_can_be_loaded_again(shown: Shown) -> None:
     _skip_twin(shown)
-    edits = shown.told()["edits"]
+    edits = shown.read()["edits"]
     shown.drag(4, (52, 0))
-    target = shown.told(lambda state: state["edits"] == edits + 1)["targets"][4]
+    target = shown.read(lambda state: state["edits"] == edits + 1)["targets"][4]
     assert target == pytest.approx([29.5 + 52 / shown.scale, 29.5], abs=0.05)
     picture, volume = shown.middles()
     shown.host.save(shown.page)
     shown.page.reload(timeout=60_000)
     if isinstance(shown.host, Voila):  # a new kernel
         shown.ready()
-        assert shown.told()["targets"][4] == [29.5, 29.5]
+        assert shown.read()["targets"][4] == [29.5, 29.5]
         return
     shown.host.wait_until_open(shown.page)
     shown.ready()
-    assert shown.told()["targets"][4] == target
+    assert shown.read()["targets"][4] == target
     for before, after in zip((picture, volume), shown.middles(), strict=True):
         assert after == pytest.approx(before, abs=2)
     shown.drag(4, (-52, 0))
-    assert shown.told(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
+    assert shown.read(lambda state: state["edits"] == edits + 2)["targets"][4] == pytest.approx([29.5, 29.5], abs=0.05)
 
 
 def test_a_view_is_as_dark_as_its_page(shown: Shown) -> None:

@@ -57,7 +57,7 @@ def texts(page: LivePage) -> list[str]:
 
 def until(page: LivePage, count: int) -> None:
     page.wait("true")
-    page.until(lambda: len(page.heard) >= count)  # type: ignore[attr-defined]
+    page.wait_until(lambda: len(page.heard) >= count)  # type: ignore[attr-defined]
     page.wait("document.querySelector('.dnb-il-table').ariaBusy !== 'true'")
 
 
@@ -157,7 +157,7 @@ def test_clicks_on_rows_that_have_moved_do_nothing(shown: LivePage) -> None:
     page = shown.page
     page.evaluate("() => { const b = document.querySelector('[data-part=remove]'); b.click(); b.click(); }")
     until(shown, 1)
-    shown.answered()
+    shown.wait_answered()
     assert len(shown.heard) == 1  # type: ignore[attr-defined]
     assert texts(shown) == ["bend", "in space"]
 

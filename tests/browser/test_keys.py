@@ -127,7 +127,7 @@ def test_tips_tell_the_keys_and_the_keys_do_what_the_tips_tell(
         before = button.get_attribute(state)
         page.page.locator(".dnb-ed-stage").focus()
         page.page.keyboard.press(key)
-        page.settled()
+        page.wait_settled()
         assert button.get_attribute(state) != before, command
 
 
@@ -153,10 +153,10 @@ def test_the_editor_in_space_lists_its_keys_locks_and_selects_by_a_band(page: Li
     assert page.page.locator("[data-id='1'] .dnb-ed-lock").first.is_visible()
     keyboard.press("Control+a")
     keyboard.press("l")
-    space.settled()
+    space.wait_settled()
     assert editor.points.locked.tolist() == [True] * 3
     keyboard.press("l")
-    space.settled()
+    space.wait_settled()
     assert not editor.points.locked.any()
     keyboard.press("Escape")
     stage = page.page.locator(".dnb-sp-stage").first.bounding_box()
@@ -166,7 +166,7 @@ def test_the_editor_in_space_lists_its_keys_locks_and_selects_by_a_band(page: Li
     space.mouse.move(stage["x"] + stage["width"] - 3, stage["y"] + stage["height"] - 3, steps=4)
     space.mouse.up()
     keyboard.up("Shift")
-    space.settled()
+    space.wait_settled()
     assert space.js("[...document.querySelector('.dnb-space').deformnb.parts.points.selected]") == [
         0
     ]  # the only one on the slice

@@ -70,7 +70,7 @@ def shared(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
     page = LivePage(browser)
     view = LiveView(body(), transfer="surface", width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark")
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     yield page, view
     assert page.errors == []
     page.close()

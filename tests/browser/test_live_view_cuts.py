@@ -74,7 +74,7 @@ def opened(page: LivePage, **options: Any) -> LiveView:
         **{"transfer": WHITE, "width": SIZE[0], "height": SIZE[1], "settle_ms": 60000, "background": "dark", **options},
     )
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     return view
 
 
@@ -90,7 +90,7 @@ def drawn(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
 def shown(page: LivePage, view: LiveView, deformation: Deformation | None, **options: Any) -> None:
     """Shows it, and waits until the page has it."""
     view.show_deformation(deformation, **options)
-    page.answered()
+    page.wait_answered()
 
 
 def silhouette(image: np.ndarray) -> np.ndarray:
@@ -265,7 +265,7 @@ def test_a_cut_face_is_lit_and_has_no_grain(page: LivePage) -> None:
         replace(given, values=grain), transfer=WHITE, width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark"
     )
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     view.set_camera((1.0, 0.15, -0.1), zoom=1.5)
     view.show_deformation(pulled_document(40.0, shift=-16.0))  # the left piece is out of the box: a face is seen
     image = page.pixels().astype(float).mean(axis=2)

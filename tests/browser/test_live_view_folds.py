@@ -59,7 +59,7 @@ def opened(page: LivePage, **options: Any) -> LiveView:
         },
     )
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     view.set_camera(PLANE.normal, [-c for c in PLANE.v])
     return view
 

@@ -88,7 +88,7 @@ def view_on_page(browser: Any) -> Iterator[tuple[LivePage, LiveView]]:
     view.set_trait("_esm", module.replace(LIT, AS_COLOUR))
     view.set_camera((0, 1, 0))
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     yield page, view
     page.close()
 
@@ -161,7 +161,7 @@ def test_a_surface_between_voxels_is_lit_without_grain_at_rest_and_in_motion(bro
     volume = Volume(np.where(inside, 200, 0).astype(np.uint8), Grid((48, 48, 48)), "ball")
     page = LivePage(browser, (300, 360))
     page.add(LiveView(volume, transfer="surface", width=240, height=240, settle_ms=60000, background="dark"))
-    page.loaded()
+    page.wait_loaded()
     bright = (
         np.array(
             page.page.evaluate(
@@ -194,7 +194,7 @@ def test_a_pit_is_darker_than_the_face_around_it_in_the_page_and_in_a_still(page
     view = LiveView(Volume(body, GRID), transfer=SOLID, width=120, height=120, settle_ms=60000, background="dark")
     view.set_camera((0, 1, 0), zoom=1.3)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     shares = []
     for picture in (page.pixels, lambda: view.still((120, 120))):
         with_light = {}

@@ -94,7 +94,7 @@ def opened(page: LivePage, volume: Volume | None = None, **options: Any) -> Live
     }
     view = LiveView(volume or shape_without_symmetry(), **options)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     return view
 
 
@@ -132,7 +132,7 @@ def test_pictures_are_like_those_of_vtks_own_renderer(page: LivePage) -> None:
     volume = PHANTOMS["head"].make((96, 96, 96))
     view = LiveView(volume, background="dark", settle_ms=60000, width=320, height=240, ambient_occlusion=False)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     scene = VtkScene(volume, (320, 240))
     try:
         scene.set_transfer("specimen")
@@ -265,7 +265,7 @@ def test_a_turn_draws_quickly_and_then_in_full(page: LivePage) -> None:
         drawn_before = page.page.evaluate(f"{PAGE}.loop.times.frames")
         page.page.keyboard.press("ArrowLeft")
         page.wait(f"{PAGE}.loop.times.frames > {drawn_before}")  # a quick picture of each turn
-    page.until(lambda: view.stats()["frames"] > before)  # told at rest
+    page.wait_until(lambda: view.stats()["frames"] > before)  # told at rest
     stats = view.stats()
     assert stats["passes"] >= 1
     assert stats["full_ms"] > 0
@@ -301,7 +301,7 @@ def test_without_webgl_python_draws_and_says_so(browser: Any) -> None:
     page.wait("models.view.saved.length > 0")
     np.testing.assert_allclose(view.camera["direction"], [0, 0, -1], atol=1e-6)
     page.wait(f"{DRAWN}.count > 2 && {DRAWN}.isFull")
-    page.until(lambda: dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96)
+    page.wait_until(lambda: dice(silhouette(drawn(page)), silhouette(view.still(SIZE))) > 0.96)
     view.show_deformation(None, output=padded(GRID, 9.0))
     page.wait(f"{DRAWN}.info.box.high[0] > models.view.get('volume_info').box.high[0] + 8")
     assert page.errors == []
@@ -320,7 +320,7 @@ def test_without_webgl_the_volume_follows_while_the_button_is_down(browser: Any)
     page.add(view)
     view.follow(editor, Deformation.from_picture_points(GRID, plane, still, trend="translation").field(GRID))
     page.wait(f"{DRAWN}?.drawn")
-    page.until(lambda: editor.live)
+    page.wait_until(lambda: editor.live)
     page.flush()
     start = _middle(drawn(page))
     handle = page.page.locator(".dnb-ed-disc").first.bounding_box()
@@ -328,10 +328,10 @@ def test_without_webgl_the_volume_follows_while_the_button_is_down(browser: Any)
     page.page.mouse.move(x, y)
     page.page.mouse.down()
     page.page.mouse.move(x + 30, y + 20, steps=6)
-    page.until(lambda: bool((_middle(drawn(page)) - start > 2).all()))  # right and down, and the button is down
+    page.wait_until(lambda: bool((_middle(drawn(page)) - start > 2).all()))  # right and down, and the button is down
     assert editor.points == still
     page.page.mouse.up()
-    page.until(lambda: editor.points != still)
+    page.wait_until(lambda: editor.points != still)
     assert page.errors == []
     view.close()
     page.close()
@@ -385,7 +385,7 @@ def test_a_context_that_is_lost_by_the_volume_comes_back_with_fewer_voxels(brows
     )
     view = opened(page, shape_without_symmetry(Grid((size, size, size))))
     page.wait(f"models.view.get('volume_info').shape.reduce((a, b) => a * b) === {size**3 // 2}")
-    page.loaded()
+    page.wait_loaded()
     view.set_camera((0, 1, 0))
     assert dice(silhouette(page.pixels()), silhouette(view.still(SIZE))) > 0.96
     view.close()
@@ -413,7 +413,7 @@ def test_twenty_views_one_after_the_other_leak_no_context(page: LivePage) -> Non
     for _ in range(20):
         page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
         page.draw()
-        page.loaded()
+        page.wait_loaded()
     assert page.page.evaluate("document.querySelectorAll('canvas').length") == 1
     assert page.errors == []  # "Too many active WebGL contexts" is a warning of the 17th
     assert page.page.evaluate("document.querySelector('.dnb-view').deformnb.caster.gl.isContextLost()") is False

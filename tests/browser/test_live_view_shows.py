@@ -55,7 +55,7 @@ def opened(page: LivePage, **options: Any) -> LiveView:
     view = LiveView(block(), **options)
     view.set_camera((0, 1, 0))
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     return view
 
 
@@ -379,7 +379,7 @@ def test_following_again_and_another_volume_keep_the_connection(page: LivePage) 
     for by in (1.0, 2.0):
         view.follow(editor, extrusion(by))
     view.show(block())
-    page.loaded()
+    page.wait_loaded()
     view.follow(editor, extrusion(0.0))
     page.page.evaluate("() => { models.view.fromPython('editor', models.view.get('editor')); }")  # said once more
     page.flush()

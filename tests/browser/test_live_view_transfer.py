@@ -44,7 +44,7 @@ def row(page: LivePage, volume: Volume, transfer: TransferFunction | str, zoom: 
     )
     view.set_camera((0, 1, 0), (0, 0, 1), zoom)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     return page.pixels()[SIZE[1] // 2] / 255
 
 

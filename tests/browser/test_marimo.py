@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Host, running
+from browser.hosts import Host, start_host
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
 from PIL import Image
@@ -76,7 +76,7 @@ class Marimo(Host):
 
 @pytest.fixture
 def shown(browser: Any, tmp_path: Path) -> Iterator[Any]:
-    with running(Marimo, tmp_path) as host:
+    with start_host(Marimo, tmp_path) as host:
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))

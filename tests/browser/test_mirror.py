@@ -42,7 +42,7 @@ def with_mirror(opened: Any, picture: Picture, points: ControlPoints | None, **s
     page = opened(Editor(picture, points, **settings))
     page.page.locator(".dnb-ed-stage").focus()
     page.page.keyboard.press("m")
-    page.settled()
+    page.wait_settled()
     return page
 
 
@@ -55,7 +55,7 @@ def test_a_drag_moves_the_partner_too_and_the_axis_is_drawn(
 ) -> None:
     page = with_mirror(opened, picture, points)
     assert page.editor.mirror == {"on": True, "axis": "a", "at": MIDDLE}
-    line, (x, _) = page.page.locator(".dnb-ed-axis-line"), page.on_screen([MIDDLE, 0])
+    line, (x, _) = page.page.locator(".dnb-ed-axis-line"), page.to_screen([MIDDLE, 0])
     box = line.bounding_box()
     assert box["x"] + box["width"] / 2 == pytest.approx(x, abs=1)
     k = page.js(f"{PAGE}.viewport.view.k")
@@ -81,11 +81,11 @@ def test_new_points_come_in_pairs_and_those_on_the_axis_stay_there(
     opened: Any, picture: Picture, points: ControlPoints
 ) -> None:
     page = with_mirror(opened, picture, points)
-    page.page.mouse.dblclick(*page.on_screen([52, 20]))
+    page.page.mouse.dblclick(*page.to_screen([52, 20]))
     assert len(page.points) == 7
     assert_symmetric(page.points)
     page.drag(page.points.target[5], (13, 24))
-    page.page.mouse.dblclick(*page.on_screen([MIDDLE + 0.7, 65]))
+    page.page.mouse.dblclick(*page.to_screen([MIDDLE + 0.7, 65]))
     assert len(page.points) == 8
     assert page.points.target[7, 0] == MIDDLE
     page.drag(points.target[2], (40, 22))
@@ -141,7 +141,7 @@ def test_both_of_a_pair_in_the_hand_keep_the_symmetry_and_none_crosses_the_axis(
 def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) -> None:
     page = with_mirror(opened, picture, None)
     page.page.keyboard.press("Shift+M")
-    page.settled()
+    page.wait_settled()
     assert page.editor.mirror == {"on": True, "axis": "b", "at": 23.75}
     grip = page.page.locator("[data-mark='axis'] rect").bounding_box()
     x, y = grip["x"] + grip["width"] / 2, grip["y"] + grip["height"] / 2
@@ -153,8 +153,8 @@ def test_the_axis_can_lie_level_and_be_dragged(opened: Any, picture: Picture) ->
     at = 23.75 - 30 / page.js(f"{PAGE}.viewport.view.k")
     page.wait(f"Math.abs(models.editor.get('mirror').at - {at}) < 1e-6")
     assert page.editor.mirror["at"] == pytest.approx(at, abs=1e-9)
-    page.page.mouse.dblclick(*page.on_screen([40, 0]))
-    page.page.mouse.dblclick(*page.on_screen([110, 50]))
+    page.page.mouse.dblclick(*page.to_screen([40, 0]))
+    page.page.mouse.dblclick(*page.to_screen([110, 50]))
     assert len(page.points) == 4
     page.drag(page.points.target[0], (20, -10))
     assert_symmetric(page.points, 1, page.editor.mirror["at"])
@@ -172,7 +172,7 @@ def test_brushes_and_turns_work_on_both_sides(
     page.page.keyboard.press(key)
     radius, k = page.js(f"{PAGE}.tools.brush.radius"), page.js(f"{PAGE}.viewport.view.k")
     start = np.array([48.0, 20])
-    x, y = page.on_screen(start)
+    x, y = page.to_screen(start)
     mouse = page.page.mouse
     mouse.move(x, y)
     mouse.down()
@@ -202,7 +202,7 @@ def test_the_mirror_outlives_the_view_and_a_locked_partner_stays(
     assert page.points.target[0].tolist() != points.target[0].tolist()
     page.js("{ models.editor.cleanups[0](); }")
     page.draw("editor")
-    page.settled()
+    page.wait_settled()
     assert shows_axis(page)
     assert page.page.locator("[data-command=mirror]").get_attribute("aria-checked") == "true"
 
@@ -213,7 +213,7 @@ def test_a_new_pair_moves_nothing_where_the_sides_are_bent_in_different_ways(
     bent = points.move(0, [49.0, 5]).move(4, [104, 38])
     page = with_mirror(opened, picture, bent, show_grid=False)
     before, fit = page.canvas(), page.editor.fit()
-    page.page.mouse.dblclick(*page.on_screen([52, 24]))
+    page.page.mouse.dblclick(*page.to_screen([52, 24]))
     added = page.points
     assert len(added) == 7
     # The same matter of both sides, each where it is seen.

@@ -48,7 +48,7 @@ def in_thread(page: LivePage, work: Callable[[], Any]) -> Any:
 
     thread = threading.Thread(target=run)
     thread.start()
-    page.until(lambda: done)
+    page.wait_until(lambda: done)
     thread.join()
     if isinstance(done[0], Exception):
         raise done[0]
@@ -59,7 +59,7 @@ def shown(page: LivePage) -> LiveView:
     view = LiveView(bar(), width=SIZE[0], height=SIZE[1], settle_ms=60000, background="dark")
     view.set_camera((1.0, 1.0, -0.5), zoom=1.3)
     page.add(view)
-    page.loaded()
+    page.wait_loaded()
     return view
 
 
@@ -74,7 +74,7 @@ def test_a_frame_is_the_screenshot_of_its_moment_whatever_is_done_to_the_view(pa
     pictures = []
     for by in (0.0, 6.0):
         view.show_deformation(bent(by))
-        page.answered()
+        page.wait_answered()
         pictures.append(page.pixels())
     scene = scene_of(view)
     view.set_camera((-1.0, 0.2, 0.0), zoom=0.8)  # after the movie began

@@ -56,10 +56,10 @@ class TableOnPage:
     def cell(self, point: int, key: str) -> Any:
         return self.page.locator(f'.dnb-pt-row[data-id="{point}"] [data-key="{key}"]')
 
-    def answered(self) -> None:
+    def wait_answered(self) -> None:
         """Until Python has heard of all that was done in table and picture, and both show what it made of that."""
         self.on_page.wait(f"{TABLE}.waiting.size === 0")
-        self.on_page.answered()
+        self.on_page.wait_answered()
         self.on_page.wait(f"!{TABLE}.frame && {TABLE}.points.length === {len(self.session.editing.points)}")
         self.on_page.flush()
 
@@ -67,7 +67,7 @@ class TableOnPage:
         self.cell(point, key).dblclick()
         self.page.keyboard.type(text)
         self.page.keyboard.press("Enter")
-        self.answered()
+        self.wait_answered()
 
     def focused(self) -> tuple[str | None, str | None]:
         found = self.page.evaluate("""() => { const cell = document.activeElement.closest(".dnb-pt-cell");
@@ -100,7 +100,7 @@ def test_a_name_a_switch_and_a_coordinate_reach_the_session_and_the_picture(tabl
     assert table.page.locator(".dnb-ed-name", has_text="nose").count() == 1
     table.write(4, "target_b", "37.5")
     assert table.session.editing.points.target[4].tolist() == [70.0, 37.5]
-    table.on_page.settled()
+    table.on_page.wait_settled()
     moved = table.on_page.canvas()
     assert np.abs(moved - before).max() > 20
     assert np.abs(pixel(table, moved, 70, 37.5) - pixel(table, before, 70, 25)).max() <= 4  # the feature came along
@@ -108,9 +108,9 @@ def test_a_name_a_switch_and_a_coordinate_reach_the_session_and_the_picture(tabl
     assert table.cell(4, "target_b").inner_text() == "37.50"
     assert table.cell(4, "drag").inner_text() == "12.50"
     table.cell(4, "active").locator("input").click()
-    table.answered()
+    table.wait_answered()
     assert not table.session.editing.points.active[4]
-    table.on_page.settled()
+    table.on_page.wait_settled()
     assert np.abs(table.on_page.canvas() - before).max() <= 4  # it has no say any more
     assert not table.cell(4, "active").locator("input").is_checked()
 
@@ -129,7 +129,7 @@ def test_what_is_no_number_is_refused_in_words_and_the_old_value_stays(table: Ta
 
 def test_a_locked_point_says_so_and_takes_no_coordinates(table: TableOnPage) -> None:
     table.cell(1, "locked").locator("input").click()
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.locked[1]
     table.cell(1, "target_a").dblclick()
     assert table.page.locator(".dnb-pt-input").count() == 0
@@ -142,10 +142,10 @@ def test_a_locked_point_says_so_and_takes_no_coordinates(table: TableOnPage) -> 
 def test_the_button_of_a_row_brings_its_point_to_the_middle(table: TableOnPage) -> None:
     before = table.on_page.js(f"({PAGE}.viewport.view)")
     table.cell(3, "go").locator("button").click()
-    table.answered()
+    table.wait_answered()
     table.on_page.wait(f"{PAGE}.viewport.view.k > {2 * before['k']}")
     box = table.page.locator(".dnb-ed-stage").bounding_box()
-    x, y = table.on_page.on_screen((35.0, 55.0))
+    x, y = table.on_page.to_screen((35.0, 55.0))
     assert abs(x - box["x"] - box["width"] / 2) < 2
     assert abs(y - box["y"] - box["height"] / 2) < 2
     assert table.editor.selected == [3]
@@ -155,16 +155,16 @@ def test_the_button_of_a_row_brings_its_point_to_the_middle(table: TableOnPage) 
 def test_rows_and_picture_share_the_selection(table: TableOnPage) -> None:
     table.cell(1, "drag").click()
     table.cell(3, "drag").click(modifiers=["Shift"])
-    table.answered()
+    table.wait_answered()
     assert table.editor.selected == [1, 2, 3]
-    x, y = table.on_page.on_screen((30.0, -10.0))
+    x, y = table.on_page.to_screen((30.0, -10.0))
     table.page.mouse.click(x, y)
     table.on_page.wait(f"[...{TABLE}.selected].join() === '0'")
     table.on_page.wait("document.querySelector('.dnb-pt-facts').innerText.startsWith('5 points \u00b7 1 selected')")
 
 
 def test_rows_follow_a_drag_before_python_has_heard_of_it(table: TableOnPage) -> None:
-    x, y = table.on_page.on_screen((70.0, 25.0))
+    x, y = table.on_page.to_screen((70.0, 25.0))
     k = table.on_page.js(f"{PAGE}.viewport.view.k")
     table.page.mouse.move(x, y)
     table.page.mouse.down()
@@ -174,8 +174,8 @@ def test_rows_follow_a_drag_before_python_has_heard_of_it(table: TableOnPage) ->
     shown = float(table.cell(4, "target_a").inner_text())
     assert table.session.editing.points.target[4, 0] == 70
     table.page.mouse.up()
-    table.on_page.answered()
-    table.answered()
+    table.on_page.wait_answered()
+    table.wait_answered()
     assert table.session.editing.points.target[4, 0] == pytest.approx(shown, abs=0.01)
     assert table.cell(4, "target_a").inner_text() == f"{table.session.editing.points.target[4, 0]:.2f}"
 
@@ -189,19 +189,19 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
     keys.press("ArrowRight")
     assert table.focused() == ("1", "active")
     keys.press("Space")
-    table.answered()
+    table.wait_answered()
     assert not table.session.editing.points.active[1]
     assert table.focused() == ("1", "active")
     keys.press("ArrowLeft")
     keys.type("chin")  # writing begins with the first letter
     keys.press("Enter")
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.names[1] == "chin"
     assert table.focused() == ("2", "name")
     keys.press("F2")
     keys.type("ear")
     keys.press("Tab")
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.names[2] == "ear"
     assert table.focused() == ("2", "source_a")
     keys.press("End")
@@ -210,21 +210,21 @@ def test_all_is_done_by_keys(table: TableOnPage) -> None:
     assert table.focused() == ("0", "id")
     keys.press("Space")
     keys.press("Shift+ArrowDown")
-    table.answered()
+    table.wait_answered()
     assert table.editor.selected == [0, 1]
     keys.press("Delete")
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.ids == (2, 3, 4)
     assert table.focused()[0] == "3"  # the focus does not fall out of the table
     keys.press("Control+z")
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.ids == (0, 1, 2, 3, 4)
     assert table.page.locator(".dnb-pt-said").inner_text() == "Undone: remove 2 points"
     keys.press("Control+a")
-    table.answered()
+    table.wait_answered()
     assert len(table.editor.selected) == 5
     keys.press("Escape")
-    table.answered()
+    table.wait_answered()
     assert table.editor.selected == []
     keys.press("Tab")
     assert table.focused() == (None, None)
@@ -256,7 +256,7 @@ def test_columns_sort_up_down_and_back(table: TableOnPage) -> None:
 @pytest.mark.parametrize("width", [1000, 760, 480])
 def test_headings_stand_above_their_columns(table: TableOnPage, width: int) -> None:
     table.page.set_viewport_size({"width": width, "height": 900})
-    table.answered()
+    table.wait_answered()
     table.page.wait_for_function("document.querySelectorAll('.dnb-points-table .dnb-pt-row').length === 6")
     places = table.page.evaluate("""() => [...document.querySelectorAll(".dnb-points-table .dnb-pt-row")].map((row) =>
         [...row.children].map((cell) => Math.round(cell.getBoundingClientRect().right)))""")
@@ -267,17 +267,17 @@ def test_headings_stand_above_their_columns(table: TableOnPage, width: int) -> N
 def test_a_point_is_added_at_numbers_and_put_back(table: TableOnPage) -> None:
     table.page.locator(".dnb-pt-place").fill("50, 20.5")
     table.page.keyboard.press("Enter")
-    table.answered()
+    table.wait_answered()
     assert table.session.editing.points.target[-1].tolist() == [50.0, 20.5]
     assert table.page.locator(".dnb-pt-place").input_value() == ""
     table.write(5, "target_b", "24")
     table.cell(5, "drag").click()
     table.page.locator('[data-act="reset"]').click()
-    table.answered()
+    table.wait_answered()
     assert not table.session.editing.points.displacement[5].any()
     table.page.locator(".dnb-pt-place").fill("50")
     table.page.locator('[data-act="add"]').click()
-    table.answered()
+    table.wait_answered()
     assert table.guard.errors == ["a new point needs 2 numbers, a, b; got 1."]
     assert table.page.locator(".dnb-pt-place").input_value() == "50"  # to be corrected, not typed again
 
@@ -297,7 +297,7 @@ def test_points_are_copied_changed_and_pasted(table: TableOnPage) -> None:
     table.page.locator('[data-act="paste"]').click()
     table.page.locator(".dnb-pt-rows").fill(changed)
     table.page.locator('[data-act="take"]').click()
-    table.answered()
+    table.wait_answered()
     points = table.session.editing.points
     assert points.target[4].tolist() == [75, 26]
     assert points.radius[4] == 30
@@ -406,7 +406,7 @@ def test_a_point_that_is_selected_while_an_older_selection_is_on_its_way_stays_s
 
 
 def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(table: TableOnPage) -> None:
-    x, y = table.on_page.on_screen((30.0, -10.0))
+    x, y = table.on_page.to_screen((30.0, -10.0))
     row = table.cell(1, "drag").bounding_box()
     # Both within the rest of the editor, whatever the machine is busy with.
     table.page.evaluate(
@@ -421,7 +421,7 @@ def test_rows_that_are_selected_before_an_older_selection_is_sent_stay_selected(
     }""",
         [[x, y], [row["x"] + row["width"] / 2, row["y"] + row["height"] / 2]],
     )
-    table.answered()
+    table.wait_answered()
     table.page.wait_for_timeout(300)  # longer than the rest of the editor
     assert table.editor.selected == [1]
     assert table.panel.table.selected == [1]

@@ -39,7 +39,7 @@ def test_each_preset_is_shown_on_this_volume_and_chosen(page: LivePage) -> None:
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= 420
     page.page.get_by_role("option", name="Bone").click()
-    page.answered()
+    page.wait_answered()
     assert menu.value == "bone"
     assert page.page.get_by_role("option").count() == 0
     assert page.page.get_by_role("button", name="Preset: Bone").is_visible()
@@ -55,7 +55,7 @@ def test_keys_go_round_and_choose_and_escape_changes_nothing(page: LivePage) -> 
     ):
         for key in keys:
             keyboard.press(key)
-        page.answered()
+        page.wait_answered()
         assert menu.value == value
         assert page.page.evaluate("document.activeElement.className") == "dnb-pm-button"
 
@@ -63,8 +63,8 @@ def test_keys_go_round_and_choose_and_escape_changes_nothing(page: LivePage) -> 
 def test_own_colours_and_a_menu_that_is_off(page: LivePage) -> None:
     menu = page.widgets["menu"]
     menu.value = ""
-    page.answered()
+    page.wait_answered()
     assert page.page.get_by_role("button", name="Preset: Own colours").inner_text() == "Own colours"
     menu.disabled = True
-    page.answered()
+    page.wait_answered()
     assert page.page.get_by_role("button").is_disabled()

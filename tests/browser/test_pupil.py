@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Lab, resting
+from browser.hosts import Lab, box_at_rest
 from browser.test_editor_touch import Fingers
 from browser.test_standalone_page import EDITOR, MODELS, Opened
 from waiting import PATIENCE
@@ -77,7 +77,7 @@ def test_a_carp_becomes_a_boarfish_and_goes_home_on_a_phone(lab: Lab, tab: Any, 
     stage, text = tab.locator(".dnb-ed-stage").last, ""
     text = pupil.read_score(text)
     for source, target in zip(goal.source, goal.target, strict=True):
-        view, box = tab.evaluate(f"{STUDIO}.deformnb.viewport.view"), resting(stage)
+        view, box = tab.evaluate(f"{STUDIO}.deformnb.viewport.view"), box_at_rest(stage)
         corner = np.array([box["x"] + view["x"], box["y"] + view["y"]])
         assert box["y"] > 0, "picture and score are on the screen together"
         pupil.drag(corner + view["k"] * source, corner + view["k"] * target)
@@ -110,7 +110,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
     """The file opens without a network, fits the screen, follows a finger, and says when tissue leaves the box."""
     phone = Opened(browser, path, PHONE, "", has_touch=True, is_mobile=True)
     try:
-        phone.loaded()
+        phone.wait_loaded()
         assert phone.js("document.documentElement.scrollWidth <= innerWidth")
         assert len(phone.points()) == count
         view, box = phone.js(f"({EDITOR}.viewport.view)"), phone.page.locator(".dnb-ed-stage").bounding_box()
@@ -118,7 +118,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
         place = before.target[0]
         at = box["x"] + view["k"] * place[0] + view["x"], box["y"] + view["k"] * place[1] + view["y"]
         Fingers(phone.page).drag(at, (30, 20))
-        phone.settled()
+        phone.wait_settled()
         way = phone.points().target - before.target
         np.testing.assert_allclose(way[0], np.array([30, 20]) / view["k"], atol=0.5)
         assert not way[1:].any()
@@ -126,7 +126,7 @@ def on_phone(browser: Any, path: Path, count: int) -> None:
             f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
             "({ ...p, target: [p.source[0], p.source[1] - 100] })) })"
         )
-        phone.settled()
+        phone.wait_settled()
         phone.volume()
         phone.wait("!document.querySelector('.dnb-page-note').hidden")
         assert "Tissue leaves the box" in phone.page.locator(".dnb-page-note").text_content()

@@ -7,7 +7,7 @@ import time
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, resting
+from browser.hosts import Lab, box_at_rest
 
 pytestmark = pytest.mark.needs_browser
 
@@ -26,7 +26,7 @@ EDITOR = "document.querySelector('.dnb-editor')?.deformnb"
 def at(page: Any, a: float, b: float) -> tuple[float, float]:
     """Where a place of the picture, in millimetres, is on the screen."""
     page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
-    box = resting(page.locator(".dnb-ed-stage"))
+    box = box_at_rest(page.locator(".dnb-ed-stage"))
     x, y, k = page.evaluate(f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]")
     return box["x"] + x + k * a, box["y"] + y + k * b
 

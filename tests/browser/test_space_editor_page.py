@@ -40,7 +40,7 @@ class Opened:
     def js(self, expression: str) -> Any:
         return self.page.page.evaluate(f"() => {expression}")
 
-    def on_screen(self, pane: int, place: Any) -> tuple[float, float]:
+    def to_screen(self, pane: int, place: Any) -> tuple[float, float]:
         """CSS pixels of the window where a place in space is in one of the pictures."""
         v = self.js(f"{PAGE}.parts.row.panes[{pane}].viewport.view")
         box = self.page.page.locator(".dnb-sp-stage").nth(pane).bounding_box()
@@ -48,14 +48,14 @@ class Opened:
         return box["x"] + v["k"] * a + v["x"], box["y"] + v["k"] * b + v["y"]
 
     def drag(self, pane: int, place: Any, by: tuple[float, float], steps: int = 5) -> None:
-        x, y = self.on_screen(pane, place)
+        x, y = self.to_screen(pane, place)
         self.mouse.move(x, y)
         self.mouse.down()
         self.mouse.move(x + by[0], y + by[1], steps=steps)
         self.mouse.up()
-        self.settled()
+        self.wait_settled()
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         self.page.wait(f"!{PAGE}.sender.isBehind() && !{PAGE}.frames.request && !{PAGE}.parts.requests.pending")
         self.page.wait(f"!{PAGE}.frames.request")
 
@@ -109,9 +109,9 @@ def test_a_double_click_adds_a_point_on_the_slice(opened: Callable[..., Opened],
     here = opened()
     place = np.asarray(waves().grid.center) + np.array([6.0, -5.0, 4.0])
     axis = int(np.abs(Pane.of(waves().grid, list(PANES)[pane]).plane.normal).argmax())
-    x, y = here.on_screen(pane, place)
+    x, y = here.to_screen(pane, place)
     here.mouse.dblclick(x, y)
-    here.settled()
+    here.wait_settled()
     (target,) = here.editor.points.target
     expected = place.copy()
     expected[axis] = waves().grid.center[axis]
@@ -153,7 +153,7 @@ def test_a_drag_moves_two_coordinates_and_the_other_pictures_follow(opened: Call
     for other in range(3):
         box = here.page.page.locator(f".dnb-sp-pane{other} [data-id='0'] .dnb-ed-hit").bounding_box()
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        np.testing.assert_allclose(middle, here.on_screen(other, moved), atol=1.0)
+        np.testing.assert_allclose(middle, here.to_screen(other, moved), atol=1.0)
 
 
 def test_all_pictures_show_what_the_core_makes_of_it(opened: Callable[..., Opened]) -> None:
@@ -170,12 +170,12 @@ def test_all_pictures_show_what_the_core_makes_of_it(opened: Callable[..., Opene
 def test_a_line_of_the_cross_hair_drags_one_slice(opened: Callable[..., Opened]) -> None:
     here = opened(four())
     x0, y0, z0 = here.editor.cursor
-    x, y = here.on_screen(0, (x0, y0 - 20, z0))
+    x, y = here.to_screen(0, (x0, y0 - 20, z0))
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 40, y + 25, steps=5)
     here.mouse.up()
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.cursor, [x0 + 40 / here.scale(0), y0, z0], atol=1.01 / here.scale(0))
 
 
@@ -184,13 +184,13 @@ def test_the_wheel_and_keys_go_through_slices(opened: Callable[..., Opened]) -> 
     z0 = here.editor.cursor[2]
     here.page.page.locator(".dnb-sp-stage").nth(0).focus()
     here.page.page.keyboard.press("PageDown")
-    here.settled()
+    here.wait_settled()
     assert here.editor.cursor[2] == pytest.approx(z0 + 1.5, abs=0.76)  # to the middle of the next slice
     z1 = here.editor.cursor[2]
-    x, y = here.on_screen(0, here.editor.cursor)
+    x, y = here.to_screen(0, here.editor.cursor)
     here.mouse.move(x + 30, y + 30)
     here.mouse.wheel(0, -100)
-    here.settled()
+    here.wait_settled()
     assert here.editor.cursor[2] == pytest.approx(z1 - 1.5)
 
 
@@ -201,16 +201,16 @@ def test_keys_move_points_and_undo(opened: Callable[..., Opened]) -> None:
     here.page.page.locator(".dnb-sp-pane1 [data-id='1']").focus()
     here.page.page.keyboard.press("ArrowRight")  # in the coronal picture: to the left of the patient
     here.page.page.keyboard.press("ArrowUp")
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.points.target[1], before.target[1] + [1.0, 0, 1.5], atol=1e-9)
     here.page.page.keyboard.press("Alt+PageDown")
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.points.target[1], before.target[1] + [1.0, 1.2, 1.5], atol=1e-9)
     here.page.page.keyboard.press("Control+z")
-    here.settled()
+    here.wait_settled()
     assert here.editor.points == before  # keys in quick succession are one step
     here.page.page.keyboard.press("Delete")
-    here.settled()
+    here.wait_settled()
     assert here.editor.points.ids == (0, 2, 3)
 
 
@@ -222,7 +222,7 @@ def test_a_point_off_the_slice_is_fainter_and_j_brings_the_slices_to_it(opened: 
     assert "\u22128" in far.text_content()  # its distance
     far.focus()
     here.page.page.keyboard.press("j")
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.cursor, here.editor.points.target[1])
     assert "dnb-sp-far" not in far.get_attribute("class")
 
@@ -232,8 +232,8 @@ def test_in_a_maximum_projection_a_point_lands_on_the_brightest_voxel(page: Live
     values[21, 9, 12] = 255
     editor = SpaceEditor(Volume(values, Grid((30, 32, 34), (1.0, 1.2, 1.5))), projection="mip")
     here, place = Opened(page, editor), np.array([12.0, 9 * 1.2, 21 * 1.5])
-    here.mouse.dblclick(*here.on_screen(1, place))
-    here.settled()
+    here.mouse.dblclick(*here.to_screen(1, place))
+    here.wait_settled()
     np.testing.assert_allclose(editor.points.target[0], place, atol=0.6)
     assert page.errors == []
     editor.close()
@@ -255,14 +255,14 @@ def test_escape_gives_a_drag_up(opened: Callable[..., Opened]) -> None:
     here = opened(four())
     before, phases = here.editor.points, []
     here.editor.on_edit(lambda points, phase: phases.append((phase, points)))
-    x, y = here.on_screen(2, before.target[0])
+    x, y = here.to_screen(2, before.target[0])
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 30, y, steps=4)
     here.page.wait(f"{PAGE}.sender.waiting.move.size === 0")
     here.page.page.keyboard.press("Escape")
     here.mouse.up()
-    here.settled()
+    here.wait_settled()
     assert here.editor.points == before
     assert phases[-1] == ("move", before)
     assert {phase for phase, _ in phases} == {"move"}
@@ -299,14 +299,14 @@ def test_a_ring_marks_the_worst_fold_in_all_pictures(opened: Callable[..., Opene
     target[0] += [18.0, 7.0, -9.0]  # past its neighbour
     editor.editor.points = ControlPoints.from_arrays(points.source, target)
     editor.page.wait(f"({PAGE}.parts.status.facts.folds ?? [1])[0] <= 0")
-    editor.settled()
+    editor.wait_settled()
     assert editor.js(rings) == ["visible"] * 3
     found = folding(fit_rbf(editor.editor.points, trend="translation"), volume.grid)
     for pane in range(3):
         box = editor.page.page.locator(".dnb-ed-worst-ring").nth(pane).bounding_box()
         middle = (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-        assert middle == pytest.approx(editor.on_screen(pane, found.place), abs=1.0)
+        assert middle == pytest.approx(editor.to_screen(pane, found.place), abs=1.0)
     editor.editor.points = points.reset()
     editor.page.wait(f"{PAGE}.parts.status.facts.folds[0] > 0")
-    editor.settled()
+    editor.wait_settled()
     assert editor.js(rings) == ["hidden"] * 3

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.app_tab import eventually
+from browser.app_tab import wait_until
 from browser.live_page import LivePage
 from browser.test_space_editor_page import PAGE, Opened, waves
 from numpy.typing import NDArray
@@ -49,13 +49,13 @@ def opened(page: LivePage) -> Iterator[Callable[..., Opened]]:
 def press(space: Opened, *keys: str) -> None:
     for key in keys:
         space.page.page.keyboard.press(key)
-    space.settled()
+    space.wait_settled()
 
 
 def select(space: Opened, *ids: int) -> None:
     space.js(f"{PAGE}.parts.points.select({list(ids)})")
     space.page.page.locator(".dnb-sp-stage").first.focus()
-    space.settled()
+    space.wait_settled()
 
 
 def mirrored(places: Any, axis: int = 0, at: float = MIDDLE) -> NDArray[np.float64]:
@@ -108,7 +108,7 @@ def test_the_round_arrow_turns_and_one_point_is_refused(opened: Any, pairs: Cont
     assert [marks.nth(k).is_visible() for k in range(3)] == [True, True, True]
     box = marks.nth(AXIAL).locator(".dnb-ed-turn-disc").bounding_box()
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    about = np.array(space.on_screen(AXIAL, pairs.target[:4].mean(axis=0)))
+    about = np.array(space.to_screen(AXIAL, pairs.target[:4].mean(axis=0)))
     arm = np.array([x, y]) - about
     to = about + np.array([-arm[1], arm[0]])  # a quarter
     space.mouse.move(x, y)
@@ -117,7 +117,7 @@ def test_the_round_arrow_turns_and_one_point_is_refused(opened: Any, pairs: Cont
     space.mouse.move(*to, steps=3)
     assert space.editor.points == pairs  # an edit at its end only
     space.mouse.up()
-    space.settled()
+    space.wait_settled()
     assert space.editor.points.target[:4] == pytest.approx(turned(pairs.target[:4], 90), abs=0.6)
     press(space, "Control+z")
     assert space.editor.points == pairs
@@ -141,11 +141,11 @@ def test_the_menu_has_them_all(opened: Any, pairs: ControlPoints) -> None:
         "Turn right by 15\u00b0",
     ]
     space.page.page.locator("[data-command=turn-right]").click()
-    space.settled()
+    space.wait_settled()
     assert space.editor.points.target[:2] == pytest.approx(turned(pairs.target[:2], 15), abs=1e-6)
     space.page.page.locator("[data-command=more]").click()
     space.page.page.locator("[data-command=mirror]").click()
-    space.settled()
+    space.wait_settled()
     assert space.editor.mirror == {"on": True, "axis": "x", "at": MIDDLE}
 
 
@@ -163,7 +163,7 @@ def test_a_drag_moves_the_partner_on_the_other_side_of_the_plane(opened: Any, pa
     assert shown == ["visible", "visible", "hidden"]  # it faces who looks from the side
     k = space.scale(AXIAL)
     box = lines.nth(AXIAL).bounding_box()
-    assert box["x"] + box["width"] / 2 == pytest.approx(space.on_screen(AXIAL, [MIDDLE, 38, 24])[0], abs=1)
+    assert box["x"] + box["width"] / 2 == pytest.approx(space.to_screen(AXIAL, [MIDDLE, 38, 24])[0], abs=1)
     space.drag(AXIAL, pairs.target[0], (-14, 20))
     by = np.array([-14, 20, 0]) / k
     after = space.editor.points
@@ -187,8 +187,8 @@ def test_new_points_come_in_pairs_that_hold_what_is_there(opened: Any, pairs: Co
     space = opened(pairs)
     space.page.page.locator(".dnb-sp-stage").first.focus()
     press(space, "m")
-    space.mouse.dblclick(*space.on_screen(AXIAL, [0, 60, 24]))
-    space.settled()
+    space.mouse.dblclick(*space.to_screen(AXIAL, [0, 60, 24]))
+    space.wait_settled()
     points = space.editor.points
     assert len(points) == 7
     assert points.target[6] == pytest.approx(mirrored(points.target[5]), abs=1e-6)
@@ -207,12 +207,12 @@ def test_the_plane_can_lie_across_another_axis_and_be_dragged(opened: Any, pairs
     space.mouse.down()
     space.mouse.move(x, y + 16, steps=3)
     space.mouse.up()
-    space.settled()
+    space.wait_settled()
     at = space.editor.mirror["at"]
     assert at == pytest.approx(38.2 + 16 / space.scale(AXIAL), abs=1.1 / space.scale(AXIAL))
     press(space, "ArrowUp", "Shift+ArrowDown")
     assert space.editor.mirror["at"] == pytest.approx(at + 9 * 1.2, abs=1e-6)  # voxels of 1.2
-    space.mouse.move(*space.on_screen(AXIAL, [0, 60, 24]))
+    space.mouse.move(*space.to_screen(AXIAL, [0, 60, 24]))
     at = space.editor.mirror["at"]
     press(space, "Escape")
     space.drag(AXIAL, pairs.target[4], (10, 0))  # without a partner: gets one
@@ -237,8 +237,8 @@ def test_targets_keep_to_the_lattice_unless_alt_is_held(opened: Any, pairs: Cont
     wanted = first + 4 * np.round((pairs.target[0, :2] + np.array([17, 23]) / space.scale(AXIAL) - first) / 4)
     assert target == pytest.approx([*wanted, 24], abs=1e-6)
     press(space, "Escape")
-    space.mouse.dblclick(*space.on_screen(AXIAL, [5, 57, 24]))
-    space.settled()
+    space.mouse.dblclick(*space.to_screen(AXIAL, [5, 57, 24]))
+    space.wait_settled()
     assert space.editor.points.target[5] == pytest.approx([4, 58, 24], abs=1e-6)
     press(space, "Shift+N")
     assert space.editor.snap == 0
@@ -268,9 +268,9 @@ def test_it_is_said_that_pictures_are_being_made(page: LivePage, monkeypatch: py
     lets.set()
     page.wait(f"{PAGE}.parts.requests.shownCount > 0")
     page.wait(f"{said} === ''")
-    eventually(lambda: not editor.sender.worker.is_wanted)  # finer ones may come later
+    wait_until(lambda: not editor.sender.worker.is_wanted)  # finer ones may come later
     editor.sender.worker.call(lambda: None).result(60)
-    page.answered()
+    page.wait_answered()
     lets.clear()
     page.page.get_by_label("What the pictures show").select_option("mip")
     page.wait(f"{said} === 'Making the pictures'")
@@ -307,7 +307,7 @@ def test_traits_of_the_hand_are_checked(caplog: pytest.LogCaptureFixture) -> Non
 
 def test_a_frame_paints_no_picture_and_no_point_that_is_there(opened: Any, pairs: ControlPoints) -> None:
     space = opened(pairs)
-    space.settled()
+    space.wait_settled()
     drawn = space.js(f"""(() => {{
       const editor = {PAGE}, {{ points, row }} = editor.parts, pane = row.panes[0];
       const {{ handles }} = pane, update = handles.update.bind(handles);

@@ -41,11 +41,11 @@ class Shown:
         page.add(self.editor, "editor", draw=False)
         page.add(self.view)
         self.view.edit_points(self.editor)
-        page.loaded()
+        page.wait_loaded()
         page.wait(f"{POINTS}.editor && {POINTS}.camera")
         self.mouse = page.page.mouse
 
-    def on_screen(self, place: Any) -> tuple[float, float]:
+    def to_screen(self, place: Any) -> tuple[float, float]:
         x, y = self.page.page.evaluate(f"(p) => {POINTS}.camera.see(p).at", [float(v) for v in place])
         box = self.page.page.locator(".dnb-canvas").first.bounding_box()
         return box["x"] + x, box["y"] + y
@@ -55,7 +55,7 @@ class Shown:
         return float(self.page.page.evaluate(f"(p) => {POINTS}.camera.see(p).scale", [float(v) for v in place]))
 
     def drag(self, place: Any, by: tuple[float, float], key: str = "") -> None:
-        x, y = self.on_screen(place)
+        x, y = self.to_screen(place)
         self.mouse.move(x, y)
         self.mouse.down()
         self.mouse.move(x + by[0] / 2, y + by[1] / 2, steps=3)
@@ -63,9 +63,9 @@ class Shown:
             self.page.page.keyboard.press(key)
         self.mouse.move(x + by[0], y + by[1], steps=3)
         self.mouse.up()
-        self.settled()
+        self.wait_settled()
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         self.page.wait(f"!{POINTS}.sender.isBehind()")
 
 
@@ -103,7 +103,7 @@ def test_a_point_is_drawn_where_the_body_is_seen(shown: Any, page: LivePage, dir
     here = shown(one())
     here.view.set_camera(direction, perspective=perspective)
     at = middle(page.pixels())
-    np.testing.assert_allclose(at, here.on_screen(CENTER), atol=1.5)
+    np.testing.assert_allclose(at, here.to_screen(CENTER), atol=1.5)
     box = page.page.locator(".dnb-sp-over [data-id='0'] .dnb-ed-disc").bounding_box()
     np.testing.assert_allclose(at, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), atol=1.5)
 
@@ -136,19 +136,19 @@ def test_the_body_follows_a_drag_without_a_field_from_python(shown: Any, page: L
     view = "document.querySelector('.dnb-view').deformnb"
     page.wait(f"{view}.shownField.spaceLink.given")
     page.wait("models.view.sent.some((m) => m.type === 'follows')")
-    page.answered()
+    page.wait_answered()
     before, messages = middle(page.pixels()), here.view.stats()["messages"]
-    x, y = here.on_screen(CENTER)
+    x, y = here.to_screen(CENTER)
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 30, y - 18, steps=3)
     page.wait(f"{view}.shownField.spaceLink.count > 0 && {view}.shownField.spaceLink.awaited === null")
-    page.answered()
+    page.wait_answered()
     assert here.view.stats()["messages"] == messages
     nodes = page.page.evaluate(f"[...{view}.caster.givenSpace.shape]")
     assert max(nodes) == 32
     here.mouse.up()
-    here.settled()
+    here.wait_settled()
     page.wait(f"Math.max(...{view}.field.space.shape) === 64")  # Python's, of the same points
     assert (middle(page.pixels()) - before)[0] > 6
 
@@ -185,17 +185,17 @@ def test_a_key_locks_an_axis(shown: Any, key: str) -> None:
 
 def test_a_double_click_puts_a_point_on_the_front_of_the_body(shown: Any, page: LivePage) -> None:
     here = shown()
-    x, y = here.on_screen(CENTER)
+    x, y = here.to_screen(CENTER)
     here.mouse.dblclick(x + 8, y - 6)
-    here.settled()
+    here.wait_settled()
     (target,) = here.editor.points.target
     assert np.linalg.norm(target - CENTER) == pytest.approx(15, abs=2.0)  # on the skin of the ball
     assert target[1] < CENTER[1] - 8  # on the side of the viewer
-    np.testing.assert_allclose(here.on_screen(target), (x + 8, y - 6), atol=1.0)
+    np.testing.assert_allclose(here.to_screen(target), (x + 8, y - 6), atol=1.0)
     np.testing.assert_array_equal(here.editor.points.source[0], target)
     before = here.editor.points
     here.mouse.dblclick(12, 12)  # beside the body: what it always did
-    here.settled()
+    here.wait_settled()
     assert here.editor.points == before
 
 
@@ -205,10 +205,10 @@ def test_on_a_deformed_body_a_new_point_lies_on_what_is_seen(shown: Any, page: L
     page.wait("document.querySelector('.dnb-view').deformnb.field?.space")
     x, y = middle(page.pixels())
     here.mouse.dblclick(x - 4, y - 24)
-    here.settled()
+    here.wait_settled()
     target, source = here.editor.points.target[1], here.editor.points.source[1]
     assert np.linalg.norm(source - CENTER) == pytest.approx(15, abs=2.5)  # of the body as it was
-    np.testing.assert_allclose(here.on_screen(target), (x - 4, y - 24), atol=1.0)
+    np.testing.assert_allclose(here.to_screen(target), (x - 4, y - 24), atol=1.0)
 
 
 def test_points_behind_the_body_are_fainter(shown: Any, page: LivePage) -> None:
@@ -228,13 +228,13 @@ def test_keys_move_and_delete_a_point(shown: Any, page: LivePage) -> None:
     here = shown(one())
     page.page.locator(".dnb-sp-over [data-id='0']").focus()
     page.page.keyboard.press("Shift+ArrowUp")
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.points.target[0], CENTER + np.array([0, 0, 10.0]), atol=1e-9)
     page.page.keyboard.press("Control+z")
-    here.settled()
+    here.wait_settled()
     np.testing.assert_array_equal(here.editor.points.target[0], CENTER)
     page.page.keyboard.press("Delete")
-    here.settled()
+    here.wait_settled()
     assert len(here.editor.points) == 0
 
 
@@ -246,7 +246,7 @@ def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> No
     page.add(other, "other")
     other.edit_points(here.editor)
     page.wait("document.querySelector('.dnb-volume').deformnb.spacePoints.points.length === 1")
-    x, y = here.on_screen(CENTER)
+    x, y = here.to_screen(CENTER)
     here.mouse.move(x, y)
     here.mouse.down()
     here.mouse.move(x + 25, y, steps=4)
@@ -257,7 +257,7 @@ def test_an_editor_and_two_views_of_one_page_move_together(page: LivePage) -> No
     assert places[0] == places[1]
     assert places[0][0] == pytest.approx(CENTER[0] + 25 * here.scale(CENTER), abs=0.5)  # before Python has heard of it
     here.mouse.up()
-    here.settled()
+    here.wait_settled()
     np.testing.assert_allclose(here.editor.points.target[0], places[0])
     assert page.errors == []
     other.close()

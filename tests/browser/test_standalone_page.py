@@ -79,12 +79,12 @@ class Opened:
         self.errors: list[str] = []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        self.page.on("console", self._heard)
+        self.page.on("console", self._collect_error)
         if init:
             self.page.add_init_script(init)
         self.page.goto(path.as_uri())
 
-    def _heard(self, message: Any) -> None:
+    def _collect_error(self, message: Any) -> None:
         if message.type in ("error", "warning") and "GPU stall due to ReadPixels" not in message.text:
             self.errors.append(message.text)  # reading pixels back is what a screenshot is
 
@@ -99,14 +99,14 @@ class Opened:
             self.page.wait_for_timeout(50)
         raise TimeoutError(f"{condition} did not come true in {timeout} s; the page said {self.errors}")
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         self.wait(
             f"document.querySelector('.dnb-editor') && {EDITOR}.picture.painter.source && "
             f"!{EDITOR}.frames.isMoving && !{EDITOR}.frames.request"
         )
 
-    def loaded(self) -> None:
-        self.settled()
+    def wait_loaded(self) -> None:
+        self.wait_settled()
         self.wait("document.querySelector('.dnb-view') && !document.querySelector('.dnb-page-still')")
         self.wait(f"{VIEW}.caster?.isReady && {VIEW}.field")
 
@@ -118,7 +118,7 @@ class Opened:
         self.page.mouse.down()
         self.page.mouse.move(x + by[0], y + by[1], steps=5)
         self.page.mouse.up()
-        self.settled()
+        self.wait_settled()
 
     def points(self) -> ControlPoints:
         """The points as the page holds them."""
@@ -189,7 +189,7 @@ def dragged(page: Opened) -> NDArray[np.float64]:
 def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[..., Opened]) -> None:
     editor, view = pair()
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     start, flat = page.volume(), page.picture()
     size = (start.shape[1], start.shape[0])
     assert dice(silhouette(start), silhouette(view.still(size))) > 0.965
@@ -220,12 +220,12 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
     assert np.abs(bent - flat)[inside].mean() > 4
     # Back and forth again.
     page.page.keyboard.press("Control+z")
-    page.settled()
+    page.wait_settled()
     assert not page.points().displacement.any()
     assert np.abs(page.volume() - start).mean() < 0.3
     assert np.abs(page.picture() - flat).mean() < 0.3
     page.page.keyboard.press("Control+y")
-    page.settled()
+    page.wait_settled()
     assert np.abs(page.volume() - moved).mean() < 0.3
     # Far to the right and up tissue leaves the box, beyond the same sides as the core finds.
     assert page.js(SIDES) == []
@@ -233,7 +233,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
         f"{MODELS}.editor.update({{ points: {EDITOR}.points.list.map((p) => "
         "({ ...p, target: [p.source[0] + 30, p.source[1] - 25] })) })"
     )
-    page.settled()
+    page.wait_settled()
     page.volume()
     far = Deformation.from_picture_points(GRID, PLANE, page.points()).field(GRID)
     names = exceeded_sides(reached_places(foreground_of(bar_with_a_ball()), far), FINE)
@@ -247,7 +247,7 @@ def test_a_drag_deforms_picture_and_volume_as_the_core_does(opened: Callable[...
 def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened]) -> None:
     editor, view = pair()
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     start = page.volume()
     box, v = page.page.locator(".dnb-ed-stage").bounding_box(), page.js(f"({EDITOR}.viewport.view)")
     x, y = (box[c] + v["k"] * editor.points.target[4][k] + v[c] for k, c in enumerate("xy"))
@@ -258,7 +258,7 @@ def test_the_volume_follows_while_the_mouse_is_down(opened: Callable[..., Opened
     assert (middle(page.volume()) - middle(start))[0] > 3
     assert not page.points().displacement.any()  # the points are the model's until the hand lets go
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert dragged(page)[0] > 1
 
 
@@ -267,7 +267,7 @@ def test_points_that_have_moved_already_are_seen_at_once(opened: Callable[..., O
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 4.0])
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     image = page.volume()
     view.show_deformation(Deformation.from_picture_points(GRID, PLANE, editor.points), output=FINE)
     assert dice(silhouette(image), silhouette(view.still((image.shape[1], image.shape[0])))) > 0.965
@@ -278,15 +278,15 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     editor, view = pair()
     editor.points = editor.points.move(4, editor.points.target[4] + [5.0, 0.0])
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     start = page.volume()
     strength = page.page.locator("input[name=strength]")
     strength.fill("0")
-    page.settled()
+    page.wait_settled()
     assert (middle(start) - middle(page.volume()))[0] > 3
     assert page.page.locator(".dnb-page-value").first.text_content() == "0.00"
     strength.fill("-1")
-    page.settled()
+    page.wait_settled()
     assert (middle(start) - middle(page.volume()))[0] > 6
     menu = page.page.locator("select[name=kernel]")
     assert page.js("[...document.querySelector('select[name=kernel]').options].map((o) => o.value)")[:2] == [
@@ -295,7 +295,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     ]
     menu.select_option("thin_plate")
     page.page.locator("input[name=density]").fill("9")
-    page.settled()
+    page.wait_settled()
     assert page.js(f"[{EDITOR}.map.fit.kernel, {EDITOR}.model.get('density')]") == ["thin_plate", 9]
     with page.page.expect_download() as waiting:
         page.page.get_by_role("button", name="Download points").click()
@@ -305,7 +305,7 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
     assert (step.kernel, step.strength, step.plane) == ("thin_plate", -1.0, PLANE)
     assert step.points == editor.points
     page.page.get_by_role("button", name="Reset", exact=True).click()
-    page.settled()
+    page.wait_settled()
     assert np.abs(page.volume() - start).mean() < 0.3
     assert page.js(f"[{EDITOR}.map.fit.kernel, {EDITOR}.model.get('settings').strength]") == ["wendland_c2", 1]
 
@@ -313,14 +313,14 @@ def test_the_controls_do_what_they_say(opened: Callable[..., Opened], tmp_path: 
 def test_reset_brings_back_the_points_and_undo_those_from_before(opened: Callable[..., Opened]) -> None:
     editor, view = pair()
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     page.drag(editor.points.target[4], (30, 0))
     moved = page.points()
     page.page.get_by_role("button", name="Reset", exact=True).click()
-    page.settled()
+    page.wait_settled()
     assert not page.points().displacement.any()
     page.page.get_by_role("button", name="Undo").click()
-    page.settled()
+    page.wait_settled()
     assert page.points() == moved
 
 
@@ -328,7 +328,7 @@ def test_a_kernel_that_the_trend_cannot_carry_is_not_offered(opened: Callable[..
     editor, view = pair()
     editor.trend = "none"
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     options = "[...document.querySelector('select[name=kernel]').options]"
     off = page.js(f"{options}.filter((o) => o.disabled).map((o) => o.value)")
     assert off == ["thin_plate", "multiquadric", "cubic", "quintic", "linear"]
@@ -342,12 +342,12 @@ def test_a_kernel_of_ones_own_works_in_the_page(opened: Callable[..., Opened], m
     editor, view = pair()
     editor.change(kernel="bell", support=25.0)
     page = opened(editor, view)
-    page.loaded()
+    page.wait_loaded()
     page.drag(editor.points.target[4], (30, 20))
     seen = {}
     for kernel in ("bell", "gaussian", "wendland_c2", "bell"):
         page.page.locator("select[name=kernel]").select_option(kernel)
-        page.settled()
+        page.wait_settled()
         assert page.js(f"{EDITOR}.map.fit.kernel") == kernel
         seen.setdefault(kernel, []).append((page.picture(), page.volume()))
     for k, least in enumerate((1.0, 0.3)):  # of the picture, and of the volume
@@ -367,7 +367,7 @@ NO_WEBGL = """{ const get = HTMLCanvasElement.prototype.getContext;
 def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Callable[..., Opened]) -> None:
     editor, view = pair()
     page = opened(editor, view, init=NO_WEBGL)
-    page.settled()
+    page.wait_settled()
     page.wait("document.querySelector('.dnb-still')?.naturalWidth === 640")
     assert page.page.is_visible(".dnb-page-alert")
     assert "no WebGL2" in page.page.text_content(".dnb-page-alert")
@@ -388,7 +388,7 @@ def test_without_webgl_a_still_picture_is_shown_and_the_editor_works(opened: Cal
 def test_the_picture_alone_is_a_page_too(opened: Callable[..., Opened]) -> None:
     editor, _ = pair()
     page = opened(editor, title="a picture")
-    page.settled()
+    page.wait_settled()
     page.drag(editor.points.target[4], (40, 25))
     assert dragged(page).min() > 1
     assert page.js("document.querySelectorAll('.dnb-view, .dnb-page-still').length") == 0
@@ -400,7 +400,7 @@ def test_text_that_looks_like_a_script_is_text(opened: Callable[..., Opened]) ->
     evil = "</script><img src=x onerror=\"document.title = 'broken'\"><script>document.title = 'broken'</script>"
     editor.points = editor.points.edit(4, name=evil)
     page = opened(editor, view, title=evil, about=evil)
-    page.loaded()
+    page.wait_loaded()
     assert page.page.title() == evil
     assert page.page.text_content("h1") == evil
     assert page.js("document.querySelectorAll('img[src=x]').length") == 0
@@ -410,7 +410,7 @@ def test_text_that_looks_like_a_script_is_text(opened: Callable[..., Opened]) ->
 def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) -> None:
     editor, _ = pair()
     page = opened(editor)
-    page.settled()
+    page.wait_settled()
     page.page.evaluate("""() => { window.refused = [];
         document.addEventListener("securitypolicyviolation", (event) => window.refused.push(event.blockedURI));
         const image = new Image(); image.src = "https://example.org/a.png";
@@ -425,7 +425,7 @@ def test_the_policy_stops_what_would_reach_out(opened: Callable[..., Opened]) ->
 @pytest.mark.parametrize("size", [(360, 740), (1280, 800), (1920, 1080)])
 def test_it_fits_windows_from_a_phone_to_a_desk(opened: Callable[..., Opened], size: tuple[int, int]) -> None:
     page = opened(*pair(), size=size, about="A line about it.")
-    page.loaded()
+    page.wait_loaded()
     parts = (".dnb-editor", ".dnb-view", ".dnb-page-controls")
     boxes = {name: page.page.locator(name).bounding_box() for name in parts}
     assert page.js("document.documentElement.scrollWidth") <= size[0]
@@ -474,7 +474,7 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
     write_standalone(tmp_path / "page.html", editor, view)
     opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
     try:
-        opened.loaded()
+        opened.wait_loaded()
         opened.wait(f"{VIEW}.caster.planar?.cut")
         closed = _lit(opened)
         moved = [
@@ -484,7 +484,7 @@ def test_a_cut_opens_without_a_kernel(browser: Any, tmp_path: Path) -> None:
             model.update({{ points: model.get("points").map((p) => ({{ ...p,
               ...moved.find((m) => m.id === p.id) }})) }}); }}""")
         opened.wait(f"{VIEW}.shownField.link.count > 1")
-        opened.settled()
+        opened.wait_settled()
         gap = _lit(opened)
         columns = np.flatnonzero(gap.any(axis=0))
         dark = ~gap[:, columns[0] : columns[-1]].any(axis=0)
@@ -511,7 +511,7 @@ def test_a_cut_that_stops_inside_is_in_the_page_as_the_core_has_warped_it(browse
     write_standalone(tmp_path / "page.html", editor, view)
     opened = Opened(browser, tmp_path / "page.html", (1280, 800), "")
     try:
-        opened.loaded()
+        opened.wait_loaded()
         opened.wait(f"{VIEW}.caster.planar?.cut")
         image = opened.volume()
         size = (image.shape[1], image.shape[0])
@@ -552,7 +552,7 @@ def test_the_page_that_a_studio_writes_shows_its_result_in_its_box(browser: Any,
         assert shares == sorted(shares)
         assert (shares[0] < 0.1, shares[-1]) == (True, 1.0)
         page = Opened(browser, path, (940, 560), "")
-        page.loaded()
+        page.wait_loaded()
         assert page.page.title() == "In its box"
         start = page.volume()
         size = (start.shape[1], start.shape[0])

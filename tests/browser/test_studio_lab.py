@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.hosts import Lab, quiet, resting, told
+from browser.hosts import Lab, box_at_rest, read_report, wait_idle
 from browser.studio_layout import choose
 from browser.test_hosts import OVERLAYS
 from numpy.typing import NDArray
@@ -29,13 +29,13 @@ from deformnb.widgets import Studio
 z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 12 ** 2
 volume = Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball")
-told = Label().add_class("told")
+report = Label().add_class("report")
 studio = Studio(volume, side="+y", transfer="surface", height=400)
 studio.editor.density = 0
 studio.view.background = "dark"
 def tell(change=None):
     made, steps = studio.result().values, studio.deformation.steps
-    told.value = json.dumps({
+    report.value = json.dumps({
         "row": (made[29:31].max(axis=(0, 1)) > 125).tolist(),
         "undo": studio.session.editing.history["undo"],
         "u": studio.session.editing.plane.u[0],
@@ -57,21 +57,21 @@ class StudioInLab:
         self.host, self.page = host, browser.new_page(viewport={"width": 1280, "height": 1000})
         self.errors: list[str] = []
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
-        host.open_notebook(self.page, [SETUP, "told"])
-        self.page.wait_for_selector(".told", timeout=120_000)
+        host.open_notebook(self.page, [SETUP, "report"])
+        self.page.wait_for_selector(".report", timeout=120_000)
         self.page.wait_for_function(f"{EDITOR}.picture.painter.source && {VIEW}.caster?.isReady", timeout=120_000)
         self.host.run(self.page, "studio.view.set_camera((0, 1, 0))")
         self.page.locator(".dnb-studio").scroll_into_view_if_needed()
 
-    def told(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
+    def read(self, reached: Callable[[dict[str, Any]], bool] = lambda state: True) -> dict[str, Any]:
         """What the kernel knows, once it is as wanted, or after a minute."""
-        state: dict[str, Any] = told(self.page, reached)
+        state: dict[str, Any] = read_report(self.page, reached)
         return state
 
     def at(self, a: float, b: float) -> tuple[float, float]:
         """Where a place of the picture, in millimetres, is on the screen."""
         self.page.locator(".dnb-ed-stage").scroll_into_view_if_needed()
-        box = resting(self.page.locator(".dnb-ed-stage"))
+        box = box_at_rest(self.page.locator(".dnb-ed-stage"))
         x, y, k = self.page.evaluate(
             f"() => [{EDITOR}.viewport.view.x, {EDITOR}.viewport.view.y, {EDITOR}.viewport.view.k]"
         )
@@ -108,7 +108,7 @@ class StudioInLab:
     def pixels(self, part: str) -> NDArray[np.uint8]:
         """What is seen of an element now."""
         self.page.mouse.move(5, 5)
-        quiet(self.host, self.page)
+        wait_idle(self.host, self.page)
         png = self.page.locator(part).first.screenshot(animations="disabled", style=OVERLAYS)
         return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
 
@@ -134,7 +134,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page.mouse.click(*shown.at(29.5, 52))
     page.mouse.click(*shown.at(29.5, 6))
     page.keyboard.press("Enter")
-    state = shown.told(lambda state: state["steps"][0]["cuts"] == 1)
+    state = shown.read(lambda state: state["steps"][0]["cuts"] == 1)
     assert state["steps"][0]["cuts"] == 1
     assert page.locator(".dnb-studio-panel .dnb-il-choose", has_text="cut").is_visible()
     whole = shown.row()
@@ -142,7 +142,7 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     for near, far in ((24.5, 17.5), (34.5, 41.5)):
         shown.add(near, 29.5)
         shown.drag((near, 29.5), (far, 29.5))
-    state = shown.told(lambda state: len(runs(state["row"])) == 2 and runs(state["row"])[1][0] > 33)
+    state = shown.read(lambda state: len(runs(state["row"])) == 2 and runs(state["row"])[1][0] > 33)
     (a, b), (c, d) = runs(state["row"])
     assert c - b > 8  # the core's own gap, in voxels
     on_picture = runs(shown.row())
@@ -158,11 +158,11 @@ def test_a_cut_is_drawn_pulled_open_and_undone(shown: StudioInLab) -> None:
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
     page.keyboard.press("Control+z")
-    state = shown.told(lambda state: len(runs(state["row"])) == 1 and state["steps"][0]["points"] == 4)
+    state = shown.read(lambda state: len(runs(state["row"])) == 1 and state["steps"][0]["points"] == 4)
     assert (state["steps"][0]["points"], state["undo"]) == (4, "add cut")
     assert (shown.row() == whole).all()
     page.keyboard.press("Control+z")
-    assert shown.told(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
+    assert shown.read(lambda state: state["steps"][0]["cuts"] == 0)["undo"] == ""
 
 
 @pytest.mark.nightly
@@ -170,33 +170,33 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
     page = shown.page
     shown.add(29.5, 29.5)
     shown.drag((29.5, 29.5), (40.5, 29.5))
-    moved = shown.told(lambda state: bool(state["undo"].startswith("move")))["row"]
+    moved = shown.read(lambda state: bool(state["undo"].startswith("move")))["row"]
     ((a, b),) = runs(moved)
     assert (a + b) / 2 > 33
     page.get_by_label("Side", exact=True).select_option(label="from above (-z)")
-    state = shown.told(lambda state: len(state["steps"]) == 2)
+    state = shown.read(lambda state: len(state["steps"]) == 2)
     assert [step["view"] for step in state["steps"]] == ["+y", "-z"]
     page.wait_for_function(f"{EDITOR}.points.list.length === 4 && !{EDITOR}.model.get('waiting')")
     right, left = (40.0, 30.0) if state["u"] > 0 else (19.0, 29.0)  # from above a patient's left is on the other side
     shown.add(right, 20.0)
     shown.drag((right, 20.0), (left, 20.0))
-    state = shown.told(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
+    state = shown.read(lambda state: bool(state["steps"][1]["points"] == 5 and state["undo"].startswith("move")))
     ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 33  # dragged back
     shown.tab("Steps")
     page.locator(".dnb-il-switch:visible").first.click()
-    state = shown.told(lambda state: not state["steps"][0]["on"])
+    state = shown.read(lambda state: not state["steps"][0]["on"])
     ((a, b),) = runs(state["row"])
     assert (a + b) / 2 < 26  # the second alone
     page.wait_for_function(IDLE)
     page.locator("[data-part=down]:visible").first.click()
-    state = shown.told(lambda state: state["steps"][0]["view"] == "-z")
+    state = shown.read(lambda state: state["steps"][0]["view"] == "-z")
     assert [(step["view"], step["on"]) for step in state["steps"]] == [("-z", True), ("+y", False)]
     page.wait_for_function(IDLE)
     page.locator("[data-part=rename]:visible").first.click()
     page.keyboard.type("pull back")
     page.keyboard.press("Enter")
-    assert shown.told(lambda state: state["steps"][0]["name"] != "")["steps"][0]["name"] == "pull back"
+    assert shown.read(lambda state: state["steps"][0]["name"] != "")["steps"][0]["name"] == "pull back"
     left = [round(page.locator(".dnb-il-switch:visible").nth(k).bounding_box()["x"]) for k in range(2)]
     assert all(one == other for one, other in pairwise(left))
     assert shown.errors == []
@@ -206,7 +206,7 @@ def test_steps_from_two_sides_are_switched_and_moved(shown: StudioInLab) -> None
 def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: StudioInLab) -> None:
     page = shown.page
     shown.host.run(page, "studio.session.editing.reset(); studio.session.set_view('+y')")
-    shown.told(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
+    shown.read(lambda state: [step["view"] for step in state["steps"]] == ["+y"])
     shown.tab("Steps")
     page.get_by_role("button", name="Add step in space").click()
     page.wait_for_selector(".dnb-sp-pane0 .dnb-ed-target")
@@ -217,14 +217,14 @@ def test_a_point_in_space_moves_the_volume_and_the_list_leads_back(shown: Studio
     page.wait_for_selector(".dnb-sp-pane1 [data-id='8']")
     pane = page.locator(".dnb-sp-stage").nth(1)  # coronal: x to the right
     pane.scroll_into_view_if_needed()
-    before = runs(shown.told()["row"])
-    box = resting(page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first)
+    before = runs(shown.read()["row"])
+    box = box_at_rest(page.locator(".dnb-sp-pane1 [data-id='8'] .dnb-ed-hit").first)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
     page.mouse.move(x + 30, y, steps=6)
     page.mouse.up()
-    state = shown.told(lambda state: state["undo"].startswith("move"))
+    state = shown.read(lambda state: state["undo"].startswith("move"))
     assert state["undo"].startswith("move")
     assert [step["view"] for step in state["steps"]] == ["+y", None]
     after = runs(state["row"])

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, Voila, running
-from browser.studio_layout import GROUPS, choose, has_fault, lasting_faults, sections_of, tabs_of
+from browser.hosts import Lab, Voila, start_host
+from browser.studio_layout import GROUPS, choose, has_fault, lasting_faults, section_titles, tab_titles
 
 pytestmark = pytest.mark.needs_browser
 
@@ -45,13 +45,13 @@ def window(browser: Any) -> Iterator[Any]:
 
 def look(page: Any, name: str, may_scroll: str = "") -> None:
     """Go through all groups and sections; each is as its user needs it."""
-    assert tabs_of(page) == list(GROUPS)
+    assert tab_titles(page) == list(GROUPS)
     found = {}
     titles = [title for group, sections in GROUPS.items() for title in (group, *sections)]
     for number, title in enumerate(titles):
         choose(page, title)
         if title in GROUPS:
-            assert sections_of(page) == GROUPS[title]
+            assert section_titles(page) == GROUPS[title]
         page.evaluate("() => document.querySelector('.dnb-studio').scrollIntoView({ block: 'end' })")
         found[title] = lasting_faults(page, may_scroll)
         if folder := os.environ.get("DEFORMNB_SCREENSHOTS"):
@@ -163,7 +163,7 @@ def test_an_example_is_applied_and_undone_at_once(in_lab: Lab, window: Any) -> N
 
 @pytest.fixture(scope="module")
 def voila(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Voila]:
-    with running(Voila, tmp_path_factory.mktemp("voila")) as server:
+    with start_host(Voila, tmp_path_factory.mktemp("voila")) as server:
         server.write_notebook([CELL], "studio.ipynb")
         yield server
 

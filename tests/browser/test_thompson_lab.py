@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, resting, told
+from browser.hosts import Lab, box_at_rest, read_report
 from browser.studio_layout import choose
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.nightly]
@@ -20,10 +20,10 @@ z, y, x = np.indices((60, 40, 60))
 ball = (x - 29.5) ** 2 + (y - 19.5) ** 2 + (z - 29.5) ** 2 < 20 ** 2
 studio = Studio(Volume(np.where(ball, 250, 0).astype(np.uint8), Grid((60, 40, 60)), name="ball"), side="+y", height=300)
 studio.editor.density = 6
-told = Label().add_class("told")
+report = Label().add_class("report")
 def tell(change=None):
     points = studio.session.editing.points
-    told.value = json.dumps([list(points.names), points.source.tolist(), points.target.tolist()])
+    report.value = json.dumps([list(points.names), points.source.tolist(), points.target.tolist()])
 studio.observe(tell, "deformation")
 tell()
 studio
@@ -33,22 +33,22 @@ VIEWS = "[...document.querySelectorAll('.dnb-editor')].map((e) => e.deformnb)"
 
 def points_of_kernel(page: Any, count: int) -> Any:
     """Names, sources and targets of the kernel's points, once there are so many."""
-    return told(page, lambda found: len(found[0]) == count)
+    return read_report(page, lambda found: len(found[0]) == count)
 
 
 def test_a_node_is_dragged_seen_everywhere_undone_and_printed(lab: Lab, tab: Any) -> None:
     errors: list[str] = []
     tab.on("pageerror", lambda error: errors.append(str(error)))
     tab.set_viewport_size({"width": 1280, "height": 1000})
-    lab.open_notebook(tab, [SETUP, "told"])
-    tab.wait_for_selector(".told", timeout=120_000)
+    lab.open_notebook(tab, [SETUP, "report"])
+    tab.wait_for_selector(".report", timeout=120_000)
     tab.wait_for_function("document.querySelector('.dnb-editor')?.deformnb.picture.painter.source", timeout=120_000)
     assert tab.evaluate(f"() => {VIEWS}.length") == 1
     choose(tab, "Thompson's grids and your own")
     tab.wait_for_function(f"{VIEWS}.length === 3 && {VIEWS}[2].layers.nodes.nodes.length === 49", timeout=60_000)
     node = tab.locator(".dnb-th-after [data-node='16']")
     node.scroll_into_view_if_needed()
-    box = resting(node)
+    box = box_at_rest(node)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()

@@ -49,7 +49,7 @@ def drag_node(page: EditorOnPage, n: int, by: tuple[float, float], view: int = 0
     page.page.mouse.move(x + by[0], y + by[1], steps=5)
     if drop:
         page.page.mouse.up()
-        page.answered()
+        page.wait_answered()
 
 
 def scale(page: EditorOnPage, view: int = 0) -> float:
@@ -161,7 +161,7 @@ def test_a_finger_drags_a_node(three: EditorOnPage, picture: Picture) -> None:
 @pytest.mark.parametrize("strength", [2.0, 0.5, -1.0])
 def test_magnified_a_node_stays_under_the_mouse(three: EditorOnPage, picture: Picture, strength: float) -> None:
     three.editor.strength = strength
-    three.settled()
+    three.wait_settled()
     drag_node(three, 17, (24, -10), 2)
     wanted = node_of(picture, 3, 2) + np.array([24, -10]) / scale(three, 2)
     source, target = three.points.source[-1], three.points.target[-1]
@@ -175,7 +175,7 @@ def test_magnified_a_node_stays_under_the_mouse(three: EditorOnPage, picture: Pi
 
 def test_magnified_zero_times_nothing_is_dragged_and_it_is_said_why(three: EditorOnPage) -> None:
     three.editor.strength = 0.0
-    three.settled()
+    three.wait_settled()
     drag_node(three, 17, (24, -10), 2)
     assert len(three.points) == 5
     assert "magnified 0 times" in three.page.locator(".dnb-th-after .dnb-ed-hint").inner_text()
@@ -186,7 +186,7 @@ def test_extrapolation_that_folds_is_warned_of(three: EditorOnPage) -> None:
     three.page.keyboard.press("Escape")
     three.editor.strength = 3.0
     three.wait(f"{VIEWS}[2].map.folds && {VIEWS}[2].map.folds.least <= 0")
-    three.settled()
+    three.wait_settled()
     three.js(f"{VIEWS}[2].points.select([])")
     three.wait(
         "document.querySelector('.dnb-th-after .dnb-ed-notes').textContent === "

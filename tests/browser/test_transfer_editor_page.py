@@ -36,9 +36,9 @@ class Drawn(LivePage):
         if listens:
             widget.on_edit(lambda value, phase: self.heard.append((value, phase)))
         self.add(widget, "w0")
-        self.settled()
+        self.wait_settled()
 
-    def settled(self) -> None:
+    def wait_settled(self) -> None:
         self.wait("document.querySelector('.dnb-curves') && !document.querySelector('.dnb-curves').deformnb.frame")
         self.wait("document.querySelector('.dnb-curves').deformnb.link.waiting.size === 0")
         self.wait("!document.querySelector('.dnb-curves').deformnb.frame")
@@ -69,7 +69,7 @@ class Drawn(LivePage):
         self.page.mouse.move(start[0] + by, start[1] + 2, steps=5)
         if release:
             self.page.mouse.up()
-        self.settled()
+        self.wait_settled()
 
     def per_pixel(self) -> float:
         """How much of the values a pixel is."""
@@ -83,7 +83,7 @@ class Drawn(LivePage):
         for key in keys:
             self.page.keyboard.press(key)
         self.js("w.settle()")
-        self.settled()
+        self.wait_settled()
 
     def colour(self, value: float) -> Any:
         """What the strip shows at a value."""
@@ -119,7 +119,7 @@ def test_a_stop_is_dragged_and_the_strip_follows(drawn: Any) -> None:
     oracle.assert_close(page.colour(150), (0, 255, 0), atol=12)
     oracle.assert_close(page.colour(75), (127, 127, 0), atol=12)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     value, *rgb = page.widget.transfer.colors[1]
     assert (value, rgb) == (pytest.approx(150, abs=1), [0, 1, 0])
     assert page.widget.transfer.opacities == FUNCTION.opacities
@@ -137,7 +137,7 @@ def test_a_stop_stays_between_its_neighbours(drawn: Any) -> None:
 def test_a_double_click_adds_a_stop_that_changes_nothing_and_a_right_click_removes_it(drawn: Any) -> None:
     page = drawn()
     page.page.mouse.dblclick(*page.at(50, STRIP))
-    page.settled()
+    page.wait_settled()
     value, *rgb = page.widget.transfer.colors[1]
     assert len(page.widget.transfer.colors) == 4
     assert value == pytest.approx(50, abs=0.6)
@@ -145,7 +145,7 @@ def test_a_double_click_adds_a_stop_that_changes_nothing_and_a_right_click_remov
     assert len(page.widget.transfer.opacities) == 4  # the double click was for the colours alone
     assert page.js("document.activeElement.getAttribute('aria-label')") == "colour 2 of 4"
     page.page.mouse.click(*page.stop(1), button="right")
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.colors == FUNCTION.colors
 
 
@@ -153,20 +153,20 @@ def test_a_stop_is_recoloured_by_the_browsers_own_input(drawn: Any) -> None:
     page = drawn()
     page.page.locator("[data-stop='1']").focus()
     picker = page.page.locator(".dnb-cv-color")
-    page.settled()
+    page.wait_settled()
     assert picker.input_value() == "#00ff00"
     assert picker.get_attribute("aria-label") == "Colour of stop 2 of 3, at 100"
     picker.evaluate("(e) => { e.value = '#0000ff'; e.dispatchEvent(new Event('input')); }")
-    page.settled()
+    page.wait_settled()
     oracle.assert_close(page.colour(100), (0, 0, 255), atol=12)  # while the colours are still open
     assert [phase for _, phase in page.heard] == ["move"]
     picker.fill("#ff00ff")
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.colors[1] == (100, 1, 0, 1)
     assert page.heard[-1][1] == "end"
     oracle.assert_close(page.colour(100), (255, 0, 255), atol=12)
     page.page.locator("[data-stop='2']").focus()
-    page.settled()
+    page.wait_settled()
     assert picker.input_value() == "#0000ff"
 
 
@@ -196,14 +196,14 @@ def test_buttons_work_on_what_was_chosen_last(drawn: Any) -> None:
     page = drawn()
     page.page.mouse.click(*page.stop(0))
     page.page.get_by_label("Add a colour").click()
-    page.settled()
+    page.wait_settled()
     assert [row[0] for row in page.widget.transfer.colors] == [0, 50, 100, 199]
     page.page.get_by_label("Remove the chosen colour").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.colors == FUNCTION.colors
     page.page.locator(".dnb-cv-node").nth(1).focus()
     page.page.get_by_label("Add a node").click()
-    page.settled()
+    page.wait_settled()
     assert len(page.widget.transfer.opacities) == 5
 
 
@@ -214,7 +214,7 @@ def test_a_finger_drags_a_stop_without_scrolling_the_page(drawn: Any) -> None:
     for kind, dx, dy in (("touchStart", 0, 0), ("touchMove", 20, 10), ("touchMove", 60, 60)):
         finger.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": x + dx, "y": y + dy}]})
     finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.colors[1][0] == pytest.approx(100 + 60 * page.per_pixel(), abs=1)
     assert page.page.evaluate("window.scrollY") == 0
 
@@ -273,7 +273,7 @@ def test_escape_gives_the_preset_back(drawn: Any) -> None:
         assert page.heard[-1][0] != before
         page.key("Escape")
         page.page.mouse.up()
-        page.settled()
+        page.wait_settled()
         assert page.widget.transfer == before
         assert page.heard[-1] == (before, "end")
         assert page.chosen() == ["bone"]
@@ -287,7 +287,7 @@ def test_reset_takes_the_last_preset_again(drawn: Any) -> None:
     assert page.chosen() == []
     assert note.inner_text() == "not part of undo; Reset takes bone again"
     button.click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer == preset("bone", page.widget.volume)
     assert page.chosen() == ["bone"]
     assert button.get_attribute("aria-disabled") == "true"
@@ -300,7 +300,7 @@ def test_presets_are_pictures_of_this_volume_and_buttons(drawn: Any) -> None:
     assert group.get_by_role("button").all_inner_texts() == list(PRESETS)
     assert page.chosen() == ["specimen"]
     group.get_by_role("button", name="bone").click()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer == preset("bone", page.widget.volume)
     assert page.chosen() == ["bone"]
     page.key("Tab", "Enter")
@@ -318,7 +318,7 @@ def test_the_values_are_zoomed_by_buttons_and_a_node_is_dragged_finely(drawn: An
     before = page.at(120)
     for _ in range(3):
         page.page.get_by_label("Zoom into").click()
-    page.settled()
+    page.wait_settled()
     assert page.js("w.view[0][1] - w.view[0][0]") == pytest.approx(199 / 8)
     assert page.at(120) == pytest.approx(before, abs=0.01)  # about the chosen node
     assert page.page.locator(".dnb-cv-node:visible").count() == 1
@@ -327,11 +327,11 @@ def test_the_values_are_zoomed_by_buttons_and_a_node_is_dragged_finely(drawn: An
     page.page.mouse.down()
     page.page.mouse.move(x + 20, y, steps=4)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.widget.transfer.opacities[2][0] == pytest.approx(120 + 20 * page.per_pixel(), abs=0.05)
     assert page.per_pixel() < 0.06
     page.page.get_by_label("Show all").click()
-    page.settled()
+    page.wait_settled()
     assert page.js("w.view[0]") == [0, 199]
     assert page.page.locator(".dnb-cv-node:visible").count() == 4
 
@@ -350,14 +350,14 @@ def test_the_wheel_zooms_once_someone_works_here_and_else_scrolls(drawn: Any) ->
     page.page.mouse.move(x, y)
     page.page.mouse.wheel(0, -400)
     page.wait("document.querySelector('.dnb-curves').deformnb.zoom")
-    page.settled()
+    page.wait_settled()
     assert page.at(150)[0] == pytest.approx(x, abs=1)  # about the pointer
     assert page.page.evaluate("window.scrollY") == 0
     low = page.js("w.view[0][0]")
     page.page.mouse.down()
     page.page.mouse.move(x + 50, y, steps=3)
     page.page.mouse.up()
-    page.settled()
+    page.wait_settled()
     assert page.js("w.view[0][0]") == pytest.approx(low - 50 * page.per_pixel(), abs=0.01)  # drawn along
     assert page.heard == []
 
@@ -365,7 +365,7 @@ def test_the_wheel_zooms_once_someone_works_here_and_else_scrolls(drawn: Any) ->
 def test_the_window_fills_the_plot_on_demand_and_keys_go_back(drawn: Any) -> None:
     page = drawn(FUNCTION.windowed(100, 110))
     page.page.mouse.dblclick(*page.end("level"))
-    page.settled()
+    page.wait_settled()
     assert page.js("w.view[0]") == [pytest.approx(99), pytest.approx(111)]
     assert page.page.locator(".dnb-cv-node:visible").count() == 4
     page.page.locator("[data-stop='1']").focus()
@@ -391,7 +391,7 @@ def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: An
     assert bars() < page.js("w.box.width") / 1.5 + 1
     high = page.page.locator(".dnb-cv-bars").bounding_box()["height"]
     page.js("w.zoomTo([2300, 2500])")
-    page.settled()
+    page.wait_settled()
     assert bars() > 900
     ink = np.asarray(Image.open(io.BytesIO(page.page.screenshot())).convert("RGB")).astype(int)
 
@@ -406,7 +406,7 @@ def test_bars_that_are_finer_than_a_pixel_are_seen_apart_when_zoomed(browser: An
 def test_what_an_arrow_key_takes_beyond_the_edge_is_seen_again(drawn: Any) -> None:
     page = drawn()
     page.js("w.zoomTo([118, 122])")
-    page.settled()
+    page.wait_settled()
     page.page.locator("[data-node='2']").focus()
     page.key(*["Shift+ArrowRight"] * 12)
     assert page.widget.transfer.opacities[2][0] == pytest.approx(122.4)
@@ -443,7 +443,7 @@ def test_the_volume_is_recoloured_while_the_mouse_is_down(browser: Any) -> None:
     view, editor = LiveView(volume, transfer="surface", width=240, height=160), TransferEditor(volume, "surface")
     page = Drawn(browser, editor)
     page.add(view, "view")
-    page.loaded()
+    page.wait_loaded()
     editor.on_edit(lambda transfer, _phase: view.set_transfer(transfer))
     before = page.pixels().astype(int)
     last = len(editor.transfer.colors) - 1
@@ -451,7 +451,7 @@ def test_the_volume_is_recoloured_while_the_mouse_is_down(browser: Any) -> None:
     for k in range(last + 1):
         page.page.locator(f"[data-stop='{k}']").focus()
         page.page.locator(".dnb-cv-color").fill("#0000ff")
-        page.settled()
+        page.wait_settled()
     blue = page.pixels().astype(int)
     subject = np.abs(blue - before).sum(axis=-1) > 60
     assert subject.sum() > 500

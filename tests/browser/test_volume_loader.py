@@ -69,7 +69,7 @@ def test_a_lost_and_a_torn_piece_are_asked_for_again(browser: Any) -> None:
         return None if content["index"] == 0 else [buffers[0][: len(buffers[0]) // 2]]
 
     view = sent(page, way)
-    page.loaded()
+    page.wait_loaded()
     assert min(asked.count(0), asked.count(1)) >= 2  # patience is short here: perhaps more
     assert not values_differ(page, view)
     assert page.page.is_hidden(".dnb-notice")
@@ -89,7 +89,7 @@ def test_the_bar_says_how_far_it_is(browser: Any) -> None:
     page.wait(f"{BAR}.getAttribute('aria-valuenow') === '40'")  # four fifths of it are the way, the rest is the card
     assert page.page.evaluate(f"getComputedStyle({BAR}).getPropertyValue('--share')") == "0.4"
     page.outbox.append(("view", *held[1]))
-    page.loaded()
+    page.wait_loaded()
     assert page.page.is_hidden(".dnb-progress")
     assert not values_differ(page, view)
     page.close()
@@ -124,7 +124,7 @@ def test_where_nothing_comes_the_page_says_so_and_can_be_asked_to_try_again(brow
     is_open.append(True)
     page.page.focus(".dnb-again")
     page.page.keyboard.press("Enter")
-    page.loaded()
+    page.wait_loaded()
     assert page.page.is_hidden(".dnb-notice")
     assert not values_differ(page, view)
     assert page.errors == []
@@ -145,6 +145,6 @@ def test_a_displacement_that_was_lost_is_asked_for_when_the_volume_is_there(brow
 
     view.send = through
     page.draw()
-    page.loaded()
+    page.wait_loaded()
     assert len(lost) == 1
     page.close()

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 import pytest
-from browser.hosts import Lab, resting
+from browser.hosts import Lab, box_at_rest
 
 pytestmark = [pytest.mark.needs_browser, pytest.mark.needs_gl]
 
@@ -63,7 +63,7 @@ def test_a_slider_moves_the_picture_which_is_never_black(lab: Lab, tab: Any) -> 
     places = [tab.evaluate(BODY)]
     assert places[0][1] > 0.05
     handle = tab.locator(".noUi-handle").first
-    box = resting(handle)
+    box = box_at_rest(handle)
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()
@@ -87,7 +87,7 @@ def test_the_picture_follows_a_point_and_ends_where_the_hand_does(lab: Lab, tab:
     opened(lab, tab, EDITOR, "editor.ipynb")
     before = tab.evaluate(BODY)
     tab.wait_for_selector(".dnb-ed-disc")
-    box = resting(tab.locator(".dnb-editor [data-id='0'] .dnb-ed-disc"))
+    box = box_at_rest(tab.locator(".dnb-editor [data-id='0'] .dnb-ed-disc"))
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     tab.mouse.move(x, y)
     tab.mouse.down()

@@ -160,7 +160,7 @@ def test_sizes_follow_the_element_and_the_theme_the_page(page: LivePage) -> None
     page.page.emulate_media(color_scheme="light")
     page.wait(f"{PAGE}.elements.theme.name === 'light'")
     page.wait("document.querySelector('.dnb-view').dataset.background === 'light'")
-    page.until(lambda: pixels(page)[0, 0].min() > 220)
+    page.wait_until(lambda: pixels(page)[0, 0].min() > 220)
     assert page.errors == []
 
 
@@ -171,7 +171,7 @@ def test_a_notice_is_shown_and_a_page_that_goes_gives_the_window_back(page: Live
     assert page.page.text_content(".dnb-notice") == "something is wrong"
     page.page.evaluate("() => models.view.cleanups.splice(0).forEach((f) => f())")
     page.wait("models.view.sent.at(-1).type === 'bye'")
-    page.until(lambda: view.scene.loop is None)
+    page.wait_until(lambda: view.scene.loop is None)
     page.outbox.clear()
     page.draw()
     drawn(page)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser.foreign_page import ask_for_sockets, blank_pages
+from browser.foreign_page import blank_pages, request_sockets
 from browser.live_page import LivePage
 from PIL import Image
 
@@ -156,7 +156,7 @@ def test_only_the_notebooks_origin_may_show_it(page: LivePage, origin: str) -> N
     assert asked(ws, Origin=origin, **socket)[0] == 403  # the notebook's own page speaks to the frame only
     name = url.split("/")[2]
     with blank_pages() as elsewhere:
-        assert ask_for_sockets(page.page.context.browser, elsewhere, name) == ["opaque", *["refused"] * 3]
+        assert request_sockets(page.page.context.browser, elsewhere, name) == ["opaque", *["refused"] * 3]
     number = full(page)
     view.set_camera((1, 0, 0))
     full(page, number)  # its own page is still served

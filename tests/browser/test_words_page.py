@@ -14,7 +14,7 @@ from browser.test_standalone_page import Opened
 from browser.visible_words import (
     COLLECT,
     foreign_words,
-    seen_words,
+    visible_texts,
     walk_editor,
     walk_file_page,
     walk_page,
@@ -42,7 +42,7 @@ def carp() -> Volume:
 
 def _check(page: Any, allowed: Iterable[str]) -> None:
     page.wait_for_timeout(100)
-    assert foreign_words(seen_words(page), word_table("de"), allowed) == []
+    assert foreign_words(visible_texts(page), word_table("de"), allowed) == []
 
 
 @pytest.mark.nightly
@@ -64,7 +64,7 @@ def test_an_exported_page_in_german_shows_no_english_word(browser: Any, carp: Vo
     studio.export_html(tmp_path / "page.html", title="A carp", about="Drag it.")
     studio.close()
     opened = Opened(browser, tmp_path / "page.html", (1100, 760), f"({COLLECT})()")
-    opened.settled()
+    opened.wait_settled()
     assert opened.page.locator("html").get_attribute("lang") == "de"
     assert opened.page.locator("h1").inner_text() == "A carp"
     walk_editor(opened.page)
@@ -80,7 +80,7 @@ def test_the_page_for_files_in_german_shows_no_english_word(browser: Any, carp: 
     opened = Opened(browser, tmp_path / "page.html", (1100, 760), f"({COLLECT})()")
     opened.wait("document.body.opener")
     walk_file_page(opened.page, "fish.nii.gz", base64.b64encode((tmp_path / "fish.nii.gz").read_bytes()).decode())
-    opened.settled()
+    opened.wait_settled()
     walk_editor(opened.page)
     walk_page(opened.page)
     _check(opened.page, ["fish"])

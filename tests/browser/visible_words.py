@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from browser.studio_layout import ARE_MADE, GROUPS, HEADING, TAB, tabs_of
+from browser.studio_layout import ARE_MADE, GROUPS, HEADING, TAB, tab_titles
 
 from deformnb.words import Translator
 
@@ -40,7 +40,7 @@ COLLECT = """() => {
 TOOLS = ("add", "select", "move", "grow", "cut", "part", "fixed", "wand", "window", "mirror", "snap", "stop")
 
 
-def seen_words(page: Any) -> list[str]:
+def visible_texts(page: Any) -> list[str]:
     """All texts that a page has shown since :data:`COLLECT` ran in it."""
     return sorted(page.evaluate("[...window.seenWords]"))
 
@@ -91,7 +91,7 @@ def walk_editor(page: Any, root: str = ".dnb-editor") -> None:
 
 def walk_studio(page: Any) -> None:
     """Open every group, section, menu and list of a studio."""
-    tabs_of(page)
+    tab_titles(page)
     for number in range(len(GROUPS)):
         page.locator(TAB).nth(number).click()
         for heading in page.locator(HEADING).filter(visible=True).all():

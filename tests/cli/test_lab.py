@@ -12,7 +12,7 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from command_line import refused, run
+from command_line import error_sentence, run
 
 from deformnb.cli.lab import FIRST, copy_notebooks, shipped_notebooks
 from deformnb.errors import DeformError
@@ -66,7 +66,7 @@ def test_without_jupyterlab_nothing_is_copied(
 ) -> None:
     monkeypatch.setitem(sys.modules, absent, None)
     code = run(tmp_path, "lab", monkeypatch)
-    message = refused(capsys.readouterr(), code)
+    message = error_sentence(capsys.readouterr(), code)
     assert message.endswith("is not installed, and the notebooks need it; pip install 'deformnb[notebook]'.")
     assert list(tmp_path.iterdir()) == []
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command_line import refused, run
+from command_line import error_sentence, run
 
 
 @pytest.mark.parametrize("arguments", ["", "coordinates", "coordinates mine --copy", "--page kernels", "--help"])
@@ -15,7 +15,7 @@ def test_it_reports_in_a_sentence_how_to_get_the_lessons(
 ) -> None:
     monkeypatch.setitem(sys.modules, "deformnb_lessons", None)
     code = run(tmp_path, f"lesson {arguments}", monkeypatch)
-    assert refused(capsys.readouterr(), code).endswith("in a clone of deformnb: pip install ./lessons")
+    assert error_sentence(capsys.readouterr(), code).endswith("in a clone of deformnb: pip install ./lessons")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from command_line import refused, remarks, run, small_folder
+from command_line import error_sentence, remarks, run, small_folder
 
 import deformnb
 from deformnb.cli import warp as cli_stages
@@ -96,12 +96,12 @@ def test_demo_protects_what_is_not_its_own(
 ) -> None:
     (small / "before.png").write_bytes(b"mine")
     code = run(small, "demo --volume tiny.nrrd --out .", monkeypatch)
-    assert "before.png is already there and not from an earlier demo" in refused(capsys.readouterr(), code)
+    assert "before.png is already there and not from an earlier demo" in error_sentence(capsys.readouterr(), code)
     assert (small / "before.png").read_bytes() == b"mine"
     (small / "before.png").unlink()
     write_volume(read_volume(small / "tiny.nrrd"), small / "warped.nii.gz")
     code = run(small, "demo --volume warped.nii.gz --out . --force", monkeypatch)
-    assert "would be overwritten" in refused(capsys.readouterr(), code)
+    assert "would be overwritten" in error_sentence(capsys.readouterr(), code)
 
 
 def test_info_names_all_that_it_knows(
@@ -109,11 +109,11 @@ def test_info_names_all_that_it_knows(
 ) -> None:
     (small / "notes.odt").write_text("no volume", encoding="utf-8")
     code = run(small, "info notes.odt", monkeypatch)
-    said = refused(capsys.readouterr(), code)
+    said = error_sentence(capsys.readouterr(), code)
     for kind in (".nii.gz", "folders of slices", ".stl", ".fcsv", ".mrk.json", "sessions (.json)"):
         assert kind in said
     code = run(small, "demo --volume notes.odt --out new", monkeypatch)
-    said = refused(capsys.readouterr(), code)
+    said = error_sentence(capsys.readouterr(), code)
     assert "no known kind of volume file" in said
     assert "sessions" not in said  # of which no demo is made
 
@@ -143,7 +143,7 @@ def test_mistakes_of_the_demo(
     write_volume(Volume.from_array(np.zeros((4, 5, 6), np.uint8)), small / "empty.nrrd")
     before = sorted(small.iterdir())
     code = run(small, line, monkeypatch)
-    assert re.search(match, refused(capsys.readouterr(), code))
+    assert re.search(match, error_sentence(capsys.readouterr(), code))
     assert sorted(small.iterdir()) == before  # no empty folder is left
 
 
@@ -243,7 +243,7 @@ def test_a_missing_optional_package_is_named(
     (small / "slice.dcm").write_bytes(bytes(128) + b"DICM" + bytes(100))
     monkeypatch.setitem(sys.modules, "pydicom", None)  # as Python does for a missing package
     code = run(small, "info slice.dcm", monkeypatch)
-    assert "needs the package pydicom" in refused(capsys.readouterr(), code)
+    assert "needs the package pydicom" in error_sentence(capsys.readouterr(), code)
 
 
 # ---- help ------------------------------------------------------------------------------------------------------------
@@ -297,7 +297,7 @@ def test_what_nobody_thought_of_is_one_sentence_too(
 
     monkeypatch.setattr(Deformation, "apply", fail)
     code = run(small, "warp pull.json tiny.nrrd out.nrrd", monkeypatch)
-    assert re.search(match, refused(capsys.readouterr(), code))
+    assert re.search(match, error_sentence(capsys.readouterr(), code))
     if isinstance(error, (ZeroDivisionError, RuntimeError)):
         with pytest.raises(type(error)):
             run(small, "--traceback warp pull.json tiny.nrrd out.nrrd", monkeypatch)

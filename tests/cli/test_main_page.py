@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from command_line import refused, run
+from command_line import error_sentence, run
 
 
 def test_the_page_is_written_once(
@@ -18,12 +18,12 @@ def test_the_page_is_written_once(
     assert "Content-Security-Policy" in page
     assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")
     code = run(tmp_path, "page", monkeypatch)
-    assert "--force" in refused(capsys.readouterr(), code)
+    assert "--force" in error_sentence(capsys.readouterr(), code)
     assert (tmp_path / "deformnb.html").read_text(encoding="utf-8") == page
     assert run(tmp_path, "page --force", monkeypatch) == 0
 
 
 def test_a_page_is_html(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     code = run(tmp_path, "page fish.json", monkeypatch)
-    assert "name it fish.html" in refused(capsys.readouterr(), code)
+    assert "name it fish.html" in error_sentence(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []

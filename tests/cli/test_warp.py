@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
-from command_line import refused, remarks, run, small_folder
+from command_line import error_sentence, remarks, run, small_folder
 
 from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation, VolumeReference
@@ -215,7 +215,7 @@ def test_mistakes_are_one_sentence(
     (small / "cut.ply").write_bytes((small / "face.ply").read_bytes()[:-5])
     before = {p: p.read_bytes() for p in small.iterdir() if p.is_file()}
     code = run(small, line, monkeypatch)
-    assert re.search(match, refused(capsys.readouterr(), code))
+    assert re.search(match, error_sentence(capsys.readouterr(), code))
     assert {p: p.read_bytes() for p in small.iterdir() if p.is_file()} == before
 
 
@@ -298,7 +298,7 @@ def test_a_result_that_no_memory_holds_is_refused_before_the_work(
 ) -> None:
     monkeypatch.setattr("deformnb.io.files.memory.available_memory", lambda: 1000)
     code = run(small, "warp pull.json tiny.nrrd out.nrrd --margin 6", monkeypatch)
-    assert "are free; close something else, or choose a smaller result box" in refused(capsys.readouterr(), code)
+    assert "are free; close something else, or choose a smaller result box" in error_sentence(capsys.readouterr(), code)
     assert run(small, "replay pull.json tiny.nrrd --out results --summary sum.json", monkeypatch) == 0
     grown = read_deformation(small / "pull.json")
     write_deformation(replace(grown, output=Grid((60, 70, 80))), small / "large.json")
@@ -420,12 +420,12 @@ def test_a_zarr_folder_is_written_in_parts(
     assert found.grid.is_like(wanted.grid)
     capsys.readouterr()
     code = run(small, "warp pull.json tiny.nrrd out.zarr", monkeypatch)
-    assert "already there" in refused(capsys.readouterr(), code)
+    assert "already there" in error_sentence(capsys.readouterr(), code)
     assert run(small, "warp pull.json out.zarr out.zarr --force --resolution 1", monkeypatch) == 0
     assert read_volume(small / "out.zarr").grid.spacing == (1, 1, 1)
     capsys.readouterr()
     code = run(small, "warp pull.json tiny.nrrd a.nrrd --memory 1GB", monkeypatch)
-    assert "deformed in parts" in refused(capsys.readouterr(), code)
+    assert "deformed in parts" in error_sentence(capsys.readouterr(), code)
 
 
 def test_a_document_of_a_coarser_level_belongs_to_the_finest(

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import peer_programs
 import pytest
-from format_table import agreed
+from format_table import bound
 from scipy.ndimage import gaussian_filter
 
 import deformnb as dn
@@ -78,11 +78,11 @@ def _write_transforms(folder: Path, *suffixes: str) -> dict[str, np.ndarray]:
 def test_itk_applies_what_is_written(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
     limits = {
-        "tfm": agreed("transforms", "itk text", "ITK"),
-        "h5": agreed("transforms", "itk hdf5", "ITK"),
-        "nrrd": agreed("transforms", "nrrd", "ITK"),
-        "nii.gz": agreed("transforms", "nifti", "ITK"),
-        "mha": agreed("transforms", "metaimage", "ITK"),
+        "tfm": bound("transforms", "itk text", "ITK"),
+        "h5": bound("transforms", "itk hdf5", "ITK"),
+        "nrrd": bound("transforms", "nrrd", "ITK"),
+        "nii.gz": bound("transforms", "nifti", "ITK"),
+        "mha": bound("transforms", "metaimage", "ITK"),
     }
     known = _write_transforms(tmp_path, *limits)
     _run("itk_resample", tmp_path, "itk")
@@ -99,16 +99,16 @@ def test_kernel_transforms_of_itk_are_the_same_maps_here(tmp_path: Path) -> None
     assert len(files) == 3
     for file in files:
         found = places + read_transform(file).displacement(places)
-        limit = agreed("transforms", "itk text", "ITK's kernel transforms")
+        limit = bound("transforms", "itk text", "ITK's kernel transforms")
         assert np.abs(found - np.load(file.with_suffix(".npy"))).max() < limit, file.name
 
 
 def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nii.gz")
     limits = {
-        "nii.gz": agreed("transforms", "nifti", "ANTs"),
-        "h5": agreed("transforms", "itk hdf5", "ANTs"),
-        "tfm": agreed("transforms", "itk text", "ANTs"),
+        "nii.gz": bound("transforms", "nifti", "ANTs"),
+        "h5": bound("transforms", "itk hdf5", "ANTs"),
+        "tfm": bound("transforms", "itk text", "ANTs"),
     }
     known = _write_transforms(tmp_path, *limits)
     for name, value in (("matrix", AFFINE.matrix), ("offset", AFFINE.offset), ("vectors", BEND.values)):
@@ -117,7 +117,7 @@ def test_ants_applies_what_is_written_and_the_other_way_round(tmp_path: Path) ->
     for suffix, limit in limits.items():
         assert _difference(known[suffix], np.load(tmp_path / f"transform.{suffix}.npy")) < limit, suffix
     for name, limit in (
-        ("theirs.mat", agreed("transforms", "ants matrix", "ANTs")),
+        ("theirs.mat", bound("transforms", "ants matrix", "ANTs")),
         ("theirs.nii.gz", limits["nii.gz"]),
     ):
         warped = _warp(read_transform(tmp_path / name))
@@ -152,7 +152,7 @@ FIELD_FILE = f"""(Transform "DeformationFieldTransform")
 def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path) -> None:
     dn.write_volume(VOLUME, tmp_path / "volume.nrrd")
     dn.write_volume(dn.warp(VOLUME, dn.rbf.compose(BEND, AFFINE), fill=0.0), tmp_path / "moving.nrrd")
-    limits = {"nii.gz": agreed("transforms", "nifti", "elastix"), "mha": agreed("transforms", "metaimage", "elastix")}
+    limits = {"nii.gz": bound("transforms", "nifti", "elastix"), "mha": bound("transforms", "metaimage", "elastix")}
     for suffix in limits:
         write_transform(BEND, tmp_path / f"transform.{suffix}", GRID)
     (tmp_path / "field.txt").write_text(FIELD_FILE, encoding="utf-8")
@@ -163,20 +163,20 @@ def test_elastix_applies_what_is_written_and_the_other_way_round(tmp_path: Path)
     kinds = ("translation", "rigid", "similarity", "affine", "bspline")
     for kind in kinds:
         found = read_transform(tmp_path / f"{kind}.txt", GRID).displacement(nodes)
-        limit = agreed("transforms", "elastix", "elastix")
+        limit = bound("transforms", "elastix", "elastix")
         known = np.load(tmp_path / f"{kind}.npy")
         assert np.abs(known).max() > 0.5
         assert np.abs(found - known).max() < limit, kind
     for name in ("theirs.mhd", "theirs.nii"):
         found = read_transform(tmp_path / name).displacement(nodes)
-        assert np.abs(found - np.load(tmp_path / "bspline.npy")).max() < agreed("transforms", "elastix", "elastix")
+        assert np.abs(found - np.load(tmp_path / "bspline.npy")).max() < bound("transforms", "elastix", "elastix")
     for suffix, limit in limits.items():
         assert _difference(_warp(BEND), np.load(tmp_path / f"transform.{suffix}.npy")) < limit
     mapped = read_landmarks(tmp_path / "outputpoints.txt")
     assert mapped.fixed is not None
-    assert np.abs(mapped.points - marks).max() < agreed("landmarks", "elastix", "elastix")
+    assert np.abs(mapped.points - marks).max() < bound("landmarks", "elastix", "elastix")
     moved = marks + read_transform(tmp_path / "affine.txt").displacement(marks)
-    assert np.abs(mapped.fixed - moved).max() < agreed("landmarks", "elastix", "elastix")
+    assert np.abs(mapped.fixed - moved).max() < bound("landmarks", "elastix", "elastix")
 
 
 def test_ngff_zarr_reads_and_writes_the_same_fields(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_ngff_zarr_reads_and_writes_the_same_fields(tmp_path: Path) -> None:
     write_transform(DisplacementField(BEND.values, plain), tmp_path / "ours.zarr", plain)
     np.save(tmp_path / "vectors.npy", BEND.values)
     _run("ngff_exchange", tmp_path, "ngff_zarr")
-    limit = agreed("transforms", "ngff", "ngff-zarr")
+    limit = bound("transforms", "ngff", "ngff-zarr")
     assert np.abs(np.load(tmp_path / "ours.npy") - BEND.values).max() < limit
     size, origin, spacing = np.load(tmp_path / "grid.npy").reshape(3, 3)
     assert (tuple(size), tuple(origin), tuple(spacing)) == (GRID.shape[::-1], GRID.origin, GRID.spacing)
@@ -200,7 +200,7 @@ def test_vedo_reads_and_writes_the_same_points(tmp_path: Path) -> None:
     write_landmarks(Landmarks(marks), tmp_path / "ours.xyz")
     np.save(tmp_path / "places.npy", marks)
     _run("vedo_points", tmp_path, "vedo")
-    limit = agreed("landmarks", "points", "vedo") * np.abs(marks).max()
+    limit = bound("landmarks", "points", "vedo") * np.abs(marks).max()
     assert np.abs(np.load(tmp_path / "ours.npy") - marks).max() < limit
     assert np.abs(read_landmarks(tmp_path / "theirs.xyz").points - marks).max() < 10 * limit  # it writes six digits
 
@@ -216,11 +216,11 @@ def test_slicerio_reads_the_same_fiducials_and_turns_them_into_markups(tmp_path:
     assert markup["coordinateSystem"] == "LPS"
     assert [point["label"] for point in markup["controlPoints"]] == list(names)
     theirs = np.array([point["position"] for point in markup["controlPoints"]])
-    assert np.abs(theirs - marks).max() < agreed("landmarks", "fcsv", "slicerio")
+    assert np.abs(theirs - marks).max() < bound("landmarks", "fcsv", "slicerio")
     fcsv_to_markups_json(tmp_path / "ours.fcsv", tmp_path / "theirs.mrk.json")
     found = read_landmarks(tmp_path / "theirs.mrk.json")
     assert found.names == names
-    assert np.abs(found.points - marks).max() < agreed("landmarks", "markups", "slicerio, read only")
+    assert np.abs(found.points - marks).max() < bound("landmarks", "markups", "slicerio, read only")
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -233,4 +233,4 @@ def test_morphops_reads_the_same_specimens(tmp_path: Path, dim: int) -> None:
     specimens, titles = read_dta(tmp_path / "ours.nts")
     assert len(titles) == 2
     for found, known in zip(specimens, (marks, marks[::-1]), strict=True):
-        assert np.abs(found - known).max() < agreed("landmarks", "nts", "morphops, written only")
+        assert np.abs(found - known).max() < bound("landmarks", "nts", "morphops, written only")

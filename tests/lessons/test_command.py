@@ -10,7 +10,7 @@ from pathlib import Path
 from urllib.request import urlopen
 
 import pytest
-from command_line import refused, run
+from command_line import error_sentence, run
 
 from deformnb.datasets import PHANTOMS
 from deformnb_lessons import LESSONS
@@ -48,7 +48,7 @@ def test_an_unknown_lesson_names_the_known(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = run(tmp_path, "lesson kernel", monkeypatch)
-    assert "choose one of coordinates, kernels, affine, folding" in refused(capsys.readouterr(), code)
+    assert "choose one of coordinates, kernels, affine, folding" in error_sentence(capsys.readouterr(), code)
     assert list(tmp_path.iterdir()) == []
 
 

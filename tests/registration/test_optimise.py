@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matched import deformed, lattice_points, picture, texture
+from deformed_pictures import lattice_points, picture, texture, warp_by_scipy
 from scipy import ndimage
 
 import deformnb as dn
@@ -25,7 +25,7 @@ from deformnb.volume.volume import Grid, Volume
 SIZE = 96
 MOVING = picture(texture((SIZE, SIZE)))
 TRUE = lattice_points(SIZE, 3, 3.0)
-FIXED = deformed(MOVING, fit_rbf(TRUE))
+FIXED = warp_by_scipy(MOVING, fit_rbf(TRUE))
 START = TRUE.reset()
 
 
@@ -73,7 +73,7 @@ def test_an_angle_is_found_with_two_points() -> None:
     turn = np.array([[np.cos(0.12), -np.sin(0.12)], [np.sin(0.12), np.cos(0.12)]])
     points = ControlPoints.from_arrays([[24.0, 48.0], [72.0, 48.0]])
     true = replace(points, target=(points.source - 48) @ turn.T * 1.05 + 48)
-    found = fit_targets(points, MOVING, deformed(MOVING, fit_rbf(true)))
+    found = fit_targets(points, MOVING, warp_by_scipy(MOVING, fit_rbf(true)))
     assert _misses(found.points, true).max() < 0.1
 
 
@@ -99,7 +99,7 @@ def test_stages_are_fitted_as_they_are_done() -> None:
     ends = [TRUE.source + j / 3 * (TRUE.target - TRUE.source) for j in range(4)]
     fixed = MOVING
     for before, after in pairwise(ends):
-        fixed = deformed(fixed, fit_rbf(ControlPoints.from_arrays(before, after), support=90.0))
+        fixed = warp_by_scipy(fixed, fit_rbf(ControlPoints.from_arrays(before, after), support=90.0))
     found = fit_targets(START, MOVING, fixed, stages=3, support=90.0, levels=(2, 1))
     assert _misses(found.points).max() < 0.5
 
@@ -212,7 +212,7 @@ def test_a_real_knee_bends_towards_its_bent_picture(real_data: Callable[[str], P
 
 def test_a_shifted_picture_is_met_to_an_eighth_of_a_pixel() -> None:
     shift = np.array([3.3, -2.6])
-    moved = deformed(MOVING, fit_rbf(ControlPoints.from_arrays([[0.0, 0.0]], [shift])))
+    moved = warp_by_scipy(MOVING, fit_rbf(ControlPoints.from_arrays([[0.0, 0.0]], [shift])))
     found = snap_to_match(START, None, MOVING, moved, radius=9, search=8)
     assert not found.left
     assert np.abs(found.shift - shift).max() < 0.125

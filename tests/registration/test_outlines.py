@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matched import picture
+from deformed_pictures import picture
 from numpy.typing import NDArray
 
 from deformnb.analysis.quality import bending_energy

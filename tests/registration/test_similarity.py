@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matched import deformed, lattice_points, picture, texture
+from deformed_pictures import lattice_points, picture, texture, warp_by_scipy
 
 from deformnb._jax import float64
 from deformnb.errors import DeformError
@@ -110,7 +110,7 @@ def _scene(
     if radius:
         points = points.edit(2, radius=50.0).edit(4, radius=36.0)
     moving = picture(texture((96, 96)))
-    fixed = deformed(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
+    fixed = warp_by_scipy(moving, fit_rbf(lattice_points(96, 3, 4.0, seed=8)))
     start = fit_rbf(points, smoothing=smoothing, **fit)
     objective = initial_objective(points, start, smoothing, energy, find_measure(measure), stages)
     images = GreyImage.of(moving), GreyImage.of(fixed)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import closed, crash, wait_for
+from studio_driver import crash, finish, wait_for
 from waiting import PATIENCE
 
 from deformnb.datasets import PHANTOMS
@@ -119,7 +119,7 @@ def test_what_was_closed_or_saved_or_never_edited_is_not_lost(session: Session, 
     saving.flush()
     assert [e.state for e in entries(session.volume)] == ["saved"]  # as it is in the file
     session.editing.change(strength=0.65)
-    closed(saving)
+    finish(saving)
     assert [e.state for e in entries(session.volume)] == ["closed"]
     assert [e.is_earlier for e in entries(session.volume)] == [True]
     assert entries(session.volume, every=False) == []
@@ -230,7 +230,7 @@ def test_a_session_that_nobody_edits_has_no_thread_and_is_written_when_it_is_edi
     wait_for(lambda: not writers())
     assert len({thread for _, thread in told}) == 3
     assert entries(session.volume, every=False) == []
-    closed(saving)
+    finish(saving)
     assert [entry.state for entry in entries(session.volume)] == ["closed"]
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import crash, wait_for
+from studio_driver import crash, wait_for
 from waiting import PATIENCE
 
 from deformnb.errors import DeformError

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from voxelwise import at_voxels, chain_at_voxels
+from voxelwise import chain_at_voxels, values_at_voxels
 
 from deformnb.document.deformation import Deformation, Step
 from deformnb.rbf.cuts import Cut
@@ -112,7 +112,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
     table = NodeTable(field, grid)
     found = table.block(block)
     assert found is not None
-    d, opacity = at_voxels(found, table, block, grid)
+    d, opacity = values_at_voxels(found, table, block, grid)
     wanted, share = field.seen(voxel_centres(grid))
     error = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1)
     # Places in float32 fall to the other side of a cut where they lie on it.
@@ -138,7 +138,7 @@ def test_most_voxels_are_interpolated(name: str) -> None:
     table = NodeTable(field, FINER, exactly=counted)
     found = table.block(block)
     assert found is not None
-    at_voxels(found, table, block, FINER)
+    values_at_voxels(found, table, block, FINER)
     assert len(asked) < 0.4 * FINER.size
 
 
@@ -159,8 +159,8 @@ def test_blocks_read_the_same_nodes() -> None:
     whole, part = tables[0].block(all_of(GRID)), tables[1].block(block)
     assert whole is not None
     assert part is not None
-    wanted, _ = at_voxels(whole, tables[0], all_of(GRID), GRID)
-    found, _ = at_voxels(part, tables[1], block, GRID)
+    wanted, _ = values_at_voxels(whole, tables[0], all_of(GRID), GRID)
+    found, _ = values_at_voxels(part, tables[1], block, GRID)
     assert np.abs(found - wanted[:, 7:15, 17:]).max() <= ROUNDING
 
 
@@ -172,8 +172,8 @@ def test_blocks_replace_what_lies_in_them(name: str) -> None:
     whole, part = tables[0].block(all_of(GRID)), tables[1].block(block)
     assert whole is not None
     assert part is not None
-    wanted, seen = at_voxels(whole, tables[0], all_of(GRID), GRID)
-    found, share = at_voxels(part, tables[1], block, GRID)
+    wanted, seen = values_at_voxels(whole, tables[0], all_of(GRID), GRID)
+    found, share = values_at_voxels(part, tables[1], block, GRID)
     assert np.linalg.norm(found - wanted[:, 7:18, 9:26], axis=0).max() <= 2 * ERROR * min(GRID.spacing)
     if seen is not None and share is not None:
         assert np.abs(share - seen[7:18, 9:26]).max() <= 1e-4

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipywidgets as ipw
 from comm import get_comm_manager
-from driven_studio import a_volume
+from studio_driver import a_volume
 
 from deformnb.widgets import Studio
 from deformnb.widgets import basic_widgets as basic

@@ -74,11 +74,11 @@ MAKERS = (a_volume_view, a_live_view, a_space_editor)
 @pytest.mark.parametrize("make", MAKERS, ids=lambda make: make.__name__)
 def test_ten_runs_leave_one_widget_and_its_threads(cell: Cell, make: Callable[[], Any]) -> None:
     threads, first = Threads(), make()
-    one, made = len(threads.begun), [first]
+    one, made = len(threads.alive), [first]
     for _ in range(9):
         cell.again()
         made.append(make())
-    wait_for(lambda: len(threads.begun) <= one)
+    wait_for(lambda: len(threads.alive) <= one)
     assert [widget.comm is None for widget in made] == [True] * 9 + [False]
     gone = [weakref.ref(widget) for widget in made[:-1]]
     last = made[-1]
@@ -143,7 +143,7 @@ def test_studios_of_a_cell_leave_one_with_its_threads(cell: Cell, tmp_path: Path
     for _ in range(3):
         cell.again()
         studio = Studio(a_volume(), folder=tmp_path, view=view)
-    wait_for(lambda: len(threads.begun) <= 2)  # its own and that which writes sessions
+    wait_for(lambda: len(threads.alive) <= 2)  # its own and that which writes sessions
     studio.close()
     threads.wait()
 
@@ -159,7 +159,7 @@ def test_a_studio_that_nobody_closed_has_no_threads_and_its_last_edit_is_written
     left = weakref.ref(studio)
     studio.session.editing.change(strength=0.5)
     del studio
-    wait_for(lambda: gc.collect() >= 0 and not threads.begun)
+    wait_for(lambda: gc.collect() >= 0 and not threads.alive)
     (entry,) = saved_sessions(volume, every=True)
     assert (entry.state, restore(entry).steps[0].strength) == ("open", 0.5)
     kept = left()  # by ipywidgets: a page may show it

@@ -157,15 +157,15 @@ def test_without_its_owner_the_thread_ends_and_holds_nothing_of_its_last_job() -
     held = weakref.ref(owner)
     del owner
     wait_for(lambda: gc.collect() >= 0 and held() is None)
-    assert len(threads.begun) == 1
+    assert len(threads.alive) == 1
     del thread
-    wait_for(lambda: gc.collect() >= 0 and not threads.begun)
+    wait_for(lambda: gc.collect() >= 0 and not threads.alive)
 
 
 def test_a_thread_that_never_worked_was_never_started() -> None:
     threads = Threads()
     thread = Worker(at_end=lambda: pytest.fail("nothing was begun"))
-    assert threads.begun == []
+    assert threads.alive == []
     thread.close()
 
 

@@ -58,7 +58,7 @@ const AppStudio: Component<Studio> = {
       this.manager?.close();
       this.shown = this.manager = null;
     },
-    /** Undo and redo wherever the focus is, but where text is written or another listener has taken the key. */
+    /** Undo and redo in any focus, except where text is typed or another listener has handled the key. */
     keyed(event: KeyboardEvent) {
       const { target, key } = event,
         isUndo = key.toLowerCase() === "z",

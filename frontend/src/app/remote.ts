@@ -1,4 +1,4 @@
-// Captions and an orientation cube over pictures of trame's remote controlled area. Python gets an
+// Captions and an orientation cube over pictures of trame's remote controlled area. Python receives an
 // acknowledgement of each picture that was received, and sends no more than that.
 
 import { Camera } from "../maths/camera.ts";

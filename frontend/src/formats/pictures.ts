@@ -1,7 +1,7 @@
 // Pictures (PNG, JPEG) as volumes of one slice, as deformnb/io/volumes/images.py reads them: grey values by ITU-R 601 as Pillow
 // rounds them, rotated as the camera states, rows along y. The browser unpacks them.
 
-import { checkedGrid, IDENTITY } from "../volume/grid.ts";
+import { checkGrid, IDENTITY } from "../volume/grid.ts";
 import { FileError, shownText } from "./reading.ts";
 
 import type { Volume } from "./volume_files.ts";
@@ -50,14 +50,14 @@ export async function readPicture(blob: Blob, name: string): Promise<Photograph>
     if (width < 1 || height < 1 || width * height > MOST_PIXELS) {
       throw new FileError(`it has ${width} x ${height} pixels, and this page holds ${MOST_PIXELS}; make it smaller.`);
     }
-    return { ...(await decoded(blob, name)), isExact };
+    return { ...(await decodePicture(blob, name)), isExact };
   } catch (error) {
     if (error instanceof FileError) throw new FileError(`${shownText(name)}: ${error.message}`);
     throw error;
   }
 }
 
-async function decoded(blob: Blob, name: string) {
+async function decodePicture(blob: Blob, name: string) {
   let bitmap: ImageBitmap;
   try {
     bitmap = await createImageBitmap(blob, {
@@ -79,7 +79,7 @@ async function decoded(blob: Blob, name: string) {
   for (let k = 0; k < values.length; k++) {
     values[k] = (rgba[4 * k]! * 19595 + rgba[4 * k + 1]! * 38470 + rgba[4 * k + 2]! * 7471 + 0x8000) >> 16;
   }
-  const grid = checkedGrid([1, height, width], [1, 1, 1], [0, 0, 0], IDENTITY);
+  const grid = checkGrid([1, height, width], [1, 1, 1], [0, 0, 0], IDENTITY);
   const volume = {
     name: name.replace(/\.[^.]*$/, "") || name,
     grid,
@@ -88,10 +88,10 @@ async function decoded(blob: Blob, name: string) {
     isLabels: false,
     notes: [],
   };
-  return { volume, shown: averaged(rgba, width, height) };
+  return { volume, shown: averagePixels(rgba, width, height) };
 }
 
-function averaged(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
+function averagePixels(rgba: Uint8ClampedArray<ArrayBuffer>, width: number, height: number) {
   const factor = Math.max(1, Math.ceil(Math.max(width, height) / SHOWN));
   if (factor === 1) return { rgba, width, height, factor };
   const w = Math.floor(width / factor),

@@ -181,7 +181,7 @@ export class ByteReader {
 
   /**
    * The next voxels. Their bytes are counted before there is an array for them.
-   * @param isBig whether the highest byte comes first
+   * @param isBig whether the highest byte is the first
    * @param before bytes that were read
    */
   async voxels(type: VoxelType, isBig: boolean, count: number, before: number, work: Work) {

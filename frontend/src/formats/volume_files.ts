@@ -5,7 +5,7 @@
 import { AXES } from "../maths/axes.ts";
 import type { Matrix3, Vector3 } from "../types.ts";
 import type { Affine, Grid } from "../volume/grid.ts";
-import { checkedGrid, GridError, gridOfAffine, straightenedGrid } from "../volume/grid.ts";
+import { checkGrid, GridError, gridOfAffine, straightenGrid } from "../volume/grid.ts";
 import { niftiHeader } from "./nifti.ts";
 import { nrrdHeader } from "./nrrd.ts";
 import type { Stored, VoxelType, Work } from "./reading.ts";
@@ -91,10 +91,10 @@ export async function readVolume(
     if (!suffix) throw new FileError(`this is no kind of volume that is read here (${VOLUME_SUFFIXES.join(", ")}).`);
     const header = await FORMATS[suffix](blob),
       grid = gridOf(header);
-    const { values, dtype } = loaded(await header.read(work), header);
+    const { values, dtype } = scaleVoxels(await header.read(work), header);
     const { isLabels, notes } = header;
     const volume = { name: name.slice(0, -suffix.length) || name, grid, values, dtype, isLabels, notes };
-    return await withTrueSpacing(volume, work.knownSpacings ?? []);
+    return await applyKnownSpacing(volume, work.knownSpacings ?? []);
   } catch (error) {
     if (error instanceof FileError || error instanceof GridError) {
       throw new FileError(`${shownText(name)}: ${error.message}`);
@@ -104,12 +104,12 @@ export async function readVolume(
 }
 
 function gridOf({ shape, affine, spacing, origin, direction, unit, notes }: Header) {
-  const grid = affine ? gridOfAffine(shape, affine) : straightenedGrid(shape, spacing, origin, direction, notes);
+  const grid = affine ? gridOfAffine(shape, affine) : straightenGrid(shape, spacing, origin, direction, notes);
   return { ...grid, unit };
 }
 
 /** The values that stored voxels mean, in the type in which Python holds them. */
-function loaded(stored: Stored, { type, slope, intercept, notes }: Header) {
+function scaleVoxels(stored: Stored, { type, slope, intercept, notes }: Header) {
   if (slope !== 1 || intercept !== 0) {
     const isWide = ["i4", "u4", "i8", "u8", "f8"].includes(type);
     const values = isWide ? new Float64Array(stored.length) : new Float32Array(stored.length);
@@ -159,7 +159,7 @@ export async function voxelChecksum({ values, dtype, grid: { shape } }: Volume) 
   }
 }
 
-async function withTrueSpacing(volume: Volume, known: KnownSpacing[]) {
+async function applyKnownSpacing(volume: Volume, known: KnownSpacing[]) {
   const { grid, dtype } = volume;
   const likely = known.filter(
     (row) =>
@@ -175,7 +175,7 @@ async function withTrueSpacing(volume: Volume, known: KnownSpacing[]) {
     `after ${row.reason}`;
   return {
     ...volume,
-    grid: { ...checkedGrid(grid.shape, row.spacing, grid.origin, grid.direction), unit: "mm" },
+    grid: { ...checkGrid(grid.shape, row.spacing, grid.origin, grid.direction), unit: "mm" },
     notes: [...volume.notes, note],
   };
 }

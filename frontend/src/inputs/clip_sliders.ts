@@ -31,7 +31,7 @@ const axisOf = ([x, y, z]: Matrix3, i: Axis): Vector3 => [x[i], y[i], z[i]];
 const sideWords = (letters: string) => [...letters].map((letter) => SIDE_WORDS[letter]).join(" and ");
 
 /** The clip that removes the half of the visible part towards a viewer. */
-function openedTowards(direction: Vector3, axes: Matrix3): Clip {
+function clipTowards(direction: Vector3, axes: Matrix3): Clip {
   const along = perAxis((i) => dot(direction, axisOf(axes, i)));
   const axis = AXES.reduce<Axis>((best, i) => (Math.abs(along[i]) > Math.abs(along[best]) ? i : best), 0);
   return perAxis((i) => (i !== axis ? UNCLIPPED[i] : along[i] > 0 ? [0.5, 1] : [0, 0.5]));
@@ -56,7 +56,7 @@ export class ClipSliders {
     const buttons = pageElement("div", "dnb-clip-buttons", this.root);
     this.#button(buttons, "Open towards me", "Takes away the half that lies towards the viewer", () => {
       const { axes } = this.info;
-      if (axes) this.put(openedTowards(this.model.get("camera").direction, axes));
+      if (axes) this.put(clipTowards(this.model.get("camera").direction, axes));
     });
     this.whole = this.#button(buttons, "Show all", "Nothing is taken away", () => this.put(UNCLIPPED));
     this.shown = () => this.show();

@@ -5,7 +5,7 @@ import type { Model } from "../types.ts";
 
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 
-async function copied(text: string) {
+async function copyText(text: string) {
   try {
     await navigator.clipboard.writeText(text);
     return true;
@@ -22,7 +22,7 @@ function render({ model, el }: { model: Model; el: HTMLElement }) {
 
   const receive = async (content: FileTransferToFrontEnd, buffers: DataView<ArrayBuffer>[]) => {
     if (content.type === "copy") {
-      const isCopied = await copied(content.text);
+      const isCopied = await copyText(content.text);
       const lines = content.text.trimEnd().split("\n").length;
       line.textContent = isCopied
         ? `Copied ${lines} lines of Python. ${content.note}`.trim()

@@ -44,7 +44,7 @@ class GridDrawingView extends InputView {
     this.lines = svgElement("path", { class: "dnb-gd-line", "aria-hidden": "true" }, this.svg);
     this.nodes = svgElement("g", {}, this.svg);
     const bar = pageElement("div", "dnb-cv-bar", this.root, { role: "toolbar" });
-    this.undo = this.wordButton(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.takeBack());
+    this.undo = this.wordButton(bar, "Undo", "Take back the last drag (Ctrl+Z)", () => this.undoDrag());
     this.spread = this.wordButton(bar, "Spread evenly", "Let all nodes but the corners follow the corners again", () =>
       this.spreadEvenly(),
     );
@@ -134,7 +134,7 @@ class GridDrawingView extends InputView {
     this.invalidate();
   }
 
-  takeBack() {
+  undoDrag() {
     const before = this.undone.at(-1);
     if (!before || this.isReadOnly) return;
     this.undone = this.undone.slice(0, -1);
@@ -186,7 +186,7 @@ class GridDrawingView extends InputView {
 
   key(event: KeyboardEvent) {
     const arrow = ARROWS[event.key];
-    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.takeBack();
+    if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z") this.undoDrag();
     else if (event.key === "Escape") {
       if (!this.cancelDrag()) return;
     } else if (arrow && !event.ctrlKey && !event.metaKey) this.nudge(event, arrow);

@@ -173,7 +173,7 @@ export function cellValue(p: TableRow, { key, at }: Column, dim: number) {
 }
 
 /** The text of a value while it is edited, with all digits; empty for no number. */
-export function editedText(value: string | number | boolean) {
+export function editText(value: string | number | boolean) {
   return Number.isNaN(value) ? "" : String(value);
 }
 
@@ -185,7 +185,7 @@ export function formatNumber(value: number) {
 }
 
 /** Indices of the points in the order of a column; those without a value are last in both directions. */
-export function orderedPoints(points: TableRow[], column: Column | undefined, isDown: boolean, dim: number) {
+export function sortPoints(points: TableRow[], column: Column | undefined, isDown: boolean, dim: number) {
   const places = points.map((_, k) => k);
   if (!column) return places;
   const values = points.map((p) => cellValue(p, column, dim)),
@@ -204,6 +204,6 @@ export function orderedPoints(points: TableRow[], column: Column | undefined, is
 export function pointsAsCsv(points: TableRow[], dim: number) {
   const columns = pointColumns(dim).filter(({ key }) => !["drag", "error", "go"].includes(key));
   const quoted = (text: string) => (/[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
-  const line = (p: TableRow) => columns.map((c) => quoted(editedText(cellValue(p, c, dim))));
+  const line = (p: TableRow) => columns.map((c) => quoted(editText(cellValue(p, c, dim))));
   return [columns.map(({ key }) => key), ...points.map(line)].map((row) => `${row.join(",")}\n`).join("");
 }

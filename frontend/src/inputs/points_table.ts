@@ -23,14 +23,14 @@ import type { Column, TableRow } from "./point_rows.ts";
 import {
   axisNames,
   cellValue,
-  editedText,
+  editText,
   fittingColumns,
   formatNumber,
   leastWidth,
-  orderedPoints,
   pointColumns,
   pointsAsCsv,
   readPoints,
+  sortPoints,
 } from "./point_rows.ts";
 
 const ROW_HEIGHT = 26;
@@ -248,7 +248,7 @@ class PointsTableView extends Widget {
   /** Sort the points. */
   arrange() {
     const { key, isDown } = this.sort;
-    this.order = orderedPoints(
+    this.order = sortPoints(
       this.points,
       this.columns.find((column) => column.key === key),
       isDown,
@@ -454,7 +454,7 @@ class PointsTableView extends Widget {
     const tip = isSuspect
       ? "This point disagrees with its neighbours: look whether it was put where it belongs"
       : isNumber || column.key === "name"
-        ? editedText(value)
+        ? editText(value)
         : "";
     if (cell.title !== tip) cell.title = tip;
     const isEditable = column.kind === "text" || column.kind === "number";
@@ -540,7 +540,7 @@ class PointsTableView extends Widget {
     }
     this.mark(this.rankOf(id), key, false);
     const cell = this.cellOf(id, key),
-      before = editedText(cellValue(p, column, this.dim));
+      before = editText(cellValue(p, column, this.dim));
     if (!cell) return;
     const input = pageElement("input", "dnb-pt-input", null, {
       type: "text",

@@ -26,7 +26,7 @@ export type ColorStop = Vector4;
 export type WindowPart = "level" | "low" | "high";
 
 /** A state before a drag. */
-export type Kept = { nodes: Node[]; colors: ColorStop[]; named: string };
+export type Snapshot = { nodes: Node[]; colors: ColorStop[]; named: string };
 
 // ---- the part of the axis of values that is seen, and the window (no DOM) -------------------------------------------
 
@@ -37,26 +37,26 @@ const WHEEL_STEP = 0.0022; // of the logarithm of the scale, for a pixel of the 
  * The seen part of the axis, zoomed by a factor about a value and limited to the whole axis; null where all of it is
  * seen.
  */
-export function zoomedAxis([low, high]: Vector2, [first, last]: Vector2, factor: number, at: number): Vector2 | null {
+export function zoomAxis([low, high]: Vector2, [first, last]: Vector2, factor: number, at: number): Vector2 | null {
   const span = last - first,
     width = Math.max(FINEST * span, (high - low) / factor);
   if (width >= span * (1 - 1e-9)) return null;
-  return keptInside([at - ((at - low) * width) / (high - low), width], [first, last]);
+  return clampInterval([at - ((at - low) * width) / (high - low), width], [first, last]);
 }
 
 /** The seen part of the axis, moved and limited to the whole axis. */
-export function pannedAxis([low, high]: Vector2, whole: Vector2, by: number) {
-  return keptInside([low + by, high - low], whole);
+export function panAxis([low, high]: Vector2, whole: Vector2, by: number) {
+  return clampInterval([low + by, high - low], whole);
 }
 
 /** @param part its low end and its width */
-function keptInside([low, width]: Vector2, [first, last]: Vector2): Vector2 {
+function clampInterval([low, width]: Vector2, [first, last]: Vector2): Vector2 {
   const from = Math.max(first, Math.min(last - width, low));
   return [from, from + width];
 }
 
 /** A value, stretched from one window to another as TransferFunction.windowed does: both ends are met exactly. */
-export function stretchedValue(value: number, [first, last]: Vector2, [low, high]: Vector2) {
+export function stretchValue(value: number, [first, last]: Vector2, [low, high]: Vector2) {
   return value === last ? high : Math.min(high, low + ((value - first) / (last - first)) * (high - low));
 }
 
@@ -67,7 +67,7 @@ export function windowOf(nodes: Node[], stops: ColorStop[]): Vector2 {
 }
 
 /** A window after a drag of one end or of the whole ("level"): at least so wide, and within limits. */
-export function movedWindow(
+export function moveWindow(
   [low, high]: Vector2,
   part: WindowPart,
   by: number,
@@ -112,7 +112,7 @@ export function colorAt(stops: ColorStop[], value: number): Vector3 {
 }
 
 /** Stops with one of them moved, in the same place among the others. No edit changes the given list. */
-export function movedStop(stops: ColorStop[], k: number, value: number, [first, last]: Vector2): ColorStop[] {
+export function moveStop(stops: ColorStop[], k: number, value: number, [first, last]: Vector2): ColorStop[] {
   const low = k > 0 ? stops[k - 1]![0] : Math.min(first, stops[0]![0]);
   const high = k < stops.length - 1 ? stops[k + 1]![0] : Math.max(last, stops[stops.length - 1]![0]);
   const [, r, g, b] = stops[k]!;
@@ -120,7 +120,7 @@ export function movedStop(stops: ColorStop[], k: number, value: number, [first, 
 }
 
 /** Stops with another one that changes no colour, and its index. */
-export function addedStop(stops: ColorStop[], value: number): [ColorStop[], number] {
+export function addStop(stops: ColorStop[], value: number): [ColorStop[], number] {
   const index = stops.findIndex((stop) => stop[0] > value),
     k = index < 0 ? stops.length : index;
   return [[...stops.slice(0, k), [value, ...colorAt(stops, value)], ...stops.slice(k)], k];
@@ -193,7 +193,7 @@ class ColorStops {
 
   #show(stops: ColorStop[], chosen: number = this.chosen) {
     this.chosen = chosen;
-    this.view.changed({ colors: stops });
+    this.view.apply({ colors: stops });
   }
 
   choose(k: number) {
@@ -209,24 +209,24 @@ class ColorStops {
     this.grips[k]!.focus({ preventScroll: true });
     this.choose(k);
     view.isHeld = true;
-    return { k, from: view.toPixel([this.stops[k]![0], 0])[0], before: view.kept() };
+    return { k, from: view.toPixel([this.stops[k]![0], 0])[0], before: view.snapshot() };
   }
 
-  drag({ k, from, before }: { k: number; from: number; before: Kept }, [dx]: Vector2) {
+  drag({ k, from, before }: { k: number; from: number; before: Snapshot }, [dx]: Vector2) {
     const { view } = this,
       [value] = view.tidy(view.toPlace([from + dx, 0]));
-    this.#show(movedStop(before.colors, k, value, view.range), k);
+    this.#show(moveStop(before.colors, k, value, view.range), k);
     view.move(this.value());
   }
 
-  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) {
-    this.view.dropped(this, before, isCancelled, isClick);
+  drop({ before }: { before: Snapshot }, isCancelled: boolean, isClick: boolean) {
+    this.view.endDrag(this, before, isCancelled, isClick);
   }
 
   nudge(k: number, by: number) {
     const { view } = this;
-    view.nudging(this);
-    this.#show(movedStop(this.stops, k, this.stops[k]![0] + by, view.range), k);
+    view.beginNudge(this);
+    this.#show(moveStop(this.stops, k, this.stops[k]![0] + by, view.range), k);
     view.reveal(this.stops[k]![0]);
     view.move(this.value());
   }
@@ -239,7 +239,7 @@ class ColorStops {
       view.showMessage("There is no room for another colour.");
       return;
     }
-    this.#show(...addedStop(this.stops, value));
+    this.#show(...addStop(this.stops, value));
     view.choose(this);
     view.commitOf(this);
     this.#focus();
@@ -490,9 +490,9 @@ class WindowBar {
   /** Stretch nodes and colours to a window. */
   #show({ nodes, colors }: { nodes: Node[]; colors: ColorStop[] }, to: Vector2) {
     const from = windowOf(nodes, colors);
-    this.view.changed({
-      nodes: nodes.map(([value, y]) => [stretchedValue(value, from, to), y]),
-      colors: colors.map(([value, r, g, b]) => [stretchedValue(value, from, to), r, g, b]),
+    this.view.apply({
+      nodes: nodes.map(([value, y]) => [stretchValue(value, from, to), y]),
+      colors: colors.map(([value, r, g, b]) => [stretchValue(value, from, to), r, g, b]),
     });
   }
 
@@ -504,30 +504,30 @@ class WindowBar {
     this.grips[part].focus({ preventScroll: true });
     this.choose(part);
     view.isHeld = true;
-    return { part, before: view.kept() };
+    return { part, before: view.snapshot() };
   }
 
-  drag({ part, before }: { part: WindowPart; before: Kept }, [dx]: Vector2) {
+  drag({ part, before }: { part: WindowPart; before: Snapshot }, [dx]: Vector2) {
     const { view } = this,
       [[x0, x1]] = view.view,
       [low, high] = windowOf(before.nodes, before.colors);
     const end = part === "high" ? high : low,
       to = end + (dx / view.box.width) * (x1 - x0);
     const by = view.tidy([to, 0], true, false)[0] - end;
-    this.#show(before, movedWindow([low, high], part, by, this.least, this.limits));
+    this.#show(before, moveWindow([low, high], part, by, this.least, this.limits));
     view.move(this.value());
   }
 
-  drop({ before }: { before: Kept }, isCancelled: boolean, isClick: boolean) {
-    this.view.dropped(this, before, isCancelled, isClick);
+  drop({ before }: { before: Snapshot }, isCancelled: boolean, isClick: boolean) {
+    this.view.endDrag(this, before, isCancelled, isClick);
   }
 
   nudge(part: WindowPart, by: number) {
     const { view } = this;
     if (this.isFlat) return;
-    view.nudging(this);
+    view.beginNudge(this);
     this.choose(part);
-    this.#show(view, movedWindow(this.window, part, by, this.least, this.limits));
+    this.#show(view, moveWindow(this.window, part, by, this.least, this.limits));
     view.move(this.value());
   }
 
@@ -739,7 +739,7 @@ class TransferEditorView extends CurvePlot {
     this.named = shown.preset;
     this.range = shown.range;
     this.back = shown.back;
-    if (this.zoom) this.zoom = zoomedAxis(this.zoom, this.whole, 1, this.zoom[0]);
+    if (this.zoom) this.zoom = zoomAxis(this.zoom, this.whole, 1, this.zoom[0]);
     this.view = this.axes();
   }
 
@@ -756,12 +756,12 @@ class TransferEditorView extends CurvePlot {
   // ---- edits of nodes, colours and window ------------------------------------------------------------------------
 
   /** The state that a cancelled drag restores. */
-  kept(): Kept {
+  snapshot(): Snapshot {
     const { nodes, colors, named } = this;
     return { nodes, colors, named };
   }
 
-  changed(what: Partial<Kept>) {
+  apply(what: Partial<Snapshot>) {
     Object.assign(this, what);
     this.named = "";
     this.invalidate();
@@ -783,7 +783,7 @@ class TransferEditorView extends CurvePlot {
   }
 
   /** End a drag of a row. */
-  dropped(row: ColorStops | WindowBar, before: Kept, isCancelled: boolean, isClick: boolean) {
+  endDrag(row: ColorStops | WindowBar, before: Snapshot, isCancelled: boolean, isClick: boolean) {
     if (!isCancelled && !isClick) {
       this.commitOf(row);
       return;
@@ -797,7 +797,7 @@ class TransferEditorView extends CurvePlot {
   }
 
   /** Begin an edit of a row by an arrow key: keys held down are one edit. */
-  nudging(row: ColorStops | WindowBar) {
+  beginNudge(row: ColorStops | WindowBar) {
     if (this.pending !== row) this.settle();
     this.pending = row;
     this.isHeld = true;
@@ -833,7 +833,7 @@ class TransferEditorView extends CurvePlot {
       return;
     }
     const [low, high] = grabbed.pan;
-    this.zoomTo(pannedAxis(grabbed.pan, this.whole, (-by[0] / this.box.width) * (high - low)));
+    this.zoomTo(panAxis(grabbed.pan, this.whole, (-by[0] / this.box.width) * (high - low)));
   }
 
   addChosen() {
@@ -882,7 +882,7 @@ class TransferEditorView extends CurvePlot {
     const [[low, high]] = this.view;
     const chosen = this.row === this.stops ? this.colors[this.stops.chosen]![0] : this.nodes[this.chosen]![0];
     const at = about ?? (this.isSeen(chosen) && !(this.row === this.window) ? chosen : (low + high) / 2);
-    this.zoomTo(zoomedAxis([low, high], this.whole, factor, at));
+    this.zoomTo(zoomAxis([low, high], this.whole, factor, at));
   }
 
   zoomToWindow() {
@@ -890,14 +890,14 @@ class TransferEditorView extends CurvePlot {
       room = 0.1 * (high - low),
       whole = this.whole;
     if (!(high > low)) return;
-    this.zoomTo(zoomedAxis([Math.max(whole[0], low - room), Math.min(whole[1], high + room)], whole, 1, low));
+    this.zoomTo(zoomAxis([Math.max(whole[0], low - room), Math.min(whole[1], high + room)], whole, 1, low));
   }
 
   /** Bring a value back into sight that an arrow key has moved beyond the edge. */
   reveal(value: number) {
     if (!this.zoom || this.isSeen(value)) return;
     const [low, high] = this.zoom;
-    this.zoomTo(pannedAxis(this.zoom, this.whole, value < low ? value - low : value - high));
+    this.zoomTo(panAxis(this.zoom, this.whole, value < low ? value - low : value - high));
   }
 
   #zoomKey(event: KeyboardEvent) {
@@ -923,7 +923,7 @@ class TransferEditorView extends CurvePlot {
       [[low, high]] = this.view;
     if (Math.abs(event.deltaX) > Math.abs(event.deltaY)) {
       const by = ((event.deltaX * lines) / this.box.width) * (high - low);
-      if (this.zoom) this.zoomTo(pannedAxis(this.zoom, this.whole, by));
+      if (this.zoom) this.zoomTo(panAxis(this.zoom, this.whole, by));
       return;
     }
     const delta = Math.max(-240, Math.min(240, event.deltaY * lines));

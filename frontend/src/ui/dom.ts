@@ -112,7 +112,7 @@ export function targetOf(event: Event) {
 }
 
 /**
- * Whether wheel and fingers are an element's own, and not the page's around it: someone works in it, or nothing scrolls.
+ * Whether an element handles wheel and fingers, and not its scrolling parents: it is in use, or nothing scrolls.
  */
 export function isWorkedIn(root: HTMLElement) {
   return root.matches(":focus-within") || !scrollsAround(root);
@@ -129,7 +129,7 @@ function scrollsAround(element: Element) {
   return window.parent !== window; // a frame is as high as its contents, and its parent scrolls
 }
 
-/** The element around one, also out of a shadow tree. */
+/** The parent of an element, also out of a shadow tree. */
 function parentOf(element: Element) {
   if (element.parentElement) return element.parentElement;
   const tree = element.getRootNode();

@@ -3,7 +3,7 @@
 import { OWN_KEYS, pageElement, treeOf } from "./dom.ts";
 
 /**
- * `keys` are those that the handlers look for, letters small, "Shift+" and "Alt+" before the keys that need them.
+ * `keys` are those of the handlers, letters small, "Shift+" and "Alt+" before the keys that need them.
  */
 export type KeyRow = [shown: string, what: string, about?: { command?: string; keys: string[] }];
 export type KeyTable = [title: string, rows: KeyRow[]][];

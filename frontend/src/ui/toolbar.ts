@@ -303,7 +303,7 @@ class MoreMenu {
     );
     this.leave = ({ target }) => {
       if (target !== this.root) this.close();
-    }; // it would not move with what scrolls
+    }; // it would not move with its scrolling parent
   }
 
   get isOpen() {

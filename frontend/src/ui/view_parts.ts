@@ -151,7 +151,7 @@ export function captionsOf(shows: Shows, layer: number) {
 }
 
 /** The same in words, to follow a name. */
-export function aboutShown(shows: Shows) {
+export function altText(shows: Shows) {
   if (shows === "deformed") return "";
   if (shows === "wipe") return ", original left of a line and deformed right of it";
   if (shows === "fade") return ", original laid over deformed";

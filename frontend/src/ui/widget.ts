@@ -1,4 +1,4 @@
-// What widgets have in common: a model, a root element, and all that ends when they are closed.
+// The base of widgets: a model, a root element, and the disposal of both.
 
 import type { Handlers, Model, ModelHandler } from "../types.ts";
 import type { Attributes } from "./dom.ts";

@@ -30,7 +30,7 @@ const WORD = /\p{L}{2}/u; // a single letter is the name of a key or an axis
 const NUMBER = "[^\\sA-Za-z\u00c0-\u024f]*\\d[^\\sA-Za-z\u00c0-\u024f]*(?:e[-+]?\\d+)?";
 const PARTED = / \u00b7 | \| |\n+/; // between facts of a line
 const BREAKS = [/; /, /(?<=[.!?\u2026]) /, /: /, /, /]; // the strongest first
-const MOST_KNOWN = 4000; // texts whose translation is remembered
+const MOST_KNOWN = 4000; // cached translations of texts
 
 /** Translates texts by a table. */
 export class Translator {
@@ -139,15 +139,15 @@ function patternOf(key: string, value: string) {
   };
 }
 
-/** The translator of a page that has one, for what is written elsewhere than in its document. */
+/** The translator of a page that has one, for texts outside its document. */
 let ofPage: Translator | null = null;
 
-/** A text in the language of the page, for a question of the browser. */
-export function inLanguage(text: string) {
+/** A text in the language of the page, for a dialog of the browser. */
+export function localize(text: string) {
   return ofPage?.translate(text) ?? text;
 }
 
-function isLeftAlone(node: Node) {
+function isUntranslated(node: Node) {
   const element = node instanceof Element ? node : node.parentElement;
   return Boolean(element?.closest(LEFT_ALONE));
 }
@@ -162,7 +162,7 @@ export function showInLanguage(root: HTMLElement, table: Table, language: string
   if (root === document.body) ofPage = translator;
   root.lang = language;
   const text = (node: Node) => {
-    if (!node.nodeValue || isLeftAlone(node)) return;
+    if (!node.nodeValue || isUntranslated(node)) return;
     const made = translator.translate(node.nodeValue);
     if (made !== node.nodeValue) node.nodeValue = made;
   };
@@ -197,7 +197,7 @@ type Given = { model: Model; el: HTMLElement };
 export type AnyWidget = { render: (given: Given) => () => void; initialize?: (given: { model: Model }) => unknown };
 
 /** A widget whose words are in the language of its model: its traits `language` and `words`, the table. */
-export function worded(widget: AnyWidget): AnyWidget {
+export function translateWidget(widget: AnyWidget): AnyWidget {
   return {
     ...widget,
     render: (given) => {

@@ -6,7 +6,7 @@ import { CompareControls } from "../ui/compare_controls.ts";
 import { OWN_KEYS, pageElement, saveFile } from "../ui/dom.ts";
 import { OrientationCube } from "../ui/orientation_cube.ts";
 import { Theme } from "../ui/theme.ts";
-import { aboutShown, captionsOf, Flicker, Frames, listen, type Shows, sized, type ViewName } from "../ui/view_parts.ts";
+import { altText, captionsOf, Flicker, Frames, listen, type Shows, sized, type ViewName } from "../ui/view_parts.ts";
 import type { Background } from "../webgl/raycaster.ts";
 import type { ViewCamera } from "./view_camera.ts";
 
@@ -108,7 +108,7 @@ export class ViewElements {
   /** Caption the pictures; layer: the visible one of two alternating ones. */
   caption(layer: number) {
     this.frames.show(captionsOf(this.shows, layer));
-    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${aboutShown(this.shows)}`);
+    this.canvas.setAttribute("aria-label", `${this.model.get("label") || "Volume"}${altText(this.shows)}`);
   }
 
   /** Follow the camera in the next frame. */

@@ -43,7 +43,7 @@ const times = (rows: Matrix3, vector: Vector3) => perAxis((i) => dot(rows[i], ve
 const plain = (value: number) => value + 0; // -0 is 0 in a file
 
 /** A grid whose numbers are checked. */
-export function checkedGrid(shape: Vector3, spacing: Vector3, origin: Vector3, direction: Matrix3): Grid {
+export function checkGrid(shape: Vector3, spacing: Vector3, origin: Vector3, direction: Matrix3): Grid {
   const all = [...spacing, ...origin, ...direction.flat()];
   if (!all.every(Number.isFinite)) throw new GridError("spacing, origin or direction are not finite.");
   if (Math.min(...spacing) <= 0) throw new GridError(`spacing must be positive, got ${spacing.join(", ")}.`);
@@ -82,7 +82,7 @@ export function gridOfAffine(shape: Vector3, affine: Affine) {
   const lengths = perAxis((k) => Math.sqrt(columns[k].reduce((sum, x) => sum + (x / largest[k]) ** 2, 0)));
   const rows = perAxis((i) => perAxis((k) => columns[k][i] / largest[k] / lengths[k]));
   const spacing = perAxis((k) => lengths[k] * largest[k]);
-  return checkedGrid(
+  return checkGrid(
     shape,
     spacing,
     perAxis((i) => affine[i][3]),
@@ -90,21 +90,15 @@ export function gridOfAffine(shape: Vector3, affine: Affine) {
   );
 }
 
-/** The grid of spacings of which some may be negative: the axis is flipped then, which a note says. */
-export function straightenedGrid(
-  shape: Vector3,
-  spacing: Vector3,
-  origin: Vector3,
-  direction: Matrix3,
-  notes: string[],
-) {
+/** The grid of spacings of which some may be negative: the axis is flipped then, and a note added. */
+export function straightenGrid(shape: Vector3, spacing: Vector3, origin: Vector3, direction: Matrix3, notes: string[]) {
   const signs = perAxis((k) => (spacing[k] < 0 ? -1 : 1)),
     names = AXES.filter((k) => signs[k] < 0).map((k) => AXIS_NAMES[k]);
   if (names.length) {
     notes.push(`the spacing along ${names.join(" and ")} is negative in the file: the axis is flipped instead`);
   }
   const turned = perAxis((i) => perAxis((k) => direction[i][k] * signs[k]));
-  return checkedGrid(
+  return checkGrid(
     shape,
     perAxis((k) => spacing[k] * signs[k]),
     origin,
@@ -123,7 +117,7 @@ export function placeOf({ spacing, origin, direction }: Grid, index: Vector3) {
   );
 }
 
-/** The eight corners of the box; `centres` takes those of the outermost voxels' centres. */
+/** The eight corners of the box; `centres` uses those of the outermost voxels' centres. */
 export function cornersOf(grid: Grid, centres = false) {
   const [nz, ny, nx] = grid.shape,
     edge = centres ? 0 : 0.5;
@@ -260,7 +254,7 @@ export function sideNames({ direction }: Grid) {
   });
 }
 
-/** The unit of lengths as it is shown: voxels where it is not known and the spacing is 1. */
+/** The displayed unit of lengths: voxels where it is not known and the spacing is 1. */
 export function unitOf({ spacing, unit }: Grid) {
   return unit || (spacing.every((s) => s === 1) ? "voxels" : "");
 }

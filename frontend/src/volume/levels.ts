@@ -26,7 +26,7 @@ export type Measured = { range: Vector2; whole: Vector2; levels: Levels; hounsfi
 export type Transfer = { colors: Vector4[]; opacities: Vector2[]; unit: number };
 
 /** Replace values that are not finite by the smallest finite one; returns how many there were. */
-export function repairedValues(values: Values) {
+export function repairValues(values: Values) {
   if (!(values instanceof Float32Array || values instanceof Float64Array)) return 0;
   let low = Infinity,
     bad = 0;

@@ -1,4 +1,4 @@
-// What Python sends of a volume to an editor and a live view, made in the browser: the voxels as bytes in packed pieces,
+// The payload of a volume for an editor and a live view, made in the browser: the voxels as bytes in packed pieces,
 // a maximum projection, and the textures of a displacement that is zero still. See deformnb/widgets/packed_volume.py,
 // deformnb/imaging/projection.py and deformnb/widgets/textures.py.
 
@@ -288,7 +288,7 @@ export function stillField(own: Grid, grid: Grid, plane: Plane) {
   };
 }
 
-/** The corners of a picture on the outermost voxels' centres, as points that hold it still. */
+/** The corners of a picture on the outermost voxels' centres, as points that fix it. */
 export function cornerPoints(grid: Grid, plane: Plane) {
   const {
     low: [a0, b0],

@@ -8,7 +8,7 @@ const WORDS: Record<string, string> = UNIT_WORDS,
   LOWER: Record<string, string> = UNIT_LOWER_WORDS;
 const METRES: Record<string, number> = UNIT_METRES;
 
-/** The symbol of a unit as a file names it; "" for words that mean none, null for what is no unit of length. */
+/** The symbol of a unit as a file names it; "" for words that mean none, null for other words. */
 export function findUnit(text: string) {
   let word = text.replace(/\\u([0-9a-fA-F]{4})/g, (_, code) => String.fromCharCode(parseInt(code, 16))).trim();
   if (word.length > 1) word = word.replace(/^["']+|["']+$/g, "").trim();

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
-from format_table import agreed
+from format_table import bound
 from oracle import assert_close
 from vtkmodules.vtkIOLegacy import vtkSimplePointsReader, vtkSimplePointsWriter
 
@@ -228,16 +228,16 @@ def test_the_samples_of_other_programs(real_data: Callable[[str], Path]) -> None
     folder = real_data("landmarks")
     pairs = read_landmarks(folder / "bigwarp_3d.csv").control_points()
     assert pairs.dim == 3
-    limit = agreed("landmarks", "bigwarp", "BigWarp's samples, read only")
+    limit = bound("landmarks", "bigwarp", "BigWarp's samples, read only")
     assert_close(pairs.source[0], [193.1527102803737, 163.57943925233658, 130], atol=limit)
     assert_close(pairs.target[0], [216.01797508417232, 233.3341910984992, 126.86263579832789], atol=limit)
     assert read_landmarks(folder / "bigwarp_2d.csv").control_points().dim == 2
     ras = read_landmarks(folder / "slicer_ras.fcsv")
-    limit = agreed("landmarks", "fcsv", "3D Slicer's samples, read only")
+    limit = bound("landmarks", "fcsv", "3D Slicer's samples, read only")
     assert_close(ras.points[0], [-10.2321648, -3.71826, 6.6954888], atol=limit)
     mice = [read_landmarks(folder / f"slicer_mouse_{name}.mrk.json") for name in ("A_J", "CAST_EIJ")]
     assert len(mice[0]) == len(mice[1])
-    limit = agreed("landmarks", "markups", "3D Slicer's samples, read only")
+    limit = bound("landmarks", "markups", "3D Slicer's samples, read only")
     assert_close(mice[0].points[0], [-9.21016, -25.0792, 9.31477], atol=limit)
 
 
@@ -247,7 +247,7 @@ def test_vtk_reads_and_writes_the_same_points(tmp_path: Path) -> None:
     reader = vtkSimplePointsReader()
     reader.SetFileName(str(tmp_path / "ours.xyz"))
     reader.Update()
-    limit = agreed("landmarks", "points", "VTK") * np.abs(places).max()
+    limit = bound("landmarks", "points", "VTK") * np.abs(places).max()
     assert_close(pyvista.wrap(reader.GetOutput()).points, places, atol=limit)
     writer = vtkSimplePointsWriter()
     writer.SetInputData(pyvista.PolyData(places))

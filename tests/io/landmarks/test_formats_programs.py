@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from format_table import agreed
+from format_table import bound
 from peer_landmarks import LANDMARKS
 
 from deformnb.errors import VolumeFileError
@@ -16,15 +16,15 @@ from deformnb.warping.points import Landmarks
 FILES = Path(__file__).parents[2] / "fixtures" / "landmarks"
 
 PROGRAMS = [
-    ("ours.bigwarp.json", "bigwarp.bigwarp.json", agreed("landmarks", "bigwarp json", "BigWarp")),
-    ("ours.csv", "bigwarp.csv", agreed("landmarks", "bigwarp", "BigWarp")),
-    ("ours.points.csv", "opensim.points.csv", agreed("landmarks", "table", "OpenSim Creator")),
-    ("ours.prm", "pygem.prm", agreed("landmarks", "pygem", "PyGeM")),
-    ("ours.tps", "geomorph.tps", agreed("landmarks", "tps", "geomorph")),
-    ("ours.tps", "ktch.tps", agreed("landmarks", "tps", "ktch")),
-    ("ours.nts", "geomorph-nts.tps", agreed("landmarks", "nts", "geomorph")),
-    ("ours.morphologika.txt", "geomorph-morphologika.tps", agreed("landmarks", "morphologika", "geomorph")),
-    ("ours.mrk.json", "morpho.mrk.json", agreed("landmarks", "markups", "Morpho")),
+    ("ours.bigwarp.json", "bigwarp.bigwarp.json", bound("landmarks", "bigwarp json", "BigWarp")),
+    ("ours.csv", "bigwarp.csv", bound("landmarks", "bigwarp", "BigWarp")),
+    ("ours.points.csv", "opensim.points.csv", bound("landmarks", "table", "OpenSim Creator")),
+    ("ours.prm", "pygem.prm", bound("landmarks", "pygem", "PyGeM")),
+    ("ours.tps", "geomorph.tps", bound("landmarks", "tps", "geomorph")),
+    ("ours.tps", "ktch.tps", bound("landmarks", "tps", "ktch")),
+    ("ours.nts", "geomorph-nts.tps", bound("landmarks", "nts", "geomorph")),
+    ("ours.morphologika.txt", "geomorph-morphologika.tps", bound("landmarks", "morphologika", "geomorph")),
+    ("ours.mrk.json", "morpho.mrk.json", bound("landmarks", "markups", "Morpho")),
 ]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import pyvista
-from format_table import agreed
+from format_table import bound
 from vtkmodules.vtkFiltersHybrid import vtkGridTransform
 from vtkmodules.vtkImagingCore import vtkImageReslice
 
@@ -29,14 +29,14 @@ def test_vtk_maps_points_as_the_field_does(grid: Grid, tmp_path: Path) -> None:
     points = grid.index_to_point(RANDOM.uniform(0, 7, (40, 3)))
     known = points + field.displacement(points)
     mapped = np.array([to_vtk_transform(field, grid).TransformPoint(point) for point in points.tolist()])
-    assert np.abs(mapped - known).max() < agreed("transforms", "vti", "VTK")
+    assert np.abs(mapped - known).max() < bound("transforms", "vti", "VTK")
 
     write_transform(field, tmp_path / "a.vti", grid)
     image = pyvista.read(tmp_path / "a.vti")
     np.testing.assert_array_equal(image.direction_matrix, grid.direction)
     assert b"<!-- backward: " in (tmp_path / "a.vti").read_bytes()
     vectors = image.point_data["displacement_backward"].reshape(*grid.shape, 3)
-    assert np.abs(vectors - field.values).max() < agreed("transforms", "vti", "VTK")
+    assert np.abs(vectors - field.values).max() < bound("transforms", "vti", "VTK")
     again = read_transform(tmp_path / "a.vti")
     assert isinstance(again, DisplacementField)
     assert again.lattice == grid

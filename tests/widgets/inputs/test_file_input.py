@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from front_end import deliver
-from uploads import uploaded
+from uploads import upload_file
 from widgets.studio.panels.test_steps_history import Guarded
 
 from deformnb._typing import Progress
@@ -40,7 +40,7 @@ class Taken:
 def test_a_file_comes_in_pieces_that_a_socket_takes_and_is_gone_afterwards() -> None:
     taken = Taken()
     content = bytes(range(256)) * (PIECE // 100)
-    sent = uploaded(taken.input, "../scan.nrrd", content)
+    sent = upload_file(taken.input, "../scan.nrrd", content)
     assert taken.files == {"scan.nrrd": content}
     assert not taken.paths[0].parent.exists()
     requests = [m for m in sent if m["type"] == "next"]
@@ -68,7 +68,7 @@ def test_what_cannot_be_taken_is_refused_before_it_is_sent() -> None:
 
 def test_what_is_given_up_or_comes_wrong_is_forgotten(caplog: pytest.LogCaptureFixture) -> None:
     taken = Taken()
-    assert uploaded(taken.input, "a.nrrd", bytes(2 * PIECE), cancel_at=1)[-1]["type"] == "done"
+    assert upload_file(taken.input, "a.nrrd", bytes(2 * PIECE), cancel_at=1)[-1]["type"] == "done"
     receive = partial(deliver, taken.input)
     receive({"type": "begin", "id": "y", "name": "b.nrrd", "size": 10}, [])
     receive({"type": "piece", "id": "y", "offset": 3}, [b"123"])
@@ -80,6 +80,6 @@ def test_what_is_given_up_or_comes_wrong_is_forgotten(caplog: pytest.LogCaptureF
     assert len(caplog.records) == 3
     for k in range(6):  # of pages that have gone
         receive({"type": "begin", "id": f"z{k}", "name": "c.nrrd", "size": 10}, [])
-    assert uploaded(taken.input, "d.nrrd", b"1")[-1]["type"] == "done"
+    assert upload_file(taken.input, "d.nrrd", b"1")[-1]["type"] == "done"
     assert taken.files == {"d.nrrd": b"1"}
     taken.input.close()

@@ -297,7 +297,7 @@ def test_the_thread_of_a_lone_editor_ends_with_its_pictures(volume: Volume) -> N
 def test_the_page_stretches_a_window_as_python_does() -> None:
     function = preset("specimen", PHANTOMS["fish"].make((24, 48, 24)))
     main = """({ nodes, stops, to }) => { const from = windowOf(nodes, stops);
-        return [from, ...[nodes, stops].map((rows) => rows.map(([v]) => stretchedValue(v, from, to)))]; }"""
+        return [from, ...[nodes, stops].map((rows) => rows.map(([v]) => stretchValue(v, from, to)))]; }"""
     window, nodes, stops = run_script(
         ("inputs/transfer_editor.ts",),
         main,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from example_messages import example, mutated
+from example_messages import example, mutate
 from waiting import Threads
 
 from deformnb.imaging.projection import project
@@ -129,7 +129,7 @@ def test_a_mutated_message_raises_nothing_and_where_it_is_refused_changes_nothin
     refused, before = 0, state(widget)
     try:
         for k in range(PER_RUN):
-            message, buffers = mutated(rng, *example(rng.choice(channel.received)))
+            message, buffers = mutate(rng, *example(rng.choice(channel.received)))
             log.lines.clear()
             is_refused = isinstance(channel.read(message, buffers), Refused)
             widget.receive(message, buffers)

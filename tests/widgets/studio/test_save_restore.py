@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from driven_studio import a_drag, a_volume, act, crash, drag, notice_of, panel, wait_for
 from front_end import deliver
-from uploads import uploaded
+from studio_driver import a_drag, a_volume, act, crash, drag, get_notice, panel, wait_for
+from uploads import upload_file
 from waiting import PATIENCE
 
 from deformnb.session.autosave import saved_sessions
@@ -76,7 +76,7 @@ def test_trouble_of_writing_is_said_in_the_studio(state_folder: Path) -> None:
     studio = studio_of()
     drag(studio, a_drag(studio))
     studio.parts.bar.recovery.autosave.flush()
-    wait_for(lambda: "save the session yourself" in notice_of(studio))
+    wait_for(lambda: "save the session yourself" in get_notice(studio))
     assert len(studio.editor.points) == 5
     studio.close()
 
@@ -126,7 +126,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     other.editing.change(strength=0.25)
     other.save(tmp_path / "half.json")
     opening, content = panel(studio, "Open"), (tmp_path / "half.json").read_bytes()
-    uploaded(opening.box, "half.json", content)
+    upload_file(opening.box, "half.json", content)
     assert opening.question.box.is_visible
     assert "another volume (&#x27;half" in opening.question.text
     assert studio.session.editing.step.strength == 1.0
@@ -134,7 +134,7 @@ def test_the_files_panel_asks_before_it_opens_or_writes_over(tmp_path: Path) -> 
     assert not opening.question.box.is_visible
     assert opening.question.box.children == ()  # no question
     assert studio.session.editing.step.strength == 1.0
-    uploaded(opening.box, "half.json", content)
+    upload_file(opening.box, "half.json", content)
     opening.question.box.children[1].click()
     assert studio.session.editing.step.strength == 0.25
     assert studio.undo() is None

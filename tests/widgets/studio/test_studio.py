@@ -16,24 +16,24 @@ import ipywidgets as ipw
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from driven_studio import (
+from front_end import deliver
+from numpy.testing import assert_array_equal
+from studio_driver import (
     a_drag,
     a_volume,
     act,
-    all_of,
-    box_of,
-    classes_of,
     controls,
     drag,
-    notice_of,
+    find_box,
+    get_classes,
+    get_notice,
     open_widgets,
-    page_says,
     panel,
+    post,
     wait_for,
+    walk,
 )
-from front_end import deliver
-from numpy.testing import assert_array_equal
-from uploads import uploaded
+from uploads import upload_file
 from waiting import Threads
 
 from deformnb.document.deformation import Deformation
@@ -104,13 +104,13 @@ def test_undo_of_the_page_goes_through_the_document(studio: Studio) -> None:
     drag(studio, points, "add")
     assert studio.editor.history == {"undo": f"add point {points.ids[-1]}", "redo": ""}
     controls(studio)["Kernel"].value = "gaussian"
-    page_says(studio, {"type": "history", "way": "undo"})
+    post(studio, {"type": "history", "way": "undo"})
     assert studio.session.editing.step.kernel == "wendland_c2"
     assert controls(studio)["Kernel"].value == "wendland_c2"
     assert studio.editor.points == points
-    page_says(studio, {"type": "history", "way": "undo"})
+    post(studio, {"type": "history", "way": "undo"})
     assert studio.editor.points == first
-    page_says(studio, {"type": "history", "way": "redo"})
+    post(studio, {"type": "history", "way": "redo"})
     assert studio.editor.points == points
 
 
@@ -119,10 +119,10 @@ def test_points_that_cannot_be_fitted_come_back_with_a_reason(studio: Studio) ->
     wrong = before.add([3.0, 3.0], [5.0, 5.0]).add([9.0, 9.0], [5.0, 5.0])
     drag(studio, wrong)
     assert studio.editor.points == before
-    assert "control point 4" in notice_of(studio)
+    assert "control point 4" in get_notice(studio)
     assert studio.stats()["refused"] == 1
     drag(studio, a_drag(studio))  # and the studio works
-    assert "control point" not in notice_of(studio)
+    assert "control point" not in get_notice(studio)
 
 
 def test_rapid_edits_end_in_the_state_of_the_last(studio: Studio) -> None:
@@ -161,7 +161,7 @@ def test_an_exception_of_an_observer_is_told_to_the_page(studio: Studio) -> None
 
     studio.observe(fails, "deformation")
     drag(studio, a_drag(studio))
-    said = notice_of(studio) + str(sent)
+    said = get_notice(studio) + str(sent)
     assert "ZeroDivisionError" in said
     studio.unobserve(fails, "deformation")
 
@@ -386,14 +386,14 @@ def test_three_slices_of_the_deformed_volume_take_the_place_of_the_view(studio: 
     assert not studio.editor.live
     button.value = True
     studio.wait()
-    place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
+    place = next(box for box in walk(studio) if studio.view in getattr(box, "children", ()))
     view, slices = place.children
     assert (view.layout.display, slices.layout.display) == ("none", None)
     assert slices.before is studio.session.results.field()
     assert (slices.read_only, len(slices.points)) == (True, 0)
     assert studio.editor.live  # a drag in progress is shown too
     points = studio.editor.points.move(4, [3.0, 3.0])
-    page_says(
+    post(
         studio,
         {
             "type": "edit",
@@ -460,7 +460,7 @@ def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_to
     controls(studio)["Slices"].value = True
     session.pictures.method = "slice"
     studio.wait()
-    place = next(box for box in all_of(studio) if studio.view in getattr(box, "children", ()))
+    place = next(box for box in walk(studio) if studio.view in getattr(box, "children", ()))
     three, slices, plane = place.children[1], session.pictures.slices, session.editing.plane
 
     def at(a: float, b: float, c: float) -> list[float]:
@@ -480,7 +480,7 @@ def test_the_cross_hair_of_the_three_slices_and_the_slice_of_the_picture_move_to
 
 
 def test_a_preset_is_chosen_over_the_volume_and_shown_as_such(studio: Studio) -> None:
-    session, menu = studio.session, next(found for found in all_of(studio) if isinstance(found, PresetMenu))
+    session, menu = studio.session, next(found for found in walk(studio) if isinstance(found, PresetMenu))
     menu.value = "bone"
     studio.wait()
     assert session.pictures.transfer_function == preset("bone", studio.volume)
@@ -525,7 +525,7 @@ def test_what_is_done_in_a_second_step_stays_there(studio: Studio) -> None:
     drag(studio, a_drag(studio))
     controls(studio)["Side"].value = "+z"
     studio.wait()
-    assert "Step 2 begins" in notice_of(studio)
+    assert "Step 2 begins" in get_notice(studio)
     for _ in range(3):  # each changes the words of the menu of steps
         drag(studio, studio.editor.points.add([4.0, 4.0 + len(studio.editor.points)]), "add")
         drag(studio, a_drag(studio))
@@ -550,9 +550,9 @@ def test_the_page_shows_all_steps_whichever_is_edited(studio: Studio, tmp_path: 
 
 def test_words_in_the_page_are_escaped_and_go_with_the_next_edit(studio: Studio) -> None:
     studio.parts.words.show("<img src=x onerror=alert(1)>", is_error=True)
-    assert "<img" not in notice_of(studio)
+    assert "<img" not in get_notice(studio)
     drag(studio, a_drag(studio))
-    assert "img" not in notice_of(studio)
+    assert "img" not in get_notice(studio)
 
 
 # -- files -------------------------------------------------------------------------------------------------------------
@@ -565,12 +565,12 @@ def test_the_files_panel_writes_into_its_folder_only(studio: Studio, tmp_path: P
         files.name.value = name
         files.write.click()
         wait_for(lambda: not files.write.disabled)
-        assert (tmp_path / name).stat().st_size > 0, notice_of(studio)
+        assert (tmp_path / name).stat().st_size > 0, get_notice(studio)
         assert name in files.writing.message.value
     for wrong in ("../ball.json", "/tmp/ball.json", "ball.exe", ".json", "a\\b.json"):
         files.name.value = wrong
         files.write.click()
-        assert notice_of(studio)
+        assert get_notice(studio)
         assert not files.write.disabled
     assert sorted(p.name for p in tmp_path.iterdir()) == ["ball.html", "ball.json", "ball.nrrd", "ball.py", "ball.svg"]
 
@@ -605,10 +605,10 @@ def test_a_session_file_is_opened_from_the_page(studio: Studio) -> None:
     saved = to_json(studio.session.document()).encode()
     studio.undo()
     opening = panel(studio, "Open").box
-    uploaded(opening, "s.json", saved)
+    upload_file(opening, "s.json", saved)
     assert studio.session.editing.points.displacement.any()
-    uploaded(opening, "s.json", b"{nonsense")
-    assert "JSON" in notice_of(studio)
+    upload_file(opening, "s.json", b"{nonsense")
+    assert "JSON" in get_notice(studio)
 
 
 def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> None:
@@ -617,7 +617,7 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
         made = {late.title: late for late in studio.parts.panels.late if late.made is not None}
         assert list(made) == ["Strength", "Steps", "Interpolation"]
         drag(studio, a_drag(studio))
-        tabs = next(box for box in all_of(studio) if isinstance(box, Tabs))
+        tabs = next(box for box in walk(studio) if isinstance(box, Tabs))
         tabs.choose(2)
         assert {late.title for late in studio.parts.panels.late if late.made is not None} == {
             *made,
@@ -625,11 +625,11 @@ def test_panels_are_made_when_they_are_first_seen_or_used(tmp_path: Path) -> Non
             "Picture",
         }
         points = next(late for late in studio.parts.panels.late if late.title == "Points")
-        assert "dnb-late" in classes_of(points.box)
+        assert "dnb-late" in get_classes(points.box)
         points.reveal()
         assert tabs.selected == 0
         assert points.box.children == (points.panel.box,)
-        assert "dnb-late" not in classes_of(points.box)
+        assert "dnb-late" not in get_classes(points.box)
         table = points.panel.table
         assert table.language == ""  # its words are those of the head, in the page
         assert table.uid == studio.editor.uid
@@ -701,9 +701,9 @@ def test_the_notes_of_a_volume_are_shown_over_the_volume() -> None:
     values = np.random.default_rng(5).random((8, 9, 10))
     values[2, 3, 4] = np.nan
     studio = Studio(values)
-    said = notice_of(studio)
+    said = get_notice(studio)
     assert "1 voxel is not finite, shown as background." in said
-    assert studio.parts.words.box in box_of(studio, "dnb-studio-messages").children, (
+    assert studio.parts.words.box in find_box(studio, "dnb-studio-messages").children, (
         "over the panes: it moves no picture"
     )
     studio.close()
@@ -719,7 +719,7 @@ def test_channels_are_shown_in_colours_of_their_own(tmp_path: Path) -> None:
     studio = Studio(tmp_path / "in.nrrd", side="+z", folder=tmp_path)
     try:
         studio.wait()
-        names = [box.description for box in all_of(panel(studio, "Channels").box) if isinstance(box, ipw.Checkbox)]
+        names = [box.description for box in walk(panel(studio, "Channels").box) if isinstance(box, ipw.Checkbox)]
         assert names == ["nuclei", "actin", "membrane"]
         picture = studio.session.pictures.picture()
         assert picture.rgb8()[[15, 15, 2], [5, 25, 5]].tolist() == [[0, 0, 255], [255, 0, 0], [0, 255, 255]]

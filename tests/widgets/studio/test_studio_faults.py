@@ -11,10 +11,10 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, all_of, controls, drag, notice_of, open_widgets, panel, status_of, wait_for
 from front_end import deliver
+from studio_driver import a_drag, a_volume, controls, drag, get_notice, get_status, open_widgets, panel, wait_for, walk
 from traitlets import TraitError
-from uploads import uploaded
+from uploads import upload_file
 from waiting import PATIENCE, Threads
 
 from deformnb.document.deformation import Deformation
@@ -146,7 +146,7 @@ def test_a_picture_that_cannot_be_made_leaves_two_ways_on(studio: Studio, monkey
     back.click()  # to the picture that is still shown
     studio.wait()
     assert studio.session.steps.view == before
-    assert "Undone" in notice_of(studio)
+    assert "Undone" in get_notice(studio)
     assert (studio.editor.waiting, studio.parts.picture.ways_on.is_visible) == ("", False)
     studio.redo()
     studio.wait()
@@ -174,16 +174,16 @@ def test_what_fails_in_the_studios_thread_is_said(studio: Studio, monkeypatch: p
         patched.setattr("deformnb.widgets.studio.sync.diagnostics_of", fails)
         drag(studio, a_drag(studio))
         studio.wait()
-        assert "FloatingPointError: of the status line" in notice_of(studio)
+        assert "FloatingPointError: of the status line" in get_notice(studio)
     with monkeypatch.context() as patched:
         patched.setattr(Deformation, "with_step", fails)
         studio.parts.words.show("")
         studio.parts.link.preview(studio.session.editing.step)
-        wait_for(lambda: "of the status line" in notice_of(studio))
+        wait_for(lambda: "of the status line" in get_notice(studio))
     drag(studio, a_drag(studio, 1.0))  # and it works
     studio.wait()
-    assert "of the status line" not in notice_of(studio)
-    assert "5 points, 1 dragged" in status_of(studio)
+    assert "of the status line" not in get_notice(studio)
+    assert "5 points, 1 dragged" in get_status(studio)
 
 
 def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
@@ -218,12 +218,12 @@ def test_what_two_threads_show_at_once_is_nobodys_edit(studio: Studio) -> None:
 
 def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> None:
     assert studio.stats()["edit_ms"] is None
-    assert "edit" not in status_of(studio)
+    assert "edit" not in get_status(studio)
     drag(studio, a_drag(studio))
     first = studio.stats()["edit_ms"]
     studio.wait()
     assert first > 0
-    assert latency_text(first, {}) in status_of(studio)
+    assert latency_text(first, {}) in get_status(studio)
     controls(studio)["Strength"].value = 2.0
     second = studio.stats()["edit_ms"]
     assert second != first  # a slider edits as well
@@ -231,7 +231,7 @@ def test_the_status_line_tells_how_long_edit_and_volume_take(studio: Studio) -> 
     assert studio.stats()["edit_ms"] == second
     stats = {"type": "stats", "view": "page", "drag_ms": 41.0, "full_ms": 300.0, "frames": 3}
     deliver(studio.view, stats)
-    wait_for(lambda: "volume 41 ms" in status_of(studio))  # in a moment of rest
+    wait_for(lambda: "volume 41 ms" in get_status(studio))  # in a moment of rest
     controls(studio)["Side"].value = "+z"
     studio.wait()
     assert studio.stats()["picture_ms"] > 0
@@ -266,7 +266,7 @@ def test_the_volume_is_turned_with_the_picture_until_somebody_turns_it(studio: S
 
 
 def test_the_grid_can_be_as_fine_as_the_editor_draws_it(studio: Studio) -> None:
-    density = next(w for w in all_of(panel(studio, "Picture").box) if getattr(w, "description", "") == "Grid")
+    density = next(w for w in walk(panel(studio, "Picture").box) if getattr(w, "description", "") == "Grid")
     studio.editor.density = 64
     assert density.value == 64
 
@@ -313,7 +313,7 @@ def test_a_picture_without_a_front_end_is_no_full_one(studio: Studio, monkeypatc
 
 
 def head_of(studio: Studio) -> StudioHead:
-    return next(w for w in all_of(studio) if isinstance(w, StudioHead))
+    return next(w for w in walk(studio) if isinstance(w, StudioHead))
 
 
 def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path) -> None:
@@ -323,7 +323,7 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     drag(studio, a_drag(studio))
     assert head.unsaved
     deliver(head, {"type": "save"})
-    wait_for(lambda: "Saved ball-2.json." in notice_of(studio))
+    wait_for(lambda: "Saved ball-2.json." in get_notice(studio))
     assert not head.unsaved
     assert "ball-2.json" in head.tip
     assert (tmp_path / "ball.json").read_text(encoding="utf-8") == "somebody's"
@@ -337,13 +337,13 @@ def test_the_button_saves_into_a_file_of_its_own(studio: Studio, tmp_path: Path)
     (tmp_path / "mine.json").write_text("changed by someone", encoding="utf-8")
     drag(studio, a_drag(studio, 2.0))
     head.press()
-    wait_for(lambda: "changed by someone else" in notice_of(studio))
+    wait_for(lambda: "changed by someone else" in get_notice(studio))
     assert head.unsaved
     assert (tmp_path / "mine.json").read_text(encoding="utf-8") == "changed by someone"
-    uploaded(panel(studio, "Open").box, "s.json", first)
+    upload_file(panel(studio, "Open").box, "s.json", first)
     assert not head.unsaved
     head.press()  # a session opened from elsewhere replaces nobody's file
-    wait_for(lambda: "Saved ball-3.json." in notice_of(studio))
+    wait_for(lambda: "Saved ball-3.json." in get_notice(studio))
 
 
 def test_a_page_cannot_say_where_to_save(studio: Studio, tmp_path: Path) -> None:

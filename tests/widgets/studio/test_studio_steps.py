@@ -10,9 +10,9 @@ from typing import Any
 import ipywidgets as ipw
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, act, controls, drag, notice_of, page_says, panel
 from front_end import deliver
 from numpy.testing import assert_array_equal
+from studio_driver import a_drag, a_volume, act, controls, drag, get_notice, panel, post
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.json_regions import part_to_data
@@ -49,7 +49,7 @@ def studio(tmp_path: Path) -> Iterator[Studio]:
 
 def draws(studio: Studio, what: str, kind: str, *shapes: Any) -> None:
     """As shapes drawn in the editor's page."""
-    page_says(studio, {"type": "shapes", "what": what, "kind": kind, "shapes": list(shapes)})
+    post(studio, {"type": "shapes", "what": what, "kind": kind, "shapes": list(shapes)})
 
 
 def a_line(studio: Studio) -> dict[str, Any]:
@@ -80,7 +80,7 @@ def test_a_cut_drawn_in_the_page_is_pulled_open_and_undone(studio: Studio) -> No
     assert (studio.result().values.max(axis=(0, 1))[11:13] > 0).all()
     assert not studio.editor.cuts[0].enabled
     for _ in range(3):
-        page_says(studio, {"type": "history", "way": "undo"})
+        post(studio, {"type": "history", "way": "undo"})
     assert studio.editor.cuts == ()
     assert_array_equal(studio.result().values, studio.volume.values)
 
@@ -98,7 +98,7 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
         "region": {"kind": "polygon", "vertices": corners},
     }
     draws(studio, "parts", "add part", around)
-    assert "stone" in notice_of(studio)
+    assert "stone" in get_notice(studio)
     assert studio.editor.parts == ()
     assert studio.session.editing.step.parts == ()
     assert studio.stats()["refused"] == 1
@@ -106,7 +106,7 @@ def test_shapes_that_the_points_do_not_allow_go_back_in_the_page(studio: Studio)
     drag(studio, points.remove(points.ids[-1]))
     draws(studio, "parts", "add part", around)
     assert studio.session.editing.step.parts[0].name == "stone"
-    page_says(studio, {"type": "shapes", "what": "parts", "kind": "x", "shapes": [{"region": {"kind": "no"}}]})
+    post(studio, {"type": "shapes", "what": "parts", "kind": "x", "shapes": [{"region": {"kind": "no"}}]})
     assert studio.session.editing.step.parts[0].name == "stone"
 
 
@@ -115,7 +115,7 @@ def test_quick_keys_on_a_part_are_one_step_of_the_history(studio: Studio) -> Non
     studio.session.editing.edit_parts([part])
     for number in (1.0, 2.0, 3.0):
         moved = part_to_data(replace(part, motion=RigidMotion.turn(0, (0, 0), (number, 0))))
-        page_says(studio, {"type": "shapes", "what": "parts", "kind": "move floor", "shapes": [moved], "joins": True})
+        post(studio, {"type": "shapes", "what": "parts", "kind": "move floor", "shapes": [moved], "joins": True})
     assert studio.session.editing.step.parts[0].motion == RigidMotion.turn(0, (0, 0), (3.0, 0))
     assert studio.session.editing.undo() == "move floor"
     assert studio.session.editing.step.parts == (part,)
@@ -182,7 +182,7 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
         assert moved == (shapes.items.rows[row]["name"] if row >= 0 else "")
         return moved, studio.editor.parts[chosen["index"]].name if chosen else ""
 
-    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
+    post(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
     assert names() == ("b", "b")
     act(shapes.items, "choose", 2)
     assert names() == ("c", "c")
@@ -192,20 +192,20 @@ def test_the_list_of_parts_and_the_picture_choose_the_same(studio: Studio) -> No
     studio.session.editing.edit_parts(studio.session.editing.step.parts[::-1], "reorder")
     assert names() == ("c", "c")
     studio.session.editing.edit_parts(studio.session.editing.step.parts[:-1], "remove a")
-    page_says(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
+    post(studio, {"type": "choose", "what": "parts", "index": 1, "shape": part_to_data(studio.editor.parts[1])})
     studio.undo()
     assert names() == ("b", "b")
     studio.undo()
     assert names() == ("b", "b")
     # The page says its choice before it hears that the list is another one: the shape counts, not its place.
-    page_says(studio, {"type": "choose", "what": "parts", "index": 2, "shape": part_to_data(studio.editor.parts[0])})
+    post(studio, {"type": "choose", "what": "parts", "index": 2, "shape": part_to_data(studio.editor.parts[0])})
     assert names() == ("a", "a")
     act(shapes.items, "remove", 0)
     assert names() == ("", "")  # and not the next one, which was not meant
-    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": {"name": "a"}})
+    post(studio, {"type": "choose", "what": "parts", "index": 0, "shape": {"name": "a"}})
     assert names() == ("", "")
-    page_says(studio, {"type": "choose", "what": "parts", "index": 0, "shape": part_to_data(studio.editor.parts[0])})
-    page_says(studio, {"type": "choose", "what": None})
+    post(studio, {"type": "choose", "what": "parts", "index": 0, "shape": part_to_data(studio.editor.parts[0])})
+    post(studio, {"type": "choose", "what": None})
     assert names() == ("b", "")  # a point is selected in the picture: the controls stay
 
 
@@ -256,10 +256,10 @@ def test_a_label_file_is_opened_and_several_labels_are_taken_in_one_edit(tmp_pat
     assert menu.options == (("open a label file", ""), *((name, name) for name in (path.name, "far.nrrd", "scan.nrrd")))
     for name, words in (("scan.nrrd", "is no label volume"), ("far.nrrd", "lies elsewhere in space")):
         menu.value = name
-        assert words in notice_of(made)
+        assert words in get_notice(made)
         assert menu.value == ""
     menu.value = path.name
-    assert notice_of(made) == ""
+    assert get_notice(made) == ""
     assert labels.options == (("femur", 7), ("label 9", 9), ("tibia", 11))
     labels.value = (7, 11)
     buttons_of(shapes.box)["Label as part"].click()
@@ -316,7 +316,7 @@ def test_what_the_page_cannot_follow_is_previewed_by_python(studio: Studio) -> N
     studio.wait()
     assert studio.editor.live
     moved = a_drag(studio, 3.0)
-    page_says(
+    post(
         studio,
         {
             "type": "edit",

@@ -210,7 +210,7 @@ def test_a_wrong_message_is_logged_and_dropped(message: Any, caplog: pytest.LogC
         view.set_state({"label": "x", "camera": {"zoom": 0}})
     assert caplog.text.count("dropped") == 3
     assert view.frames == []
-    assert threads.begun == []  # nothing was made for it
+    assert threads.alive == []  # nothing was made for it
     assert view.label == "Volume ball"
 
 
@@ -384,7 +384,7 @@ def test_a_closed_view_begins_nothing_anew() -> None:
     view.projection = "mip"
     with pytest.raises(DeformError, match="the view is closed"):
         view.still()
-    assert threads.begun == []
+    assert threads.alive == []
 
 
 def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -403,7 +403,7 @@ def test_a_scene_that_nobody_watches_is_given_back_and_made_again(monkeypatch: p
     threads.wait()
     view.say(type="hello", **PAGE)
     view.see_all()
-    assert threads.begun  # and stays for its page, at rest as well
+    assert threads.alive  # and stays for its page, at rest as well
     view.close()
 
 

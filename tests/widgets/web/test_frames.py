@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from running_app import connected
+from running_app import connect
 from waiting import PATIENCE
 
 from deformnb.volume.volume import Grid, Volume
@@ -38,7 +38,7 @@ def app() -> Iterator[Any]:
 
 def test_what_only_the_application_offers_is_unknown(app: Any) -> None:
     async def ask() -> list[Any]:
-        async with connected(app) as page:
+        async with connect(app) as page:
             return [
                 (await page.call(method, *given))["message"]
                 for method, *given in (
@@ -62,7 +62,7 @@ def test_what_only_the_application_offers_is_unknown(app: Any) -> None:
 )
 def test_what_cannot_be_is_dropped(app: Any, call: tuple[Any, ...], caplog: pytest.LogCaptureFixture) -> None:
     async def ask() -> None:
-        async with connected(app) as page:
+        async with connect(app) as page:
             await page.call(*call)
 
     with caplog.at_level(logging.WARNING):
@@ -72,7 +72,7 @@ def test_what_cannot_be_is_dropped(app: Any, call: tuple[Any, ...], caplog: pyte
 
 def test_the_cube_turns_the_view(app: Any) -> None:
     async def ask() -> None:
-        async with connected(app) as page:
+        async with connect(app) as page:
             await page.call("deformnb.look", "+x")
 
     asyncio.run(ask())

@@ -15,7 +15,7 @@ from typing import Any
 
 import aiohttp
 import pytest
-from running_app import HANDSHAKE, RunningApp, connected, connection_with, framed, request_of, status_of
+from running_app import HANDSHAKE, RunningApp, connect, fetch, frame, http_request, open_connection
 from waiting import PATIENCE, wait_for
 
 from deformnb.app.application import Application
@@ -34,7 +34,7 @@ from deformnb.widgets.web.guard import (
 @pytest.fixture(scope="module")
 def running() -> Iterator[RunningApp]:
     with RunningApp(Application(PHANTOMS["bar"].make((12, 16, 20)), side="+y")) as running:
-        running.settled()
+        running.wait_idle()
         yield running
 
 
@@ -43,7 +43,7 @@ def _refused(running: RunningApp, **how: Any) -> int:
 
     async def attempt() -> int:
         try:
-            async with connected(running, secret=None, **how):
+            async with connect(running, secret=None, **how):
                 return 0
         except aiohttp.WSServerHandshakeError as error:
             return error.status
@@ -68,7 +68,7 @@ def test_two_starts_have_different_passwords(running: RunningApp) -> None:
 @pytest.mark.parametrize("secret", ["wslink-secret", "", "x" * 43, None, 7, {"secret": "wslink-secret"}, ["a"]])
 def test_other_passwords_are_refused(running: RunningApp, secret: Any) -> None:
     async def attempt() -> Any:
-        async with connected(running, secret=None) as page:
+        async with connect(running, secret=None) as page:
             entered = await page.login(secret)
             return entered, await page.call("trame.state.get")
 
@@ -79,7 +79,7 @@ def test_other_passwords_are_refused(running: RunningApp, secret: Any) -> None:
 
 def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
     async def attempt() -> list[Any]:
-        async with connected(running, secret=None) as page:
+        async with connect(running, secret=None) as page:
             return [
                 await page.call(*call)
                 for call in (("trame.state.get",), ("deformnb.open",), ("deformnb.comm", "editor", {}, "1", []))
@@ -87,13 +87,13 @@ def test_without_a_password_nothing_is_told(running: RunningApp) -> None:
 
     before = running.application.session.editing.deformation
     assert [answer["message"].split(":")[0] for answer in asyncio.run(attempt())] == ["Unauthorized"] * 3
-    running.settled()
+    running.wait_idle()
     assert running.application.session.editing.deformation is before
 
 
 def test_the_password_of_this_start_opens(running: RunningApp) -> None:
     async def attempt() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             return await page.call("trame.state.get")
 
     assert "trame__title" in asyncio.run(attempt())["state"]
@@ -130,17 +130,17 @@ def test_a_page_at_localhost_is_our_own(running: RunningApp) -> None:
 
 @pytest.mark.parametrize("path", ["/", "/index.html", "/deformnb/app.js", "/vue.global.js", "/nothing"])
 def test_requests_under_a_foreign_name_or_origin_are_refused(running: RunningApp, path: str) -> None:
-    with status_of(running, path, Host="evil.example") as (status, _, text):
+    with fetch(running, path, Host="evil.example") as (status, _, text):
         assert (status, "deformnb" in text) == (403, False)
-    with status_of(running, path, Origin="http://evil.example") as (status, _, _):
+    with fetch(running, path, Origin="http://evil.example") as (status, _, _):
         assert status == 403
-    with status_of(running, path) as (status, _, _):
+    with fetch(running, path) as (status, _, _):
         assert status == (404 if path == "/nothing" else 200)
 
 
 def test_pages_may_not_be_framed_or_load_from_elsewhere(running: RunningApp) -> None:
     for path in ("/", "/vue.global.js"):
-        with status_of(running, path) as (_, headers, _):
+        with fetch(running, path) as (_, headers, _):
             policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
             assert policy["frame-ancestors"] == "'none'"
             assert policy["connect-src"] == f"'self' ws://{running.name}"
@@ -153,10 +153,10 @@ def test_only_a_classroom_of_pages_is_let_in(running: RunningApp) -> None:
         entered = []
         try:
             for _ in range(MOST_OPEN_PAGES):
-                entered.append(connected(running, secret=None))
+                entered.append(connect(running, secret=None))
                 await entered[-1].__aenter__()
             with pytest.raises(aiohttp.WSServerHandshakeError) as error:
-                await connected(running, secret=None).__aenter__()
+                await connect(running, secret=None).__aenter__()
             return len(entered), error.value.status
         finally:
             for page in entered:
@@ -192,7 +192,7 @@ def test_what_is_no_websocket_takes_no_place(
     running: RunningApp, method: str, headers: dict[str, str], status: int
 ) -> None:
     for _ in range(MOST_OPEN_PAGES + 1):
-        with connection_with(running.name, request_of(running.name, method=method, **headers)) as visitor:
+        with open_connection(running.name, http_request(running.name, method=method, **headers)) as visitor:
             assert visitor.recv(65536).split()[1] == str(status).encode()
     wait_for(lambda: [dict(handler.connections) for handler in running.server.guard.handlers] == [{}])
     test_the_password_of_this_start_opens(running)
@@ -211,7 +211,7 @@ def test_a_handshake_that_fails_takes_no_place(running: RunningApp, monkeypatch:
 
 def test_many_refused_requests_become_few_lines(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
     for _ in range(32):
-        with status_of(running, "/ws") as (status, _, _):
+        with fetch(running, "/ws") as (status, _, _):
             assert status == 403
     assert len([record for record in caplog.records if "a request was refused" in record.message]) <= 6
 
@@ -272,7 +272,7 @@ _FORBIDDEN = (
 @pytest.mark.parametrize("call", _FORBIDDEN, ids=lambda call: call[0])
 def test_other_procedures_are_unknown(running: RunningApp, call: tuple[Any, ...]) -> None:
     async def attempt() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             return await page.call(*call), await page.call("trame.state.get")
 
     answer, after = asyncio.run(attempt())
@@ -333,9 +333,9 @@ def test_wrong_messages_change_nothing(
     }
 
     async def attempt() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             await page.call("deformnb.comm", known[name].model_id if name in known else name, data, "1", [])
-            running.settled()
+            running.wait_idle()
             return (await page.call("deformnb.open"))["widgets"]
 
     def looks() -> Any:
@@ -364,7 +364,7 @@ def test_wrong_messages_change_nothing(
 @pytest.mark.parametrize(("number", "buffers"), [("x" * 65, []), (1, []), ("1", b"x"), ("1", ["x"])])
 def test_a_message_has_a_number_and_buffers(running: RunningApp, number: Any, buffers: Any) -> None:
     async def attempt() -> None:
-        async with connected(running) as page:
+        async with connect(running) as page:
             hello = _custom({"type": "hello"})
             await page.call("deformnb.comm", running.studio.editor.model_id, hello, number, buffers)
 
@@ -387,19 +387,19 @@ def _part(widget: Any, trait: str, value: Any) -> Any:
         b"",
         b"\x00" * 12,
         b"\xff" * 40,
-        framed(b"\xc1"),
-        framed(b"\x91" * 60000),
-        framed({"id": 1, "method": "x"}),
-        framed([1, 2]),
-        framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
-        framed({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
+        frame(b"\xc1"),
+        frame(b"\x91" * 60000),
+        frame({"id": 1, "method": "x"}),
+        frame([1, 2]),
+        frame({"id": "rpc:c0:1", "method": "trame.state.get", "args": {}, "kwargs": {}}),
+        frame({"id": "rpc:c0:1", "method": "trame.state.get", "args": [], "kwargs": [], "more": 1}),
         b"\x01\x00\x00\x00" + (0).to_bytes(4, "little") + (2**31).to_bytes(4, "little") + b"x",  # 2 GB are promised
         b"\x01\x00\x00\x00" + (50).to_bytes(4, "little") + (60).to_bytes(4, "little") + b"0123456789",  # a later piece
-        framed({"id": "x" * 300, "method": "trame.state.get"}),
+        frame({"id": "x" * 300, "method": "trame.state.get"}),
         *(
-            framed({"id": "rpc:c0:1", "method": "trame.state.get"})[:k]
+            frame({"id": "rpc:c0:1", "method": "trame.state.get"})[:k]
             + (7).to_bytes(4, "little")
-            + framed({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4 :]
+            + frame({"id": "rpc:c0:1", "method": "trame.state.get"})[k + 4 :]
             for k in (4, 8)
         ),  # a later piece, another size
     ],
@@ -408,7 +408,7 @@ def _part(widget: Any, trait: str, value: Any) -> Any:
 @pytest.mark.parametrize("is_known", [True, False])
 def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp, data: bytes, is_known: bool) -> None:
     async def attempt() -> Any:
-        async with connected(running, secret="" if is_known else None) as page:
+        async with connect(running, secret="" if is_known else None) as page:
             await page.socket.send_bytes(data)
             if not is_known:
                 assert await page.login(running.server.token)
@@ -421,7 +421,7 @@ def test_malformed_messages_are_dropped_and_the_page_goes_on(running: RunningApp
 
 def test_text_is_no_message(running: RunningApp) -> None:
     async def attempt() -> Any:
-        async with connected(running) as page:
+        async with connect(running) as page:
             await page.socket.send_str('{"method": "trame.state.get"}')
             return await page.call("trame.state.get")
 
@@ -431,7 +431,7 @@ def test_text_is_no_message(running: RunningApp) -> None:
 def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: RunningApp) -> None:
     async def attempt(method: str, size: int, *given: Any) -> tuple[int, Any]:
         before = running.server.guard.dropped
-        async with connected(running) as page:
+        async with connect(running) as page:
             try:  # the server may close the line while the message is still in transit
                 await page.send(method, *given, "x" * size)
                 known = "state" in await page.call("trame.state.get")
@@ -451,7 +451,7 @@ def test_a_message_that_is_too_long_ends_its_page_and_not_the_server(running: Ru
 def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -> None:
     async def attempt() -> tuple[int, bool]:
         before = running.server.guard.dropped
-        async with connected(running, secret=None) as page:
+        async with connect(running, secret=None) as page:
             await page.send("wslink.hello", {"secret": running.server.token + "x" * 1000}, system=True)
             entered = await page.login(running.server.token)  # which is answered after the other was read
             return running.server.guard.dropped - before, entered
@@ -461,7 +461,7 @@ def test_unauthenticated_clients_may_send_only_a_password(running: RunningApp) -
 
 def test_a_flood_is_dropped_and_others_are_served(running: RunningApp) -> None:
     async def attempt() -> tuple[int, Any]:
-        async with connected(running) as noisy, connected(running) as calm:
+        async with connect(running) as noisy, connect(running) as calm:
             before = running.server.guard.dropped
             for _ in range(100_000):  # a slow machine lets more of them through
                 await noisy.send("trame.lifecycle.update", "client_mounted")
@@ -480,7 +480,7 @@ def test_a_page_has_one_message_at_a_time_in_the_application(running: RunningApp
     strength, free = _part(running.studio, "description", "Strength").model_id, threading.Event()
 
     async def attempt() -> int:
-        async with connected(running) as noisy, connected(running) as calm:
+        async with connect(running) as noisy, connect(running) as calm:
             blocked = running.application.thread.call(lambda: free.wait(PATIENCE))
             for value in range(100):
                 await noisy.send("deformnb.comm", strength, _update(value=value / 100), str(value), [])
@@ -490,21 +490,21 @@ def test_a_page_has_one_message_at_a_time_in_the_application(running: RunningApp
             free.set()
             await calm.answer(asked)
             assert blocked.done()
-            return sum(m["result"].get("parent", "").isdigit() for m in calm.heard if isinstance(m.get("result"), dict))
+            return sum(m["result"].get("parent", "").isdigit() for m in calm.inbox if isinstance(m.get("result"), dict))
 
     assert asyncio.run(attempt()) <= 3
-    running.settled()
+    running.wait_idle()
     running.application.thread.call(running.studio.session.editing.reset).result(PATIENCE)
 
 
 def test_logs_hold_no_password(running: RunningApp, caplog: pytest.LogCaptureFixture) -> None:
     async def attempt() -> None:
-        async with connected(running) as page:
+        async with connect(running) as page:
             await page.call("trame.state.get")
             await page.login("wslink-secret-wrong")
 
     with caplog.at_level(logging.DEBUG):
-        with status_of(running, f"/index.html?secret={running.server.token}") as (status, _, text):
+        with fetch(running, f"/index.html?secret={running.server.token}") as (status, _, text):
             assert (status, running.server.token in text) == (200, False)
         asyncio.run(attempt())
     assert running.server.token not in caplog.text
@@ -532,7 +532,7 @@ def test_a_request_that_cannot_be_read_is_a_line_of_the_log_without_what_was_sen
     running: RunningApp, request_: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     for _ in range(3):
-        with connection_with(running.name, request_.replace(b"{}", running.name.encode())) as foreign:
+        with open_connection(running.name, request_.replace(b"{}", running.name.encode())) as foreign:
             assert b" 40" in foreign.recv(64)
             while foreign.recv(4096):  # until the server has closed it, after its log messages
                 pass
@@ -549,10 +549,10 @@ def test_who_sends_no_whole_request_is_cut_off_and_nobody_else(monkeypatch: pyte
     monkeypatch.setattr("deformnb.widgets.web.guard.REQUEST_SECONDS", 0.5)
 
     async def stay() -> None:
-        async with connected(running) as page:
+        async with connect(running) as page:
             name = running.name
-            half = [connection_with(name, part) for part in (b"", request_of(name)[:-2], request_of(name)[:20])]
-            slow = connection_with(name, request_of(name, "/vue.global.js") * 30, receive_buffer=4096)
+            half = [open_connection(name, part) for part in (b"", http_request(name)[:-2], http_request(name)[:20])]
+            slow = open_connection(name, http_request(name, "/vue.global.js") * 30, receive_buffer=4096)
             for one in half:
                 with contextlib.suppress(ConnectionResetError):  # where something was sent that nobody has read
                     assert await asyncio.to_thread(one.recv, 1) == b""
@@ -577,13 +577,13 @@ def _connections(running: RunningApp) -> list[Any]:
 
 def test_who_does_not_read_a_file_does_not_hold_up_the_end(caplog: pytest.LogCaptureFixture) -> None:
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y")) as running:
-        slow = connection_with(running.name, b"", receive_buffer=4096)
+        slow = open_connection(running.name, b"", receive_buffer=4096)
         wait_for(lambda: _connected(running) == 1)
         (connection,) = _connections(running)
         connection.transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 4096)
-        slow.sendall(request_of(running.name, "/vue.global.js"))
+        slow.sendall(http_request(running.name, "/vue.global.js"))
         assert slow.recv(4096, socket.MSG_WAITALL)  # more than the head of the answer: the file is in transit
         running.server.stop()
-        running.ended(20.0)  # aiohttp itself waits for 60 seconds
+        running.wait_end(20.0)  # aiohttp itself waits for 60 seconds
         slow.close()
     assert [record for record in caplog.records if record.levelno >= logging.ERROR] == []

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
-from running_app import HANDSHAKE, RunningApp, connected, connection_with, in_a_terminal, request_of
+from running_app import HANDSHAKE, RunningApp, connect, http_request, open_connection, terminal_command
 from waiting import PATIENCE
 
 from deformnb.app.application import Application, app_server
@@ -34,14 +34,14 @@ def looks_often(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("looks_often")
 def test_it_ends_when_no_page_has_been_there_for_a_while() -> None:
     async def stay(seconds: float) -> None:
-        async with connected(running):
+        async with connect(running):
             running.server.idle = 0.2  # from now on, for a slow machine takes its time to come in
             await asyncio.sleep(seconds)
             assert running.server.reason == ""  # a page is there
 
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y"), idle=PATIENCE) as running:
         asyncio.run(stay(0.6))
-        running.ended()
+        running.wait_end()
         assert "no page was connected" in running.server.reason
         assert not _is_open(running.server.port)
 
@@ -61,20 +61,20 @@ def test_whoever_gives_no_password_does_not_keep_it_alive(monkeypatch: pytest.Mo
     monkeypatch.setattr("deformnb.widgets.web.guard.LOGIN_SECONDS", 0.2)
 
     async def loiter() -> int | None:
-        async with connected(running, secret=None) as page:
+        async with connect(running, secret=None) as page:
             await asyncio.wait_for(page.socket.receive(), PATIENCE)
             running.server.idle = 0.2  # counted from the start, which is longer ago
             return page.socket.close_code
 
     with RunningApp(Application(PHANTOMS["bar"].make((8, 8, 8)), side="+y"), idle=PATIENCE) as running:
         assert asyncio.run(loiter()) == 1000  # shut by the server
-        running.ended()
+        running.wait_end()
         assert "no page was connected" in running.server.reason
 
 
 def _started(command: list[str], folder: Path) -> tuple[subprocess.Popen[str], str]:
     process = subprocess.Popen(
-        in_a_terminal(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder
+        terminal_command(command), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=folder
     )
     assert process.stdout is not None
     url = process.stdout.readline().strip()
@@ -113,14 +113,14 @@ def test_the_command_ends_with_its_terminal(name: str, tmp_path: Path) -> None:
 def test_nobody_holds_up_the_end(tmp_path: Path) -> None:
     process, url = _started([sys.executable, "-m", "deformnb", "app", _volume(tmp_path), "--no-browser"], tmp_path)
     name = url.split("/")[2]
-    visitors = [connection_with(name, request_of(name)) for _ in range(MOST_OPEN_PAGES + 1)]  # no WebSockets
-    visitors += [connection_with(name, request_of(name, **HANDSHAKE)) for _ in range(MOST_OPEN_PAGES)]  # silent
+    visitors = [open_connection(name, http_request(name)) for _ in range(MOST_OPEN_PAGES + 1)]  # no WebSockets
+    visitors += [open_connection(name, http_request(name, **HANDSHAKE)) for _ in range(MOST_OPEN_PAGES)]  # silent
     # Who takes no more of a long answer than fits into the buffers between.
-    visitors += [connection_with(name, request_of(name, "/vue.global.js") * 30, receive_buffer=4096)]
+    visitors += [open_connection(name, http_request(name, "/vue.global.js") * 30, receive_buffer=4096)]
     try:
         for visitor in visitors:
             assert visitor.recv(16)  # the server has begun to answer
-        visitors += [connection_with(name, request_of(name)[:-2])]  # half a request
+        visitors += [open_connection(name, http_request(name)[:-2])]  # half a request
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=40.0)  # wslink waits 10 s for each page, aiohttp 60 s for each answer
         assert process.returncode == 0

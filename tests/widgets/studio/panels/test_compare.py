@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_studio import a_volume, all_of, panel, wait_for
+from studio_driver import a_volume, panel, wait_for, walk
 
 from deformnb.errors import DeformError
 from deformnb.io.volumes.formats import write_volume
@@ -20,7 +20,7 @@ def test_a_second_volume_is_shown_beside_the_first_and_turns_with_it(tmp_path: P
     studio = Studio(first, folder=tmp_path)
     try:
         chooser = panel(studio, "Second volume").controls[0].widget
-        views = lambda: [widget for widget in all_of(studio) if isinstance(widget, LiveView)]  # noqa: E731
+        views = lambda: [widget for widget in walk(studio) if isinstance(widget, LiveView)]  # noqa: E731
         chooser.value = "flipped.nrrd"
         wait_for(lambda: len(views()) == 2)
         second = next(view for view in views() if view is not studio.view)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, drag, panel, wait_for
 from front_end import deliver
+from studio_driver import a_drag, a_volume, drag, panel, wait_for
 
 from deformnb.rbf.extrusion import EXTRUSIONS, modulate
 from deformnb.rbf.fields import AbstractField

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, controls, drag, notice_of, panel, status_of
 from numpy.testing import assert_array_equal
+from studio_driver import a_drag, a_volume, controls, drag, get_notice, get_status, panel
 
 from deformnb.document.deformation import Deformation
 from deformnb.document.step_checks import is_fold_free, step_folds, step_uncertainty
@@ -94,15 +94,15 @@ def test_folds_in_air_are_told_apart_and_stop_nothing(tmp_path: Path) -> None:
 def test_the_figures_follow_the_edits(studio: Studio) -> None:
     diagnostics = panel(studio, "Diagnostics")
     assert "none; smallest det J 1" in diagnostics.facts.value
-    assert "no folds" in status_of(studio)
-    assert "round trip 0 voxels" in status_of(studio)
+    assert "no folds" in get_status(studio)
+    assert "round trip 0 voxels" in get_status(studio)
     drag(studio, a_drag(studio, FAR))
     settle(studio)
     found = diagnostics_of(studio.session)
     assert found.folds is not None
     assert found.folds.least == pytest.approx(least(studio))
     assert f"smallest det J {found.folds.least:.3g}" in diagnostics.facts.value
-    assert "5 points, 1 dragged \u00b7 folds " in status_of(studio)
+    assert "5 points, 1 dragged \u00b7 folds " in get_status(studio)
     assert "Bending energy" in diagnostics.facts.value
 
 
@@ -116,8 +116,8 @@ def test_unfolding_keeps_the_points_and_leaves_no_fold(studio: Studio) -> None:
     assert studio.session.editing.step.stages > 1
     assert studio.editor.stages == controls(studio)["Stages"].value == studio.session.editing.step.stages
     assert studio.editor.points == points
-    assert f"Done in {studio.session.editing.step.stages} stages" in notice_of(studio)
-    assert "no folds" in status_of(studio)
+    assert f"Done in {studio.session.editing.step.stages} stages" in get_notice(studio)
+    assert "no folds" in get_status(studio)
     studio.undo()
     assert studio.session.editing.step.stages == 1
     controls(studio)["Stages"].value = 16
@@ -146,7 +146,7 @@ def test_the_last_drag_goes_as_far_as_is_safe(studio: Studio) -> None:
     assert studio.editor.history["undo"] == "largest safe drag"
     panel(studio, "Diagnostics").buttons["take_back"].click()
     settle(studio)
-    assert "Nothing folds here" in notice_of(studio)
+    assert "Nothing folds here" in get_notice(studio)
 
 
 def test_a_strength_that_folds_is_taken_back(studio: Studio) -> None:
@@ -195,7 +195,7 @@ def test_what_cannot_be_unfolded_is_said(studio: Studio) -> None:
     settle(studio)
     panel(studio, "Diagnostics").buttons["unfold"].click()
     settle(studio)
-    assert "through one another" in notice_of(studio)
+    assert "through one another" in get_notice(studio)
     assert studio.session.editing.step.stages == 1
 
 
@@ -261,7 +261,7 @@ def test_a_step_in_space_has_diagnostics_too(studio: Studio) -> None:
     studio.session.editing.deformation = Deformation.from_space_points(points.move(4, [14.0, 9.0, 8.0]))
     settle(studio)
     assert panel(studio, "Diagnostics").overlay.disabled
-    assert "round trip" in status_of(studio)
+    assert "round trip" in get_status(studio)
     assert "Leave-one-out" in panel(studio, "Diagnostics").facts.value
 
 
@@ -340,7 +340,7 @@ def test_the_best_prediction_is_chosen_by_a_button_and_kept_by_a_switch(studio: 
     step = studio.session.editing.step
     assert (step.trend, studio.editor.history["undo"]) == ("quadratic", "best prediction")
     assert step.support is not None
-    assert "Best prediction: " in notice_of(studio)
+    assert "Best prediction: " in get_notice(studio)
     studio.session.editing.undo()
     assert studio.session.editing.step.trend == "affine"
     diagnostics.chosen.value = True
@@ -359,4 +359,4 @@ def test_too_few_points_are_said_to_be_so(studio: Studio) -> None:
     panel(studio, "Diagnostics").buttons["best_prediction"].click()
     settle(studio)
     assert studio.session.editing.step is before
-    assert "no active control point" in notice_of(studio) or "too few" in notice_of(studio)
+    assert "no active control point" in get_notice(studio) or "too few" in get_notice(studio)

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import a_drag, a_volume, drag, notice_of, panel, wait_for
 from numpy.testing import assert_array_equal
+from studio_driver import a_drag, a_volume, drag, get_notice, panel, wait_for
 
 from deformnb.io.files.atomic import atomic_write
 from deformnb.io.volumes.formats import read_volume, write_volume
@@ -145,7 +145,7 @@ def test_a_level_of_a_pyramid_is_named_and_exported_at_full_resolution(tmp_path:
         wait_for(lambda: files.writing.message.value.startswith("Wrote in_deformed.zarr"))
         assert_array_equal(read_volume(tmp_path / "in_deformed.zarr", level=0).values, values)
         files.download.click()
-        assert "a browser cannot take over" in notice_of(studio)
+        assert "a browser cannot take over" in get_notice(studio)
     finally:
         studio.close()
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import box_of, panel_of
+from studio_driver import find_box, find_panel
 
 from deformnb.analysis.extent import padded
 from deformnb.document import edits as key_frames
@@ -143,8 +143,8 @@ def test_a_box_that_may_not_be_larger_offers_no_way_out(box: ResultBox) -> None:
 def test_the_warning_lies_over_the_volume() -> None:
     studio = Studio(a_brick())
     try:
-        panel = panel_of(studio, OutputCheck)
-        assert panel.warning in box_of(studio, "dnb-studio-messages").children
+        panel = find_panel(studio, OutputCheck)
+        assert panel.warning in find_box(studio, "dnb-studio-messages").children
         drag_out(studio.session)
         studio.wait()
         assert panel.warning.is_visible
@@ -219,7 +219,7 @@ def test_previews_and_points_in_space_keep_the_box() -> None:
 def test_key_frames_are_played_in_the_box() -> None:
     studio = Studio(a_brick())
     try:
-        panel = panel_of(studio, AnimationPanel)
+        panel = find_panel(studio, AnimationPanel)
         drag_out(studio.session)
         studio.session.results.grow(12.0)
         studio.session.editing.edit_document(key_frames.add_key(studio.session.editing.deformation, 0.0), "a key frame")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from uploads import uploaded
+from uploads import upload_file
 from widgets.studio.panels.test_steps_history import Guarded
 
 from deformnb.datasets import PHANTOMS
@@ -28,7 +28,7 @@ class Bench:
         self.row.file_transfer.download = lambda *file: self.downloads.append(file)  # type: ignore[method-assign]
 
     def open(self, name: str, content: bytes) -> None:
-        uploaded(self.row.upload, name, content)
+        upload_file(self.row.upload, name, content)
 
 
 @pytest.mark.parametrize("kind", LANDMARK_FORMATS)

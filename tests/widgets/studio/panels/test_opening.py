@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import open_widgets, panel_of
 from front_end import deliver
 from numpy.typing import NDArray
-from uploads import uploaded
+from studio_driver import find_panel, open_widgets
+from uploads import upload_file
 
 from deformnb.datasets import PHANTOMS
 from deformnb.document.deformation import Deformation
@@ -36,11 +36,11 @@ def answer(opening: OpenPanel, words: str) -> None:
 def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
     volume = PHANTOMS["bar"].make((12, 16, 20))
     studio = Studio(volume, folder=tmp_path)
-    opening, fit = panel_of(studio, OpenPanel), panel_of(studio, FitPanel)
+    opening, fit = find_panel(studio, OpenPanel), find_panel(studio, FitPanel)
     labels: LabelChooser = opening.shapes.panel.labels
 
     def drop(path: Path) -> str:
-        uploaded(opening.box, path.name, path.read_bytes())
+        upload_file(opening.box, path.name, path.read_bytes())
         return str(studio.parts.words.notice.value)
 
     place = volume.grid.index_to_point(np.array([3.0, 5.0, 7.0]))
@@ -107,14 +107,14 @@ def test_what_is_dropped_becomes_what_it_is_for(tmp_path: Path) -> None:
 
 def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Path) -> None:
     studio = Studio(PHANTOMS["bar"].make((12, 16, 20)), folder=tmp_path)
-    first, opening = studio.session, panel_of(studio, OpenPanel)
+    first, opening = studio.session, find_panel(studio, OpenPanel)
     shown = weakref.ref(studio.view)
     studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
     other = PHANTOMS["fish"].make((8, 10, 24))
     write_volume(other, tmp_path / "fish.nrrd")
     seen: list[Deformation] = []
     studio.observe(lambda change: seen.append(change["new"]), "deformation")
-    uploaded(opening.box, "fish.nrrd", (tmp_path / "fish.nrrd").read_bytes())
+    upload_file(opening.box, "fish.nrrd", (tmp_path / "fish.nrrd").read_bytes())
     assert studio.session is first
     assert "edits of bar" in opening.question.text
     answer(opening, "Open")
@@ -129,7 +129,7 @@ def test_a_volume_opens_in_place_of_another_and_history_leads_back(tmp_path: Pat
     studio.editor.points = studio.editor.points.add([9.0, 5.0], [9.0, 6.0])
     assert studio.session.editing.history["undo"] == "add point 4"
 
-    back = panel_of(studio, HistoryPanel).box.children[0]
+    back = find_panel(studio, HistoryPanel).box.children[0]
     assert back.description == "Back to bar (phantom)"
     back.click()
     assert studio.session is first
@@ -170,22 +170,22 @@ def test_whole_numbers_that_look_like_labels_are_asked_about(tmp_path: Path) -> 
     grid = Grid((12, 24, 24))
     write_volume(Volume(blocks(), grid), tmp_path / "atlas.nrrd")
     studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
-    opening = panel_of(studio, OpenPanel)
+    opening = find_panel(studio, OpenPanel)
     assert "atlas look like labels" in opening.question.text
     assert "is_labels" not in studio.parts.words.notice.value  # which is for those who write code
     studio.editor.points = studio.editor.points.add([9.0, 7.0], [9.0, 9.0])
     edited = studio.deformation
     answer(opening, "They are amounts")
     assert not studio.volume.is_labels
-    opening = panel_of(studio, OpenPanel)
+    opening = find_panel(studio, OpenPanel)
     assert not opening.question.box.is_visible
     studio.open_volume(tmp_path / "atlas.nrrd", edited)
-    answer(panel_of(studio, OpenPanel), "They are labels")
+    answer(find_panel(studio, OpenPanel), "They are labels")
     assert studio.volume.is_labels
     assert studio.deformation == edited
     assert 'atlas.nrrd", is_labels=True)' in studio.session.code()
     assert set(np.unique(studio.session.results.volume().values)) <= set(np.unique(blocks()))
-    assert not panel_of(studio, OpenPanel).question.box.is_visible
+    assert not find_panel(studio, OpenPanel).question.box.is_visible
     studio.close()
 
 
@@ -194,11 +194,11 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
     write_volume(Volume(blocks(), Grid((12, 24, 24)), is_labels=True), tmp_path / "bones.nrrd")
     data = (tmp_path / "bones.nrrd").read_bytes()
     studio = Studio(tmp_path / "atlas.nrrd", folder=tmp_path)
-    before = panel_of(studio, OpenPanel)
+    before = find_panel(studio, OpenPanel)
     place = studio.children.index(before.box)
     deliver(before.box, {"type": "begin", "id": "under way", "name": "bones.nrrd", "size": len(data)})
     answer(before, "They are labels")
-    opening = panel_of(studio, OpenPanel)
+    opening = find_panel(studio, OpenPanel)
     assert (opening is not before, opening.box is before.box, studio.children.index(opening.box)) == (True, True, place)
     deliver(before.box, {"type": "piece", "id": "under way", "offset": 0}, [memoryview(data)])
     opening.box.wait()
@@ -210,12 +210,12 @@ def test_a_file_that_is_on_its_way_when_the_voxels_are_taken_for_labels_arrives(
 
 def test_dropped_labels_are_asked_about_unless_their_file_says_so(tmp_path: Path) -> None:
     studio = Studio(Volume(np.zeros((12, 24, 24), np.uint8), Grid((12, 24, 24)), "scan"), folder=tmp_path)
-    opening = panel_of(studio, OpenPanel)
+    opening = find_panel(studio, OpenPanel)
     labels: LabelChooser = opening.shapes.panel.labels
 
     def drop(name: str, origin: float, is_labels: bool) -> None:
         write_volume(Volume(blocks(), Grid((12, 24, 24), origin=(origin, 0, 0)), is_labels=is_labels), tmp_path / name)
-        uploaded(opening.box, name, (tmp_path / name).read_bytes())
+        upload_file(opening.box, name, (tmp_path / name).read_bytes())
 
     drop("like.nrrd", 0.0, False)
     assert "like.nrrd looks like labels" in opening.question.text
@@ -236,7 +236,7 @@ def test_labels_are_chosen_in_the_folder_with_the_names_beside_them(tmp_path: Pa
     write_volume(Volume(blocks(), volume.grid), tmp_path / "bones.nrrd")  # the menu is for labels: nothing is asked
     (tmp_path / "bones.csv").write_text("label,name\n17,tibia\n", encoding="utf-8")
     studio = Studio(volume, folder=tmp_path)
-    opening = panel_of(studio, OpenPanel)
+    opening = find_panel(studio, OpenPanel)
     labels: LabelChooser = opening.shapes.panel.labels
     labels.file.value = "bones.nrrd"
     names = [name for name, _ in labels.list.options]

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import panel, wait_for
-from matched import texture
+from deformed_pictures import texture
 from PIL import Image
+from studio_driver import panel, wait_for
 from widgets.studio.panels.test_steps_history import Guarded
 
 import deformnb as dn

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from driven_studio import act
 from front_end import deliver
+from studio_driver import act
 
 from deformnb.errors import DeformError
 from deformnb.session.history import HistoryNode

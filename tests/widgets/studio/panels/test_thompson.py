@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import oracle
 import pytest
-from driven_studio import a_volume, all_of, classes_of, panel_of, wait_for
 from front_end import deliver
+from studio_driver import a_volume, find_panel, get_classes, wait_for, walk
 
 from deformnb.datasets import PHANTOMS
 from deformnb.errors import DeformError
@@ -95,8 +95,8 @@ def test_an_edit_that_cannot_be_fitted_is_said_and_taken_back(panel: ThompsonPan
 
 def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
     assert panel.views.before.children == panel.views.after.children == (panel.editor,)
-    assert "dnb-th-before" in classes_of(panel.views.before)
-    assert "dnb-th-after" in classes_of(panel.views.after)
+    assert "dnb-th-before" in get_classes(panel.views.before)
+    assert "dnb-th-after" in get_classes(panel.views.after)
     panel.session.steps.add(in_space=True)
     assert panel.views.before.children == panel.views.after.children == ()
     assert panel.views.nowhere.layout.display is None
@@ -111,8 +111,8 @@ def test_both_places_hold_views_of_one_editor(panel: ThompsonPanel) -> None:
 def test_in_a_studio_views_are_there_while_the_tab_is_seen() -> None:
     studio = Studio(a_volume(), side="+y")
     try:
-        panel = panel_of(studio, ThompsonPanel)
-        fold = next(box for box in all_of(studio) if isinstance(box, Fold) and panel.box in all_of(box))
+        panel = find_panel(studio, ThompsonPanel)
+        fold = next(box for box in walk(studio) if isinstance(box, Fold) and panel.box in walk(box))
         assert panel.editor is studio.parts.editors.plane
         assert panel.views.after.children == ()
         fold.choose(0)
@@ -139,7 +139,7 @@ def test_lines_and_overlay_are_those_of_the_editor() -> None:
     editor = make_editor(session, 200)
     panel = ThompsonPanel(session, lambda action: action() is None, editor)
     try:
-        widgets = {w.description: w for w in all_of(panel.box) if hasattr(w, "description")}
+        widgets = {w.description: w for w in walk(panel.box) if hasattr(w, "description")}
         widgets["Lines"].value = 7
         widgets["Overlay"].value = "strain"
         assert (editor.density, editor.overlay) == (7, "strain")

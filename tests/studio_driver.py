@@ -27,7 +27,7 @@ def a_volume() -> Volume:
 SEQ = iter(range(1, 10**6))
 
 
-def page_says(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
+def post(studio: Studio, content: dict[str, Any], editor: Any = None) -> None:
     """Send a message as the front end of an editor, by default of the visible one."""
     deliver(editor or studio.editor, {"sender": "test", "seq": next(SEQ), **content})
 
@@ -37,19 +37,19 @@ def open_widgets() -> set[str]:
     return set(get_comm_manager().comms) - {model.model_id for model in shared_models()}
 
 
-def notice_of(studio: Studio) -> str:
+def get_notice(studio: Studio) -> str:
     """The line of the last action."""
     return str(studio.parts.words.notice.value)
 
 
-def status_of(studio: Studio) -> str:
+def get_status(studio: Studio) -> str:
     """The line of the state: points, folds, speed."""
     return str(studio.parts.words.status.value)
 
 
 def drag(studio: Studio, points: Any, kind: str = "move", editor: Any = None) -> None:
     """Send the end of a drag as the front end of an editor."""
-    page_says(
+    post(
         studio,
         {
             "type": "edit",
@@ -86,22 +86,22 @@ def panels(studio: Studio) -> list[Any]:
     return [*studio.parts.panels.initial, *(late.panel for late in studio.parts.panels.late)]
 
 
-def panel_of(studio: Studio, kind: type[Any]) -> Any:
+def find_panel(studio: Studio, kind: type[Any]) -> Any:
     """The panel of a kind."""
     return next(found for found in panels(studio) if isinstance(found, kind))
 
 
-def all_of(widget: Any) -> list[Any]:
+def walk(widget: Any) -> list[Any]:
     """A widget and all in it."""
-    return [widget, *(found for child in getattr(widget, "children", ()) for found in all_of(child))]
+    return [widget, *(found for child in getattr(widget, "children", ()) for found in walk(child))]
 
 
-def box_of(studio: Studio, name: str) -> Any:
+def find_box(studio: Studio, name: str) -> Any:
     """The box of a studio with this class name in the front end."""
-    return next(box for box in all_of(studio) if name in classes_of(box))
+    return next(box for box in walk(studio) if name in get_classes(box))
 
 
-def classes_of(widget: Any) -> tuple[str, ...]:
+def get_classes(widget: Any) -> tuple[str, ...]:
     """The class names of a widget in the front end."""
     return widget.classes if isinstance(widget, Box) else tuple(widget.get_state().get("_dom_classes", ()))
 
@@ -115,9 +115,9 @@ def act(items: Any, what: str, index: int, value: Any = None) -> None:
 def crash(saving: Autosave) -> None:
     """Leave the files of a session as if its process had been killed."""
     with mock.patch("deformnb.session.autosave.mark"):  # nothing records that it was closed
-        closed(saving)
+        finish(saving)
 
 
-def closed(saving: Autosave) -> None:
+def finish(saving: Autosave) -> None:
     """Close it and wait for its last file: users wait a second for it at most, and a busy machine takes longer."""
     assert saving.close(PATIENCE)

@@ -29,7 +29,7 @@ def picture(values: NDArray[Any], spacing: float = 1.0, origin: tuple[float, flo
     return Picture(values, PLANE, Raster(values.shape, (spacing, spacing), origin), "slice", (0.0, 1.0))
 
 
-def deformed(shown: Picture, field: AbstractField) -> Picture:
+def warp_by_scipy(shown: Picture, field: AbstractField) -> Picture:
     """The picture warped by a backward displacement, by SciPy."""
     places = shown.raster.points()
     places = (places + field.displacement(places) - shown.raster.origin) / shown.raster.spacing

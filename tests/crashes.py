@@ -1,4 +1,4 @@
-"""Processes that are killed at random moments, run as a separate program: ``python victims.py what folder seed``.
+"""Processes that are killed at random moments, run as a separate program: ``python crashes.py what folder seed``.
 
 Importing takes seconds and being killed no time: so one process imports, and forks of it are killed. It reports
 as JSON its findings after each of them.
@@ -46,7 +46,7 @@ def a_document(number: int, count: int = 300) -> Deformation:
     return replace(Deformation.from_picture_points(Grid((6, 7, 8)), "+y", points), name=str(number))
 
 
-def copied(work: Callable[[], Any]) -> int:
+def fork(work: Callable[[], Any]) -> int:
     """The id of a fork of this process that does this."""
     pid = os.fork()
     if pid:
@@ -57,7 +57,7 @@ def copied(work: Callable[[], Any]) -> int:
         os._exit(0)
 
 
-def killed(pid: int, after: float) -> None:
+def kill_after(pid: int, after: float) -> None:
     time.sleep(after)
     os.kill(pid, signal.SIGKILL)
     os.waitpid(pid, 0)
@@ -82,7 +82,7 @@ def save(folder: Path, chance: random.Random) -> Any:
                 write_deformation(document, path)
 
     for _ in range(ROUNDS["save"]):
-        killed(copied(work), chance.uniform(0.01, 0.2))
+        kill_after(fork(work), chance.uniform(0.01, 0.2))
         document = read_deformation(path)  # raises if it is not whole
         last = int(document.name)
         assert document == documents[last]
@@ -125,7 +125,7 @@ def writers(folder: Path, chance: random.Random) -> Any:
             except FileChangedError:
                 os.write(result[1], b"r")
 
-        pids = [copied(lambda k=k: work(k)) for k in range(2)]
+        pids = [fork(lambda k=k: work(k)) for k in range(2)]
         for reader, _ in ready:
             os.read(reader, 1)
         os.write(start[1], b"..")
@@ -149,22 +149,22 @@ def pairs(folder: Path, chance: random.Random) -> Any:
     wrong, most, found = [], 0, set()
     for suffix in (".mhd", ".nhdr"):
         path = folder / f"fish{suffix}"
-        write_volume(_marked(1), path)
+        write_volume(_volume(1), path)
 
         def check(when: str, path: Path = path) -> None:
             nonlocal most
             volume = read_volume(path)
             number = int(volume.grid.spacing[0])
             found.add(number)
-            if not np.array_equal(volume.values, _marked(number).values):
+            if not np.array_equal(volume.values, _volume(number).values):
                 wrong.append(f"{path.name} {when}")
             most = max(most, len(listing(folder)))
 
         for count in range(1, 60):
-            pid = copied(lambda count=count, path=path: (_die_before(count, folder), write_volume(_marked(2), path)))
+            pid = fork(lambda count=count, path=path: (_die_before(count, folder), write_volume(_volume(2), path)))
             is_done = os.WIFEXITED(os.waitpid(pid, 0)[1])
             check(f"before operation {count}")
-            write_volume(_marked(1), path)
+            write_volume(_volume(1), path)
             if is_done:
                 break
         assert count > 4, count  # both files were opened and renamed at least
@@ -172,16 +172,16 @@ def pairs(folder: Path, chance: random.Random) -> Any:
         def work(path: Path = path) -> None:
             while True:
                 for number in range(1, 5):
-                    write_volume(_marked(number), path)
+                    write_volume(_volume(number), path)
 
         for k in range(ROUNDS["pairs"]):
-            killed(copied(work), chance.uniform(0.005, 0.06))
+            kill_after(fork(work), chance.uniform(0.005, 0.06))
             check(f"killed {k}")
-        write_volume(_marked(3), path)
+        write_volume(_volume(3), path)
     return {"wrong": wrong, "found": len(found), "most": most, "left": listing(folder)}
 
 
-def _marked(number: int) -> Volume:
+def _volume(number: int) -> Volume:
     values = np.random.default_rng(number).integers(0, 255, (20, 30, 40)).astype(np.uint8)
     return Volume(values, Grid((20, 30, 40), (float(number), 1.0, 1.0)), "marked")
 
