@@ -10,15 +10,15 @@ Conventions
 - Lengths are physical, in LPS coordinates: ``point = origin + direction @ (spacing * index)``. Picture coordinates are
   (a, b) on a :class:`Plane`: a to the right, b down, depth c away from the viewer.
 - Displacements are backward: ``output(x) = input(x + D(x))``. A point dragged from source to target contributes
-  ``D(target) = source - target``: what was at the source appears exactly at the target.
-- Outside a volume, half a voxel beyond the outermost centres, lies its background (its smallest value).
+  ``D(target) = source - target``: the source appears exactly at the target.
+- Outside a volume, half a voxel beyond the outermost centres, is its background (its smallest value).
 
 What a notebook types is here. All else is in the packages: ``dn.analysis``, ``dn.chunked``, ``dn.document``,
 ``dn.imaging``, ``dn.interop``, ``dn.io``, ``dn.rbf``, ``dn.registration``, ``dn.session``, ``dn.warping``,
 ``dn.datasets``, ``dn.widgets`` and ``dn.errors``.
 Where a field is required, a Deformation will do; where a Grid is required, a Volume; where points are, Landmarks. Where
-a Volume is required, whatever is one will do: an image of SimpleITK, ITK, nibabel, pyvista, VTK or xarray, a layer of
-napari, the path of a file, or an array, which has no place of its own and lies at the origin with voxels 1 apart.
+a Volume is required, these are accepted too: an image of SimpleITK, ITK, nibabel, pyvista, VTK or xarray, a layer of
+napari, the path of a file, or an array, which has no place and is put at the origin with voxels 1 apart.
 
 Names load on first use, so that ``import deformnb`` is quick and loads no widget, no VTK and no matplotlib.
 """
@@ -34,7 +34,7 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def _read(kind: str, path: Any) -> Any:
-    """Read the object for which a path stands; its reader is imported when the first one is given."""
+    """Read the object at a path; its reader is imported when the first one is given."""
     io = __getattr__("io")
     return {
         "volume": io.read_volume,

@@ -1,10 +1,10 @@
 """Modules that are imported at their first use: JAX (of :mod:`deformnb._jax`) and scipy, a second of a start.
 
-A name such as ``jnp`` of this package stands for the module and imports it when an attribute is first looked up, in
-whichever thread that is; no other module of the package imports JAX or scipy. Public names of packages are deferred by
-``lazy_loader``; its lazy modules would not do here, for they stand in :data:`sys.modules` before they are loaded, where
-scipy looks whether JAX is in use. What has to be done as soon as JAX is there, such as the registration of pytrees, is
-done by the import itself, whoever imports JAX.
+A name such as ``jnp`` of this package is a proxy of the module and imports it when an attribute is first accessed, in
+any thread; no other module of the package imports JAX or scipy. Public names of packages are deferred by
+``lazy_loader``; its lazy modules would not do here, for they are in :data:`sys.modules` before they are loaded, where
+scipy checks whether JAX is in use. What has to be done as soon as JAX is there, such as the registration of pytrees, is
+done by the import itself, whichever module imports JAX.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["Deferred", "call_after_jax", "jax", "ndimage", "scipy"]
 
 
 class Deferred:
-    """A module that is imported when an attribute of it is looked up.
+    """A module that is imported when an attribute of it is accessed.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class Deferred:
         self._name = name
 
     def __getattr__(self, attribute: str) -> Any:
-        # Not kept: importlib finds a loaded module in a third of a microsecond, and tests may replace its attributes.
+        # Not cached: importlib finds a loaded module in a third of a microsecond, and tests may replace its attributes.
         return getattr(importlib.import_module(self._name), attribute)
 
     def __repr__(self) -> str:
@@ -48,7 +48,7 @@ class Deferred:
 
 
 class _AfterImport(MetaPathFinder):
-    """Calls that follow the import of a module. Python asks it first where the module is."""
+    """Calls that follow the import of a module. Python calls it first to locate the module."""
 
     def __init__(self, name: str) -> None:
         self._name = name

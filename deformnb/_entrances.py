@@ -1,7 +1,7 @@
-"""Readers of files, and conversions of other packages' objects, for wherever a volume is wanted.
+"""Readers of files, and conversions of other packages' objects, for all functions that take a volume.
 
-A volume may be given by the path of its file, or as an image of another package, wherever one is wanted. The modules
-that want one know neither: they look here, where the root package, which knows all, has put what does it, by name.
+A volume may be given by the path of its file, or as an image of another package, wherever one is required. The modules
+that take one import neither: they use this registry, in which the root package has put the readers by name.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ only where the user has not set one; ``DEFORMNB_COMPILATION_CACHE=off`` leaves J
 
 The functions on 2 x 2 and 3 x 3 matrices are closed forms for very many of them: NumPy's own take five to fifty times
 as long for these. All matrices have their rows and columns on the first two axes, ``a[m, k, ...]``, and vectors their
-components on the first one: every entry is then an array of its own, and nothing is gathered.
+components on the first one: every entry is then a separate array, and nothing is gathered.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def pytree_node(kind: _Class) -> _Class:
 
 
 def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], Any]) -> Callable[[Any], Any]:
-    """A function of one array with a derivative of its own: ``jax.custom_jvp``, made at the first call.
+    """A function of one array with a custom derivative: ``jax.custom_jvp``, made at the first call.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def with_derivative(function: Callable[[Any], Any], rule: Callable[[Any, Any], A
 def full_precision(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function that JAX computes with products of matrices as exact as their type.
 
-    NVIDIA's GPUs round the factors of float32 products to 11 bits (TF32) unless told otherwise: a displacement of 10 mm
+    NVIDIA's GPUs round the factors of float32 products to 11 bits (TF32) unless set otherwise: a displacement of 10 mm
     is then wrong by 0.003 mm and its derivatives by 1 per cent (seen on an H200).
     """
 
@@ -126,7 +126,7 @@ def is_traced(*trees: Any) -> bool:
     >>> is_traced(np.ones(3)), bool(jax.vmap(lambda x: x * is_traced(x))(np.ones(3)).all())
     (False, True)
     """
-    if "jax" not in sys.modules:  # what is not imported follows nothing
+    if "jax" not in sys.modules:  # JAX traces nothing before it is imported
         return False
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
 
@@ -178,7 +178,7 @@ _LARGE = 2**18  # bytes from which on arrays come from a GPU by way of pinned me
 
 @cache
 def use_disk_cache() -> str | None:
-    """Keep compiled functions on disk between processes; returns the folder in use, or None."""
+    """Cache compiled functions on disk between processes; returns the folder in use, or None."""
     if os.environ.get("DEFORMNB_COMPILATION_CACHE", "").lower() == "off":
         return None
     present = jax.config.jax_compilation_cache_dir  # type: ignore[attr-defined]
@@ -194,7 +194,7 @@ def use_disk_cache() -> str | None:
 
 @cache
 def _takes_options(platform: str) -> bool:
-    """Check whether the compiler of a platform takes the options above: they belong to that of the CPU."""
+    """Check whether the compiler of a platform takes the options above: they are those of the CPU's."""
     if platform != "cpu":
         return False
     try:

@@ -7,7 +7,7 @@ _BEGUN = 0.02  # share of the work, likewise
 
 
 def remaining_time(elapsed: float, share: float) -> str:
-    """The time that is left of a piece of work whose rest goes as fast: ``elapsed * (1 - share) / share``.
+    """The remaining time of a piece of work at constant speed: ``elapsed * (1 - share) / share``.
 
     Empty where that would be a guess, and for work that is done.
 

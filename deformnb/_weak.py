@@ -11,7 +11,7 @@ def weakly(owner: Any, method: Callable[..., Any], is_open: Callable[[Any], bool
     """A callback ``method(owner, ...)`` that does not keep its owner alive.
 
     It does nothing once the owner is gone, or no longer open where ``is_open`` is given: threads, timers and observers
-    that hold it must not keep a session or a view that nobody uses any more.
+    that hold it must not keep an unused session or view alive.
     """
     reference = weakref.ref(owner)
 

@@ -40,7 +40,7 @@ def short_value(value: object) -> str:
     'a number of thousands of digits'
     """
     try:
-        return " ".join(repr(value).split())[:60]  # an array has lines of its own
+        return " ".join(repr(value).split())[:60]  # an array's repr has several lines
     except ValueError:
         return "a number of thousands of digits"
 
@@ -185,7 +185,7 @@ def check_fields(owner: Any, *names: str) -> None:
     """Check the fields of a frozen dataclass by their annotations, and put the plain Python value of each in its place.
 
     A number of NumPy becomes one of Python and a list a tuple; a number must be finite, a text is none, and neither
-    "yes" nor 1 is a truth value. Arrays get the annotated type; their shape is not looked at, nor are fields of Any.
+    "yes" nor 1 is a truth value. Arrays get the annotated type; their shape is not checked, nor are fields of Any.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 def check_arguments(function: Function) -> Function:
     """Check the arguments of a function by their annotations, as :func:`check_fields` does the fields of a dataclass.
 
-    Looked at are numbers, texts, truth values, and objects of this package; what has a grid counts as its grid.
+    Checked are numbers, texts, truth values, and objects of this package; what has a grid counts as its grid.
 
     Examples
     --------
@@ -287,7 +287,7 @@ def _hints(kind: type) -> tuple[tuple[str, Any], ...]:
 
 
 def _conform(value: Any, hint: Any) -> Any:
-    """The value as the annotation wants it, or :data:`_WRONG`; what is no plain kind is taken as it is."""
+    """The value as the annotation requires it, or :data:`_WRONG`; other kinds are returned unchanged."""
     origin, among = get_origin(hint), get_args(hint)
     if origin in (Union, types.UnionType):
         return next((found for one in among if (found := _conform(value, one)) is not _WRONG), _WRONG)

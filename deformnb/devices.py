@@ -1,8 +1,8 @@
 """The device that computes: a processor, or a GPU that JAX has found.
 
 One choice holds for the process: that of :func:`use_device`, else of the environment variable ``DEFORMNB_DEVICE``, else
-"auto", which is whatever JAX takes by itself (the first GPU where ``jax[cuda13]`` is installed and finds one). Results
-are NumPy arrays and documents are the same whatever the device: it is no part of either.
+"auto", which is JAX's own choice (the first GPU where ``jax[cuda13]`` is installed and finds one). Results
+are NumPy arrays and documents are the same on any device: it is no part of either.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def is_host() -> bool:
 
 
 def device_context() -> AbstractContextManager[Any]:
-    """The context in which JAX places what is computed on the device in use; none where that is JAX's own choice."""
+    """The context in which JAX computes on the device in use; none where that is JAX's own choice."""
     name = current_device()
     return nullcontext() if name == "auto" else jax.default_device(_find_device(name))
 
@@ -98,7 +98,7 @@ def _find_device(name: str) -> Any:
         return _first()
     try:
         devices = jax.local_devices(backend=kind)
-    except RuntimeError:  # JAX knows none of this kind
+    except RuntimeError:  # JAX has none of this kind
         raise DeformError(f"JAX finds no {kind} on this machine{_remedy()}.") from None
     if int(number or 0) >= len(devices):
         raise DeformError(f"there is no {name}: JAX finds {len(devices)} of this kind, numbered from 0.")

@@ -19,7 +19,7 @@ _SHORT_MODES = ("Context", "Minimal")  # of IPython's %xmode: the default, and t
 class _ShortInNotebooks:
     """An exception that IPython shows as its message and the line of the cell that led to it.
 
-    Python and pytest know nothing of this and show the whole traceback; ``__traceback__``, ``__cause__`` and
+    Python and pytest ignore this and show the whole traceback; ``__traceback__``, ``__cause__`` and
     ``__context__`` are those of every exception.
     """
 
@@ -27,7 +27,7 @@ class _ShortInNotebooks:
     __traceback__: TracebackType | None
 
     def _render_traceback_(self) -> list[str]:
-        """The lines that IPython prints instead of the traceback: it looks for a method of this name."""
+        """The lines that IPython prints instead of the traceback: it calls a method of this name."""
         assert isinstance(self, BaseException)
         shell = _shell()
         formatter = getattr(shell, "InteractiveTB", None)
@@ -93,7 +93,7 @@ class UnknownKindError(VolumeFileError):
 
 
 class FileChangedError(VolumeFileError):
-    """The file holds what was neither opened nor saved here, or was changed since; nothing was overwritten."""
+    """The file was neither opened nor saved here, or was changed since; nothing was overwritten."""
 
 
 class OtherVolumeError(DeformError):
@@ -105,8 +105,8 @@ class MissingPackageError(DeformError, ImportError):
 
 
 class DeformWarning(UserWarning):
-    """A result that is computed but probably not what was meant: folds, tissue that is cut off, shapes that contradict
-    each other. The same sentence stands in the ``notes`` of the result.
+    """A result that is computed but probably not as meant: folds, tissue that is cut off, shapes that contradict
+    each other. The same sentence is in the ``notes`` of the result.
 
     ``warnings.simplefilter("error", dn.DeformWarning)`` makes errors of them, ``"ignore"`` silences them.
     """

@@ -1,6 +1,6 @@
 """Jupyter Server extension that sends small messages without delay.
 
-A kernel answers a widget with several small messages in a row. TCP as Jupyter leaves it keeps the second of them back
+A kernel replies to a widget with several small messages in a row. TCP with Jupyter's settings delays the second of them
 until the front end has acknowledged the first (Nagle's algorithm), and the front end's side waits up to 40 ms before
 it does. A dragged point is delayed by that wait at every step. The extension switches it off (TCP_NODELAY) for the
 websockets of kernels and changes nothing else.
@@ -31,7 +31,7 @@ def _load_jupyter_server_extension(app: Any) -> None:
         app.log.info("deformnb: this Jupyter Server cannot send small messages at once; all else works.")
         return
     settings = app.web_app.settings
-    if settings.get(_SETTING) is Usual:  # a gateway's class, or another extension's, knows better
+    if settings.get(_SETTING) is Usual:  # a gateway's class, or another extension's, has precedence
         settings[_SETTING] = _prompt_connection()
         app.log.info("deformnb: small messages of kernels are sent at once.")
 
@@ -42,7 +42,7 @@ def _prompt_connection() -> Any:
     from jupyter_server.services.kernels.connection.channels import ZMQChannelsWebsocketConnection
 
     class PromptConnection(ZMQChannelsWebsocketConnection):
-        """A kernel's websocket that keeps no small message back."""
+        """A kernel's websocket that delays no small message."""
 
         def connect(self) -> Any:
             try:

@@ -1,4 +1,4 @@
-"""Whatever is passed or read as numbers ends in a result or in one DeformError: wrong types, texts, huge numbers."""
+"""Everything passed or read as numbers ends in a result or in one DeformError: wrong types, texts, huge numbers."""
 
 from __future__ import annotations
 
@@ -261,7 +261,7 @@ def test_a_document_of_20_000_steps_is_refused() -> None:
     most = Deformation((step,) * MOST_STEPS)
     text = to_json(most)
     assert from_json(text) == most
-    warp(VOLUME, most.field(VOLUME.grid))  # as deep as it goes
+    warp(VOLUME, most.field(VOLUME.grid))  # as deep as possible
     data = json.loads(text)
     data["steps"] = data["steps"][:1] * 20_000
     with pytest.raises(DeformError, match="20000 steps"):

@@ -1,6 +1,6 @@
 """The device that computes: chosen by name, the same results on each, nothing copied in between that need not be.
 
-Where there is no GPU a second device of the CPU stands for it: all that is asked of a device but its speed is tested.
+Where there is no GPU a second device of the CPU replaces it: all of a device but its speed is tested.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ report = {
                "voxels": str(to_device(volume.values).device), "displacements": [str(d.device) for d in moved],
                "maps": str(plan.maps.device)},
     "wide": str(wide.dtype), "users": str(jax.numpy.ones(1).device)}
-# Where JAX itself prefers another device, as it does a GPU, what is computed on the host touches that one nowhere.
+# Where JAX itself prefers another device, as it does a GPU, a computation on the host never uses that one.
 jax.config.update("jax_default_device", jax.devices()[1])
 devices.use_device("cpu")
 before = {id(array) for array in jax.live_arrays()}
@@ -120,7 +120,7 @@ def test_another_device_computes_the_same_and_keeps_what_it_computed(
     assert apart.keys() >= set(fields)
     assert found["name"] == "cpu:1"
     assert not found["is_host"]
-    # What is added up in another order is rounded in another way, and so may be a voxel.
+    # Sums in another order are rounded otherwise, and so may be a voxel.
     assert max(apart[name] for name in fields) <= 1, apart
     assert max(apart["fit"], apart["places"]) < 1e-12, apart
     assert apart["document"] == 0, apart

@@ -1,6 +1,6 @@
-"""Every entrance takes whatever is a volume, and finds it where the package that it comes from says it lies.
+"""Every entrance takes any kind of volume, and places it as the package that it comes from states.
 
-The entrances are found by the annotations of what is public, so that a new one cannot be missed: each has its row in
+The entrances are found by the annotations of public functions, so that a new one cannot be missed: each has its row in
 ``ENTRANCES`` or ``OF_GRIDS``, a call with everything else right.
 """
 
@@ -113,7 +113,7 @@ def _xarray(
 
 
 class Layer:
-    """What is asked of a layer of napari, whose class comes from there."""
+    """The interface of a layer of napari, whose class comes from there."""
 
     def __init__(self, data: Any, attributes: dict[str, Any], kind: str) -> None:
         self._tuple = data, attributes, kind
@@ -189,7 +189,7 @@ print("right")
 
 
 def test_an_image_of_itk_lies_where_itk_says() -> None:
-    pytest.importorskip("itk")  # in a process of its own: beside SimpleITK and VTK its libraries crash
+    pytest.importorskip("itk")  # in a separate process: with SimpleITK and VTK its libraries crash
     done = subprocess.run([sys.executable, "-c", OF_ITK], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == "right", done.stderr[-2000:]
 
@@ -482,7 +482,7 @@ OF_GRIDS: dict[str, Callable[[Any, Path], Any]] = {
 def test_every_public_entrance_has_its_row() -> None:
     of_volumes = annotated(r"\b(Volume|VolumeLike|Channels|ChannelsLike|Pictured)\b")
     of_grids = annotated(r"\bGrid\b") & of_volumes
-    internal = {"widgets.view.live_view.LiveView.page_scene(volume)"}  # takes only what its page shows
+    internal = {"widgets.view.live_view.LiveView.page_scene(volume)"}  # takes only the parts that its page shows
     assert set(OF_GRIDS) == of_grids
     assert set(ENTRANCES) == of_volumes - of_grids - internal
 
@@ -527,10 +527,10 @@ def same(found: Any, wanted: Any) -> None:
 
 
 REFUSE = {"interop.skimage_maps.skimage_map(lattice)", "io.volumes.label_names.write_segmentation(volume)"}
-"""Entrances that refuse this volume, which has several slices, or the file beside it, which is no segmentation."""
+"""Entrances that refuse this volume, which has several slices, or the file next to it, which is no segmentation."""
 
 FOREIGN = [name for name in OBJECTS if name not in ("volume", "nibabel with a slope", "xarray falling y")]
-"""Those whose voxels lie in the same order as those of the volume that each is compared with."""
+"""Those whose voxels have the same order as those of the volume that each is compared with."""
 
 
 def check(entrance: str, name: str, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""How errors are shown: a message in IPython, whole tracebacks everywhere else and where they are asked for."""
+"""How errors are shown: a message in IPython, whole tracebacks everywhere else and where they are requested."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Run = Callable[[str], tuple[str, BaseException | None]]
 
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Iterator[Run]:
-    """Run a cell in IPython's own shell: what is printed, and what it raised."""
+    """Run a cell in IPython's own shell: its output, and the exception."""
     kind = pytest.importorskip("IPython.core.interactiveshell").InteractiveShell
     shell = kind.instance(config=Config({"HistoryManager": {"enabled": False}}), colors="nocolor")
 

@@ -1,4 +1,4 @@
-"""float64 only where asked for, and compiled functions that outlive the process."""
+"""float64 only where requested, and compiled functions that outlive the process."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ def run_fit(environment: dict[str, str]) -> None:
 
 
 def entries(folder: Path) -> set[str]:
-    """Names of the kept programs; JAX also writes when each was last used, which changes."""
+    """Names of the cached programs; JAX also writes when each was last used, which changes."""
     return {p.name for p in folder.rglob("*-cache")}
 
 
 def test_compiled_functions_are_kept_between_processes(isolated_folders: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # What is compiled quickly, as the tests' own programs are, is not kept.
+    # Programs that compile quickly, as the tests' own do, are not cached.
     for name in ("JAX_COMPILATION_CACHE_DIR", "DEFORMNB_COMPILATION_CACHE", "XLA_FLAGS"):
         monkeypatch.delenv(name, raising=False)
     run_fit({})
     kept = entries(isolated_folders)
     assert {name.split("-")[0] for name in kept} >= {"jit_solve", "jit__lattice"}
     run_fit({})
-    # Tiny helpers are kept only if they happen to take long; the same two programs under other keys would be misses.
+    # Tiny helpers are cached only if they happen to take long; the same two programs under other keys would be misses.
     again = entries(isolated_folders) - kept
     assert not [name for name in again if name.startswith(("jit_solve", "jit__lattice"))], "compiled once more"
 
@@ -136,7 +136,7 @@ def work(pipe=None):
         pipe.send(said)
     return said
 
-warnings.simplefilter("ignore")  # Python and JAX warn of forks beside threads, and what they warn of is tested here
+warnings.simplefilter("ignore")  # Python and JAX warn of forks with threads, and these are tested here
 if sys.argv[1] == "used":
     work()
 mine, other = multiprocessing.Pipe()
@@ -145,7 +145,7 @@ child.start()
 print(mine.recv() if mine.poll(60) else "hangs")
 child.kill()
 child.join()
-print(work())  # the parent goes on
+print(work())  # the parent continues
 """
 
 

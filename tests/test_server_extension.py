@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SETTING = "kernel_websocket_connection_class"
 CHANNELS = "jupyter_server.services.kernels.connection.channels"
 
-# A second extension in the same server, which tells of every kernel's socket whether it delays.
+# A second extension in the same server, which reports of every kernel's socket whether it delays.
 PROBE = """
 import json, socket
 from jupyter_server.base.handlers import JupyterHandler
@@ -65,7 +65,7 @@ def asked(server: Host, path: str, data: bytes | None = None) -> Any:
 
 
 def opened(server: Host, kernel: str) -> socket.socket:
-    """A page's end of a kernel's websocket, as far as the handshake."""
+    """The client's end of a kernel's websocket, as far as the handshake."""
     page = socket.create_connection(("127.0.0.1", server.port), timeout=120)
     page.sendall(
         f"GET /api/kernels/{kernel}/channels?session_id=s&token={server.token} HTTP/1.1\r\n"

@@ -1,9 +1,9 @@
 """Field of view: the size of the box that the deformed foreground needs, and the sides on which it leaves its box.
 
-The volume's box is where the foreground was, not where it goes: voxels that are dragged out of it are cut off, unless
+The volume's box is where the foreground was, not where it moves: voxels that are dragged out of it are cut off, unless
 the result gets a larger grid. The extent is found in both directions. Forwards, the corners of small boxes around all
 foreground at the surface are followed through the map, which is exact. Backwards, the nodes of a lattice around that
-extent are looked up in the foreground: they find the second copy of the tissue that a fold shows, and the corners
+extent are sampled in the foreground: they find the second copy of the tissue that a fold shows, and the corners
 are followed from there too.
 """
 
@@ -29,7 +29,7 @@ from deformnb.warping.points import warp_points
 MOST = 8.0
 """A box is made as large as this many times the voxels of the volume, and no larger."""
 
-# Boxes along the longest axis: enough that their corners lie close to the foreground, few enough to be followed at
+# Boxes along the longest axis: enough that their corners are close to the foreground, few enough to be followed at
 # once.
 _BLOCKS = 16
 
@@ -41,8 +41,8 @@ _SLACK = 0.05
 # fade.
 _RIM = 1
 
-# Nodes along each axis of the lattice that is looked up backwards, how far it goes beyond what was found, and how often
-# it is made anew because foreground lies on its edge.
+# Nodes along each axis of the lattice that is sampled backwards, its margin beyond the places found, and how often
+# it is rebuilt because foreground is on its edge.
 _NODES = 24
 _AROUND = 0.15
 _ROUNDS = 8
@@ -50,7 +50,7 @@ _ROUNDS = 8
 # Newton steps of each corner from each outermost place.
 _STEPS = 20
 
-# Foreground that a fold shows apart from the rest is looked for as far away from the volume as these shares of its
+# Foreground that a fold shows apart from the rest is searched for as far away from the volume as these shares of its
 # edges.
 _SCALES = (0.2, 0.6, 1.8)
 
@@ -75,7 +75,7 @@ class Foreground:
 
     @cached_property
     def corners(self) -> Floats:
-        """The corners (n, 3) of all boxes at the surface, in space: what lies among others cannot stick out."""
+        """The corners (n, 3) of all boxes at the surface, in space: boxes among others cannot stick out."""
         there = np.pad(self.table >= 0, 1)
         inner = (slice(1, -1),) * 3
         hidden = there[inner].copy()
@@ -92,7 +92,7 @@ class Foreground:
         return bool(self.holds(np.asarray(point, dtype=np.float64)[None])[0])
 
     def holds(self, points: Floats) -> NDArray[np.bool_]:
-        """Test points (n, 3) in space for lying in one of the boxes."""
+        """Test whether points (n, 3) in space are in one of the boxes."""
         at = self.grid.point_to_index(points)
         part = np.floor((np.where(np.isfinite(at), at, -1e9) + 0.5) / self.block).astype(np.int64)
         inside = ((part >= 0) & (part < np.array(self.table.shape[::-1]))).all(axis=1)
@@ -205,7 +205,7 @@ def _node_neighbourhood(foreground: Foreground, followed: Floats, places: Floats
 
 
 def _far(foreground: Foreground, field: AbstractField) -> Iterator[Floats]:
-    """Coarse places of tissue seen around the volume, at several scales: a fold shows it in places that lie apart."""
+    """Coarse places of tissue seen around the volume, at several scales: a fold shows it in separate places."""
     counts = np.array(foreground.grid.shape[::-1], dtype=np.float64)
     for share in _SCALES:
         yield _find_foreground_nodes(foreground, field, np.full(3, -0.5), counts - 0.5, share * counts)[0]
@@ -252,7 +252,7 @@ def field_of_view(volume: Volume | Foreground, field: AbstractField | None, *, m
     ----------
     volume : or its :func:`foreground_of`, which takes the longest for a large volume and stays the same.
     field : backward displacements in space.
-    most : how many times the voxels of the volume it may have; larger boxes are cut back on all sides alike.
+    most : how many times the voxels of the volume it may have; larger boxes are reduced equally on all sides.
 
     Examples
     --------
@@ -306,7 +306,7 @@ def _padded(grid: Grid, before: Any, after: Any) -> Grid:
 
 
 def padded(grid: Grid, margin: ArrayLike) -> Grid:
-    """A grid with a margin on all sides, as whole voxels of its own lattice.
+    """A grid with a margin on all sides, as whole voxels of its lattice.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Folds of a map: the determinant of its derivative, and the largest share of a drag that stays free of them.
 
 ``output(x) = input(x + D(x))``. With ``J = 1 + dD/dx`` a small piece at x shows ``det J`` times its own size of the
-input: 1 keeps areas (volumes in space), 2 shows tissue shrunk to a half, 1/2 tissue grown to twice its size. Where
+input: 1 preserves areas (volumes in space), 2 shows tissue shrunk to a half, 1/2 tissue grown to twice its size. Where
 ``det J <= 0`` the map folds: tissue is seen twice, and mirrored. The forward map has the determinant ``1 / det J``, see
 :mod:`deformnb.analysis.strain`.
 """
@@ -31,7 +31,7 @@ NEARLY_FOLDED = 0.05
 # Nodes of a grid at a time: nine derivatives of each fill 36 bytes.
 _NODES_AT_A_TIME = 2**18
 
-# The first walk from rest to the whole drag goes in this many steps; then the last safe one is split this often.
+# The first walk from rest to the whole drag takes this many steps; then the last safe one is split this often.
 _STEPS = 8
 _HALVINGS = 7
 
@@ -44,8 +44,8 @@ class Folds:
     ----------
     least : the smallest determinant of ``1 + dD/dx`` at a node; 0 or less is a fold.
     place : the node where that is, physical: (a, b) on a plane, (x, y, z) in space.
-    share : the part of the nodes that lie in folds, from 0 to 1.
-    air : the part of the nodes that lie in folds where there is no tissue; they count in neither of the above.
+    share : the part of the nodes in folds, from 0 to 1.
+    air : the part of the nodes in folds where there is no tissue; they count in neither of the above.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def jacobian_determinant(
     *,
     grid: Grid | VolumeLike | None = None,
 ) -> NDArray[Any]:
-    """The determinant of ``1 + dD/dx``: 1 where areas are kept, 0 or less where the map folds.
+    """The determinant of ``1 + dD/dx``: 1 where areas are preserved, 0 or less where the map folds.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def jacobian_determinant(
 
     Returns
     -------
-    float32 of the lattice's shape, as quick as the field's own values; or float64 (...) at points. Beside a cut it is
+    float32 of the lattice's shape, as quick as the field's own values; or float64 (...) at points. At a cut it is
     that of the region seen, without the gap.
 
     Raises
@@ -116,7 +116,7 @@ def folds_of(
     grid: Grid | VolumeLike | None = None,
     is_tissue: IsTissue | None = None,
 ) -> Folds:
-    """The smallest determinant on a lattice, its place, and the share of the nodes that lie in folds.
+    """The smallest determinant on a lattice, its place, and the share of the nodes in folds.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def folds_of(
         is_air = air_nodes(field, _points_of(lattice, part, found.shape), found, is_tissue)
         in_air += count / found.size * np.count_nonzero(is_air & ~(found > 0))
         values = np.where(is_air, np.float32(np.inf), found)
-        folded += count / found.size * np.count_nonzero(~(values > 0))  # what is not a number is no good either
+        folded += count / found.size * np.count_nonzero(~(values > 0))  # NaN is no good either
         at = np.unravel_index(int(np.argmin(values)), values.shape)
         if not values[at] >= least:
             least = float(values[at])
@@ -229,7 +229,7 @@ def _points_of(
 
 
 def _blocks(field: AbstractField, lattice: Grid | Raster) -> Iterator[tuple[tuple[slice, ...], NDArray[np.float32]]]:
-    """Parts of the lattice's array and the determinants there; an axis of length 1 stands for all along it."""
+    """Parts of the lattice's array and the determinants there; an axis of length 1 represents all along it."""
     if field.dim != len(lattice.shape):
         raise DeformError(
             f"a field of dimension {field.dim} has no determinants on a lattice of "

@@ -44,9 +44,9 @@ class FitSystem:
     fit : the solved interpolant; ready : its points, merged and centred.
     x, d : (n, dim) targets and displacements in units of the support.
     phi : (n, n) kernel values; nugget : (n,) lambda / weight.
-    energy : C (n, n) above; the plain inverse where there is no polynomial or points have radii of their own.
+    energy : C (n, n) above; the plain inverse where there is no polynomial or points have individual radii.
     weights : W (n, p); rest : Q (p, p).
-    kept : (n,) false for points that :meth:`without` left out.
+    kept : (n,) mask, false for points that :meth:`without` left out.
     """
 
     fit: RBFInterpolant
@@ -77,7 +77,7 @@ class FitSystem:
 
     @property
     def has_own_radii(self) -> bool:
-        """True if points have support radii of their own: no energy, a trend of least squares."""
+        """True if points have individual support radii: no energy, a trend of least squares."""
         return self.fit.scales is not None
 
     @property
@@ -99,7 +99,7 @@ class FitSystem:
 
     @property
     def gram(self) -> Floats:
-        """By what the energy of a trend is measured: C, or the plain mean removed beside radii of their own."""
+        """Measure of a trend's energy: C, or the plain mean removed with individual radii."""
         if not self.has_own_radii:
             return self.energy
         kept = self.kept.astype(float)
@@ -108,7 +108,7 @@ class FitSystem:
     def without(self, k: int) -> FitSystem:
         """The system of all points but one, by a change of rank one; for the errors of the rest, not for a new fit.
 
-        Its arrays keep their size: the row and the column of a point that is out are zero, and ``kept`` marks it.
+        Its arrays have the same size: the row and the column of a point that is out are zero, and ``kept`` marks it.
         """
         c, kept = self.energy, self.kept.copy()
         energy = scipy.linalg.blas.dger(-1 / c[k, k], c[:, k], c[k], a=np.array(c, order="F"), overwrite_a=1)
@@ -124,7 +124,7 @@ def fit_system(
     trend: str = "affine",
     smoothing: float = 0.0,
 ) -> FitSystem:
-    """Fit points as :func:`~deformnb.rbf.fitting.fit_rbf` does, and keep the inverse of the system.
+    """Fit points as :func:`~deformnb.rbf.fitting.fit_rbf` does, and store the inverse of the system.
 
     Raises
     ------

@@ -21,7 +21,7 @@ class LabelVolume:
     Parameters
     ----------
     label : the number of its voxels.
-    name : what it is called; empty if that is not known.
+    name : of the label; empty if that is not known.
     before, after : its volume, in the cube of the unit of the spacing (mm³).
 
     Examples
@@ -49,8 +49,8 @@ def label_volumes(
 
     Parameters
     ----------
-    before, after : labels, on grids of their own; whole numbers or bool.
-    names : what the labels are called, as :func:`deformnb.io.read_label_names` finds them.
+    before, after : labels, each on its own grid; whole numbers or bool.
+    names : of the labels, as :func:`deformnb.io.read_label_names` finds them.
 
     Returns
     -------

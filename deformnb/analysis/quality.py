@@ -34,10 +34,10 @@ from deformnb.rbf.trends import THIN_BEND, TRENDS, Span, products, regularize_mo
 _ALONE = 1e-9
 
 STRAIN = 0.5
-"""Leave-one-out errors of this share of the way to the nearest point require a strain that is near to a fold."""
+"""Leave-one-out errors of this share of the distance to the nearest point require a strain that is near to a fold."""
 
 # An error must stand out from those of the other points, or all of them disagree and none is to blame. Measured in
-# standard deviations of what the others could know: errors at the edge of a set are large without anybody's fault. Of
+# standard deviations of the others' prediction: errors at the edge of a set are large without a mistake. Of
 # 640 sets with two landmarks swapped this named both in 96 to 100 of 100, against 86 to 99 by plain lengths.
 _STANDS_OUT = 2.0
 _MOST_SUSPECTS = 16
@@ -56,7 +56,7 @@ class FitQuality:
         point alone requires. Zero for a single point.
     suspects : ids of points that disagree with their neighbours; see :func:`fit_quality`.
     energy : alpha^T Phi alpha of all components, in squared lengths: the squared norm of the bending part in the
-        kernel's own space. Comparable between fits of one kernel and support. NaN beside radii of their own.
+        kernel's own space. Comparable between fits of one kernel and support. NaN with individual radii.
     sigma : scale of the Gaussian process with the same kernel, physical; NaN where the trend takes all there is.
     affine_share : share from 0 to 1 of the squared drags that one affine map of the sources explains; 1 without drags.
     non_affine : (N, dim) target less that affine map of the source.
@@ -94,12 +94,12 @@ def fit_quality(
 ) -> FitQuality:
     """Assess the fit that :func:`~deformnb.rbf.fitting.fit_rbf` makes of these points.
 
-    A point is suspect if what the others predict for it misses by at least half of the way to the nearest other point,
+    A point is suspect if the others' prediction misses it by at least half of the distance to the nearest other point,
     and, in units of the others' uncertainty there, by twice the median of all points at least. The one whose
     leaving-out eases the fit most is named and left out, then the rest are checked again, so that the neighbours of a
     wrong point are not blamed for it. Nobody is blamed where fewer than two points are dragged, or with fewer than
     dim + 4 points: a long drag among four corners that hold the picture is no mistake. Nor is a point blamed that is
-    not dragged and lies on the convex hull of all: it holds the rim, where the others only extrapolate.
+    not dragged and is on the convex hull of all: it fixes the rim, where the others only extrapolate.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ def fit_quality(
         errors[k] = active.displacement[k] - rest.displacement(active.target[k])
     share, non_affine = affine_split(active)
     nearest = scipy.spatial.cKDTree(system.x).query((active.target - system.ready.origin) / unit)[1]
-    gaps = unit * _gaps(system.x)[nearest]  # to another place: points that share one would lie infinitely close
+    gaps = unit * _gaps(system.x)[nearest]  # to another place: points that share one would be infinitely close
     return FitQuality(
         active.ids,
         _residual(system, active),
@@ -159,7 +159,7 @@ def affine_split(points: ControlPoints) -> tuple[float, Floats]:
 def bending_energy(points: ControlPoints) -> float:
     """Bending of the thin-plate spline that takes the sources of the active points to their targets (Bookstein).
 
-    It is the integral of all squared second derivatives of that map, whatever kernel the points are fitted with: zero
+    It is the integral of all squared second derivatives of that map, for any kernel of the fit: zero
     for affine maps, without a unit in the plane and a length in space; infinite where one source has two targets.
     F. L. Bookstein, IEEE PAMI 11 (1989) 567-585. With U = r^2 log r in the plane and U = -r in space, whose iterated
     Laplacians are 8 pi times a unit mass, it is 8 pi tr(Y^T C Y).
@@ -259,7 +259,7 @@ def _leave_one_out(system: FitSystem, alone: NDArray[np.bool_]) -> Floats:
 
 
 def _least_squares_errors(system: FitSystem, alone: NDArray[np.bool_], cd: Floats) -> Floats:
-    """C_ii e_i beside radii of their own: the trend of the others is plain least squares and has no C."""
+    """C_ii e_i with individual radii: the trend of the others is plain least squares and has no C."""
     if system.ready.trend == "none":
         return cd
     x, d = (a * system.kept[:, None] for a in (system.x, system.d))
@@ -314,7 +314,7 @@ _rules = jit(_all_rules, static_argnames="trend")
 
 
 def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
-    """Ids of the points that disagree with the rest; of several at one place the first stands for all."""
+    """Ids of the points that disagree with the rest; of several at one place the first represents all."""
     if np.count_nonzero(active.displacement.any(axis=1)) < 2:
         return ()
     found: set[int] = set()
@@ -332,7 +332,7 @@ def _suspects(system: FitSystem, active: ControlPoints) -> tuple[int, ...]:
 
 
 def _holding_the_rim(system: FitSystem) -> NDArray[np.bool_]:
-    """Mask of the places that are not dragged and lie on the convex hull of all."""
+    """Mask of the places that are not dragged and on the convex hull of all."""
     holds = np.zeros(system.count, dtype=bool)
     with contextlib.suppress(scipy.spatial.QhullError):  # all on one line, or in one plane of space
         holds[scipy.spatial.ConvexHull(system.x).vertices] = True

@@ -29,7 +29,7 @@ class Stretches:
     Parameters
     ----------
     area : (...) how much areas (volumes in space) have grown, ``det F = 1 / det J``: 2 is twice as large.
-    principal : (..., dim) stretches along the principal directions, largest first; 1 keeps lengths. Their product is
+    principal : (..., dim) stretches along the principal directions, largest first; 1 is no change. Their product is
         ``area``, their logarithms are the principal (Hencky) strains.
     directions : (..., dim, dim) unit rows, the principal directions in the result; of either sign.
 
@@ -111,7 +111,7 @@ def _planar_singular_values(f: Floats) -> tuple[Floats, Floats]:
     angle = (turn + mirror) / 2
     along = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     across = np.stack([-along[:, 1], along[:, 0]], axis=-1)
-    least = (a * d - b * c) / largest  # q - r would lose the digits of what is pressed flat
+    least = (a * d - b * c) / largest  # q - r would lose the digits of flattened tissue
     return np.stack([largest, least], axis=-1), np.stack([along, across], axis=1)
 
 

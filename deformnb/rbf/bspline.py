@@ -220,13 +220,13 @@ class BSplineField(AbstractField):
 def _cell_of(xp: Any, index: Any, low: float, high: float, count: int, order: int, eps: float) -> tuple[Any, Any, Any]:
     """Along one axis: the first coefficient that counts, the place after its cell begins (0 to 1), and who is moved.
 
-    A place that rounding has pushed over the border belongs to the domain: the border of a grid of control points is
-    as a rule that of the picture, on which voxels lie. The root of the rounding unit is far above what rounding does
+    A place that rounding has moved over the border is in the domain: the border of a grid of control points is
+    usually that of the picture, on which voxels are. The root of the rounding unit is far above what rounding does
     to an index, and moves nothing by more than it.
     """
     rounding = eps**0.5
     inside = (index >= low - rounding) & (index <= high + rounding)
-    place = xp.clip(xp.where(inside, index, low), low, high) - low  # NaN lies outside
+    place = xp.clip(xp.where(inside, index, low), low, high) - low  # NaN counts as outside
     start = xp.clip(xp.floor(place), 0, count - order - 1)
     return start.astype(np.int32), place - start, inside
 

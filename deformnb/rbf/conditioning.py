@@ -37,23 +37,23 @@ from deformnb.rbf.trends import FLAT, THIN, Span, Trend, are_wide, quadric_span,
 
 LARGEST_SET = 2000
 """Points of one dense system, which costs N^3: 2000 take 0.1 s, ten times as many would take minutes. More of them have
-a sparse system (compact kernels) or local fits (:mod:`deformnb.rbf.partition`), and pages take no more."""
+a sparse system (compact kernels) or local fits (:mod:`deformnb.rbf.partition`), and exported pages take no more."""
 
 MOST_POINTS = 20000
 """Points of any fit: the sums at a million places take a minute then."""
 
 SAME_DISTANCE = 1e-6
-"""Distances that differ by less than this share are one: those of a turned lattice differ by their rounding."""
+"""Distances that differ by less than this share are one: those of a rotated lattice differ by their rounding."""
 
 # Points nearer than this share of the support, or of their diameter, make Phi singular to working precision (its
 # condition is (R/gap)^2..3).
 SAME_PLACE = 1e-6
 # Displacements that differ by less than this share of the support are the same: the promised exactness of a fit. So are
-# those that differ by no more than the points lie apart, as those of any map without folds do.
+# those that differ by no more than the distance of the points, as those of any map without folds do.
 SAME_DISPLACEMENT = 1e-9
 
 # A compact kernel is close to its flat limit at this many diameters of the set of points; beyond, Phi loses the digits
-# that keep near points apart (the error of a fit was 5e-8 of it at 100).
+# that separate near points (the error of a fit was 5e-8 of it at 100).
 LONGEST_SHARE = 100.0
 
 _LIMITED = (
@@ -72,7 +72,7 @@ _ENDS = 256
 COLLAPSED = 1e-6
 # A direction in which points of a lattice have different places; of length 1, so that no distance grows.
 _ASLANT = np.array([0.7548, 0.5698, 0.3247])
-# Neighbours of a point that may cross it, and how many more that are as far are looked at: a lattice in space has 6,
+# Neighbours of a point that may cross it, and how many more that are as far are examined: a lattice in space has 6,
 # the closest packing 12.
 NEAREST, NEAREST_AND_EQUAL = 4, 12
 # Pairs of crossing points this many quarters of an octave (8 times) behind the worst are not named.
@@ -115,7 +115,7 @@ class PreparedPoints:
 
     @property
     def closest(self) -> str:
-        """The two points that lie closest to each other, for the message of a singular system."""
+        """The closest two points, for the message of a singular system."""
         if self.count < 2:
             return "a single point"
         distance, other = _neighbours(self.targets, 2)
@@ -125,7 +125,7 @@ class PreparedPoints:
 
 
 def diameter_of(places: NDArray[np.float64]) -> float:
-    """The largest distance between two of the places (n, dim), however they are turned.
+    """The largest distance between two of the places (n, dim), invariant under rotation.
 
     >>> round(diameter_of(np.array([[0.0, 0.0], [3.0, 0.0], [0.0, 4.0]])), 12)
     5.0
@@ -304,7 +304,7 @@ def _span(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> t
 
 
 def _thinly(spreads: NDArray[np.float64]) -> str:
-    """Line or plane near which thin control points lie, in words: the same however they are rotated."""
+    """Line or plane near which thin control points lie, in words; invariant under rotation."""
     wide = int((spreads >= THIN).sum())
     return "" if wide == len(spreads) else "on one line" if wide == 1 else "in one plane"
 
@@ -376,8 +376,8 @@ def crossing_pairs(
 ) -> list[tuple[int, int]]:
     """Ids of neighbouring points that the fit pulls past one another; ``linear`` is T's trend (dim, dim).
 
-    Beside the trend the displacement changes by more than the distance. Head on the map must fold between them; four
-    points turned by 90 degrees within a fixed ring also come here, and need not fold (det J down to 0.18 was seen): the
+    Without the trend the displacement changes by more than the distance. Head on the map must fold between them; four
+    points rotated by 90 degrees within a fixed ring also occur, and need not fold (det J down to 0.18 was seen): the
     determinant between them decides.
     The worst come first to be named: two points piled on one place bend the trend until others seem to cross as well.
     """

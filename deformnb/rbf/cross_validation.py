@@ -6,8 +6,8 @@ times as much (S. Rippa, Adv. Comput. Math. 11 (1999) 193-210, for single points
 matrix).
 
 A point that is left out alone has its next neighbour at the usual distance. Places that no point is near, between
-clusters and in holes, are farther away, and leaving out all within :func:`balls_of` of a point stands for them
-(K. Le Rest et al., Glob. Ecol. Biogeogr. 23 (2014) 811-820). Balls turn with the points and know no order of them;
+clusters and in holes, are farther away, and leaving out all within :func:`balls_of` of a point approximates them
+(K. Le Rest et al., Glob. Ecol. Biogeogr. 23 (2014) 811-820). Balls rotate with the points and ignore their order;
 blocks of a raster would not.
 """
 
@@ -38,7 +38,7 @@ _OPEN = 1e-12
 
 
 def parameters_of(trend: str, dim: int) -> int:
-    """Number of points that determine an affine trend, or the quadratic one where that is asked for."""
+    """Number of points that determine an affine trend, or the quadratic one where that is required."""
     return (dim + 1) * (dim + 2) // 2 if trend == "quadratic" else dim + 1
 
 
@@ -147,9 +147,9 @@ def _reduced(x: Floats, d: Floats, kernel: type[AbstractKernel], trend: str, nug
 
 
 def polynomials_of(x: Floats, trend: str) -> Floats:
-    """An orthonormal basis (n, r) of the polynomials of a trend at places x (n, dim): those that the places tell apart.
+    """An orthonormal basis (n, r) of the polynomials of a trend at places x (n, dim): those that these distinguish.
 
-    Which these are is a matter of singular values, of the products of two coordinates after the affine ones, so that
+    These are found by the singular values, of the products of two coordinates after the affine ones, so that
     neither the axes nor the unit have a share in it.
     """
     n = len(x)
@@ -173,7 +173,7 @@ def _basis_of(columns: Floats, size: float | None = None) -> Floats:
     return np.asarray(u[:, sigma > max(least, FLAT * (size or 0.0))])
 
 
-# ---- what is left out ------------------------------------------------------------------------------------------------
+# ---- points left out ------------------------------------------------------------------------------------------------
 
 
 def gap_of(x: Floats) -> float:
@@ -200,7 +200,7 @@ def balls_of(x: Floats, least: int) -> list[Positions]:
     """For each of n places those within half of :func:`gap_of` of it, itself first; none where there are no others.
 
     A place in the middle of the widest gap is as far from all points. At least ``least`` places stay: a ball that would
-    leave fewer is smaller, and what is equally far from its middle is in it or not together.
+    leave fewer is smaller, and points equally far from its middle are in it or not together.
     """
     reach = 0.5 * gap_of(x) * (1 + SAME_DISTANCE)
     most = len(x) - least
@@ -219,10 +219,10 @@ def balls_of(x: Floats, least: int) -> list[Positions]:
 
 
 def sample_of(x: Floats, most: int = MOST_LEFT_OUT) -> Positions:
-    """About ``most`` of the places x (n, dim), spread over all, whatever their order and the axes; all where few.
+    """About ``most`` of the places x (n, dim), spread over all, in any order and for any axes; all where few.
 
-    They are taken by their distance from the centroid, every so-manyth; what is equally far, such as the eight nodes of
-    a grid that its symmetries exchange, is taken together. There are none of places more than twice as many as asked
+    They are taken by their distance from the centroid, every so-manyth; points equally far, such as the eight nodes of
+    a grid that its symmetries exchange, is taken together. There are none of places more than twice as many as given
     for that are all equally far (a ring, a ball's surface).
     """
     n = len(x)

@@ -1,7 +1,7 @@
 """Cuts: displacements that are smooth on either side of a line and jump across it (Eqs. 7 and 8 of the paper).
 
 A cut divides the picture, or space, into its inside and its outside; several cuts divide it into as many regions as
-there are combinations. Every region has a fit of its own, of the control points whose sources lie in it (Eq. 7); a
+there are combinations. Every region has a separate fit, of the control points whose sources lie in it (Eq. 7); a
 region without points does not move. Each fit is smooth everywhere, so a map is never interpolated across a cut: the
 fit that holds is chosen at every sample anew.
 
@@ -11,7 +11,7 @@ would show:
 - "paper" (Eq. 8): the field of the region in which x itself lies, and nothing where s lies in another region. Tissue
   never crosses the line, so moving both sides together leaves a false gap.
 - "source", the default: the field of any region k whose s_k lies in region k, the region of x first. It contains
-  Eq. 8 wherever that shows something.
+  Eq. 8 where that shows something.
 
 The opacity A (the paper's transparency map) falls from 1 to 0 within one voxel, by how much of the voxel at s_k lies in
 region k: ``c(m) = clamp(1/2 + m / softness)`` with m the depth of s_k within region k. The coverages of neighbouring
@@ -37,9 +37,9 @@ from deformnb.rbf.regions import AbstractRegion
 from deformnb.volume.plane import Plane
 
 MOST_CUTS = 8
-"""Eight cuts make up to 256 regions; every region with points is one more fit and one more look-up at every voxel."""
+"""Eight cuts make up to 256 regions; every region with points is one more fit and one more sample at every voxel."""
 
-# Coverages add up to 1 but for the rounding of float32 pixels; what is opaque must stay so bit by bit.
+# Coverages add up to 1 but for the rounding of float32 pixels; opaque voxels must stay so bit by bit.
 OPAQUE = 1 - 1e-4
 
 
@@ -53,7 +53,7 @@ class Cut:
 
     Parameters
     ----------
-    region : what lies on one side: a :class:`Line` (which goes on straight to the border, or ``stops`` at an end or
+    region : one side of the cut: a :class:`Line` (which continues straight to the border, or ``stops`` at an end or
         both: see :mod:`deformnb.rbf.slits`), a polygon, a mask, or a half space.
     name : shown to people.
     enabled : a cut that is switched off stays in the list.
@@ -75,7 +75,7 @@ class Cut:
 
 
 def sides_of(regions: Sequence[AbstractRegion], points: ArrayLike) -> NDArray[np.bool_]:
-    """Test points (..., dim) for lying inside each of the regions: shape (..., number of regions)."""
+    """Test whether points (..., dim) are inside each of the regions: shape (..., number of regions)."""
     return np.stack([r.signed_distance(points) < 0 for r in regions], axis=-1)
 
 
@@ -174,7 +174,7 @@ def _source_rule(own: Any, here: Any, there: Any, still: Any, xp: Any) -> tuple[
 
 
 CUT_RULES: dict[str, Callable[..., tuple[Any, Any]]] = {"source": _source_rule, "paper": _paper_rule}
-"""Rules for the visible region beside a cut, by name; the first is the default."""
+"""Rules for the visible region at a cut, by name; the first is the default."""
 
 
 def decide(
@@ -216,7 +216,7 @@ def is_doubtful(
 ) -> Any:
     """Check where distances that may be wrong by ``error`` leave :func:`decide` in doubt; parameters as there.
 
-    What surely lies in a region, and would surely show what lies in it too, is seen by either rule. Elsewhere there is
+    Places surely in a region, whose sources are surely in it too, show these by either rule. Elsewhere there is
     no doubt where all are farther from the border than the opacity falls.
     """
     most = softness / 2 + error
@@ -241,7 +241,7 @@ def _is_own(here: Sequence[Any], region: Sides, xp: Any) -> Any:
 @pytree(data_fields=["regions", "frame", "origin", "sides", "softness"], meta_fields=["rule"])
 @dataclass(frozen=True, eq=False)
 class SideChoice:
-    """The choice among regions beside cuts for compiled functions; its arrays have few shapes.
+    """The choice among regions at cuts for compiled functions; its arrays have few shapes.
 
     Parameters
     ----------
@@ -284,7 +284,7 @@ class Decoupled(AbstractField):
     Parameters
     ----------
     fields : of the regions that have control points, all of one dimension.
-    sides : which region each field belongs to.
+    sides : the region of each field.
     regions : one for every cut.
     plane : the plane on which the cuts are drawn, for fields in space; None if the cuts have the fields' dimension.
     rule : a name of :data:`CUT_RULES`.

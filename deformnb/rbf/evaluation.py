@@ -387,7 +387,7 @@ class RadialSum:
 
 
 def stack_sums(sums: Sequence[RadialSum]) -> RadialSum:
-    """Sums with arrays of the same shapes as one, with a first axis along which ``lax.scan`` takes them in turn."""
+    """Sums with arrays of the same shapes as one, with a first axis along which ``lax.scan`` iterates."""
     return jax.tree.map(lambda *parts: np.stack(parts), *sums)
 
 
@@ -418,7 +418,7 @@ def evaluate_sequentially(places: NDArray[np.float64], sums: RadialSum) -> tuple
 
 # ---- compact kernels with many centres -------------------------------------------------------------------------------
 
-_BOX = (32, 64)  # rows and columns of a tile with a list of its own
+_BOX = (32, 64)  # rows and columns of a tile with a separate list
 _MOST = 1024  # tiles at a time: their lists take little memory, and few enough calls
 
 

@@ -7,12 +7,12 @@ A fit without smoothing has ``D(target) = source - target``. Computed with a fin
 with ``|d|`` the largest displacement of a control point, L the largest distance of a target from the middle of all, and
 a share of the pixel where the map is computed for pixels or voxels (:data:`SHARES`); it is 0 at single places. The
 first two terms are ten times what a solve may leave (:data:`RESIDUAL`, :data:`ROUNDING`): the places of an evaluation
-are rounded once more. What cannot keep the bound is refused, or a note of the fit says by how much it misses: up to
+are rounded once more. A fit that cannot meet the bound is refused, or a note states by how much it misses: up to
 :data:`MOST_MISSED`.
 
 Three choices follow, and all are made here or by these numbers: whether a fit is solved well enough; whether a sum over
 control points may run in float32, which is 2.8 times as fast, by its estimated error
-(:meth:`~deformnb.rbf.interpolant.RBFInterpolant.float32_error`); and how far apart the nodes of a warp may lie.
+(:meth:`~deformnb.rbf.interpolant.RBFInterpolant.float32_error`); and the largest spacing of the nodes of a warp.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ ROUNDING = 1e-10
 """Further residual, as a share of the extent: rounding of the trend is that, however small the drag."""
 
 EXACT, EXACT_PLACE = 10 * RESIDUAL, 10 * ROUNDING
-"""The promised shares of the largest displacement and of the extent, wherever a map is evaluated."""
+"""The promised shares of the largest displacement and of the extent, for every evaluation of a map."""
 
 MOST_MISSED = 1e-4
-"""Share of the largest displacement by which a nearly singular system may miss with a note, which says by how much: a
+"""Share of the largest displacement by which a nearly singular system may miss with a note, which states by how much: a
 tenth of what pictures are allowed. Coefficients are that many times as large as what they add up to, so that no way of
 solving would leave less; what misses by more is fitted locally or refused."""
 

@@ -175,7 +175,7 @@ def replicate() -> Weights:
 
 
 def modulate(curve: str | ArrayLike | Callable[[NDArray[np.float64]], ArrayLike] = "z") -> Weights:
-    """A displacement that comes and goes with depth: D3(x, y, z) = f(z) D(x, y).
+    """A displacement modulated by depth: D3(x, y, z) = f(z) D(x, y).
 
     Parameters
     ----------
@@ -425,7 +425,7 @@ def _parallel_axis(plane: Plane, grid: Grid, sine: float) -> int | None:
 
 
 def unchanging_axes(field: AbstractField, grid: Grid, sine: float = 1e-6) -> frozenset[int]:
-    """The array axes of ``grid`` along which a field in space is certainly the same, so that one slice stands for all.
+    """The array axes of ``grid`` along which a field in space is certainly the same, so that one slice represents all.
 
     Parameters
     ----------

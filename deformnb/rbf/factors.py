@@ -1,4 +1,4 @@
-"""Kernel matrices of control points with their factors: dense, a band, or sparse; kept while points are dragged.
+"""Kernel matrices of control points with their factors: dense, a band, or sparse; cached while points are dragged.
 
 A drag moves one centre, and with it one row and one column of the matrix. The factor of all others is still right, so
 that the moved points M are bordered to the fixed ones F in ``n^2`` operations where a new factor takes ``n^3``:
@@ -8,9 +8,9 @@ that the moved points M are bordered to the fixed ones F in ``n^2`` operations w
 and the inverse of ``Phi_FF`` is that of the whole matrix with the rows M left out, ``b -> w - G (G_M)^-1 w_M`` with
 ``w = Phi^-1 b`` and ``G = Phi^-1 E``, E the unit columns of M (G. H. Golub, C. F. Van Loan, Matrix Computations (2013),
 sections 2.1 and 6.5). Steps are always taken from the matrix that was factored, so that errors do not add up. Neither G
-nor what belongs to ``b_F`` changes while the same points are dragged: only K is solved for anew.
+nor its product with ``b_F`` changes while the same points are dragged: only K is solved for anew.
 
-Kernels of order 1 and 2 are definite only beside the polynomials P of a smaller degree. Their matrix is
+Kernels of order 1 and 2 are definite only modulo the polynomials P of a smaller degree. Their matrix is
 ``[Phi P; P^T 0]``, and the rows of P^T stay among the fixed ones.
 """
 
@@ -37,10 +37,10 @@ DENSE = 1000
 _LARGEST_FACTOR = 2**28
 """Numbers of a factor, 2 GiB: wider supports of many points are refused before the memory is taken."""
 
-_KEPT_FROM = 200  # points; the matrix of fewer is factored as quickly as it is looked up
+_KEPT_FROM = 200  # points; the matrix of fewer is factored as quickly as it is found in the cache
 _KEPT = 8  # factors: of the regions between a few cuts
 _KEPT_NUMBERS = 2**23  # of all of them together: 64 MiB, and as much for the matrices
-_MOST_MOVED = 16  # points beside a kept factor, and one of eight: more of them cost as much as a new one
+_MOST_MOVED = 16  # points added to a cached factor, and one of eight: more of them cost as much as a new one
 
 
 class Matrix(Protocol):
@@ -64,16 +64,16 @@ class Matrix(Protocol):
 def matrix_of(
     points: PreparedPoints, nugget: Floats, scales: Floats | None, kernel: type[AbstractKernel]
 ) -> tuple[Matrix, Floats]:
-    """The matrix of points, taken from those that are kept where it can be.
+    """The matrix of points, from the cache where possible.
 
     Parameters
     ----------
     nugget : (n,) added to the diagonal.
-    scales : (n,) support / R_j of points with radii of their own, or None.
+    scales : (n,) support / R_j of points with individual radii, or None.
 
     Returns
     -------
-    The matrix, and the origin (dim,) from which it counts its places: for a kept one, that of the points which were
+    The matrix, and the origin (dim,) from which it counts its places: for a cached one, that of the points which were
     factored. The others have the same coordinates then in every step of a drag, and are solved for once.
 
     Raises
@@ -91,7 +91,7 @@ def matrix_of(
 
 
 def factor_matrix(points: PreparedPoints, nugget: Floats, kernel: type[AbstractKernel]) -> Matrix:
-    """The matrix of points factored as it is, and kept."""
+    """The matrix of points factored as it is, and cached."""
     kind = _Bordered if kernel.order else _Band if kernel.compact and points.count > DENSE else _Dense
     matrix = kind(points.relative, nugget, kernel)
     if points.count >= _KEPT_FROM:
@@ -136,7 +136,7 @@ class _Bordered:
 
     With ``P = Q [R; 0]`` the lower right part of ``Q^T Phi Q`` is definite and has a Cholesky factor (M. Benzi,
     G. H. Golub, J. Liesen, Acta Numerica 14 (2005) 1-137, section 6). ``Q = 1 - Y T Y^T`` of the reflections Y stays
-    in that form, so that beside the factor all takes n^2 operations.
+    in that form, so that all but the factor takes n^2 operations.
     """
 
     is_updated = False
@@ -211,7 +211,7 @@ class _Band:
 
 
 class _Sparse:
-    """Points with radii of their own, whose matrix is not symmetric: sparse elimination (SuperLU)."""
+    """Points with individual radii, whose matrix is not symmetric: sparse elimination (SuperLU)."""
 
     is_updated = False
 
@@ -349,7 +349,7 @@ class _MatrixCache:
         return None
 
     def add(self, base: _Base) -> None:
-        """Keep one more, and forget the oldest ones that do not fit beside it."""
+        """Add one to the cache, and evict the oldest ones that do not fit with it."""
         with self._lock:
             kept, room = [], _KEPT_NUMBERS
             for one in (base, *self._bases[: _KEPT - 1]):

@@ -1,6 +1,6 @@
 """Displacement fields: maps from points to backward displacements.
 
-``output(x) = input(x + D(x))``: D is looked up at the place in the result and points to the source of the value.
+``output(x) = input(x + D(x))``: D is sampled at the place in the result and points to the source of the value.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class AbstractField(ABC):
     def __call__(self, points: Any) -> Any:
         """Displacements (..., dim) at points (..., dim): :meth:`displacement`, or JAX's within jit, grad and vmap.
 
-        There they have the type of the points and are computed in 64 bits within, whatever ``jax_enable_x64`` says, so
-        that both keep the bound of :mod:`deformnb.rbf.exactness`, but for the rounding of the points. Where the field
+        There they have the type of the points and are computed in 64 bits within, for any ``jax_enable_x64``, so
+        that both meet the bound of :mod:`deformnb.rbf.exactness`, but for the rounding of the points. Where the field
         itself is an argument of a compiled function, JAX has rounded its numbers to its own type before, which in 32
         bits costs a steep map its digits: leave it out of the arguments, or set ``jax_enable_x64``.
 
@@ -69,7 +69,7 @@ class AbstractField(ABC):
         x = x if jnp.issubdtype(x.dtype, jnp.floating) else x.astype(float)
         if x.dtype == np.float64 or is_traced(self):
             return self.jax_displacement(x)
-        # Copies: JAX keeps in 32 bits what a user's own function has taken as a constant in 32 bits.
+        # Copies: JAX holds in 32 bits what a user's own function captured as a constant in 32 bits.
         own = jax.tree.map(lambda leaf: leaf.copy() if isinstance(leaf, np.ndarray) else leaf, self)
         return double_precision(own.jax_displacement)(x)
 
@@ -106,7 +106,7 @@ class AbstractField(ABC):
         return (self,)
 
     def opacity(self, points: ArrayLike) -> NDArray[np.float64]:
-        """The paper's transparency map A (...) at points (..., dim): 1 shows what was brought there, 0 hides it."""
+        """The paper's transparency map A (...) at points (..., dim): 1 shows the voxel moved there, 0 hides it."""
         return np.ones(np.shape(points)[:-1])
 
     def seen(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -145,7 +145,7 @@ class AbstractField(ABC):
         Parameters
         ----------
         rows : (dim, R) and columns : (dim, C), physical coordinates to be added.
-        resolution : the pixel or voxel size that the result is meant for; an error far below it does not matter.
+        resolution : the pixel or voxel size that the result is meant for; an error far below it is negligible.
 
         Returns
         -------
@@ -269,7 +269,7 @@ def grid_lines(grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 @pytree(data_fields=["values"], meta_fields=["lattice"])
 @dataclass(frozen=True, eq=False, repr=False)
 class DisplacementField(AbstractField):
-    """A field stored as samples and interpolated linearly; beyond the outermost samples it goes on as a constant.
+    """A field stored as samples and interpolated linearly; beyond the outermost samples it is constant.
 
     Parameters
     ----------
@@ -335,7 +335,7 @@ class DisplacementField(AbstractField):
         return np.moveaxis(out, 0, -1).reshape(x.shape)
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Exact for what is interpolated: the slopes of the cell a point lies in.
+        """Exact for the interpolant: the slopes of the cell that contains a point.
 
         At a node that is the cell of growing index, at the last node the last cell; beyond the samples nothing changes.
         """
@@ -363,7 +363,7 @@ _jacobians = blockwise(lambda field, places: jax.vmap(jax.jacfwd(field.jax_displ
 
 
 def _index(lattice: Grid | Raster, points: Any) -> Any:
-    """Fractional index (x, y, z) or (column, row) of points; for NumPy and JAX arrays alike."""
+    """Fractional index (x, y, z) or (column, row) of points; for NumPy and JAX arrays."""
     if isinstance(lattice, Raster):
         return (points - np.asarray(lattice.origin)) / np.asarray(lattice.spacing)
     return (points - np.asarray(lattice.origin)) @ np.linalg.inv(lattice.matrix).T
@@ -433,7 +433,7 @@ class Affine(AbstractField):
 class Composed(AbstractField):
     """First one deformation, then another one of its result: D = D_then + D_first o (id + D_then), exactly.
 
-    Backward maps compose in reverse order: the place in the result is looked up in ``then`` first.
+    Backward maps compose in reverse order: ``then`` is sampled first, at the place in the result.
     """
 
     first: AbstractField
@@ -487,7 +487,7 @@ class Composed(AbstractField):
 @pytree(data_fields=["fields"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class Blended(AbstractField):
-    """The sum of displacements, each looked up at the same place: the paper's blending of planes.
+    """The sum of displacements, each sampled at the same place: the paper's blending of planes.
 
     It is not one deformation after the other, which is :class:`Composed`; the two agree to first order in the
     displacements. What one of the fields hides is hidden.
@@ -588,7 +588,7 @@ def in_unit(field: AbstractField, unit: str) -> AbstractField:
 
 
 def convert_unit(field: AbstractField, own: str, to: str) -> AbstractField:
-    """The same map in numbers of another unit, of a field whose numbers are in one that it need not know itself.
+    """The same map in numbers of another unit, of a field that may lack one itself.
 
     Examples
     --------
@@ -608,7 +608,7 @@ def convert_unit(field: AbstractField, own: str, to: str) -> AbstractField:
 
 
 def with_unit(field: AbstractField, unit: str) -> AbstractField:
-    """The same numbers as lengths in a unit, of a field that knows none: what a file holds, which is in millimetres.
+    """The same numbers as lengths in a unit, of a field without one: the content of a file, in millimetres.
 
     Examples
     --------

@@ -1,6 +1,6 @@
 """Settings of a fit of control points, and the fit that they make.
 
-One value holds all that a step of a document, an editor and a view that follows it have of a fit besides points,
+One value holds all that a step of a document, an editor and a view that follows it have of a fit except points,
 rigid parts and cuts. To copy, store, send or show settings go through :data:`SETTINGS`: a new one is then one field
 of :class:`AbstractFitSettings`, which a step has too.
 """
@@ -34,7 +34,7 @@ class AbstractFitSettings:
     ----------
     kernel, trend : names of :data:`~deformnb.rbf.kernels.KERNELS` and :data:`~deformnb.rbf.trends.TRENDS`. A kernel
         may be given as a function of the relative distance or as a kernel class too, which are registered
-        (:func:`~deformnb.rbf.kernels.register_kernel`) and kept by their names; or as a kernel with its support.
+        (:func:`~deformnb.rbf.kernels.register_kernel`) and stored by their names; or as a kernel with its support.
     support : support radius in physical units; None lets the points choose it (``chosen_support``); "box_diagonal"
         takes the diagonal of the box of the sources of each set, and of each region between cuts, as documents of
         before 2.0 do.
@@ -177,7 +177,7 @@ class FitSettings(AbstractFitSettings):
     ) -> dict[Sides, Fit | TipBlend]:
         """Fit control points in each region between cuts that has some; without cuts there is one region.
 
-        Beside cuts that stop inside the body every region has a :class:`~deformnb.rbf.slits.TipBlend`.
+        With cuts that stop inside the body every region has a :class:`~deformnb.rbf.slits.TipBlend`.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Fits of control points, alone (Eqs. 3-4 and 9 of the paper), forward, beside rigid parts (Eq. 6), and in stages."""
+"""Fits of control points, alone (Eqs. 3-4 and 9 of the paper), forward, with rigid parts (Eq. 6), and in stages."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def fit_rbf(
         same, or else what :func:`~deformnb.rbf.support.choose_support` finds.
     trend : a name of :data:`deformnb.rbf.trends.TRENDS`.
     smoothing : lambda >= 0; 0 interpolates, larger trades exactness for smoothness (dimensionless, 0 to 10 is usual).
-    previous : the fit before this one, while points are dragged: its support is kept, and its trend where the points
+    previous : the fit before this one, while points are dragged: its support is reused, and its trend where the points
         leave an angle open.
 
     Returns
@@ -59,7 +59,7 @@ def fit_rbf(
     a kernel that has no end, or whose support holds too many of them for one system, are fitted locally
     (:class:`~deformnb.rbf.partition.LocalFits`), with a note; so are fewer whose system is singular, such as those of a
     smooth kernel of which two nearly coincide. A fit that misses its points by more than
-    :mod:`~deformnb.rbf.exactness` states says by how much in a note.
+    :mod:`~deformnb.rbf.exactness` allows has a note of the amount.
 
     Raises
     ------
@@ -170,14 +170,14 @@ def fit_rigid(
     trend: str = "affine",
     smoothing: float = 0.0,
 ) -> RBFInterpolant | LocalFits | RigidInterpolant:
-    """Fit control points beside rigid parts (Eq. 6).
+    """Fit control points with rigid parts (Eq. 6).
 
     Parameters
     ----------
     points : as for :func:`fit_rbf`. A point within a part that requires what the part does anyway is left
         out.
     parts : those that are switched on count; without any this is :func:`~deformnb.rbf.fitting.fit_rbf`.
-    kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; beside the
+    kernel, support, trend, smoothing : of the fit. The trend is weighted like the rest and moves no part; with the
         weight "distance", which has no end, there is none.
 
     Returns
@@ -248,7 +248,7 @@ def fit_points(
     direction: str = "backward",
     previous: Fit | None = None,
 ) -> Fit:
-    """Fit control points, beside rigid parts if there are some, in one go or in stages.
+    """Fit control points, with rigid parts if there are some, in one go or in stages.
 
     Parameters
     ----------
@@ -256,12 +256,12 @@ def fit_points(
     parts : as for :func:`~deformnb.rbf.fitting.fit_rigid`; in several stages none of them may move.
     stages : from 1 to :data:`MOST_STAGES`.
     direction : a name of :data:`~deformnb.rbf.forward.DIRECTIONS`; forward none of the parts may be switched on.
-    previous : the fit before this one; where the points leave an angle open, its trend is kept.
+    previous : the fit before this one; where the points leave an angle open, its trend is reused.
 
     Raises
     ------
     DeformError
-        As those functions do; if a part moves in several stages, or stands beside a fit forward; if points meet on
+        As those functions do; if a part moves in several stages, or occurs with a fit forward; if points meet on
         their way.
 
     Examples
@@ -295,7 +295,7 @@ def fit_points(
 
 
 def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
-    """Refuse a number of stages that cannot be done, naming the part that stands in the way."""
+    """Refuse a number of stages that is impossible, naming the part that prevents it."""
     if isinstance(stages, bool) or not isinstance(stages, int | np.integer) or not 1 <= stages <= MOST_STAGES:
         raise DeformError(
             f"the stages of a step must be a whole number from 1 to {MOST_STAGES}, got {short_value(stages)}."
@@ -309,7 +309,7 @@ def check_stages(stages: Any, parts: Sequence[RigidPart]) -> None:
 
 
 def check_parts_of_direction(direction: str, parts: Sequence[RigidPart]) -> None:
-    """Refuse an unknown direction, and a rigid part beside a fit forward, which has no weight that vanishes at it."""
+    """Refuse an unknown direction, and a rigid part with a fit forward, which has no weight that vanishes at it."""
     check_direction(direction)
     part = next((p for p in parts if p.enabled), None)
     if direction == "forward" and part is not None:
@@ -342,7 +342,7 @@ def _check_pairing(kernel: type[AbstractKernel], trend: Trend, smoothing: float)
 
 
 def _check_weights(parts: Sequence[RigidPart], dim: int, kernel: str) -> bool:
-    """Check whether one of the weights is the distance itself, beside which there is no trend."""
+    """Check whether one of the weights is the distance itself, which excludes a trend."""
     for part in parts:
         if part.region.dim != dim:
             raise DeformError(f"{part.label} lies in {part.region.dim} dimensions, the control points in {dim}.")
@@ -361,7 +361,7 @@ def _free_points(
     moved: Sequence[NDArray[np.float64]],
     distances: NDArray[np.float64],
 ) -> tuple[NDArray[np.bool_], list[str]]:
-    """Mask of active points beside all parts; refuses one that a part holds and that requires another displacement."""
+    """Mask of active points outside all parts; refuses one that a part holds and that requires another displacement."""
     free, notes = points.active.copy(), []
     size = size_of(points)
     within = [part.region.signed_distance(points.source) < 0 for part in parts]  # of all points at once: a drag waits

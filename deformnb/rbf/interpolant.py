@@ -7,9 +7,9 @@ are centred and divided by the support radius R before anything else, so that ne
 digits, and evaluation can run in float32. The linear part A, t is the trend; :mod:`deformnb.rbf.trends` has the
 correction of Eq. 5.
 
-Points may have support radii R_j of their own: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so it need
-not be definite and there is no energy to make least: the trend is that of least squares (all points count alike),
-what is left is solved by elimination, and a system that comes out nearly singular is refused.
+Points may have individual support radii R_j: ``phi(|x - x_j| / R_j)``. Their matrix is not symmetric, so it need
+not be definite and there is no energy to make least: the trend is that of least squares (all points count equally),
+the rest is solved by elimination, and a system that comes out nearly singular is refused.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ from deformnb.rbf.trends import NO_ANGLE, spread_of
 from deformnb.volume.plane import Raster
 from deformnb.volume.volume import Grid
 
-# Coefficients this many times the largest drag are no fit but the echo of a matrix that nothing keeps from being
+# Coefficients this many times the largest drag are no fit but the effect of a matrix that nothing prevents from being
 # singular; points 1/100 of their radius apart that are pulled past each other were seen to take 1000 times.
 MOST_GAIN = 1e5
 
@@ -151,10 +151,10 @@ class RBFInterpolant(AbstractField):
     kernel : kernel class; trend : name of the trend that was used (it may be simpler than the one requested).
     of_points : those of the :attr:`notes` that are known before the fit.
     ids : ids of the control points behind the centres, in order.
-    scales : (C,) support / R_j of centres with radii of their own, 1 for the others; None if there are none.
+    scales : (C,) support / R_j of centres with individual radii, 1 for the others; None if there are none.
     nugget : (C,) lambda / weight of a smoothing fit; None without smoothing.
     largest : length of the largest displacement that the points were given, physical; None if that is not known.
-    missed : by how much it may miss its targets, physical, besides what is promised of all maps.
+    missed : by how much it may miss its targets, physical, in addition to the bound of all maps.
     unit : of the points; "" where it is that of the volume on which they are used.
 
     Examples
@@ -223,9 +223,9 @@ class RBFInterpolant(AbstractField):
         )
 
     def folds_between_points(self) -> bool:
-        """Check for ``det(1 + dD/dx) <= 0`` at a control point, beside it or between them.
+        """Check for ``det(1 + dD/dx) <= 0`` at a control point, next to it or between them.
 
-        Looked at are :meth:`steep_places`; :func:`deformnb.analysis.folds.folds_of` looks at a whole picture.
+        Tests :meth:`steep_places`; :func:`deformnb.analysis.folds.folds_of` tests a whole picture.
         """
         if not np.asarray(self.coefficients).any() and self.polynomial.quadratic is None:
             return bool(np.linalg.det(np.eye(self.dim) + np.asarray(self.polynomial.linear) / self.support) <= 0)
@@ -239,7 +239,7 @@ class RBFInterpolant(AbstractField):
         """Places (n, dim) at which the map changes most.
 
         They are the control points, three places on each edge of their Delaunay triangulation and the middles of its
-        simplices, and for each control point the places beside it, along its coefficient alpha_i, where the kernel's
+        simplices, and for each control point the places next to it, along its coefficient alpha_i, where the kernel's
         profile is steepest; a kernel without an end has no such place, it is steeper the farther one goes.
         """
         n = int(self.count)
@@ -281,7 +281,7 @@ class RBFInterpolant(AbstractField):
     def bound(self, pixel: float = 0.0) -> float:
         """The largest ``|D(target) - (source - target)|`` of the control points by any evaluation, physical.
 
-        It is that of :func:`~deformnb.rbf.exactness.largest_miss`, and more where a note says so; smoothing, which
+        It is that of :func:`~deformnb.rbf.exactness.largest_miss`, and more where a note states it; smoothing, which
         means to miss, is left out.
 
         Parameters
@@ -366,7 +366,7 @@ class RBFInterpolant(AbstractField):
         return lattice_on_device(rows, columns, self._leaves(dtype), self.kernel, dtype, lattice.shape)
 
     def type_within(self, reach: float, resolution: float) -> Any:
-        """The type that keeps :meth:`bound` on pixels of this size, up to ``reach`` supports from the origin."""
+        """The type that meets :meth:`bound` on pixels of this size, up to ``reach`` supports from the origin."""
         allowed = SHARES["lattice"] * min(resolution, self._largest)
         return np.float64 if self.float32_error(reach) > allowed else np.float32
 
@@ -441,7 +441,7 @@ def _reach(rows: NDArray[np.float64], columns: NDArray[np.float64]) -> float:
 def group_by_shape(fits: Sequence[RBFInterpolant]) -> list[list[RBFInterpolant]]:
     """Fits that move something, in their order, in groups of those that one compiled loop can evaluate."""
     moving = (fit for fit in fits if not fit.is_identity)
-    # A sum by tiles has a loop of its own.
+    # A sum by tiles has a separate loop.
     return [
         list(group)
         for _, group in groupby(
@@ -466,7 +466,7 @@ def pull_back(
     Parameters
     ----------
     resolution : the pixel or voxel size that the result is meant for.
-    known : the types that were found, by fit and reach; kept by the caller for the next places.
+    known : the types that were found, by fit and reach; a cache of the caller for the next places.
 
     Returns
     -------
@@ -576,7 +576,7 @@ def solve_prepared(
         ):
             solved, origin = _solve_factored(ready, d[:n], nugget[:n], own, turn, kernel, most)
             x[:n] = (ready.targets - origin) / ready.support
-        # A nearly singular matrix beside polynomials has no Cholesky factor; elimination may still interpolate by it.
+        # A nearly singular matrix with polynomials has no Cholesky factor; elimination may still interpolate by it.
         if solved is None or (kernel.order and not np.abs(solved.miss).max() <= most):
             solved = _solve(
                 x, d, np.arange(size) < n, nugget, ready.span, turn, scales, kernel=kernel, trend=ready.trend
@@ -589,7 +589,7 @@ def solve_prepared(
             f"singular (closest are {ready.closest}). Give neighbours more similar radii, or smaller ones."
         )
     missed, notes = ready.missed, ready.notes
-    # On the host, where max() keeps NaN: the compiler's fast minimum and maximum drop it.
+    # On the host, where max() propagates NaN: the compiler's fast minimum and maximum drop it.
     if not np.abs(miss).max() <= most:
         if not np.abs(miss).max() <= MOST_MISSED * np.abs(d).max():
             raise TooFlatError(_too_flat(ready, kernel))
@@ -653,7 +653,7 @@ def _solve_factored(
     kernel: type[AbstractKernel],
     most: float,
 ) -> tuple[Solved, NDArray[np.float64]]:
-    """The fit by a factored matrix, one that is kept where that is exact enough, and the origin of its places."""
+    """The fit by a factored matrix, a cached one where that is exact enough, and the origin of its places."""
 
     def solve_by(matrix: Matrix, origin: NDArray[np.float64]) -> Solved:
         x = (ready.targets - origin) / ready.support
@@ -715,7 +715,7 @@ def _warnings(fit: RBFInterpolant) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# Places on the way from one point to another at which the determinant is computed.
+# Places on the line from one point to another at which the determinant is computed.
 _BETWEEN = (np.arange(16) + 0.5) / 16
 
 

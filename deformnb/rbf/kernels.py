@@ -20,7 +20,7 @@ quintic               -rho^5                                     3      no      
 of a smaller degree (0: any trend, 1: at least a translation, 2: an affine map, 3: a quadratic one). Wendland: Adv.
 Comput. Math. 4 (1995) 389-396; the others: Wendland, Scattered Data Approximation (2004), chapter 8.
 
-Working on the square keeps every gradient finite at a control point: ``d phi / d x = slope(s) 2 (x - x_i)/support^2``
+Working on the square makes every gradient finite at a control point: ``d phi / d x = slope(s) 2 (x - x_i)/support^2``
 needs no division by r, where differentiating through ``sqrt`` gives NaN there.
 
 :func:`register_kernel` adds kernels of your own.
@@ -43,7 +43,7 @@ from deformnb._typing import Floats
 from deformnb.checks import SMALLEST_LENGTH, is_finite, short_value
 from deformnb.errors import DeformError
 
-# Stands for s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
+# Replaces s = 0 in a logarithm or under a fraction; its products with x - x_i = 0 are zero, as the limit is.
 TINY = 1e-30
 
 LEAST_DISTANCE = 2.0**-20
@@ -73,7 +73,7 @@ class AbstractKernel(ABC):
     """The longest support that a fit chooses for points in a row, in gaps between them: longer ones extrapolate wildly
     across the row. Measured with one point dragged by a tenth of rows of 3 to 33."""
     steepest: ClassVar[float] = 2.0
-    """The largest slope of phi within the support, about: how errors of a place count beside those of values."""
+    """The largest slope of phi within the support, about: weight of errors of a place relative to those of values."""
     smoothness: ClassVar[int | None] = None
     """The first derivative that may jump, at most 3; None where that is not known. Then nothing is interpolated."""
     of_square: ClassVar[Callable[[Any], Any]]
@@ -540,9 +540,9 @@ def register_kernel(
     """Add a radial function to the kernels that fits, steps, documents, menus and exported pages take by name.
 
     It is checked here, once: that JAX can compile it, that it and its derivative are finite from the point to a
-    million supports, that it ends at the support if it is compact, and that its matrices are positive definite beside
+    million supports, that it ends at the support if it is compact, and that its matrices are positive definite modulo
     the polynomials of its order, on random and regular points of the plane and of space. That finds wrong orders and
-    signs; it is no proof. The same name again replaces the kernel from then on; fits that were made keep theirs.
+    signs; it is no proof. The same name again replaces the kernel from then on; existing fits are unchanged.
 
     Parameters
     ----------
@@ -559,12 +559,12 @@ def register_kernel(
 
     Returns
     -------
-    The kernel class, which goes wherever a name goes. May be used as a decorator.
+    The kernel class, which is accepted in place of a name. May be used as a decorator.
 
     Raises
     ------
     DeformError
-        What is wrong with the function, at which distance, and what to do about it.
+        The error of the function, at which distance, and what to do about it.
 
     Examples
     --------
@@ -728,7 +728,7 @@ def _compute_profile(kind: type[AbstractKernel], what: str, s: NDArray[np.float6
     padded[: s.size] = s
     try:
         found = np.asarray(jax.jit(getattr(kind, what))(jnp.asarray(padded)))
-    except FloatingPointError:  # NaN, where JAX is set to look for it
+    except FloatingPointError:  # NaN, where JAX is set to check for it
         return np.full(s.shape, np.nan)
     except Exception as error:  # a user's function may raise anything
         first = str(error).strip().split("\n")[0]
@@ -746,7 +746,7 @@ def _compute_profile(kind: type[AbstractKernel], what: str, s: NDArray[np.float6
 
 
 def _check_order(kind: type[AbstractKernel]) -> None:
-    """Refuse a kernel whose matrices are not positive definite beside the polynomials of its order."""
+    """Refuse a kernel whose matrices are not positive definite modulo the polynomials of its order."""
     if _is_definite(kind, kind.order):
         return
     others = [
@@ -763,7 +763,7 @@ def _check_order(kind: type[AbstractKernel]) -> None:
 
 
 def _is_definite(kind: type[AbstractKernel], order: int, sign: int = 1) -> bool:
-    """Check for the smallest eigenvalue beside the polynomials to be positive, and at no scale negative."""
+    """Check for the smallest eigenvalue modulo the polynomials to be positive, and at no scale negative."""
     rng, largest_share = np.random.default_rng(0), 0.0
     for dim, count in ((2, 7), (3, 4)):
         regular = np.stack(np.meshgrid(*[np.linspace(0, 1, count)] * dim), axis=-1).reshape(-1, dim)

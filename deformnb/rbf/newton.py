@@ -1,7 +1,7 @@
 """Damped Newton method for places: y with ``y + D(y) = x`` for many points x at once.
 
 ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error falls. Near a solution the error is squared
-at every turn. Where the start matters, several are tried.
+at every turn. Where the result depends on the start, several are tried.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def keep_better(y: Floats, error: Floats, k: NDArray[np.intp], y_new: Floats, er
 
 
 def lengths_of(r: Floats) -> Floats:
-    """Lengths (n) of vectors (n, dim); infinite for what is not finite."""
+    """Lengths (n) of vectors (n, dim); infinite where not finite."""
     with np.errstate(invalid="ignore", over="ignore"):
         error = np.sqrt(np.einsum("nk,nk->n", r, r))
     return np.where(np.isfinite(error), error, np.inf)
@@ -102,7 +102,7 @@ def _newton_step(jacobian: Floats, r: Floats) -> Floats:
     if singular.any():
         b = np.moveaxis(a[:, :, singular], -1, 0)
         normal = np.einsum("nki,nkj->nij", b, b)
-        damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is kept
+        damping = 1e-12 * np.trace(normal, axis1=1, axis2=2) + 1e-300  # a trace of it: Newton's speed is preserved
         normal += damping[:, None, None] * np.eye(b.shape[1])
         step[singular] = -np.linalg.solve(normal, np.einsum("nki,nk->ni", b, r[singular])[..., None])[..., 0]
     return step

@@ -1,7 +1,7 @@
 """Local fits blended as a partition of unity: many control points with a kernel that has no end, or a wide support.
 
 A dense system of N points costs N^3. Space is divided in boxes of few points each, halved at the median along their
-longest side, and every box has a fit of its own of the points within it and around it. The boxes stand along the
+longest side, and every box has a separate fit of the points within it and around it. The boxes are along the
 principal axes of the points and of their displacements, so that they turn with the data. The displacement is
 
     ``D(x) = sum_k w_k(x) D_k(x) / sum_k w_k(x)``
@@ -41,7 +41,7 @@ _MARGIN = 0.35  # width of the steps across the faces, in sides of the box
 _AROUND = 1.6  # how far around a box its fit takes points, in margins: its rim is a guess without them
 _LEAST = 60  # points of a fit at least, or all: the nearest ones are added to those of a box
 _PROBES = 9  # places where the deviation is measured
-_MISSED = 4.0  # times the deviation found is stated: larger ones lie between the probes
+_MISSED = 4.0  # times the deviation found is stated: larger ones occur between the probes
 _WIDER = 4  # times as many neighbours as a local fit has, in the fit that it is compared with
 _WIDEST = 1500  # and so many at most: in space that many solves of N^3 would take longer than all local fits
 _MOST_WORK = 3e10  # operations of a whole system; 3100 points of which each reaches all others
@@ -229,7 +229,7 @@ def fit_locally(ready: PreparedPoints, kernel: type[AbstractKernel], smoothing: 
     Raises
     ------
     DeformError
-        Where a fit is refused; it names points of its own.
+        Where a fit is refused; it names its own points.
     """
     x, frame = ready.targets, frame_of(ready.targets, ready.displacements)
     along = x @ frame.T
@@ -273,7 +273,7 @@ def frame_of(x: Floats, d: Floats) -> Floats:
 
 
 def _fit_part(part: PreparedPoints, kernel: type[AbstractKernel], smoothing: float) -> RBFInterpolant:
-    """The fit of a part of the points; of a compact kernel with a support that its few points bear.
+    """The fit of a part of the points; of a compact kernel with a support that its few points allow.
 
     Beyond some times their extent it changes the map no more, and next to points that nearly meet its digits are lost:
     it is halved until the part solves.
@@ -357,7 +357,7 @@ def _deviation(
     """Four times the largest difference to fits of more points found, in gaps between points all over their hull.
 
     Every wide fit is compared in the middle of its points, where it is nearly the fit of all. The largest difference
-    beside the places that are looked at is missed: of nine random sets, dragged smoothly and at random, it was 0.9 to
+    next to the places that are examined is missed: of nine random sets, dragged smoothly and at random, it was 0.9 to
     3.9 times the one found.
     """
     x, worst = ready.targets, 0.0

@@ -58,7 +58,7 @@ class ControlPoints:
     source, target : (N, dim) float64, physical coordinates: (a, b) of a picture's plane or (x, y, z).
     ids : N different integers, stable for the life of the set.
     names : N texts, free and not necessarily different.
-    active : (N,) bool; a point that is switched off keeps its place but takes no part in the fit.
+    active : (N,) bool; a point that is switched off is stored but takes no part in the fit.
     weight : (N,) positive; how much a point counts when smoothing is on (inverse variance).
     next_id : the id of the next point; grows only, so that the id of a removed point never comes back.
     locked : (N,) bool; editors, brushes and fits leave such a point where it is. Code may move it.
@@ -202,11 +202,11 @@ class ControlPoints:
 
     @classmethod
     def from_landmarks(cls, moving: HasPlaces, fixed: HasPlaces, *, pair: str = "name") -> Paired:
-        """Pairs of two lists of landmarks, and who was left over: each moving place goes to its fixed counterpart.
+        """Pairs of two lists of landmarks, and the unpaired ones: each moving place corresponds to a fixed one.
 
         Parameters
         ----------
-        moving, fixed : Landmarks of the volume that is deformed, and of the one that it shall fit. Where both know
+        moving, fixed : Landmarks of the volume that is deformed, and of the one that it is fitted to. Where both have
             their unit the points are in that of the moving ones.
         pair : "name" pairs those with the same name, in the order of the moving ones; "order" the first with the
             first, and so on.
@@ -359,7 +359,7 @@ class ControlPoints:
         locked: bool | None = None,
         radius: float | None = None,
     ) -> ControlPoints:
-        """Change what is given of the point with this id; a radius of nan is again the one that all points have."""
+        """Change the given values of the point with this id; a radius of nan is again the one that all points have."""
         k = self.index(point)
         changed: dict[str, Any] = {}
         for key, value in (
@@ -416,7 +416,7 @@ class ControlPoints:
 
     @property
     def has_own_radii(self) -> bool:
-        """True if an active point has a support radius of its own."""
+        """True if an active point has an individual support radius."""
         return bool((~np.isnan(self.radius) & self.active).any())
 
     def reset(self) -> ControlPoints:

@@ -2,15 +2,15 @@
 
 Each candidate is fitted without some of the points, and the distance is measured from where the sources of these then
 come to in the result to their targets. Points are left out one by one, and in blocks of neighbours, an eighth and a
-quarter of them at a time: beside a point that is left out alone there always is another one, and a map has to hold
+quarter of them at a time: next to a point that is left out alone there always is another one, and a map has to hold
 where no point is near. The score is the geometric mean of the three root mean squares; a block is as wide as the points
 themselves say, by halving them again and again across their longest axis, so that neither the axes nor the order of
 the points count.
 
-The plain candidates come first, and one with more to be chosen has to be better by more: few points tell little. Of the
+The plain candidates come first, and one with more to be chosen has to be better by more: few points give little. Of the
 best spline the smoothest that is not worse by more than 5 % is taken. Maps that fold between their points are taken
 only if all do. Nothing that is measured here has been seen by the fit that it judges; how well the choice itself
-predicts is another question, which leaving out before choosing answers (nested validation: S. Varma, R. Simon, BMC
+predicts is another question; leaving out before choosing answers it (nested validation: S. Varma, R. Simon, BMC
 Bioinformatics 7:91, 2006), and docs/prediction.md does.
 
 Of a linear system [Phi + lambda/w, P; P^T, 0] with the inverse C no fit has to be made twice: without the points B its
@@ -45,7 +45,7 @@ from deformnb.rbf.trends import find_trend, products
 PointBlocks = list[NDArray[np.intp]]
 
 MOST_JUDGED = 150
-"""Points of a set by which fits are judged: evenly taken from larger sets, for what is left out costs N^3."""
+"""Points of a set by which fits are judged: evenly taken from larger sets, for leaving out costs N^3."""
 
 HALVINGS = (3, 2)
 """Numbers of halvings of the points for the blocks that are left out."""
@@ -62,7 +62,7 @@ places that are read by eye, relative to the displacements."""
 SUPPORT_FACTORS = (0.5, 1.0, 2.0)
 """Supports of compact kernels that are tried, relative to the size of the points."""
 
-_NEAR = 1.05  # scores up to so many times the best are alike, as far as smoothing goes
+_NEAR = 1.05  # scores up to so many times the best are equivalent, as far as smoothing goes
 _ROUNDING = 1e-9  # of the size of the points, to which places are sought
 _NONE = 1e-7  # of the size of the points: smaller errors are none
 _ALIKE = 6  # decimals of the logarithm of a score; what differs by less is as good
@@ -242,9 +242,9 @@ def choose_fit(
 
     Parameters
     ----------
-    points : control points of dimension 2 or 3, or several sets that are fitted alike, each by itself, such as those of
+    points : control points of dimension 2 or 3, or several sets, fitted equally but separately, such as those of
         the regions between cuts; inactive ones are left out.
-    candidates : what is tried; default is :func:`usual_candidates`. Among equals the first is taken.
+    candidates : fits to try; default is :func:`usual_candidates`. Among equals the first is taken.
     progress : called with the finished share, 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
 
     Returns
@@ -309,7 +309,7 @@ def _best(tried: list[TriedFit], points: ControlPoints, notes: tuple[str, ...]) 
 
 
 def _smoothest(ranked: Sequence[TriedFit], size: float) -> TriedFit:
-    """The best fit, or the same with the most smoothing of those that are alike (the "one standard error rule")."""
+    """The best fit, or the same with the most smoothing of equivalent ones (the "one standard error rule")."""
     best = ranked[0]
     if best.error <= 10 * _NONE * size:  # nothing is to be smoothed
         return best
@@ -335,7 +335,7 @@ def _distinct(points: ControlPoints) -> ControlPoints:
 
 
 def _size(places: Floats) -> float:
-    """The diagonal of a box that points fill evenly, by their distances from their middle: however they are turned."""
+    """The diagonal of a box that points fill evenly, by their distances from their middle: invariant under rotation."""
     return float(np.sqrt(12 * ((places - places.mean(axis=0)) ** 2).sum(axis=1).mean()))
 
 
@@ -439,7 +439,7 @@ def _is_plain(ready: PreparedPoints, settings: FitSettings) -> bool:
 
 
 class _LinearSystem:
-    """The whole system of a fit, whose inverse tells all that leave some points out.
+    """The whole system of a fit, whose inverse determines all that leave some points out.
 
     Parameters
     ----------
@@ -483,7 +483,7 @@ class _LinearSystem:
     def ends_without(self, blocks: PointBlocks, points: ControlPoints) -> Floats:
         """Targets less the places (n, dim) at which the map without its block has the source of each point.
 
-        By damped Newton steps from the targets; where none is found, what is left of the source counts twice.
+        By damped Newton steps from the targets; where none is found, the residual at the source counts twice.
         """
         solutions = np.empty((self._n, *self._solution.shape))
         for block in blocks:
@@ -506,7 +506,7 @@ class _LinearSystem:
 
 
 def _newton(values: Callable[[Floats], Floats], goal: Floats, start: Floats, size: float) -> tuple[Floats, Floats]:
-    """Places y (n, dim) where each map has its goal, and the lengths of what is left."""
+    """Places y (n, dim) where each map has its goal, and the lengths of the residuals."""
     y, h = start.copy(), 1e-5 * size
     r = goal - values(y)
     left = lengths_of(r)

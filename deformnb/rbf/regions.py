@@ -3,7 +3,7 @@
 Distances are physical, exact for straight boundaries, and negative inside. In a picture the coordinates are (a, b) of
 its plane, in space (x, y, z).
 
-Besides half-spaces, polygons and lines there are masks: regions made of pixels or voxels, such as labels of a
+In addition to half-spaces, polygons and lines there are masks: regions made of pixels or voxels, such as labels of a
 segmentation, and their silhouettes on a picture.
 """
 
@@ -76,7 +76,7 @@ class AbstractRegion(ABC):
 def _inside(
     region: AbstractRegion, low: NDArray[np.float64], high: NDArray[np.float64], count: int
 ) -> NDArray[np.float64]:
-    """The nodes of a lattice over a box that lie inside a region."""
+    """The nodes of a lattice over a box that are inside a region."""
     step = max(float((high - low).max()) / max(count - 1, 1), 1e-300)
     lines = [np.linspace(a, b, int(np.ceil((b - a) / step)) + 1) for a, b in zip(low, high, strict=True)]
     x = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, region.dim)
@@ -144,7 +144,7 @@ class HalfSpace(AbstractRegion):
         return (jnp.asarray(points) - jnp.asarray(self.point)) @ jnp.asarray(self.normal)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], None]:
-        """The arrays that JAX traces, and the constants that it keeps."""
+        """The arrays that JAX traces, and the constants."""
         return (_leaf(self.point), _leaf(self.normal)), None
 
     @classmethod
@@ -236,7 +236,7 @@ class _Outline(AbstractRegion):
         return _Edges(tuple(part[np.minimum(np.arange(full), len(part) - 1)] for part in edges))
 
     def _edges(self, v: Any, xp: Any) -> tuple[Any, ...]:
-        """Starts, directions, the range along each from 0 to 1, which goes on at the ends of an open line, and normals.
+        """Starts, directions, the range along each from 0 to 1, which extends at the ends of an open line, and normals.
 
         The normals of every edge are (E, 3, 2): its own, out of the region, and the sums with those before and after
         it, which decide the side where a corner is nearest, at any angle.
@@ -253,7 +253,7 @@ class _Outline(AbstractRegion):
         return v[: len(edge)], edge, low, high, xp.stack([normal, normal + before, normal + after], axis=1)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
-        """The arrays that JAX traces, and the constants that it keeps."""
+        """The arrays that JAX traces, and the constants."""
         return (_leaf(self.vertices),), None
 
     @classmethod
@@ -302,20 +302,20 @@ class Polygon(_Outline):
 @pytree_node
 @dataclass(frozen=True)
 class Line(_Outline):
-    """One side of an open line on a picture, whose first and last edge go on straight for ever.
+    """One side of an open line on a picture, whose first and last edge continue straight to infinity.
 
     Parameters
     ----------
     vertices : two or more places (a, b). Inside is the left side of the line, followed from its first vertex to its
         last, on a picture whose b points down.
-    stops : whether a cut along the line stops at its first vertex, and at its last; else it goes on to the border of
+    stops : whether a cut along the line stops at its first vertex, and at its last; else it continues to the border of
         the picture. The two sides are the same either way; see :meth:`opening`. What of a line turns back beyond the
         level of its own tip stays shut: an arc of up to half a circle opens as a whole.
 
     Raises
     ------
     DeformError
-        If the line crosses itself, also where its ends go on.
+        If the line crosses itself, also where its ends continue.
 
     Examples
     --------
@@ -345,7 +345,7 @@ class Line(_Outline):
         """Share of the opening of a cut along the line at places (..., 2) before the deformation: from 0, shut, to 1.
 
         The product over the tips, the vertices at which it stops, of ``S(t) = t^2 (3 - 2 t)`` with
-        ``t = clamp((tip - x) . e / L, 0, 1)``; e is the unit direction in which the line would go on, and L half the
+        ``t = clamp((tip - x) . e / L, 0, 1)``; e is the unit direction in which the line would continue, and L half the
         length of the line. It has a continuous derivative and is 0 from the tip onwards, and 1 where no tip is near.
 
         Examples
@@ -371,7 +371,7 @@ class Line(_Outline):
         return total
 
     def _tips(self, xp: Any) -> list[tuple[Any, Any]]:
-        """The places where a cut stops, each with the direction in which the line would go on, divided by L."""
+        """The places where a cut stops, each with the direction in which the line would continue, divided by L."""
         v = xp.asarray(self.vertices, dtype=float) if xp is np else xp.asarray(self.vertices)
         edges = v[1:] - v[:-1]
         lengths = xp.sqrt((edges**2).sum(-1))
@@ -383,7 +383,7 @@ class Line(_Outline):
         return xp.clip(((tip - xp.asarray(points)) * outward).sum(-1), 0.0, 1.0)
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
-        """The arrays that JAX traces, and the constants that it keeps."""
+        """The arrays that JAX traces, and the constants."""
         return (_leaf(self.vertices),), self.stops
 
     @classmethod
@@ -441,7 +441,7 @@ def _meet(
 # Masks of more voxels are measured at half the resolution: 256^3 takes 0.7 s instead of 6 s. The mask only grows by it.
 _MOST_VOXELS = 4_000_000
 
-# The distance of what is nowhere. Infinity itself would become NaN in interpolations (0 inf) and in the scales of rigid
+# The distance of an empty mask. Infinity itself would become NaN in interpolations (0 inf) and in the scales of rigid
 # parts (inf / inf); this is the largest coordinate that a point may have, and its square is still a float32.
 _NOWHERE = LARGEST_COORDINATE
 
@@ -454,14 +454,14 @@ class Mask(AbstractRegion):
     Parameters
     ----------
     values : bool, [v, u] on a raster or [z, y, x] on a grid.
-    lattice : where they lie, a :class:`~deformnb.volume.plane.Raster` or a :class:`~deformnb.volume.volume.Grid`.
+    lattice : their places, a :class:`~deformnb.volume.plane.Raster` or a :class:`~deformnb.volume.volume.Grid`.
 
     Notes
     -----
     Distances of the centres are those to the faces of the voxel with the nearest centre, at most half its diagonal
-    more than to the nearest face; between the centres they are interpolated. Beyond the lattice the way to it is added:
-    a mask that reaches the lattice's edge goes on there, as far as it is deep. A mask of more than 4 million voxels is
-    measured at half the resolution, which shifts its boundary by up to a voxel. A mask in which nothing is set lies at
+    more than to the nearest face; between the centres they are interpolated. Outside the lattice its distance is added:
+    a mask that reaches the lattice's edge extends there, as far as it is deep. A mask of more than 4 million voxels is
+    measured at half the resolution, which shifts its boundary by up to a voxel. A mask in which nothing is set is at
     1e15, farther than any point may be, and one in which all is set is around every place, as deep.
 
     Examples
@@ -559,7 +559,7 @@ class Mask(AbstractRegion):
 
     @cached_property
     def _distance_samples(self) -> tuple[NDArray[np.float32], Raster | Grid]:
-        """Signed distances of the centres, and where those lie."""
+        """Signed distances of the centres, and their places."""
         values, lattice = self.values, self.lattice
         if values.size > _MOST_VOXELS and isinstance(lattice, Grid):
             values, lattice = _halve(values, lattice)
@@ -584,7 +584,7 @@ class Mask(AbstractRegion):
         return jax.scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest") + beyond
 
     def tree_flatten(self) -> tuple[tuple[Any, ...], Any]:
-        """The arrays that JAX traces, and the constants that it keeps."""
+        """The arrays that JAX traces, and the constants."""
         distances, lattice = self._distance_samples
         return (distances,), (lattice, self.dim)
 

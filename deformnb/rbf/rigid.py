@@ -11,7 +11,7 @@ things are done otherwise:
   displacement between grows to 3.8 times the drag, and it has a kink on the part's surface. The default is a smooth
   step of the distance that has reached 1 at the nearest control point; ``weight="distance"`` is the paper's.
 
-With several parts, each keeps its own motion and L blends them with weights 1 / distance^2. A part's distance ``d_k``
+With several parts, each has its own motion and L blends them with weights 1 / distance^2. A part's distance ``d_k``
 is measured where it has moved to; its weight is ``W(d_k / s_k)`` and its share of the motion
 ``d_k^-2 / sum_j d_j^-2``. Weights and shares come with their derivatives.
 
@@ -142,7 +142,7 @@ class RigidMotion:
 
 
 def _numbers(value: ArrayLike | None) -> NDArray[np.float64]:
-    """An array of float64; an empty one of nothing or of what are no numbers."""
+    """An array of float64; an empty one of nothing or of no numbers."""
     found = None if value is None else real_array(value)
     return np.zeros(0) if found is None else found
 
@@ -156,7 +156,7 @@ def _path(turn: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.eye(3) + k * (1 - np.cos(angle)) / angle**2 + k @ k * (angle - np.sin(angle)) / angle**3
 
 
-# Distances on lattices that are kept while a control point is dragged, for the parts do not move: 256^3 twice.
+# Distances on lattices, cached while a control point is dragged, for the parts do not move: 256^3 twice.
 _KEPT_BYTES = 2**27
 
 
@@ -191,7 +191,7 @@ def drift_and_weight(
     weight = weight_of(distances, scales, weights, xp)
     if len(back) == 1:
         return back[0] - x, weight
-    # 1 / distance^2, multiplied by the least of all, which is finite in the parts and keeps the digits beside them.
+    # 1 / distance^2, multiplied by the least of all, which is finite in the parts and exact next to them.
     least = distances[0]
     for d in distances[1:]:
         least = xp.minimum(least, d)
@@ -250,7 +250,7 @@ _measured = blockwise(lambda region, places: jax.vmap(jax.value_and_grad(region)
 
 
 def gradients(region: AbstractRegion, matrix: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[Any, Any]:
-    """A part's distance (n) and its gradient (n, dim) by x, where x lies at y in the part; both zero within it."""
+    """A part's distance (n) and its gradient (n, dim) by x, where x is at y in the part; both zero within it."""
     distance, slope = _measured(region, y.T)
     outside = distance > 0
     return np.where(outside, distance, 0.0), np.where(outside[:, None], slope.T @ matrix, 0.0)
@@ -267,7 +267,7 @@ def cached_distances(
     rows: NDArray[np.float64],
     columns: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Distances (R, C) of a part from the places ``rows[:, r] + columns[:, c]``, measured where these lie in it.
+    """Distances (R, C) of a part from the places ``rows[:, r] + columns[:, c]``, measured at their places in it.
 
     They are cached from the last edit if they are the same: a drag moves points, and no parts.
     """
@@ -280,7 +280,7 @@ def cached_distances(
 def cached_gradients(
     region: AbstractRegion, rows: NDArray[np.float64], columns: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """The same for distances beside a part that stays, with their gradients: (R C, 1 + dim)."""
+    """The same for distances to a part that stays, with their gradients: (R C, 1 + dim)."""
 
     def make() -> NDArray[np.float64]:
         distance, slope = gradients(region, np.eye(region.dim), _outer_sum(rows, columns).reshape(-1, region.dim))
@@ -320,7 +320,7 @@ class RigidPart:
 
     Parameters
     ----------
-    region : where the part lies before the deformation; a :class:`Line` has no inside to be a part.
+    region : the part before the deformation; a :class:`Line` has no inside to be a part.
     motion : how it moves; None if it is fixed.
     weight : a name of :data:`WEIGHTS`.
     reach : distance from the part beyond which it has no effect; None leaves that to the nearest control point.
@@ -379,11 +379,11 @@ class RigidPart:
 @pytree(data_fields=["base", "regions", "matrices", "shifts", "scales"], meta_fields=["weights", "notes"])
 @dataclass(frozen=True, eq=False, repr=False)
 class RigidInterpolant(AbstractField):
-    """The solved displacement beside rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
+    """The solved displacement with rigid parts: ``D(x) = (L(x) - x) + w(x) g(x)``.
 
     Parameters
     ----------
-    base : g, the fit of what is left to the control points: an RBFInterpolant or LocalFits.
+    base : g, the fit of the residual at the control points: an RBFInterpolant or LocalFits.
     regions : K regions; matrices (K, dim, dim), shifts (K, dim): their backward motions L_k.
     scales : (K,) lengths by which the distances are divided.
     weights : K names of :data:`WEIGHTS`.
@@ -537,12 +537,12 @@ HELD_POINT_RULES = ("refuse", "carry", "switch off")
 
 
 def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: str = "carry") -> ControlPoints:
-    """The control points beside rigid parts, without any that requires something else than the part it lies in.
+    """The control points with rigid parts, without any that requires something else than the part that contains it.
 
     Parameters
     ----------
     held : "carry" lets such points go where their part takes them, which is back to their sources in a fixed part;
-        "switch off" keeps their places and switches them off; "refuse" leaves them for :func:`fit_rigid` to refuse.
+        "switch off" leaves their places and switches them off; "refuse" leaves them for :func:`fit_rigid` to refuse.
 
     Raises
     ------
@@ -577,7 +577,7 @@ def without_conflicts(points: ControlPoints, parts: Sequence[RigidPart], held: s
 
 
 def carry_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequence[RigidPart]) -> ControlPoints:
-    """The control points after rigid parts have got other motions: those that a part carried go on with it.
+    """The control points after rigid parts have got other motions: those that a part carried follow it.
 
     Parameters
     ----------
@@ -603,7 +603,7 @@ def carry_points(points: ControlPoints, before: Sequence[RigidPart], after: Sequ
 def scaled_points(points: ControlPoints, parts: Sequence[RigidPart], strength: float) -> ControlPoints:
     """The control points dragged ``strength`` times as far; those that a part carries go as far as it does then.
 
-    Half of a turn is not half of the way: a carried point that went straight would leave its place in the part.
+    Half a rotation is not half the displacement: a carried point that went straight would leave its place in the part.
 
     Examples
     --------
@@ -625,7 +625,7 @@ def scaled_points(points: ControlPoints, parts: Sequence[RigidPart], strength: f
 
 
 def _carried_mask(points: ControlPoints, part: RigidPart) -> NDArray[np.bool_]:
-    """Mask of the active points that lie in a part and require what it does."""
+    """Mask of the active points in a part that require the part's displacement."""
     if part.region.dim != points.dim:
         return np.zeros(len(points), dtype=bool)
     back = points.target if part.motion is None else part.motion.inverse(points.target)

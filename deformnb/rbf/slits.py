@@ -1,6 +1,6 @@
 """Slits: cuts that stop inside the body, which open between their ends and close continuously at each tip.
 
-A cut divides the picture into two sides with a map each, and so goes on to the border. Where a line stops
+A cut divides the picture into two sides with a map each, and so continues to the border. Where a line stops
 (:class:`~deformnb.rbf.regions.Line` with ``stops``), the map of a side is blended towards the tip into the map without
 that cut. With one line that stops, ``D_side`` the fit of the points of one side and ``D_0`` the fit of all points:
 
@@ -12,12 +12,12 @@ drag. Three things follow:
 
 - A control point is hit exactly at any w: both fits take it where it shall go.
 - Both sides have the same map, D_0, wherever w = 0. So there is no jump beyond the tip, nor at it, as long as the map
-  does not fold; the jump goes to 0 with w, like the square of the distance from the tip.
+  does not fold; the jump tends to 0 with w, like the square of the distance from the tip.
 - Each side's map has a continuous derivative.
 
 Of several lines that stop each is blended by its own w (multilinear): ``D = sum_A prod_{k in A} w_k
 prod_{k not in A} (1 - w_k) D_A`` over the subsets A of these lines, with D_A the fit of the points that no line of A,
-and no cut that goes on to the border, parts from the region. All w are measured at ``x + D_{}(x)``.
+and no cut that continues to the border, parts from the region. All w are measured at ``x + D_{}(x)``.
 
 Where a displacement is weighted by depth, w is that of full weight, so that a tip lies exactly where it was drawn only
 where f(z) = 1 or where the tissue at the tip does not move.
@@ -47,7 +47,7 @@ MOST_SLITS = 3
 @pytree(data_fields=["fits", "lines"], meta_fields=[])
 @dataclass(frozen=True, eq=False, repr=False)
 class TipBlend(AbstractField):
-    """The map of one region beside cuts that stop: its fits with and without each of these cuts, blended at the tips.
+    """The map of one region with cuts that stop: its fits with and without each of these cuts, blended at the tips.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _one_less(values: list[Any], weight: Any) -> list[Any]:
 
 
 def blend_displacements(values: list[Any], weights: list[Any]) -> Any:
-    """The displacements of 2^n fits, blended by the openings of n lines that stop, for NumPy and JAX alike."""
+    """The displacements of 2^n fits, blended by the openings of n lines that stop, for NumPy and JAX."""
     for weight in reversed(weights):
         values = _one_less(values, weight)
     return values[0]
@@ -146,12 +146,12 @@ def is_slit(region: AbstractRegion) -> bool:
 
 
 def check_slits(cuts: Sequence[AbstractRegion], rule: str) -> None:
-    """Refuse cuts that stop where there are too many, or with a rule that knows none.
+    """Refuse cuts that stop where there are too many, or with a rule that supports none.
 
     Raises
     ------
     DeformError
-        Saying what to do instead.
+        With the remedy.
     """
     count = sum(map(is_slit, cuts))
     if count > MOST_SLITS:

@@ -67,7 +67,7 @@ class Staged(AbstractField):
 
     def jax_displacement(self, points: Any) -> Any:
         y = points
-        for fit in reversed(self.fits):  # backwards: the place in the result is looked up in the last stage first
+        for fit in reversed(self.fits):  # backwards: the last stage is sampled first, at the place in the result
             y = y + fit.jax_displacement(y)
         return y - points
 
@@ -82,7 +82,7 @@ class Staged(AbstractField):
         return x
 
     def jacobian(self, points: ArrayLike) -> NDArray[np.float64]:
-        """dD/dx by the chain rule: the product of ``1 + dD_j`` at the places on the way, less 1."""
+        """dD/dx by the chain rule: the product of ``1 + dD_j`` at the intermediate places, less 1."""
         y = np.asarray(points, dtype=np.float64)
         one = np.eye(self.dim)
         total = np.broadcast_to(one, (*y.shape, self.dim))

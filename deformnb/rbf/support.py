@@ -1,6 +1,6 @@
 """The support radius of control points: chosen, by a rule, or the usual one; its limits.
 
-A step without a support of its own takes, in this order: what :func:`choose_support` found when its points were added
+A step without its own support takes, in this order: what :func:`choose_support` found when its points were added
 or removed (``chosen_support``), the usual share of the diameter of the points (:func:`usual_support`), and for points
 at one place a share of the volume (:func:`lone_support`).
 """
@@ -52,10 +52,10 @@ class ChosenSupport(NamedTuple):
 
 
 CHOOSE_SUPPORT = frozenset({"kernel", "trend", "smoothing", "support", "direction"})
-"""Settings that the chosen support depends on, besides the points."""
+"""Settings that the chosen support depends on, in addition to the points."""
 
 
-# Errors that differ by less than this share are alike, whatever their noise.
+# Errors that differ by less than this share are equivalent, for any noise.
 _ALIKE = 0.1
 
 
@@ -63,7 +63,7 @@ def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> floa
     """The longest support that may be chosen for control points at several places: limited in thin directions.
 
     A wide kernel extrapolates across a row of points (in space: across a flat set too) more wildly the more points
-    the row has; half of its length keeps the map beside it calm, and for smooth kernels a number of gaps.
+    the row has; half of its length makes the map next to it smooth, and for smooth kernels a number of gaps.
     """
     places = resting_places(points)
     if are_wide(places - places.mean(axis=0), np.zeros_like(places)):
@@ -78,7 +78,7 @@ def longest_support(points: ControlPoints, kernel: type[AbstractKernel]) -> floa
 def shortest_support(points: ControlPoints) -> float:
     """The shortest support that may be chosen: the distance at which the points hang together (:func:`gap_of`).
 
-    With less some of them would know nothing of any neighbour, and the map would be a needle at each of these.
+    With less some of them would reach no neighbour, and the map would be a needle at each of these.
     """
     places = resting_places(points)
     return gap_of(places[sample_of(places)])
@@ -106,10 +106,10 @@ def choose_support(
     Candidates are the kernel's shares of the diameter of the set (the largest distance between two points) that are not
     below the distance at which the points hang together. Of each the errors are found at every point that is left out
     alone, and at the middle of every ball that is left out whole, as wide as the widest gap between points
-    (:mod:`deformnb.rbf.cross_validation`). Those are alike whose mean square is worse than the least by no more than
+    (:mod:`deformnb.rbf.cross_validation`). Those are equal whose mean square is worse than the least by no more than
     one standard error of the paired differences, or whose root is by no more than a tenth; the longest of these is
     taken that solves and does not fold between the points; if none of them solves, as of a flat kernel for a thousand
-    points, the longest of all that does. The choice belongs to the moment when points are added or
+    points, the longest of all that does. The choice is made when points are added or
     removed: chosen anew during a drag, the map would jump.
 
     With dim + 2 dragged points or fewer (with the quadratic trend one more than it has parameters) it is a fixed share
@@ -155,7 +155,7 @@ def choose_support(
     near = _equivalent_radii(_errors_of(informative, radii, kind, trend, smoothing))
     near, solved = near or [usual], list[float]()
     for radius in sorted({*radii, usual}, key=lambda radius: (radius in near, radius == current, radius), reverse=True):
-        if solved and radius not in near:  # what is worse is for points that no better one solves
+        if solved and radius not in near:  # worse ones are for points that no better one solves
             break
         with contextlib.suppress(DeformError):
             folds = any(_folds(points, radius, kind, trend, smoothing) for points in informative)

@@ -79,7 +79,7 @@ def solve(
 
 
 def _quadratic_part(phi: Any, x: Any, d: Any, q: Any, one: Any, span: Span, is_skew: bool) -> Any:
-    """C (q, dim) of least energy beside all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
+    """C (q, dim) of least energy relative to all affine maps, ``(S + tr(S) bend)^-1 Q^T W d`` with ``S = Q^T W Q``.
 
     W is the energy matrix with the affine maps removed; where Phi is not symmetric, the plain projection. Zero where
     the points determine none of it: S and its trace would be rounding, and C any number.
@@ -132,7 +132,7 @@ def _least_energy(
 
 
 def _linear_part(moments: tuple[Any, Any], plain: tuple[Any, Any], span: Span, turn: Any, *, trend: str) -> Any:
-    """A (dim, dim) of a trend from the moments S and H of the energy, and from those of all points alike."""
+    """A (dim, dim) of a trend from the moments S and H of the energy, and those of all points with equal weights."""
     rule = TRENDS[trend].linear
     assert rule is not None
     if trend == "affine":
@@ -177,7 +177,7 @@ def _bordered_system(
         return v[:n], v[n + 1 : last].T @ basis.T, v[n], bent
     linear = complete(basis + v[n + 1 : last].T, basis) - jnp.eye(dim)
     # Points that are flat only to rounding lie a little off their span, where the completed map displaces them too:
-    # fit what is left. Its trend is of the size of that rounding, and is kept.
+    # fit the residual. Its trend is of the size of that rounding, and is added.
     rest = border(d - x @ linear.T - (0.0 if q is None else q @ bent))
     bent = bent if q is None else bent + quadrics @ rest[last:]
     return rest[:n], linear + rest[n + 1 : last].T @ basis.T, rest[n], bent
@@ -191,7 +191,7 @@ def solve_factored(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Any, 
 
     Parameters
     ----------
-    is_skew : points have radii of their own, so that the matrix is not symmetric.
+    is_skew : points have individual radii, so that the matrix is not symmetric.
     """
     n, dim = x.shape
     one, linear, constant = np.ones((n, 1)), np.zeros((dim, dim)), np.zeros(dim)
@@ -243,7 +243,7 @@ def solve_bordered(x: Floats, d: Floats, matrix: Matrix, span: Span, turn: Float
 def _refine(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Floats]:
     """A solution and its residual; of points that have moved since they were factored with one step of refinement.
 
-    What is interpolated was wrong by 5e-11 of the extent of 220 thin-plate points without it.
+    The interpolant was wrong by 5e-11 of the extent of 220 thin-plate points without it.
     """
     miss = matrix.product(found) - given
     if matrix.is_updated:
@@ -255,7 +255,7 @@ def _refine(matrix: Matrix, found: Floats, given: Floats) -> tuple[Floats, Float
 def _linear_on_host(
     x: Floats, d: Floats, moments: tuple[Floats, Floats] | None, span: Span, turn: Floats, trend: str
 ) -> Floats:
-    """As :func:`_linear_part` of arrays; without moments of an energy all points count alike."""
+    """As :func:`_linear_part` of arrays; without moments of an energy all points have equal weights."""
     if moments is not None and trend == "affine" and not span.ridge.any():  # of most fits; the rule is H S^-1 then
         with contextlib.suppress(np.linalg.LinAlgError):
             return np.asarray(np.linalg.solve(moments[0], moments[1].T).T - np.eye(len(turn)))

@@ -10,8 +10,8 @@ which would be magnified over the whole volume. The trend "affine" therefore shr
 directions in which the points are thin, :func:`thin_directions`; "affine_exact" is the paper's, Eqs. 3-4.
 
 The trend "quadratic" adds ``q(x) C`` to the affine one, with q the products of two coordinates. C is the one of least
-energy beside all affine maps, and shrinks to zero in the directions that the points hardly determine, such as that of a
-conic through all of them; :func:`quadric_span`.
+energy relative to all affine maps, and shrinks to zero in directions that the points hardly determine, such as that of
+a conic through all of them; :func:`quadric_span`.
 
 The similarity and rigid trends replace the paper's Eq. 5, whose printed system has more equations than unknowns; these
 are its exact optima (S. Umeyama, IEEE PAMI 13 (1991) 376-380, with the dense weight W).
@@ -30,7 +30,7 @@ from deformnb._jax import jnp, lax, with_derivative
 from deformnb.checks import short_value
 from deformnb.errors import DeformError
 
-# Below this share of the data's size a rotation has no angle (all handles share one source): keep the last one.
+# Below this share of the data's size a rotation has no angle (all handles share one source): reuse the last one.
 NO_ANGLE = 1e-6
 
 # Directions in which the points spread by less than this share of their length are thin: an affine trend is shrunk
@@ -40,9 +40,9 @@ _SURELY = 1 + 1e-6  # beyond rounding
 _LEAST_MOMENT = 1e-280  # squares of tiny lengths have no digits
 # How fast: the penalty on what a thin direction does beyond the similarity is, relative to the trace of S,
 # ((THIN - spread) / spread)^2 / SOFTNESS. Of rows with one point dragged by a tenth of their length this value was
-# tried and held det J above 0.3 beside them; smaller ones are nearer to a similarity.
+# tried and had det J above 0.3 next to them; smaller ones are nearer to a similarity.
 SOFTNESS = 0.5
-# Below this spread the similarity is reached to rounding; it keeps the penalty finite.
+# Below this spread the similarity is reached to rounding; it makes the penalty finite.
 LEAST_SPREAD = 1e-4
 # The same limit for the quadratic part: the spread of the square of a direction that is just not thin.
 THIN_BEND = THIN**2
@@ -57,7 +57,7 @@ class Span(NamedTuple):
     ----------
     basis : (dim, rank) orthonormal columns that span the centred targets.
     ridge : (dim, dim) penalty of the trend "affine" across the :func:`thin_directions`; zero where there are none.
-    quadrics, bend : of :func:`quadric_span`, for the trend "quadratic"; None stands for all, and for no penalty.
+    quadrics, bend : of :func:`quadric_span`, for the trend "quadratic"; None means all, and no penalty.
     """
 
     basis: Any
@@ -102,7 +102,7 @@ def _fix_row_rotation(h: Any, size: Any, ridge: Any) -> Any:
     """H with the smallest turn of a row of points in space added, as much as the row is thin.
 
     The turn about a row is determined by the small offsets of its points alone: a point dragged across the row would
-    turn all that lies beside it by half a turn.
+    rotate all places next to it by half a turn.
     """
     if h.shape[0] == 2:
         return h
@@ -161,10 +161,10 @@ def thin_directions(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Principal directions of control points, and how far the points spread along each, relative to the longest.
 
-    A direction is as thin as it is in the targets or, turned back by the best rotation, in the sources: a map between
+    A direction is as thin as it is in the targets or, rotated back by the best rotation, in the sources: a map between
     a row and a triangle is determined across the row by neither. With A and B the two matrices of second moments, each
     relative to its largest eigenvalue, the spreads are the square roots of the eigenvalues of ``2 A (A + B)^-1 B``,
-    which lie above the smaller ones of the two sets.
+    which are above the smaller ones of the two sets.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def spread_of(places: NDArray[np.float64]) -> float:
 def are_wide(centred: NDArray[np.float64], displacements: NDArray[np.float64]) -> bool:
     """Check that no direction of :func:`thin_directions` is thin, where the two sets alone show that.
 
-    The spreads lie above the smaller ones of the sets, whose moments take one product and the eigenvalues of both.
+    The spreads are above the smaller ones of the sets, whose moments take one product and the eigenvalues of both.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def quadratic_forms(coefficients: Any, dim: int) -> Any:
 def quadric_span(
     centred: NDArray[np.float64], basis: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The part of the :func:`products` that centred points determine beside affine maps.
+    """The part of the :func:`products` that centred points determine in addition to affine maps.
 
     Parameters
     ----------
@@ -292,12 +292,12 @@ def _penalty(spreads: NDArray[np.float64], limit: float) -> NDArray[np.float64]:
 
 
 def regularize_moments(moments: tuple[Any, Any], plain: tuple[Any, Any], ridge: Any) -> tuple[Any, Any]:
-    """S and H (..., dim, dim), to which those of all points alike are added as much as the points are thin.
+    """S and H (..., dim, dim), plus those of all points with equal weights as much as the points are thin.
 
     The energy of a row of points is that of its small wiggles: by it, one point dragged past its neighbours would turn
-    and scale all that lies beside the row.
+    and scale all places next to the row.
     """
-    share = jnp.linalg.eigvalsh(lax.stop_gradient(ridge))[..., -1:, None]  # the largest penalty, whatever the axes
+    share = jnp.linalg.eigvalsh(lax.stop_gradient(ridge))[..., -1:, None]  # the largest penalty, for any axes
     is_thin = share > 0
 
     def relative(to: Any, weight: Any, where_wide: float) -> Any:
@@ -353,7 +353,7 @@ def complete(images: Any, basis: Any) -> Any:
     """The linear map that sends the columns of ``basis`` (dim, rank) to those of ``images`` and is natural across them.
 
     Points on a line or in a plane of space do not determine the direction across. Taking no displacement there (the
-    least norm) flattens a row of points turned by 90 degrees to nothing; instead the cross direction turns and scales
+    least norm) flattens a row of points rotated by 90 degrees to nothing; instead the cross direction turns and scales
     along with the span, so that similarities of the points come out as similarities of space.
     """
     dim, rank = basis.shape
@@ -382,7 +382,7 @@ def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
     """Scale times the smallest rotation that takes the unit vector q to the direction of ``image`` (Rodrigues).
 
     Half a turn is about the unit vector ``aside`` across q. Points on a line determine none: it is the axis of
-    coordinates that is farthest from the line then, the one thing here that is not turned with the points.
+    coordinates that is farthest from the line then, the one thing here that is not rotated with the points.
     """
     length = jnp.sqrt(jnp.sum(image * image))
     t = image / jnp.where(length > 0, length, 1.0)
@@ -394,13 +394,13 @@ def _smallest_turn(q: Any, image: Any, aside: Any = None) -> Any:
     other = other - jnp.dot(other, q) * q
     other = other / jnp.sqrt(jnp.sum(other * other))
     half = 2 * jnp.outer(other, other) - jnp.eye(3, dtype=q.dtype)
-    # 1 + cosine as |q + t|^2 / 2, which keeps its digits next to half a turn
+    # 1 + cosine as |q + t|^2 / 2, which preserves its digits next to half a turn
     turn = jnp.eye(3, dtype=q.dtype) + k + (k @ k) * (2 / jnp.sum((start + t) ** 2))
     return length * jnp.where(opposite, turn @ half, turn)
 
 
 def plain_moments(x: Any, d: Any, one: Any) -> tuple[Any, Any]:
-    """The matrices S and H in which all points count alike."""
+    """The matrices S and H in which all points have equal weights."""
     mean_x, mean_d = ((one.T @ a / one.sum()) for a in (x, d))
     centred = one * (x - mean_x)
     s = centred.T @ centred

@@ -5,7 +5,7 @@ coordinates; or two volumes, for points in space. The result is ordinary control
 compared as grey values that can be sampled anywhere.
 
 The multiscale fit maximises a measure of similarity, coarse to fine: at each level it makes an objective of the two
-pictures and keeps the best targets so far.
+pictures and stores the best targets so far.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Pictured: TypeAlias = Picture | VolumeLike
 
 @dataclass(frozen=True, eq=False)
 class GreyImage:
-    """Grey values in [0, 1] and where they lie: ``index = matrix @ point + offset``, in the order of the array's axes.
+    """Grey values in [0, 1] and their places: ``index = matrix @ point + offset``, in the order of the array's axes.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class GreyImage:
         return np.asarray(np.where(self.covers(points), values, 0.0))
 
     def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """True for the points that lie in it."""
+        """True for the points in it."""
         index = points @ self.matrix.T + self.offset
         return np.asarray(((index >= -0.5) & (index <= np.array(self.values.shape) - 0.5)).all(axis=-1))
 
@@ -122,11 +122,11 @@ def grey_pair(points: ControlPoints, moving: Pictured, fixed: Pictured) -> tuple
     return pair
 
 
-# Where the map is kept from folding (one block), and where that is checked after each level, along each axis.
+# Nodes along each axis where folds are penalised (one block), and where they are checked after each level.
 _LATTICE, _CHECKED = {2: 64, 3: 16}, {2: 128, 3: 32}
 # A target moves at most this share of the diagonal at each level, and the two pictures share at least this much.
 _REACH, _LEAST_SHARED = 0.25, 0.01
-# Stands for a loss that is no number: two targets on one place.
+# Replaces a loss that is no number: two targets on one place.
 _IMPOSSIBLE = 1e10
 # An iteration that gains less similarity than this is the last of its level.
 _ENOUGH = 1e-7
@@ -142,7 +142,7 @@ class MultiscaleFit:
     origin, support : what its lengths are relative to.
     moving, fixed : the two pictures.
     iterations : of each level, at most.
-    least : det J that is kept.
+    least : the lower bound of det J.
     progress : receives the finished share.
 
     Attributes
@@ -262,7 +262,7 @@ class MultiscaleFit:
     def _limit_folds(
         self, before: NDArray[np.float64], after: NDArray[np.float64], checked: list[Any], floor: float
     ) -> NDArray[np.float64]:
-        """As far on the way from one to the other as nothing folds."""
+        """As far from one towards the other as nothing folds."""
         for share in (1.0, 0.75, 0.5, 0.25, 0.1):
             x = before + share * (after - before)
             if least_det(x, self.first.fitting, checked) >= floor:
@@ -286,7 +286,7 @@ _MOST_PLACES = 2**18
 _SHARE, _PIXELS = 1 / 24, 10
 # Below this correlation two neighbourhoods are not the same thing; noise alone was seen to reach 0.35.
 _LEAST_ALIKE = 0.6
-# A place half a neighbourhood away that is as much alike as this leaves open which of the two is meant.
+# A place half a neighbourhood away that is as similar as this is ambiguous.
 _AMBIGUOUS = 0.02
 # A standard deviation of the grey values in [0, 1] below this is an even area with noise.
 _EVEN = 0.01
@@ -332,7 +332,7 @@ def fit_targets(
     least: float = 0.05,
     progress: Progress | None = None,
 ) -> Fitted:
-    """Move all targets so that the deformed moving picture looks like the fixed one.
+    """Move all targets so that the deformed moving picture matches the fixed one.
 
     The similarity is differentiated through the fit and maximised by L-BFGS-B, coarse to fine. The energy of the fit
     regularises it where the pictures are even, and a barrier where det J nears zero, so that the map does not fold.
@@ -347,7 +347,7 @@ def fit_targets(
     energy : how much the energy of the fit counts against the similarity, n times at level n; 0 not at all.
     levels : each level compares every n-th pixel of pictures smoothed accordingly, coarse to fine.
     iterations : of each level, at most.
-    least : det J that the map keeps everywhere (or what it has now, if that is less).
+    least : lower bound of det J everywhere (or its present minimum, if that is less).
     progress : called in every iteration with the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
 
     Raises
@@ -487,7 +487,7 @@ class Snapped:
     ----------
     points : with the targets that were found.
     ids : of the points that were requested.
-    score : the best correlation of each, NaN where none was looked for.
+    score : the best correlation of each, NaN where none was searched for.
     shift : (n, dim) how each target was moved; 0 where it was left.
     left : the reason why a point was left, by its id.
     """
@@ -511,13 +511,13 @@ def snap_to_match(
     progress: Progress | None = None,
     **fit: Any,
 ) -> Snapped:
-    """Move the target of each point to where the fixed picture looks most like what is at the target now.
+    """Move the target of each point to the fixed picture's best match of the patch that is at the target now.
 
-    What is at the target is the neighbourhood of the source in the moving picture, deformed as it is now. The
+    That patch is the neighbourhood of the source in the moving picture, deformed as it is now. The
     similarity is the normalised cross-correlation over a disc (a ball in space), at all shifts within the search at
     once by FFT, with a quadratic through the best and its neighbours. Every point is found on its own, from the map
-    as it is now. A point is left where its neighbourhood is even, where nothing looks like it (correlation below
-    0.6), where the best place lies at the rim of the search, and where another place looks nearly the same.
+    as it is now. A point is left where its neighbourhood is even, where nothing matches it (correlation below
+    0.6), where the best place is at the rim of the search, and where another place matches nearly as well.
 
     Parameters
     ----------
@@ -572,7 +572,7 @@ def _length(given: float | None, default: float, what: str) -> float:
 
 
 class _Window:
-    """Lattices of shifts around a point, and how alike the pictures are at each."""
+    """Lattices of shifts around a point, and the similarity of the pictures at each."""
 
     def __init__(
         self, moving: GreyImage, fixed: GreyImage, map_now: AbstractField, radius: float, search: float

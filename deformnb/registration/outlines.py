@@ -24,12 +24,12 @@ from deformnb.volume.plane import Picture
 
 # An outline around less than this share of the picture is a speck.
 _SPECK = 1e-3
-# Places compared to find where two outlines begin alike.
+# Places compared to match the starts of two outlines.
 _COMPARED = 512
-# A target within this share of an outline's extent lies on it: far above rounding, far below a pixel.
+# A target within this share of an outline's extent is on it: far above rounding, far below a pixel.
 _ON_IT = 1e-6
-# A point slides at most this share of the way to its neighbour at once, so that none overtakes another, and comes no
-# nearer to it than this share of an even spacing: two outlines that are not alike would pile points on one place.
+# A point slides at most this share of the gap to its neighbour at once, so that none overtakes another, and comes no
+# nearer to it than this share of an even spacing: two dissimilar outlines would pile points on one place.
 _STRIDE, _NEAREST = 0.45, 0.15
 # Less than this share of the energy is no progress; at its smallest the share is of rounding only.
 _ENOUGH, _NO_ENERGY = 1e-9, 1e-20
@@ -65,7 +65,7 @@ def outline(picture: Picture, level: float | None = None) -> list[Floats]:
     if not 0 < value < 1:
         raise DeformError(f"the level of an outline must be between 0 (black) and 1 (white), got {level}.")
     raster = picture.raster
-    rim = np.pad(grey, 1)  # what goes on beyond the picture is closed along its edge
+    rim = np.pad(grey, 1)  # outlines that leave the picture are closed along its edge
     lines = contour_generator(z=rim).lines(value)
     least = _SPECK * grey.size * raster.spacing[0] * raster.spacing[1]
     found = []
@@ -80,7 +80,7 @@ def outline(picture: Picture, level: float | None = None) -> list[Floats]:
 
 
 def _bright_inside(lines: list[Floats]) -> list[Floats]:
-    """All turned round if the largest is negative: with the rim dark, the largest is around something bright."""
+    """All reversed if the largest is negative: with the rim dark, the largest is around something bright."""
     return [line[::-1].copy() for line in lines] if lines and area(lines[0]) < 0 else lines
 
 
@@ -188,11 +188,11 @@ def fit_outline(
     """Add points along one outline that go to another one.
 
     They are spread evenly by arc length on both; where the second begins is chosen so that the two, laid on one
-    another by their middles and sizes, lie closest. Then they :func:`slide` along the target's outline.
+    another by their middles and sizes, are closest. Then they :func:`slide` along the target's outline.
 
     Parameters
     ----------
-    points : what is there already; it stays and takes part in the energy.
+    points : existing ones; they stay and take part in the energy.
     source_outline, target_outline : closed polylines (n, 2), such as :func:`outline` gives.
     count : how many points are added.
     iterations : of the sliding; 0 leaves them as the arc length has them.
@@ -227,10 +227,10 @@ OUTLINE_POINT = "outline"
 
 
 def fix_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> ControlPoints:
-    """Add points that stay, spread evenly by arc length along an outline: drags bend only what lies around them.
+    """Add points that stay, spread evenly by arc length along an outline: drags bend only the places around them.
 
     Those of an earlier call that have not been moved make room. None is added within half of the spacing of another
-    point, so that what lies at the outline can be dragged.
+    point, so that the outline itself can be dragged.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def fix_outline(points: ControlPoints, line: ArrayLike, *, count: int = 16) -> C
 
 
 def _begins(source: ClosedCurve, target: ClosedCurve) -> float:
-    """The share of the target's length at which it lies closest to the source's beginning, over all of both."""
+    """The share of the target's length at which it is closest to the source's beginning, over all of both."""
     share = np.arange(_COMPARED) / _COMPARED
     one, other = (_normalize(curve.at(share * curve.length)) for curve in (source, target))
     alike = np.fft.ifft(np.conj(np.fft.fft(one)) * np.fft.fft(other)).real
@@ -289,8 +289,8 @@ def slide(
     ----------
     points : control points of a picture. Locked ones stay.
     curves : polylines (n, 2).
-    fixed_ids : true landmarks, which stay although they lie on an outline.
-    ids : which points slide; they are put onto the nearest outline first. Default: all whose targets lie on one.
+    fixed_ids : true landmarks, which stay although they are on an outline.
+    ids : which points slide; they are put onto the nearest outline first. Default: all whose targets are on one.
     iterations : at most.
     closed : whether the polylines go back to where they begin.
     progress : receives the finished share; raises :class:`~deformnb.errors.Cancelled` to stop.
@@ -298,7 +298,7 @@ def slide(
     Raises
     ------
     DeformError
-        If nothing can slide, or sources coincide or lie on one line, so that there is no thin-plate spline.
+        If nothing can slide, or sources coincide or are on one line, so that there is no thin-plate spline.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 """Similarity of a deformed picture and a fixed one, as a differentiable function of the targets of control points.
 
-All of it is pure JAX and works in the plane and in space alike: the fit (:func:`solve`), the displacement
+All of it is pure JAX and works in the plane and in space: the fit (:func:`solve`), the displacement
 it makes, the moving picture sampled there, a measure of similarity, the energy of the fit, and det J on a lattice. The
-targets are the variables. What is made of two pictures, and the optimiser, are in
+targets are the variables. The use of two pictures, and the optimiser, are in
 :mod:`deformnb.registration.optimise`.
 """
 
@@ -27,14 +27,14 @@ LOCAL_PLACES = 4096
 Measure = Callable[[Any, Any, Any], Any]
 """(values of the deformed picture, of the other one, weights), all of one shape -> similarity, larger is better."""
 
-# Squares below this are no structure: grey values lie in [0, 1], and a step of 8 bits has a square of 1.5e-5.
+# Squares below this are no structure: grey values are in [0, 1], and a step of 8 bits has a square of 1.5e-5.
 _FLAT = 1e-10
 # Grey values are counted in this many bins. Mattes et al. (IEEE TMI 22, 2003) take 32 to 100 for volumes; a picture has
 # fewer pixels, and fewer bins make a smoother function.
 _BINS = 24
 
-# Barrier: nothing above _FREE; rises as a squared logarithm; below _STEEP it goes on as a line, so that it is finite
-# where a trial step has folded the map and still points the way back.
+# Barrier: nothing above _FREE; rises as a squared logarithm; below _STEEP it continues as a line, so that it is finite
+# where a trial step has folded the map and still has a gradient back.
 _FREE, _STEEP, _BARRIER = 0.15, 0.02, 0.01
 
 
@@ -61,7 +61,7 @@ def squared_difference(a: Any, b: Any, weights: Any) -> Any:
 
 
 def mutual_information(a: Any, b: Any, weights: Any) -> Any:
-    """Normalised mutual information in [0, 1]: for grey values that go together in any way, even turned round.
+    """Normalised mutual information in [0, 1]: for any relation of grey values, even inverted.
 
     (H(a) + H(b)) / H(a, b) - 1 (Studholme et al., Pattern Recognition 32, 1999), of a histogram softened by cubic
     B-splines so that it can be differentiated (Mattes et al., IEEE TMI 22, 2003).
@@ -75,7 +75,7 @@ def _histogram(values: Any) -> Any:
     distance = jnp.abs(jnp.clip(values, 0, 1)[:, None] * (_BINS - 1) - jnp.arange(_BINS))
     inner, outer = 2 / 3 - distance**2 * (1 - distance / 2), jnp.maximum(2 - distance, 0.0) ** 3 / 6
     share = jnp.where(distance < 1, inner, outer)
-    return share / share.sum(axis=1, keepdims=True)  # at the ends some would fall beside
+    return share / share.sum(axis=1, keepdims=True)  # at the ends some would fall outside
 
 
 def _entropy(shares: Any) -> Any:
@@ -121,7 +121,7 @@ class Fitting:
 @pytree(data_fields=["values", "matrix", "offset"], meta_fields=[])
 @dataclass(frozen=True, eq=False)
 class SampledImage:
-    """The moving picture: values with a rim of background, and the way from relative places to their indices."""
+    """The moving picture: values with a rim of background, and the transform of relative places to indices."""
 
     values: Any
     matrix: Any
@@ -130,7 +130,7 @@ class SampledImage:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Two pictures to be made alike at one level.
+    """Two pictures to be registered at one level.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ class Value(NamedTuple):
 def value_and_gradient(moves: Any, objective: Objective) -> Value:
     """Value and gradient of the function to minimise, for ``moves`` (C, dim) of the targets in units.
 
-    The chain rule is written out by hand: blocks of one size are compiled once for all levels and pictures of a size,
+    The chain rule is written out: blocks of one size are compiled once for all levels and pictures of a size,
     where the whole in one piece took five times as long to compile. What needs no slope is left out.
     """
     with float64():
@@ -222,7 +222,7 @@ def _fits(x: Any, fitting: Fitting) -> tuple[Any, Any]:
             trend=fitting.trend,
         )
         left = jnp.where(inner, step - end @ linear.T - constant - _quadratic_displacement(end, bent), 0.0)
-        # Radii of the points' own leave no energy that is never negative: what the trend leaves over stands for it.
+        # Individual radii leave no energy that is never negative: the residual of the trend replaces it.
         return (end, alpha, linear, constant, bent), jnp.sum((left if fitting.scales is not None else alpha) * left)
 
     fits, energies = jax.vmap(one)(ends)
@@ -252,7 +252,7 @@ def _sample_moving(p: Any, fits: Any, fitting: Fitting, moving: SampledImage) ->
 
 
 def read_linear(values: Any, index: Any) -> Any:
-    """Values at fractional indices (P, dim), linearly; beyond the edge the edge goes on."""
+    """Values at fractional indices (P, dim), linearly; beyond the edge its values continue."""
     last = jnp.array(values.shape) - 1.0
     at = jnp.clip(index, 0.0, last)
     low = jnp.clip(jnp.floor(at), 0.0, jnp.maximum(last - 1, 0.0))
@@ -267,7 +267,7 @@ def read_linear(values: Any, index: Any) -> Any:
 
 
 def _determinants(p: Any, fits: Any, fitting: Fitting) -> Any:
-    """Det of the Jacobian of the backward map, stage by stage along the way."""
+    """Det of the Jacobian of the backward map, stage by stage."""
 
     def stage(state: tuple[Any, Any], fit: Any) -> tuple[tuple[Any, Any], None]:
         (q, product), (centers, alpha, linear, _, bent) = state, fit

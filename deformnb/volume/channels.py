@@ -32,7 +32,7 @@ _PRIMARY: dict[str, Colour] = {
     "yellow": (1, 1, 0),
     "grey": (1, 1, 1),
 }
-# Green and magenta are told apart by those who do not see red, too.
+# Green and magenta are distinct for colour-blind readers, too.
 _OF_FEW: dict[int, tuple[str, ...]] = {1: ("grey",), 2: ("green", "magenta")}
 
 _LUMA = (0.299, 0.587, 0.114)  # ITU-R BT.601, as Pillow has them
@@ -225,7 +225,7 @@ class Channels:
     def displays(self) -> tuple[ChannelDisplay, ...]:
         """The displays of :attr:`coloured`: in their colours, each from its smallest value to its largest.
 
-        Whole numbers of colours (kind "rgb") keep their own scale.
+        Whole numbers of colours (kind "rgb") have their own scale.
         """
         return tuple(ChannelDisplay(self.colours[k], self._shown_range(k)) for k in range(len(self.coloured)))
 
@@ -264,7 +264,7 @@ class Channels:
 
 
 ChannelsLike: TypeAlias = Channels | VolumeLike
-"""Objects that :func:`as_channels` takes where channels are wanted: Channels, all that a volume may be, an image
+"""Objects that :func:`as_channels` takes where channels are required: Channels, all that a volume may be, an image
 of several components, or the path of a file."""
 
 

@@ -101,7 +101,7 @@ class ClipBox:
         return cls(grid, (-0.5,) * 3, tuple(n - 0.5 for n in grid.shape[::-1]))
 
     def holds(self, lattice: Grid) -> NDArray[np.bool_]:
-        """Mask [z, y, x] of the voxels of another grid whose centres lie in it."""
+        """Mask [z, y, x] of the voxels of another grid whose centres are in it."""
         to_index = np.linalg.inv(self.grid.matrix)
         steps, first = to_index @ lattice.matrix, self.grid.point_to_index(lattice.origin)
         nz, ny, nx = (np.arange(n, dtype=np.float32) for n in lattice.shape)
@@ -115,7 +115,7 @@ class ClipBox:
         return held
 
     def sides(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """A place (6, 3) on each side and the direction (6, 3) inwards; a side that is open lies far away."""
+        """A place (6, 3) on each side and the direction (6, 3) inwards; an open side is far away."""
         far = 1e6 * max(self.grid.shape)
         ends = np.clip([self.low, self.high], -far, far)
         index = np.array([np.where(np.arange(3) == axis, end, 0.0) for end in ends for axis in range(3)])

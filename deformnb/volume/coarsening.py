@@ -1,4 +1,4 @@
-"""Coarser grids: each voxel stands for a block of voxels."""
+"""Coarser grids: each voxel represents a block of voxels."""
 
 from __future__ import annotations
 

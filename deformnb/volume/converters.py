@@ -2,7 +2,7 @@
 
 An object is recognised by the package that its class (or a class above it) comes from, so none of those packages is
 imported. Each row of :data:`CONVERTERS` reads the place that the object itself states; nothing of it is dropped: what
-has a place that no row knows is refused, and what has none is taken with a note.
+has a place that no row reads is refused, and an object without one is taken with a note.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from deformnb.volume.volume import Grid, Volume, nibabel_unit, optional_package,
 
 Converter: TypeAlias = Callable[[Any], Volume | Channels]
 
-# Names under which objects of other packages keep their places. An array of a class with one of these says where it
-# lies, and to read its numbers alone would drop that in silence.
+# Names under which objects of other packages store their places. An array of a class with one of these has a place of
+# its voxels, and to read its numbers alone would drop that silently.
 _PLACES = (
     "affine",
     "spacing",
@@ -92,7 +92,7 @@ def converter_of(given: Any) -> Converter | None:
 
 
 def states_place(given: Any) -> bool:
-    """Check whether an object is an image of another package, which says where it lies; no array and no file is."""
+    """Check whether an object is an image of another package, with the place of its voxels; no array and no file is."""
     return converter_of(given) not in (None, _from_chunks)
 
 
@@ -124,7 +124,7 @@ def several_channels(given: Any) -> Channels:
 
 
 def grid_of(given: Any) -> Grid:
-    """The grid of whatever has one: of a file from its header alone.
+    """The grid of any object that has one: of a file from its header alone.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def grid_of(given: Any) -> Grid:
 
 
 def _from_array(given: Any) -> Volume:
-    """A volume of an array without a place; DeformError for what is no array, or has a place that is not understood."""
+    """A volume of an array without a place; DeformError if it is no array, or has a place that is not understood."""
     if not _is_array(given):
         opened = getattr(given, "name", None)
         more = (
@@ -180,14 +180,14 @@ def _is_array(given: Any) -> bool:
 def _numbers(given: Any) -> Any:
     """The array behind an object, which may lie on a device or refuse to be read."""
     if isinstance(given, np.ndarray | list | tuple) or getattr(given, "chunks", None) is not None:
-        return given  # looked at by Volume.from_array
+        return given  # checked by Volume.from_array
     try:
         return (
             np.asarray(given)
             if hasattr(given, "__array__") or hasattr(given, "__array_interface__")
             else (np.from_dlpack(given))
         )
-    except Exception as error:  # each package has errors of its own
+    except Exception as error:  # each package raises its own errors
         raise DeformError(
             f"this {type(given).__name__} gives no array of numbers ({type(error).__name__}: "
             f"{str(error).partition(chr(10))[0][:100]}); copy it into NumPy's memory first."
@@ -217,13 +217,13 @@ def _from_sitk(given: Any) -> Volume | Channels:
 
 
 def _from_itk(given: Any) -> Volume | Channels:
-    """An image of ITK's own Python package, by what it says of the places of its voxels."""
+    """An image of ITK's own Python package, by its own account of the places of its voxels."""
     if not hasattr(given, "GetBufferedRegion") or not hasattr(given, "TransformIndexToPhysicalPoint"):
         raise DeformError(f"a Volume is needed, got a {type(given).__name__} of ITK, which is no image.")
     values = np.asarray(given)
     dims = int(given.GetImageDimension())
     if dims not in (2, 3):
-        return Volume.from_array(values)  # which says how many axes it has
+        return Volume.from_array(values)  # which has its number of axes
     first = [int(given.GetBufferedRegion().GetIndex()[k]) for k in range(dims)]
     places = np.array(
         [
@@ -262,7 +262,7 @@ def _from_pyvista(given: Any) -> Volume | Channels:
 
 
 def _from_chunks(given: Any) -> Volume | Channels:
-    refuse_lazy(given)  # what is not in chunks is an array like any other
+    refuse_lazy(given)  # without chunks it is an array like any other
     return _from_array(given)
 
 

@@ -1,7 +1,7 @@
 """Corrections of voxel spacing for public volumes whose files state a wrong one.
 
-The table is data, ``known_spacings.json`` beside this file. A row names a volume by properties that any copy of it has,
-whatever its file is called and however it is compressed: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z),
+The table is data, ``known_spacings.json`` next to this file. A row names a volume by properties of any copy of it,
+for any name and any compression of its file: ``shape`` [z, y, x], ``dtype``, ``header_spacing`` (x, y, z),
 and ``sha256``, the checksum of :func:`voxel_checksum`. Only a volume that agrees in the first three is
 hashed, so that the rule costs nothing for any other.
 """
@@ -110,7 +110,7 @@ def known_spacing(grid: Grid, dtype: Any, checksum: Callable[[], str]) -> KnownS
     ----------
     grid : as in the file.
     dtype : of the voxels.
-    checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; called only where all the rest agrees.
+    checksum : gives :func:`deformnb.volume.volume.voxel_checksum`; computed only where all the rest agrees.
     """
     likely = [
         row

@@ -22,7 +22,7 @@ LayerData: TypeAlias = tuple[Any, dict[str, Any], str]
 
 
 def layer_data(layer: Any) -> LayerData:
-    """The data, the attributes and the type of a layer of napari or of a tuple of one; an image where none is said.
+    """The data, the attributes and the type of a layer of napari or of a tuple of one; an image by default.
 
     Raises
     ------

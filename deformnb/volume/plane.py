@@ -21,7 +21,7 @@ from deformnb.volume.colour_maps import colour_table
 from deformnb.volume.volume import ORTHONORMAL_TOLERANCE, Grid, VolumeLike, as_finest_grid, as_grid
 
 VIEWS = ("+x", "-x", "+y", "-y", "+z", "-z")
-"""Viewing directions. "+y" looks along growing y: in LPS from the front (anterior) to the back of a patient."""
+"""Viewing directions. "+y" views along growing y: in LPS from the front (anterior) to the back of a patient."""
 
 SIDES = {
     "+y": "from the front (+y)",
@@ -207,7 +207,7 @@ class Plane:
 
         Notes
         -----
-        The origin lies at the centre of the voxel that is left-most and top-most in the picture, so a picture of the
+        The origin is at the centre of the voxel that is left-most and top-most in the picture, so a picture of the
         grid has its pixel [0, 0] at (a, b) = (0, 0).
         """
         grid = as_finest_grid(grid)
@@ -289,7 +289,7 @@ def _nearest_column(
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A picture and where it lies.
+    """A picture and its raster.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def connected_threshold(
     Raises
     ------
     DeformError
-        If the seed lies outside, or its value does.
+        If the seed is outside, or its value is.
 
     Examples
     --------

@@ -3,7 +3,7 @@
 Everything here works on bare arrays [z, y, x] and on indices; the indices are determined in
 :mod:`deformnb.warping.planning`, and the samples are used in :mod:`deformnb.warping.warper`.
 
-A place along one axis is kept as a whole number and a fraction, ``whole + part``. The displacement is added to the
+A place along one axis is stored as a whole number and a fraction, ``whole + part``. The displacement is added to the
 fraction, never to the index: a float32 index of 500 resolves 3e-5 voxels only, a fraction resolves 1e-7 everywhere.
 
 Outside rule (ITK's): a place in [-1/2, n - 1/2) reads the nearest edge voxel, anything beyond gives the fill value.
@@ -26,7 +26,7 @@ from deformnb._jax import check_process, each, float64, jax, jit, jnp, lax, pytr
 WIDE = ("int32", "float64")
 """Voxel types that float32 arithmetic would change; they are interpolated in float64."""
 
-LARGEST_INT32 = 2**31 - 64  # with what may lie before them in a line of memory, see :class:`Within`
+LARGEST_INT32 = 2**31 - 64  # with the values before them in a line of memory, see :class:`Within`
 
 NEAR = 2**21
 """Below this many voxels places are split in a quicker way, see :func:`split`."""
@@ -41,7 +41,7 @@ _ALIGNMENT = 64
 
 @dataclass(frozen=True)
 class Axis:
-    """Places to read along one axis: ``index + fraction`` of ``size`` voxels that lie ``stride`` apart in memory.
+    """Places to read along one axis: ``index + fraction`` of ``size`` voxels ``stride`` apart in memory.
 
     ``fraction`` is in [0, 1], or None where the index is known to be whole and inside.
     """
@@ -65,7 +65,7 @@ def arithmetic(dtype: np.dtype[Any], size: int) -> Any:
 def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
     """The array as JAX sees it, sharing memory where it can; one copy (with large pages) where it cannot.
 
-    ``shape`` is taken on the way: reshaping on JAX's side would be one more copy.
+    ``shape`` is applied here: reshaping on JAX's side would be one more copy.
     """
     check_process()
     if not devices.is_host():
@@ -81,7 +81,7 @@ def to_device(array: NDArray[Any], shape: tuple[int, ...] | None = None) -> Any:
 @pytree(("row", "start"), ("shape",))
 @dataclass(frozen=True)
 class Within:
-    """An array of ``shape`` that lies in ``row``, one row of values in JAX's memory, from ``start`` on."""
+    """An array of ``shape`` within ``row``, one row of values in JAX's memory, from ``start`` on."""
 
     row: Any
     start: Any
@@ -131,9 +131,9 @@ def share_with_jax(array: NDArray[Any]) -> Any:
 
 
 def _lines(array: NDArray[Any]) -> NDArray[Any]:
-    """The row of values in the whole lines of memory that hold an array. A line lies in one page, so all may be read.
+    """The row of values in the whole lines of memory that hold an array. A line is in one page, so all may be read.
 
-    What stands before and behind the array is anything, and belongs to nobody here: it must not be looked at.
+    The memory before and behind the array is undefined: its values must not be used.
     """
     start = array.ctypes.data % _ALIGNMENT
     count = -(-(start + array.nbytes) // _ALIGNMENT) * (_ALIGNMENT // array.itemsize)
@@ -290,7 +290,7 @@ def _near_cell(whole: Any, part: Any, size: int) -> tuple[Any, Any, Any]:
 
 
 def _whole_number(value: Any) -> Any:
-    """A whole number from 0 to 2^23 that is held as float32, read off its bits (:func:`split` says why)."""
+    """A whole number from 0 to 2^23 that is held as float32, read off its bits (:func:`split` explains why)."""
     return lax.bitcast_convert_type(value + np.float32(2**23), jnp.int32) - 0x4B000000
 
 
@@ -353,7 +353,7 @@ def to_voxel_type(value: Any, ok: Any, fill: Any, method: str) -> Any:
             value = jnp.clip(value, limits.min, limits.max)
         if fill.dtype == jnp.uint8:
             # floor(value + 1/2) read off the bits of value + 256.5, whose exponent is known. XLA's conversion saturates
-            # and tests for NaN on the way, which makes the replicated warp a fifth slower.
+            # and tests for NaN too, which makes the replicated warp a fifth slower.
             value = lax.bitcast_convert_type((value + 256.5).astype(jnp.float32), jnp.uint32) >> 15
         elif jnp.issubdtype(fill.dtype, jnp.integer):
             value = jnp.floor(value + 0.5)
@@ -412,7 +412,7 @@ class Rows:
 
 
 def _row_of(flat: Any) -> tuple[Any, Any]:
-    """The row in which values lie, and where they begin."""
+    """The row that contains values, and where they begin."""
     return (flat.row, flat.start) if isinstance(flat, Within) else (flat.reshape(-1), 0)
 
 
@@ -441,10 +441,10 @@ def _general(
 
     flat : the input's voxels (or spline coefficients) in any shape, or :class:`Within`; ``shape`` is their shape.
     field : physical displacement (x, y, z) at every ``step``-th plane and row: three arrays (nodes z, nodes y, nx), or
-        one with the components last, which may lie within another (:class:`Within`).
+        one with the components last, which may be within another (:class:`Within`).
     matrix : 3 x 3, from physical displacement (x, y, z) to input voxels (z, y, x).
     whole, part : for output axes z, y, x the contribution (3, n) to the input place (z, y, x).
-    nodes : None, or where planes and rows of the field lie instead of at every ``step``-th: for z and y the first
+    nodes : None, or the places of planes and rows of the field instead of at every ``step``-th: for z and y the first
         node that each voxel reads (n,), and the weights (T, n) of T nodes from there.
     straight : each input axis depends on the output axis and the component of its own name only; the others are zero
         in ``matrix``, ``whole`` and ``part`` and need not be added up for every voxel.
@@ -594,7 +594,7 @@ def _slices_in_words(
     two loads for each voxel of the output in place of four. Slices need two rows and two columns at least, and no more
     than :data:`MOST_WORDS` voxels; their places must be near (:func:`split`).
 
-    slices : [slice, row, column] of ``shape``, which may lie within another array (:class:`Within`).
+    slices : [slice, row, column] of ``shape``, which may be within another array (:class:`Within`).
     moves : K displacements (2, rows, columns) in voxels along rows and columns, with ``weights`` (K, n).
     whole, part : the input place of each row and column of the output before that, two arrays each for rows and columns
         of the input; of extent 1 along the axes of the output that they do not depend on.
@@ -647,7 +647,7 @@ def _row_taps(
     index: str,
     near: bool = False,
 ) -> tuple[list[tuple[Any, Any]], Any]:
-    """Rows to read and their weights for each row of the output, and where these lie inside: small arrays.
+    """Rows to read and their weights for each row of the output, and which of these are inside: small arrays.
 
     maps : (2, rows, columns) of displacement along (u, v).
     matrix : 2 x 2, from (u, v) to input voxels (rows, columns).
@@ -694,7 +694,7 @@ def _rows(
     The arguments are those of :func:`_row_taps` and :func:`_sample_rows`.
     """
     found = _row_taps(maps, matrix, whole, part, shape=shape, method=method, compute=compute, index=index, near=near)
-    # The barrier makes offsets and weights small arrays of their own; without it they are computed again for every
+    # The barrier makes offsets and weights separate small arrays; without it they are computed again for every
     # voxel and the rows are not read as vectors (2.5 times slower).
     taps, ok = lax.optimization_barrier(found)
     return _sample_rows(table, taps, ok, fill, method=method, compute=compute)

@@ -14,24 +14,24 @@ from deformnb.checks import check_choice, check_fields, is_finite, real_array, s
 from deformnb.errors import DeformError
 from deformnb.volume.volume import Volume, VolumeLike, as_volume
 
-# Slices that a histogram looks at, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
+# Slices that a histogram samples, spread through the volume: 64 of 256^3 give the levels within 1 % in 10 ms.
 HISTOGRAM_SLICES = 64
 BINS = 256
 # A range that all but 1 in 10 000 voxels (one at least) fill by less than a sixteenth is not theirs: a hot voxel, or a
 # marker. Below 512 voxels a single one counts.
 OUTLIERS, STRETCH, FEW_VOXELS = 1e-4, 16, 512
-# Entries between neighbouring bytes, at most, in a table for the page: 255 * 8 + 1 = 2041 fit into the smallest texture
+# Entries between neighbouring bytes, at most, in a front end's table: 255 * 8 + 1 = 2041 fit into the smallest texture
 # that WebGL2 allows, 2048.
 FINEST = 8
 # What reaches from air to bone on Hounsfield's scale is taken to be on it: lung is at -700, spongy bone at 300. Below
-# -1100 there is nothing: air is at -1000, give or take noise; what is there are values such as -2000 or -3024, which
+# -1100 there is nothing: air is at -1000, give or take noise; the rest are values such as -2000 or -3024, which
 # scanners write where nothing was measured. Resampling leaves a few values between them and air.
 AIR_HU, BONE_HU, NOTHING_HU = -700.0, 300.0, -1100.0
 RESAMPLED = 0.02
-# The field of a scanner is a circle in a square: at least so much of its slices lies outside, it comes so near to their
-# sides, and so few places are on the wrong side of it. About so many places along each axis are looked at.
+# The field of a scanner is a circle in a square: at least so much of its slices is outside, it comes so near to their
+# sides, and so few places are on the wrong side of it. About so many places along each axis are sampled.
 _CORNERS, _TOUCHES, _STRAY, _LOOKED_AT = 0.05, 0.95, 0.03, 64
-_FEWEST_ROWS = 8  # in which a circle can be told from a line
+_FEWEST_ROWS = 8  # in which a circle is distinct from a line
 _CLIPPED = "colours and opacities were clipped to 0 to 1"
 
 
@@ -251,7 +251,7 @@ class Histogram:
     ----------
     counts : voxels in each of the equally wide bins from ``low`` to ``high``.
     low, high : outer edges of the first and last bin; values beyond are not counted.
-    slices : how many slices were looked at.
+    slices : number of slices sampled.
     total : how many there are.
     """
 
@@ -272,10 +272,10 @@ def histogram(volume: Volume, low: float, high: float, bins: int = BINS, slices:
 
     Parameters
     ----------
-    volume : whose values are counted; what is not finite counts as background.
+    volume : whose values are counted; NaN and infinity count as background.
     low, high : outer edges of the first and last bin.
     bins : equally wide, each without its upper edge but for the last.
-    slices : if the volume has twice as many or more, that many up to twice as many are looked at, equally spaced.
+    slices : if the volume has twice as many or more, that many up to twice as many are sampled, equally spaced.
 
     Examples
     --------
@@ -308,8 +308,8 @@ def levels(volume: Volume) -> tuple[float, float, float, float]:
 def smallest_measurement(volume: Volume) -> float:
     """The smallest value that is no padding: not what scanners write where they have measured nothing.
 
-    Padding is what lies far below air in Hounsfield units, such as -2000 or -3024, and one value that fills the slices
-    outside of the circle that a scanner sees, whatever the scale.
+    Padding is far below air in Hounsfield units, such as -2000 or -3024, and one value that fills the slices
+    outside of the circle that a scanner images, for any scale.
 
     Examples
     --------
@@ -350,7 +350,7 @@ def _smallest_from(volume: Volume, limit: float) -> float:
 
 
 def _fills_corners(volume: Volume, value: float) -> bool:
-    """Check whether a value fills what is outside of a circle in the slices of some axis, and nothing within it."""
+    """Check whether a value fills the outside of a circle in the slices of some axis, and nothing within it."""
     steps = [max(1, n // _LOOKED_AT) for n in volume.shape]
     is_there = volume.finite_values[tuple(slice(None, None, step) for step in steps)] == volume.dtype.type(value)
     share = float(is_there.mean())
@@ -371,7 +371,7 @@ def _fills_corners(volume: Volume, value: float) -> bool:
 def typical_range(volume: Volume) -> tuple[float, float]:
     """The smallest and the largest value, but of padding and of outliers that stretch this range sixteenfold or more.
 
-    Padding is what lies below :func:`smallest_measurement`. Outliers are at most 1 in 10 000 voxels, or one: hot
+    Padding is below :func:`smallest_measurement`. Outliers are at most 1 in 10 000 voxels, or one: hot
     voxels, a marker. Labels, bytes and volumes of fewer than 512 voxels have none.
 
     Examples
@@ -413,7 +413,7 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
     if not _may_have_outliers(volume):
         return whole
     size = volume.grid.size
-    if whole.low > volume.background:  # what is below is padding
+    if whole.low > volume.background:  # values below are padding
         size = sum(int(np.count_nonzero(part >= whole.low)) for part in volume.finite_values)
     most, found = max(1, int(OUTLIERS * size)), whole
     while (ends := _crowded_bins(found, most)) is not None:
@@ -430,7 +430,7 @@ def _typical(volume: Volume, whole: Histogram) -> Histogram:
 def _crowded_bins(counts: Histogram, most: int) -> tuple[float, float] | None:
     """Edges of the few bins that hold all that is counted but ``most`` voxels; None if they are not few."""
     below = np.concatenate([[0], np.cumsum(counts.counts)])
-    ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which that many lie
+    ends = np.searchsorted(below, below + below[-1] - most)  # the first bin's edge up to which there are that many
     first = int(np.where(ends < len(below), ends - np.arange(len(below)), len(below)).argmin())
     if ends[first] - first > len(counts.counts) // STRETCH:
         return None
@@ -542,7 +542,7 @@ def specimen(volume: Volume) -> TransferFunction:
 
 
 def bone(volume: Volume) -> TransferFunction:
-    """Only what is dense: bones in CT."""
+    """Only dense tissue: bones in CT."""
     low, _, dense, high = levels(volume)
     if _is_hounsfield(low, high):
         values = [low, 150.0, 400.0, max(high, 1000.0)]

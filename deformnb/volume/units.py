@@ -1,6 +1,6 @@
 """Units of length: the one table by which files, other packages and everything that is shown name them.
 
-A grid, a set of landmarks and a document know the symbol of their unit, such as "mm" or "µm"; the empty text means that
+A grid, a set of landmarks and a document have the symbol of their unit, such as "mm" or "µm"; the empty text means that
 it is not known. Numbers stay in the unit in which they came; what meets in two units is converted by :func:`ratio`. The
 names are those of UDUNITS, which OME-Zarr and CF use, the symbols those of OME-XML.
 """
@@ -22,7 +22,7 @@ class Unit:
 
     Parameters
     ----------
-    symbol : short, shown to people and kept by grids.
+    symbol : short, shown to people and stored by grids.
     name : of UDUNITS.
     metres : exactly.
     aliases : other ways in which files write it; plurals and British spellings follow from the name.
@@ -64,7 +64,7 @@ _PREFIXES = {
     "yocto": ("y", -24),
 }
 
-# A micro sign is U+00B5 or the Greek letter. Where it stands as one byte of Latin-1 in a text that is read as UTF-8 it
+# A micro sign is U+00B5 or the Greek letter. Where it is one byte of Latin-1 in a text that is read as UTF-8 it
 # becomes U+FFFD, and no other symbol has a letter that could.
 _ALIASES = {"micro": ("um", "\u03bcm", "\ufffdm", "\u00c2\u00b5m", "micron", "microns", "mcm")}
 
@@ -117,11 +117,11 @@ NO_UNITS = (
     "dimensionless",
     "index",
 )
-"""Words of programs that know of no unit: the elements of pictures, or a space without a scale."""
+"""Words of programs without units: the elements of pictures, or a space without a scale."""
 
 
 def find_unit(text: object) -> str | None:
-    r"""The symbol of a unit as a file names it; "" for words that mean none, None for what is no unit of length.
+    r"""The symbol of a unit as a file names it; "" for words that mean none, None for anything else.
 
     Examples
     --------
@@ -146,7 +146,7 @@ def check_unit(text: object) -> str:
     Raises
     ------
     DeformError
-        For what is no unit of length.
+        If it is no unit of length.
 
     Examples
     --------

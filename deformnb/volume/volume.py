@@ -4,7 +4,7 @@ Arrays are [z, y, x]; points are (x, y, z) in physical LPS coordinates:
 ``point = origin + direction @ (spacing * index)`` with index (i, j, k) along x, y, z. This is ITK's convention.
 
 Arrays become voxels by a cast table: some are refused by name, and images of other packages are read with their own
-metadata. Every rule keeps all values exactly or refuses; nothing is rounded or wrapped in silence.
+metadata. Every rule preserves all values exactly or refuses; nothing is rounded or wrapped silently.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ def _integer_target(array: NDArray[Any]) -> np.dtype[Any]:
 
 
 def _exact_in_float64(slab: NDArray[Any]) -> bool:
-    # 2.0**63 and 2.0**64 do not fit back into the integer type; the conversion back would wrap and lie.
+    # 2.0**63 and 2.0**64 do not fit back into the integer type; the conversion back would wrap and be wrong.
     real = slab.astype(np.float64)
     below = real < float(2 ** (63 if slab.dtype.kind == "i" else 64))
     return bool(below.all() and (real.astype(slab.dtype) == slab).all())
@@ -200,7 +200,7 @@ _SAMPLED_VOXELS = 2**18
 def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     """A note for an array [z, y, x] of whole numbers that looks like the labels of a segmentation.
 
-    Labels are few and lie in regions of one value each, whose numbers are unrelated to their neighbours'; amounts vary
+    Labels are few and form regions of one value each, whose numbers are unrelated to their neighbours'; amounts vary
     within a region, or step by step from one to the next. Two values alone are no question: between 0 and 1 there is no
     third one to be made up.
     """
@@ -215,7 +215,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
     counted = (left != lowest) | (right != lowest)
     pairs = np.count_nonzero(counted)
     if pairs < _FEWEST_PAIRS or 2 * np.count_nonzero(is_equal & counted) < pairs:
-        return ()  # nearly all of what is scanned ends here
+        return ()  # nearly all scans end here
     values, index = np.unique(left, return_inverse=True)
     if not 3 <= len(values) <= _MOST_LABELS:
         return ()
@@ -232,7 +232,7 @@ def label_note(array: NDArray[Any]) -> tuple[str, ...]:
 
 
 def refuse_lazy(given: Any) -> None:
-    """Refuse an array that lies in chunks (of dask, Zarr or HDF5): it would be loaded whole without a word.
+    """Refuse an array in chunks (of dask, Zarr or HDF5): it would be loaded whole silently.
 
     Raises
     ------
@@ -274,7 +274,7 @@ def nibabel_unit(image: Any) -> str:
 def pyvista_parts(image: Any, scalars: str | None) -> tuple[NDArray[Any], NDArray[np.float64], str]:
     """Voxels [z, y, x] (shared), the 4 x 4 affine of their indices, and the name of an image's data.
 
-    Data of points lie at the points, those of cells at the middles of the cells.
+    Data of points are at the points, those of cells at the middles of the cells.
 
     Raises
     ------
@@ -323,7 +323,7 @@ def _regular_image(image: Any) -> Any:
 
 
 def _scalars_of(image: Any, scalars: str | None) -> tuple[str, bool]:
-    """The name of the data of an image that are its voxels, and whether they belong to its cells."""
+    """The name of the data of an image that are its voxels, and whether they are its cells' data."""
     points, cells = list(image.point_data.keys()), list(image.cell_data.keys())
     association, active = image.active_scalars_info
     name = scalars if scalars is not None else active if active is not None else (points or cells or [""])[0]
@@ -337,7 +337,7 @@ def _scalars_of(image: Any, scalars: str | None) -> tuple[str, bool]:
 
 
 class MappedFile:
-    """The file behind an array that is a memory map: touching what was cut off would end the process (SIGBUS).
+    """The file behind an array that is a memory map: touching truncated bytes would end the process (SIGBUS).
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ class MappedFile:
 
     @classmethod
     def behind(cls, array: NDArray[Any]) -> MappedFile | None:
-        """The file behind an array or a view of one; None if it lies in memory."""
+        """The file behind an array or a view of one; None if it is in memory."""
         part: Any = array
         end, path = 0, None
         while part is not None and not isinstance(part, mmap.mmap):
@@ -375,7 +375,7 @@ class MappedFile:
         return now and (now.st_dev, now.st_ino, now.st_mtime_ns)
 
     def check(self) -> None:
-        """Raise if the file became shorter, or was written to where it lies.
+        """Raise if the file became shorter, or was written to in place.
 
         Raises
         ------
@@ -396,7 +396,7 @@ class MappedFile:
         )
 
     def __reduce__(self) -> tuple[type[None], tuple[()]]:
-        return type(None), ()  # a pickled or deep copied array lies in memory
+        return type(None), ()  # a pickled or deep copied array is in memory
 
 
 # Coordinates are often rounded to float32 or to a few decimals; a step that differs by more than this is another step.
@@ -407,7 +407,7 @@ Matrix3 = tuple[Float3, Float3, Float3]
 IDENTITY: Matrix3 = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 DTYPES = ("bool", "uint8", "int8", "uint16", "int16", "int32", "float32", "float64")
-"""Voxel types that are kept as they are. Others are cast where no value changes, or refused by name."""
+"""Voxel types that are stored unchanged. Others are cast where no value changes, or refused by name."""
 
 # How far the direction columns may be from orthonormal. NIfTI and DICOM store float32 cosines (rounding 1e-7) and
 # scanners print four to six decimals: four are off by at most 2 sqrt(3) 5e-5. A gantry tilt of 0.01 degrees passes.
@@ -439,7 +439,7 @@ class Grid:
     origin : (x, y, z) of the centre of voxel [0, 0, 0].
     direction : 3 x 3, columns are the directions of the x, y and z index; orthonormal.
     unit : of spacing and origin, a symbol or a name of :data:`~deformnb.volume.units.UNITS` such as "mm" or
-        "micrometer", of which the symbol is kept; "" where it is not known.
+        "micrometer", of which the symbol is stored; "" where it is not known.
 
     Raises
     ------
@@ -509,7 +509,7 @@ class Grid:
 
     @classmethod
     def from_affine(cls, shape: tuple[int, int, int], affine: ArrayLike, unit: str = "") -> Grid:
-        """The grid whose voxel (i, j, k) lies at ``affine @ (i, j, k, 1)`` in LPS space; affine is 4 x 4.
+        """The grid whose voxel (i, j, k) is at ``affine @ (i, j, k, 1)`` in LPS space; affine is 4 x 4.
 
         Raises
         ------
@@ -563,7 +563,7 @@ class Grid:
 
     @check_arguments
     def is_like(self, other: Grid) -> bool:
-        """True if the voxels of both lie at the same places, as far as files keep digits, whatever their units."""
+        """True if the voxels of both are at the same places, to the digits of files, for any units."""
         other = other.in_unit(self.unit)
         close = 1e-5 * min(other.spacing)
         return (
@@ -766,7 +766,7 @@ class Volume:
     Parameters
     ----------
     values : array [z, y, x] of one of :data:`DTYPES`; never written to. Use :meth:`from_array` for anything else. If it
-        is a memory map, its file is looked at before each use: FileChangedError if it was cut short or written to.
+        is a memory map, its file is checked before each use: FileChangedError if it was cut short or written to.
     grid : its :class:`Grid`; shapes must agree.
     name : shown to people; never used as a path.
     is_labels : voxels are names of things, not amounts: sampled by nearest neighbour so that no new value appears.
@@ -798,11 +798,11 @@ class Volume:
 
     @property
     def is_undecided(self) -> bool:
-        """True where a note asks whether the voxels, which look like labels, are some."""
+        """True where a note states that the voxels may be labels."""
         return any(note.startswith(_LIKE_LABELS) for note in self.notes)
 
     def decided(self, is_labels: bool) -> Volume:
-        """The same voxels as labels or as amounts, without the note that asks.
+        """The same voxels as labels or as amounts, without that note.
 
         Examples
         --------
@@ -854,7 +854,7 @@ class Volume:
         spacing, origin, direction, unit : see :class:`Grid`.
         name : shown to people.
         is_labels : voxels are names, not amounts; by default only bool voxels are, and a note is added where whole
-            numbers look like labels.
+            numbers may be labels.
 
         Raises
         ------
@@ -896,7 +896,7 @@ class Volume:
 
         Parameters
         ----------
-        image : its data of points lie at the points, those of cells at the middles of the cells.
+        image : its data of points are at the points, those of cells at the middles of the cells.
         scalars : name of the data; default are the active ones.
         is_labels : as in :meth:`from_array`.
 
@@ -1046,9 +1046,9 @@ Volume.values = _CheckedVoxels()  # type: ignore[assignment]  # set here, for in
 
 
 VolumeLike: TypeAlias = Volume | ArrayLike | os.PathLike[str] | Any
-"""Objects that :func:`as_volume` takes wherever a volume is wanted: a Volume; an image of SimpleITK, ITK, nibabel,
+"""Objects that :func:`as_volume` takes wherever a volume is required: a Volume; an image of SimpleITK, ITK, nibabel,
 pyvista or VTK; a DataArray or a Dataset of one variable of xarray; a layer of napari; the path of a file; an array
-[z, y, x], which lies at the origin with voxels 1 apart. Every one of them lies where its own package says."""
+[z, y, x], which is at the origin with voxels 1 apart. Each is placed as its own package states."""
 
 
 def _resize_box(box: Grid, old: Grid, new: Grid) -> Grid:
@@ -1073,7 +1073,7 @@ def as_grid(given: Grid | VolumeLike) -> Grid:
     Raises
     ------
     DeformError
-        For anything else. An array has no grid: how far its voxels lie apart is not known.
+        For anything else. An array has no grid: the distance of its voxels is not known.
 
     Examples
     --------
@@ -1144,13 +1144,13 @@ def as_volumes(given: Iterable[VolumeLike]) -> list[Volume]:
 
 
 def voxel_checksum(dtype: np.dtype[Any], shape: tuple[int, int, int], slices: Iterable[NDArray[Any]]) -> str:
-    """SHA-256 of a volume's type, shape and voxels, in 64 hexadecimal digits: the same wherever it lies.
+    """SHA-256 of a volume's type, shape and voxels, in 64 hexadecimal digits: the same in any storage.
 
     Parameters
     ----------
     dtype : native type of the voxels.
     shape : (nz, ny, nx).
-    slices : the voxels [z, y, x], one or several slices at a time: what is mapped or strided is never copied whole.
+    slices : the voxels [z, y, x], one or several slices at a time: a mapped or strided array is never copied whole.
 
     Examples
     --------

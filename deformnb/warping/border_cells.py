@@ -48,12 +48,12 @@ class _Shown:
 @pytree(data_fields=["cuts", "then"], meta_fields=["before", "after"])
 @dataclass(frozen=True, eq=False)
 class _Branch:
-    """The choice among regions beside cuts, somewhere on the way of voxels through a composition.
+    """The choice among regions at cuts, at one stage of a composition.
 
     Parameters
     ----------
     cuts : the choice among regions that may be seen.
-    then : what follows for each region, and at last for what belongs to none of them.
+    then : the next stage for each region, and last for places in none of them.
     before : the number of the table of displacements before the cut, None where nothing has moved yet.
     after : for each region the table of displacements that include its own.
     """
@@ -85,7 +85,7 @@ class Regional:
     tables: list[Floats] = member(default_factory=list)
 
     def way(self, links: Sequence[AbstractField], x: Floats, d: Floats | None, known: int | None) -> _Shown | _Branch:
-        """The way of nodes x through the rest of a composition; ``d`` has moved them so far, table ``known`` if any."""
+        """The path of nodes x through the rest of a composition, moved so far by ``d``, table ``known`` if any."""
         for k, link in enumerate(links):
             at = x if d is None else x + d
             if isinstance(link, Decoupled):
@@ -169,7 +169,7 @@ def choose(
 
 
 def _farthest(way: _Shown | _Branch, places: Floats) -> float:
-    """The largest coordinate of places (3, n), and of the regions, from the origin of any cut on the way."""
+    """The largest coordinate of places (3, n), and of the regions, from the origin of any cut of the composition."""
     if isinstance(way, _Shown):
         return 0.0
     own = float(np.linalg.norm(np.abs(places - way.cuts.origin[:, None]).max(axis=1)))

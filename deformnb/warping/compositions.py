@@ -9,7 +9,7 @@ sums over control points at every voxel. Nodes a few voxels apart need a sixty-f
 h cubic interpolation along one axis misses a smooth D by ``3/128 |h^4 D''''|``, which the fourth differences of the
 nodes measure themselves (de Boor, A Practical Guide to Splines, 2001, chapter II); where a derivative jumps the factor
 is larger: 0.049 for the third one (Wendland's C2 kernel at its centre), 0.064 for the second (thin plates), 0.375 for
-the first (the distance to a rigid part). Along the three axes in turn the errors add up to
+the first (the distance to a rigid part). Along the three axes the errors add up to
 
     c (|d_x| + 5/4 |d_y| + 25/16 |d_z|)
 
@@ -48,13 +48,13 @@ NODE_SPACINGS = (8, 6, 4, 3, 2)
 """Distances of nodes in voxels; the one of least work is taken, of nodes and of the voxels that are evaluated one by
 one."""
 
-# The one beside borders, and where a coarse lattice does not tell.
+# The one next to borders, and where a coarse lattice does not decide.
 _USUAL = 4
 
 # A coarse lattice, of a thirtieth of the nodes 5 voxels apart, estimates the errors of those of all distances.
 _FIRST_SPACING = 16
 
-# Errors fall with this power of the distance of nodes: by 4 of what is smooth, 3 around the centres of kernels. Shares
+# Errors fall with this power of the distance of nodes: by 4 where smooth, 3 around the centres of kernels. Shares
 # of bad cells that it foretold of 12 compositions (8 to 100 points, five kernels) were at most twice too large or small
 # where they exceeded 2 %; smaller ones, and those of thin plates, were up to 15 times too small. Blocks judge anew.
 _ORDER = 3.5
@@ -64,7 +64,7 @@ _EVERY = (slice(None), slice(None))
 # What a voxel that is listed and evaluated by itself costs, in nodes or in voxels of a block that is evaluated whole.
 _LISTED = 1.5
 
-# Voxels that are replaced at a time, many and the rest of them; what is left of these is filled up, so that
+# Voxels that are replaced at a time, many and the rest of them; the remainder is filled up, so that
 # two sizes compile.
 _FEW, _TOGETHER = 2**12, 2**15
 
@@ -79,7 +79,7 @@ Voxels: TypeAlias = tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32
 
 
 class Replacement(NamedTuple):
-    """Voxels of the grid with their displacements along x, y, z, each (n,), and their opacity (n,) beside cuts."""
+    """Voxels of the grid with their displacements along x, y, z, each (n,), and their opacity (n,) with cuts."""
 
     voxels: Voxels
     d: Any
@@ -96,7 +96,7 @@ class Displacements:
     nodes : along z and y the first node that each voxel reads (n,) and the weights (T, n) of nodes from there; None
         where every voxel has its own.
     opacity : [z, y, x] of displacements at every voxel; None where all is 1.
-    exact : what replaces these displacements, found when it is asked for.
+    exact : replacements of these displacements, computed on demand.
     """
 
     d: tuple[Any, ...]
@@ -109,7 +109,7 @@ class NodeTable:
     """Displacements of a field in space at the voxels of a grid, from nodes that are as far apart as the error allows.
 
     Nodes at one of :data:`NODE_SPACINGS` are evaluated once for the whole grid. Blocks where these leave too much to be
-    evaluated voxel by voxel get denser ones of their own. Near the borders of cuts the nodes of each block hold the
+    evaluated voxel by voxel get separate, denser ones. Near the borders of cuts the nodes of each block hold the
     displacements of every region (:mod:`deformnb.warping.border_cells`), if the fields of the regions have no cuts of
     their own and at most :data:`~deformnb.warping.border_cells.MOST_TABLES` displacements are needed there; else each
     voxel is evaluated there.
@@ -164,7 +164,7 @@ class NodeTable:
         return None
 
     def left(self) -> list[Callable[[], Replacement]]:
-        """Replacements due in all blocks so far besides :attr:`Displacements.exact`, each found when called."""
+        """Replacements due in all blocks so far except :attr:`Displacements.exact`, each computed when called."""
         if not self._left:
             return []
         pieces = _pieces(np.concatenate(self._left), self._whole.spacing, np.zeros(3, int), np.array(self._grid.shape))
@@ -273,7 +273,7 @@ def _number_batch(count: int, start: int) -> NDArray[np.intp]:
 
 
 RegionBox = tuple[Any, NDArray[np.float32], NDArray[np.intp], NDArray[np.bool_]]
-"""The way through the displacements of all regions, these at nodes (z, y, x, 3 tables), the first cell, and the cells
+"""The path through the displacements of all regions, these at nodes (z, y, x, 3 tables), the first cell, and the cells
 (z, y, x) that are not interpolated."""
 
 
@@ -341,7 +341,7 @@ class _Lattice:
     ----------
     spacing : of the nodes, in voxels.
     nodes : (3, z, y, x), the first ones a node before the first voxel.
-    cells : what is known of the errors between them.
+    cells : estimates of the errors between them.
     """
 
     def __init__(self, field: AbstractField, grid: Grid, spacing: int, progress: Progress | None = None) -> None:
@@ -425,8 +425,8 @@ class _Lattice:
         inner, one = slice(_HALO, -_HALO), slice(1, -1)
         own = slice(part.start, part.stop + 1 + 2 * _HALO)
         marks, error, cells = walk.marks[own], walk.error[own], self.cells
-        # What is not smooth counts at the four nodes that a cell reads along each axis, errors and cuts at its own two.
-        # The six from which its error is found must lie in one region.
+        # Marks of kinks count at the four nodes that a cell reads along each axis, errors and cuts at its own two.
+        # The six from which its error is found must be in one region.
         cells.borders[part] = _reduce_cells(marks[one, one, one], 4, np.bitwise_or) & BENT > 0
         cells.borders[part] |= _reduce_cells(error[inner, inner, inner], 2, np.maximum) > cells.allowed
         cells.bounds[part] = _reduce_cells(self._bend(values[:, own], error), 2, np.maximum)

@@ -2,7 +2,7 @@
 
 A composition is evaluated link by link, each at the places to which the one after it leads: extrusions, fits, stages
 and cuts by a function that is compiled for their kind and not for each number of places, points or edges, in the
-precision that the size of a voxel asks for; fields of other kinds by themselves.
+precision that the size of a voxel requires; fields of other kinds by themselves.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class _Extruded:
 
     Parameters
     ----------
-    depth : where zeta is 0, and by how much it rises. knots : None if they lie at equal steps from 0 to 1.
+    depth : where zeta is 0, and by how much it rises. knots : None if they are at equal steps from 0 to 1.
     """
 
     maps: tuple[Any, ...]
@@ -132,12 +132,12 @@ class _Cut:
 
 
 def _displacement_and_opacity(form: Any, x: Components) -> tuple[list[Any], Any]:
-    """Components of the displacements, and the opacity beside cuts."""
+    """Components of the displacements, and the opacity with cuts."""
     return form.seen(x) if isinstance(form, _Cut) else (form(x), None)
 
 
 def _evaluate_places(form: Any, places: Any) -> tuple[Any, Any]:
-    """:func:`_displacement_and_opacity` at places (3, n): displacements (3, n), and the opacity (n) beside cuts."""
+    """:func:`_displacement_and_opacity` at places (3, n): displacements (3, n), and the opacity (n) with cuts."""
     d, opacity = _displacement_and_opacity(form, list(places))
     return jnp.stack(d), opacity
 
@@ -167,7 +167,7 @@ class ExactPlaces:
     Parameters
     ----------
     links : from the one done last to the one done first, as :func:`~deformnb.rbf.fields.links_of` lists them.
-    grid : the voxels that are shown; an error far below their size does not matter.
+    grid : the voxels that are shown; an error far below their size is negligible.
     """
 
     def __init__(self, links: Sequence[AbstractField], grid: Grid) -> None:
@@ -185,7 +185,7 @@ class ExactPlaces:
         return not devices.is_host() and all(form is not None for _, form in self._links)
 
     def on_gpu(self, lattice: Grid) -> tuple[tuple[Any, ...], NDArray[np.float32] | None]:
-        """Displacements (nz, ny, nx) along x, y, z on a lattice, in the memory of the GPU, and the opacity beside cuts.
+        """Displacements (nz, ny, nx) along x, y, z on a lattice, in the memory of the GPU, and the opacity with cuts.
 
         Raises
         ------

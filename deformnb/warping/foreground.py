@@ -31,7 +31,7 @@ def foreground_level(volume: Volume) -> float:
     return float(volume.background if plain else levels(volume)[1])
 
 
-# Voxels around tissue that count as such: a fold beside it would still be seen.
+# Voxels around tissue that count as such: a fold next to it would still be visible.
 _BESIDE_TISSUE = 2
 
 
@@ -40,7 +40,7 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
 
     Parameters
     ----------
-    plane : whose depth is not looked at: what lies in front of tissue, or behind it, counts as tissue too. Only along
+    plane : whose depth is ignored: places in front of tissue, or behind it, count as tissue too. Only along
         an axis of the volume; of other planes every point counts.
 
     Examples
@@ -58,7 +58,7 @@ def tissue_test(volume: Volume, plane: Plane | None = None) -> IsTissue:
             return lambda x: np.ones(len(x), np.bool_)
 
     @cache
-    def mask() -> NDArray[np.bool_]:  # at the first question: most maps are far from folding, and nothing is asked
+    def mask() -> NDArray[np.bool_]:  # at the first call: most maps are far from folding, and nothing is tested
         there: NDArray[np.bool_] = volume.finite_values > foreground_level(volume)
         if depth is not None:
             there = np.asarray(there.any(axis=2 - depth, keepdims=True))
@@ -101,7 +101,7 @@ def side_names(box: Grid) -> tuple[str, ...]:
 
 
 def cut_off_text(sides: tuple[str, ...]) -> str:
-    """A warning of what is cut off at these sides of the box; empty for none.
+    """A warning of foreground cut off at these sides of the box; empty for none.
 
     Examples
     --------

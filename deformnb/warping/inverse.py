@@ -33,7 +33,7 @@ from deformnb.warping.points import (
 # A thousandth of the smallest step of the lattice: far less than what linear interpolation between nodes errs by.
 _NODE_TOLERANCE = 1e-3
 
-# Values are kept in float32 unless the tolerance is a smaller share of the step than its digits can hold.
+# Values are stored in float32 unless the tolerance is a smaller share of the step than its digits can hold.
 _SINGLE = 1e-4
 
 
@@ -103,7 +103,7 @@ def invert(
     """Forward displacements at all nodes of a lattice: F with ``y = x + F(x)`` and ``y + D(y) = x``.
 
     A field that is the same on every slice of the grid is inverted on one of them. Where a map folds, one of several
-    places is found. Beside a cut tissue moves with the region it lies in; what is hidden behind other tissue, or by the
+    places is found. At a cut tissue moves with its region; tissue hidden behind other tissue, or by the
     paper's rule, is not reached.
 
     Parameters
@@ -148,7 +148,7 @@ def invert(
     if not tolerance > 0:  # NaN as well
         raise DeformError(f"the tolerance of an inverse must be a positive length, got {tolerance}.")
     dtype = np.float32 if tolerance >= _SINGLE * step else np.float64
-    # Turned by less than this, a slice far away is off by a millionth of its distance times that.
+    # Rotated by less than this, a slice far away is off by a millionth of its distance times that.
     same = unchanging_axes(field, lattice, 1e-10) if isinstance(lattice, Grid) else ()
     if isinstance(lattice, Raster) or not same:
         return _invert(field, lattice, tolerance, dtype, progress)
@@ -163,7 +163,7 @@ def invert(
 def round_trip(
     field: AbstractField | HasField, points: ArrayLike | Landmarks, *, grid: Grid | VolumeLike | None = None
 ) -> RoundTrip:
-    """Points forward by the inverse of the map and back by the map itself: what is promised of them, measured.
+    """Points forward by the inverse of the map and back by the map itself: the bound of the result, measured.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def round_trip(
     tolerance = default_tolerance(x, field)
     y, found = warp_points(x, field, tolerance=tolerance)
     error = np.linalg.norm(y + field.displacement(y) - x, axis=1)
-    found &= error <= 2 * tolerance  # tissue that lies behind other tissue at a cut is not seen at y
+    found &= error <= 2 * tolerance  # tissue behind other tissue at a cut is not visible at y
     if not found.any():
         return RoundTrip(0.0, 0.0, 0.0)
     return RoundTrip(float(error[found].max()), float(error[found].mean()), float(found.mean()))
@@ -198,9 +198,9 @@ def _invert(
     values = np.empty((count, dim), dtype)
     error, reached = np.empty(count, np.float32), np.empty(count, bool)
     for part, x in _nodes(lattice):
-        y, found = deform_places(x, field, tolerance / 2)  # half is left for the rounding of what is kept
+        y, found = deform_places(x, field, tolerance / 2)  # half is left for the rounding of the stored values
         values[part] = y - x
-        y = x + values[part]  # as it is handed over, rounded
+        y = x + values[part]  # as it is returned, rounded
         left = np.linalg.norm(y + field.displacement(y) - x, axis=1)
         error[part], reached[part] = left, found & (left <= tolerance)
         if progress is not None:

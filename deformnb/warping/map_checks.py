@@ -1,6 +1,6 @@
 """Checks of the map that is applied to a volume: whether it folds, and whether it moves tissue out of the box.
 
-Both are found from displacements at a few thousand places, beside a warp of millions of voxels. A map that is done in
+Both are found from displacements at a few thousand places, while a warp has millions of voxels. A map that is done in
 several steps folds where one of its steps does, for determinants multiply along a composition:
 ``det J(x) = det J_1(x + D_2(x)) det J_2(x)``.
 """
@@ -25,7 +25,7 @@ from deformnb.volume.volume import Grid, Volume, empty_note, label_note
 from deformnb.warping.foreground import cut_off_text, foreground_level, leaving_voxels, side_names, tissue_test
 
 # Nodes along the longest side of a box at which every determinant is computed; between them candidates of the fits and
-# a search around the smallest one find what is narrower.
+# a search around the smallest one find narrower folds.
 _NODES = 25
 _DEPTHS = 9
 _CANDIDATES = 4096
@@ -33,7 +33,7 @@ _CANDIDATES = 4096
 # The smallest determinant is followed from this value on, on lattices of so many nodes a side, each finer by half that.
 _FOLLOWED, _AROUND, _FINER = 0.5, 5, 4
 
-# Nodes along each side of the box at which tissue is looked for beyond it.
+# Nodes along each side of the box at which tissue is searched for beyond it.
 _SHELL = 48
 
 
@@ -112,7 +112,7 @@ def fold_note(volume: Volume | None, field: AbstractField, box: Grid) -> str:
 
     Parameters
     ----------
-    volume : whose tissue counts; None counts every place, where the voxels are not at hand.
+    volume : whose tissue counts; None counts every place, where the voxels are not available.
     box : that is searched; of a map in several steps each is searched there.
     """
     worst, where = 0.0, None
@@ -159,7 +159,7 @@ def _determinants(field: AbstractField, places: Floats) -> Floats:
 
 
 def _nodes(field: AbstractField, box: Grid) -> Floats:
-    """Nodes of a lattice that covers the box; one slice stands for all along an axis on which nothing changes."""
+    """Nodes of a lattice that covers the box; one slice represents all along an axis on which nothing changes."""
     counts = np.array(box.shape[::-1])
     lengths = np.asarray(box.spacing) * counts
     most = np.maximum(np.ceil(_NODES * lengths / lengths.max()), 2).astype(int)
@@ -190,7 +190,7 @@ def _candidates(field: AbstractField, box: Grid) -> Floats:
 
 
 def _fits(field: object, plane: Plane | None, depths: Floats) -> Iterator[tuple[Plane | None, Floats, RBFInterpolant]]:
-    """The fits within a field, each with the plane on which it lies and the depths at which it counts most.
+    """The fits within a field, each with its plane and the depths at which it counts most.
 
     Fits forward are left out: they are steep at places of the input.
     """
@@ -235,7 +235,7 @@ def _plane_of(field: AbstractField, box: Grid) -> Plane | None:
 def cut_off_note(volume: Volume, field: AbstractField, box: Grid) -> str:
     """A sentence on the sides of a box beyond which tissue is moved; empty where all of it stays inside.
 
-    Sides that lie within the volume are left out: there tissue is cut off because that was asked for.
+    Sides within the volume are left out: there tissue is cut off on request.
     """
     sides = [
         name
@@ -256,7 +256,7 @@ def _shells(box: Grid) -> Iterator[Floats]:
 
 
 def _index(grid: Grid, places: Floats) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """The voxels (n, 3) that are nearest to places, and whether these lie in the grid."""
+    """The voxels (n, 3) that are nearest to places, and whether these are in the grid."""
     index = np.rint(np.clip(grid.point_to_index(places), -1e9, 1e9)).astype(np.int64)
     return index, np.asarray(((index >= 0) & (index < np.array(grid.shape[::-1]))).all(axis=1))
 

@@ -36,7 +36,7 @@ class Mesh:
     points : (N, 3) corners (x, y, z) in space, physical, LPS.
     faces : (M, 3) numbers of the corners of each triangle; seen from outside they run counter-clockwise.
     name : shown to people; never used as a path.
-    notes : remarks made on the way ("3 corners have no place in the result"), for a status line.
+    notes : remarks ("3 corners have no place in the result"), for a status line.
     unit : of the corners, a symbol or a name of :data:`~deformnb.volume.units.UNITS`; "" where it is not known.
 
     Raises
@@ -121,7 +121,7 @@ class Mesh:
 
     @property
     def enclosed(self) -> float:
-        """The volume that a closed mesh encloses; negative if its faces are turned inside out."""
+        """The volume that a closed mesh encloses; negative if its faces are oriented inwards."""
         a, b, c = (self.points[self.faces[:, k]] - self.points.mean(axis=0) for k in range(3))
         return float(np.einsum("nk,nk->", a, np.cross(b, c)) / 6)
 
@@ -152,7 +152,7 @@ def _numbers(given: ArrayLike, what: str, dtype: Any) -> NDArray[Any]:
 
 
 MeshLike: TypeAlias = Mesh | os.PathLike[str] | Any
-"""Objects that :func:`as_mesh` takes where a mesh is wanted: a Mesh, a PolyData of pyvista or VTK, the path of a
+"""Objects that :func:`as_mesh` takes where a mesh is required: a Mesh, a PolyData of pyvista or VTK, the path of a
 file."""
 
 
@@ -211,7 +211,7 @@ def signed_distance(
     Returns
     -------
     Volume of float32, in physical units. Exact where the surface is within a voxel's diagonal; farther away it may be
-    too large by a small part of a voxel. A surface outside the grid counts for what is inside, not for distances.
+    too large by a small part of a voxel. A surface outside the grid counts for the inside, not for distances.
 
     Notes
     -----
@@ -304,11 +304,11 @@ def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below")
     volume : a signed distance, or any other; NaN counts as background.
     level : the value.
     inside : which side of the surface is the body, "below" the level (a signed distance) or "above" it (a CT). Faces
-        look away from it.
+        are oriented away from it.
 
     Returns
     -------
-    Mesh in the volume's space, whatever its orientation. It is open where the body leaves the volume.
+    Mesh in the volume's space, for any orientation. It is open where the body leaves the volume.
 
     Raises
     ------
@@ -351,13 +351,13 @@ def isosurface(volume: VolumeLike, level: float = 0.0, *, inside: str = "below")
         )
     faces = np.asarray(found.regular_faces, dtype=np.int64)
     mirrored = np.linalg.det(np.asarray(volume.grid.direction)) < 0
-    if mirrored == (inside == "above"):  # VTK looks to smaller values
+    if mirrored == (inside == "above"):  # VTK's normals point to smaller values
         faces = faces[:, ::-1]
     return Mesh(volume.grid.index_to_point(np.asarray(found.points)), faces, volume.name, unit=volume.grid.unit)
 
 
 def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | VolumeLike | None = None) -> Mesh:
-    """The mesh in the deformed volume: every corner goes where the field takes it, and the faces stay.
+    """The mesh in the deformed volume: every corner moves by the field, and the faces are unchanged.
 
     Corners without a place in the result (where the map folds, or beyond a cut) follow their neighbours; a note has
     their number.
@@ -365,7 +365,7 @@ def warp_mesh(mesh: MeshLike, field: AbstractField | HasField, grid: Grid | Volu
     Parameters
     ----------
     mesh : in the space of the volume that the field deforms, and in its own unit, in which the result is too; a note
-        says where that is another than the volume's.
+        states where that is another than the volume's.
     field : backward displacements in space, or a Deformation.
     grid : of the volume that is deformed; needed for a Deformation.
 

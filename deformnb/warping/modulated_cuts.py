@@ -1,4 +1,4 @@
-"""Warping with cuts whose displacement changes with depth, on a grid that lies along the picture's plane.
+"""Warping with cuts whose displacement changes with depth, on a grid along the picture's plane.
 
 The visible region is decided at every voxel anew, since a modulated cut opens differently on every slice. All that
 does not depend on depth is made once: every region's maps on one slice of voxels, and the distances to the cuts on a
@@ -6,7 +6,7 @@ raster somewhat larger than the cuts' surroundings, read linearly where a displa
 is exact, at a corner off by less than a fifth of a pixel.
 
 Both rules show the region of a place x itself, and all of it, where that moves x to a place well within itself. So only
-the pixels that their own region moves across a cut on some slice, or near one, are looked at closely.
+the pixels that their own region moves across a cut on some slice, or near one, are computed exactly.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from deformnb.volume.plane import Plane, Raster
 from deformnb.volume.volume import Grid
 from deformnb.warping.planning import Extruded, check_finite, parts, shared_axis, to_voxels
 
-# Pixels that are looked at together, and slices at most: few pixels are filled up for nothing, many cost fewer calls.
+# Pixels that are computed together, and slices at most: few pixels are filled up for nothing, many cost fewer calls.
 _TOGETHER, _SLICES = 1024, 256
 
 # Groups of slices of similar weights in which pixels are sought that their own region moves across a cut, and pixels
@@ -121,7 +121,7 @@ def plan_cut(field: AbstractField, source: Grid, output: Grid, compute: str) -> 
     )
     at = _outer_sum(rows, columns)
     here = np.stack([r.signed_distance(at) for r in field.regions])
-    own = np.zeros(maps.shape[1:], np.float32)  # what moves does so with the map of its own region
+    own = np.zeros(maps.shape[1:], np.float32)  # moving pixels follow the map of their own region
     for side, regional in zip(field.sides, maps, strict=True):
         is_own = np.all([(d < 0) == inside for d, inside in zip(here, side, strict=True)], axis=0)
         np.copyto(own, regional, where=is_own)
@@ -158,7 +158,7 @@ def _reach(maps: NDArray[np.float32], weights: NDArray[np.float32]) -> NDArray[n
 
 
 def _extrusions(field: AbstractField) -> list[Extrusion]:
-    """The fields of all regions, if they are extruded alike from the plane of the cuts; else none."""
+    """The fields of all regions, if they are extruded equally from the plane of the cuts; else none."""
     if not isinstance(field, Decoupled):
         return []
     found = [f for f in field.fields if isinstance(f, Extrusion) and f.plane == field.plane]
@@ -246,7 +246,7 @@ def _read_some(
         w, spread = group
         d = sum(w[k] * m for k, m in enumerate(moved))
         x, y = places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]
-        # What is read linearly between distances changes by the square root of 2 per length at most.
+        # Linear interpolation between distances changes by the square root of 2 per length at most.
         within = least + 2**0.5 * sum(spread[k] * a for k, a in enumerate(length))
         for side, table in zip(sides, distances, strict=True):
             leaves = leaves | (side * _look_up(table, x, y) < within)
@@ -261,7 +261,7 @@ def _look_up(table: Any, x: Any, y: Any) -> Any:
     rows, columns = table.shape
     flat, length = table.reshape(-1), (rows - 1) * columns - 1
     (i, s), (j, t) = _cell(x, columns), _cell(y, rows)
-    # Each neighbour in a part of its own of the raster, all of one length: the index is then tested once for all four.
+    # Each neighbour in a separate part of the raster, all of one length: the index is then tested once for all four.
     a, b, c, d = (
         lax.slice_in_dim(flat, n, n + length)
         .at[j * columns + i]
@@ -272,7 +272,7 @@ def _look_up(table: Any, x: Any, y: Any) -> Any:
 
 
 def _cell(place: Any, count: int) -> tuple[Any, Any]:
-    """The node before a place on an axis of ``count`` nodes, and the way from there."""
+    """The node before a place on an axis of ``count`` nodes, and the distance from there."""
     place = jnp.clip(place, 0.0, count - 1.001)
     node = jnp.minimum(jnp.floor(place), count - 2)
     # Read off the bits of node + 2^23: XLA's own conversion tests one place at a time, and takes twice as long. A place
@@ -298,7 +298,7 @@ def _evaluate(
     def one_slice(w: Any) -> tuple[Any, Any]:  # its arrays stay in the cache; all slices at once took 5 times as long
         moves = [sum(w[k] * regional[k] for k in range(len(w))) for regional in maps]
         at = [(places[0] + scale[0] * d[0], places[1] + scale[1] * d[1]) for d in moves]
-        # The barrier keeps XLA from looking everything up again for each use.
+        # The barrier prevents XLA from sampling everything again for each use.
         there = lax.optimization_barrier([[_look_up(table, x, y) for table in distances] for x, y in at])
         choice, opacity = decide(list(here), there, sides, rule, softness, jnp)
         total = jnp.zeros_like(moves[0])

@@ -1,7 +1,7 @@
-"""The way of nodes through a composition: their displacements, and where they are not smooth enough to interpolate.
+"""The path of nodes through a composition: their displacements, and where they are not smooth enough to interpolate.
 
-Every deformation of a composition is evaluated at the places to which those after it lead. On the way it is noted which
-nodes lie near the border of a cut or of a rigid part, or in a bump that is narrower than the nodes are apart.
+Every deformation of a composition is evaluated at the places to which those after it lead. Meanwhile it is noted which
+nodes are near the border of a cut or of a rigid part, or in a bump that is narrower than the nodes are apart.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ JUMPS = {1: 0.375, 2: 0.065, 3: 0.049}
 """The factors c by the first derivative that jumps."""
 
 NARROWEST = 4
-"""A bump of so many diagonals of a cell as support shows in the fourth differences wherever it lies."""
+"""A bump of so many diagonals of a cell as support shows in the fourth differences at any place."""
 
 STEEPEST = 3**0.5
 """Distances that are read off a mask's table change by up to this per length, those to lines and polygons by 1."""
@@ -97,17 +97,17 @@ def lagrange(t: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Walk:
-    """The way of nodes through a composition: their displacements, and which lie near something that is not smooth.
+    """The path of nodes through a composition: their displacements, and which are near something that is not smooth.
 
     Places (dim, z, y, x) are those of a lattice of nodes; along an axis on which they do not change there is one.
 
     Parameters
     ----------
-    resolution : the side of a voxel; errors far below it do not matter.
-    types : of numbers by fit and reach, kept from one walk to the next.
-    marks : (z, y, x) of the lattice, sums of :data:`NEAR_CUT` and :data:`BENT`, set on the way.
+    resolution : the side of a voxel; errors far below it are negligible.
+    types : of numbers by fit and reach, cached from one walk to the next.
+    marks : (z, y, x) of the lattice, sums of :data:`NEAR_CUT` and :data:`BENT`, set by the walk.
     error : (z, y, x), grows by that of the interpolation of curves of modulation there.
-    regions : (z, y, x), becomes a number for the regions beside cuts through which a node goes.
+    regions : (z, y, x), becomes a number for the regions at cuts that a node passes.
     widths : (z,), become the diagonals of cells where fits are evaluated, as shares of their supports: the largest, or
         a bound of it where that is narrow enough.
     """
@@ -120,7 +120,7 @@ class Walk:
     widths: NDArray[np.float32]
 
     def through(self, field: AbstractField, x: Floats) -> Floats:
-        """Displacements of places, which are those of the nodes somewhere on the way."""
+        """Displacements of places, which are those of the nodes at some stage."""
         match field:
             case Composed():
                 d = self.through(field.then, x)
@@ -152,7 +152,7 @@ class Walk:
     def _fits(self, fits: Sequence[RBFInterpolant], x: Floats) -> Floats:
         for group in group_by_shape(fits):
             ends, spreads = pull_back(group, x.reshape(len(x), -1), self.resolution, self.types)
-            # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be looked at.
+            # What displacements differ by anywhere bounds what they add to a cell; seldom more has to be tested.
             widths = [
                 (_diagonal(x) + float(np.linalg.norm(spread))) * _largest_scale(fit) / fit.support
                 for fit, spread in zip(group, spreads, strict=True)
@@ -211,9 +211,9 @@ class Walk:
         return np.asarray(blend_displacements(moves, [line.opening(source) for line in field.lines]))
 
     def _walk_cuts(self, field: Decoupled, x: Floats) -> Floats:
-        """Displacements of a cut field; places are marked unless they and their sources lie deep in one region."""
+        """Displacements of a cut field; places are marked unless they and their sources are deep in one region."""
         here, total, farthest = self.distances(field, x), np.zeros_like(x), reach_of(field, x)
-        # An odd factor above the number of regions: overflowing, it still tells ways apart that differ in one region.
+        # An odd factor above the number of regions: overflowing, it still separates paths that differ in one region.
         self.regions[...] = 257 * self.regions + sum((d < 0) << k for k, d in enumerate(here))
         is_deep = np.abs(here).min(axis=0) > farthest
         for f, side in zip(field.fields, field.sides, strict=True):
@@ -326,7 +326,7 @@ def _curve_errors(field: Extrusion, depth: Floats, side: float) -> Floats:
     w = field.weights_at(np.asarray(c, dtype=np.float64))
     count = w.shape[1] - 3 * samples
     error = np.zeros_like(w)
-    for j in range(1, samples):  # the place lies j steps behind the second of four nodes
+    for j in range(1, samples):  # the place is j steps behind the second of four nodes
         read = sum(share * w[:, k * samples : k * samples + count] for k, share in enumerate(lagrange(j / samples)))
         at = slice(samples + j, samples + j + count)
         error[:, at] = np.maximum(error[:, at], np.abs(w[:, at] - read))

@@ -37,7 +37,7 @@ _Part = TypeVar("_Part")
 _WHOLE = 1e-7
 
 # Direction cosines from files are rounded to float32 (1e-7). Axes this close count as parallel: over 1000 voxels the
-# map is looked up at most 1e-3 voxels beside.
+# map is sampled at most 1e-3 voxels off.
 _PARALLEL = 1e-6
 
 # What that amounts to over a whole volume, in voxels.
@@ -243,7 +243,7 @@ def plan_extrusion(field: AbstractField, source: Grid, output: Grid, compute: st
 
 
 def _plan_replicated_cut(field: Decoupled, source: Grid, output: Grid, compute: str) -> Extruded | None:
-    """Cuts on every slice alike: the choice among the regions is made once, on the picture's plane."""
+    """Equal cuts on every slice: the choice among the regions is made once, on the picture's plane."""
     plane = field.plane
     if plane is None or not all(isinstance(f, Extrusion) and f.plane == plane and f.is_plain for f in field.fields):
         return None
@@ -312,7 +312,7 @@ def interpolation_tables(field: AbstractField, grid: Grid) -> tuple[tuple[Any, .
 
     Returns
     -------
-    displacements (nodes z, nodes y, nx) along x, y, z, and the nodes beside each voxel. The warp's kernel interpolates
+    displacements (nodes z, nodes y, nx) along x, y, z, and the nodes next to each voxel. The warp's kernel interpolates
     between these plane by plane, in the cache: displacements of all voxels would take twelve bytes for each. Blocks of
     one shape have equally many nodes, so that one compilation serves all.
     """
@@ -361,7 +361,7 @@ def displacements(field: AbstractField, grid: Grid, step: int = 1) -> Any:
             return share_with_jax(check_finite(d))
     if step > 1 and grid.shape[2] > step:
         return _coarse_along_x(field, grid, step)
-    with devices.device_context():  # else JAX would take what is done to the result to the device that it prefers
+    with devices.device_context():  # else JAX would move operations on the result to the device that it prefers
         stays = _device_components(field, grid)
         return tuple(to_device(d) for d in check_finite(field.components_on_grid(grid))) if stays is None else stays
 

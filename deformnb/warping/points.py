@@ -1,7 +1,7 @@
 """Forward mapping of points and landmarks, by inverting the backward map.
 
 Damped Newton on the map's own derivative: ``y <- y - t (1 + dD/dx)^-1 (y + D(y) - x)`` with t halved until the error
-falls. Near a solution the error is squared at every turn. Where the start matters, several are tried.
+falls. Near a solution the error is squared at every turn. Where the result depends on the start, several are tried.
 
 Landmarks are named places that follow a deformation; pairs of landmarks define one.
 """
@@ -74,7 +74,7 @@ def warp_points(
     -------
     moved : (..., dim), float64 and finite, the best place found.
     converged : (...), bool; False where the map has no such place, where it was not found, where the one found
-        lies on a sheet of the folded map that is turned over (det J has the other sign than around), and where the
+        is on an inverted sheet of the folded map (det J has the other sign than around), and where the
         paper's rule of cuts hides it. Never ignore it.
 
     Raises
@@ -172,7 +172,7 @@ def deform_places(
         for step in field.steps:
             y, is_found = deform_places(y, step, tolerance, max_iterations)
             found &= is_found
-        if field.has_cuts:  # a map that jumps has no derivative of the whole to go on with
+        if field.has_cuts:  # a map that jumps has no derivative of the whole to continue with
             return y, found
         start = y
     if isinstance(field, Extrusion) and _is_exact(field):
@@ -212,7 +212,7 @@ def _bring_to_targets(y: Floats, error: Floats, x: Floats, field: AbstractField,
 def _inverted_mask(y: Floats, found: NDArray[np.bool_], x: Floats, field: AbstractField) -> NDArray[np.bool_]:
     """Mask of the places y found for points x (N, dim) where the map is inverted, as its middle sheet is in a fold.
 
-    Turned over is what det J has the other sign of than far around the points: a map may mirror as a whole.
+    A place is inverted where det J has the other sign than far around the points: a map may mirror as a whole.
     """
     is_over = np.zeros(len(x), dtype=bool)
     if found.any():
@@ -230,7 +230,7 @@ def _determinants(places: Floats, field: AbstractField) -> Floats:
 def _move_with_regions(
     x: Floats, field: Decoupled, tolerance: float, max_iterations: int
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Tissue moves with the region it lies in; by the paper's rule none is seen across a cut."""
+    """Tissue moves with its region; by the paper's rule none is visible across a cut."""
     y, found = x.copy(), np.ones(len(x), dtype=bool)
     for mask, own in field.of_source(x):
         if own is not None and mask.any():
@@ -398,7 +398,7 @@ class Landmarks:
 
 
 LandmarksLike: TypeAlias = Landmarks | ControlPoints | ArrayLike
-"""Objects that :func:`as_landmarks` takes where landmarks are wanted."""
+"""Objects that :func:`as_landmarks` takes where landmarks are required."""
 
 
 def as_landmarks(given: LandmarksLike) -> Landmarks:
@@ -448,7 +448,7 @@ def warp_landmarks(
 
     Parameters
     ----------
-    landmarks : in the space of the volume that the field deforms; their fixed places belong to another and stay.
+    landmarks : in the space of the volume that the field deforms; their fixed places are in another space and stay.
     field : backward displacements, of the landmarks' dimension; or a Deformation.
     grid : of the volume that is deformed; needed for a Deformation.
 

@@ -1,16 +1,16 @@
 """Bounds of a displacement over a box, and with them the part of a source that a block of the result can show.
 
 ``output(x) = input(x + D(x))``: a block of the result needs the input at ``x + D(x)`` for all x of the block, and
-nothing else. The bounds hold everywhere in the box, between the places that were looked at too. A fit is evaluated at
+nothing else. The bounds hold everywhere in the box, between the sampled places too. A fit is evaluated at
 the nodes of a lattice; between nodes at distances h_k it differs from the multilinear interpolation of these by at most
 
     sum_j |alpha_j| min( K_j sum_k h_k^2 / 8,  G_j |h| / 2 )
 
 with K_j a bound of the second derivatives of the kernel around centre j within the box, and G_j one of its slope (the
 error of linear interpolation: de Boor, A Practical Guide to Splines, 2001, chapter III; the second one because an
-interpolated value is a mean of values at nodes that lie |h| / 2 away in the root mean square), and a quadratic trend
+interpolated value is a mean of values at nodes that are |h| / 2 away in the root mean square), and a quadratic trend
 x^T H x by at most sum_k |H_kk| h_k^2 / 4. Everything that is made
-of fits follows by interval arithmetic. Beside a cut each side may be seen, so the bounds contain those of all sides.
+of fits follows by interval arithmetic. At a cut each side may be visible, so the bounds contain those of all sides.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Bounds = tuple[Floats, Floats]
 # Nodes along each axis of the lattice on which a fit is evaluated: more until the margin is below a voxel.
 _NODES = (2, 3, 5, 9, 17)
 
-# Voxels beside the neighbours that are interpolated: the warp evaluates fields in float32, up to 1e-3 voxels off.
+# Voxels next to the neighbours that are interpolated: the warp evaluates fields in float32, up to 1e-3 voxels off.
 _ROUNDING = 1
 
 # The coefficients of the cubic spline depend on voxels n away by 0.268^n (Unser 1999): 1e-9 for 16.
@@ -56,7 +56,7 @@ class UnknownBounds(Exception):  # noqa: N818  # no fault: the field is evaluate
 
 
 class DisplacementBounds:
-    """Bounds of one displacement over boxes; what was found for a box is kept.
+    """Bounds of one displacement over boxes; results are cached by box.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class DisplacementBounds:
 
     def _sequential_bounds(self, steps: tuple[AbstractField, ...], low: Floats, high: Floats) -> Bounds:
         total = np.zeros_like(low), np.zeros_like(high)
-        for step in reversed(steps):  # the place in the result is looked up in the last one first
+        for step in reversed(steps):  # the last one is sampled first, at the place in the result
             d = self._field_bounds(step, low + total[0], high + total[1])
             total = total[0] + d[0], total[1] + d[1]
         return total
@@ -206,7 +206,7 @@ def _product(a: Bounds, b: Bounds) -> Bounds:
 
 
 def _sample_bounds(field: DisplacementField, low: Floats, high: Floats) -> Bounds:
-    """Interpolated values lie between the samples around them."""
+    """Interpolated values are between the samples around them."""
     grid = field.lattice
     if isinstance(grid, Grid):
         first, last = _rotate_bounds(np.linalg.inv(grid.matrix), (low - grid.origin, high - grid.origin))

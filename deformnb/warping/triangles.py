@@ -1,4 +1,4 @@
-"""Distances from the voxels of a lattice to triangles, and the test of voxels for lying inside them.
+"""Distances from the voxels of a lattice to triangles, and the test whether voxels are inside them.
 
 Triangles are given by index coordinates (i, j, k) of their corners; distances are physical. Only voxels near a triangle
 are compared with it, which is exact; every other voxel takes the point of the surface that the nearest of those found.
@@ -25,7 +25,7 @@ AnyArray = NDArray[Any]
 _PAIRS = 1 << 19  # voxels and triangles compared at once: their arrays stay in the processor's cache
 _LONGEST = 6.0  # edges of more voxels are halved, else the box around a slanted triangle is mostly empty
 _ELSEWHERE = "no face of the mesh passes through the grid; choose a grid that contains the mesh."
-_ASIDE = np.array([1.1e-6, 2.3e-6])  # rays pass beside corners that lie exactly on the lattice, as isosurfaces' do
+_ASIDE = np.array([1.1e-6, 2.3e-6])  # rays pass next to corners that are exactly on the lattice, as isosurfaces' do
 
 
 def distances(corners: AnyArray, faces: AnyArray, grid: Grid, *, oriented: bool, progress: Progress | None) -> AnyArray:
@@ -201,7 +201,7 @@ def _offsets(places: AnyArray, triangles: AnyArray, number: AnyArray) -> AnyArra
 
 
 def _spread_distances(near: AnyArray, closest: AnyArray, grid: Grid, progress: Progress | None) -> AnyArray:
-    """Distances of all voxels to the point of the surface that is closest to the nearest voxel beside the surface."""
+    """Distances of all voxels to the point of the surface that is closest to the nearest voxel at the surface."""
     away = np.ones(grid.shape, dtype=bool)
     away.reshape(-1)[near] = False
     where = ndimage.distance_transform_edt(
@@ -227,7 +227,7 @@ def _spread_distances(near: AnyArray, closest: AnyArray, grid: Grid, progress: P
 def _inside(corners: AnyArray, faces: AnyArray, shape: tuple[int, int, int], oriented: bool) -> AnyArray:
     """Voxels [z, y, x] inside a closed surface: how often, and in which direction, a ray along x has entered it.
 
-    Faces that are oriented count by direction, so that bodies may overlap; others in turn, in and out.
+    Faces that are oriented count by direction, so that bodies may overlap; others alternate, in and out.
     """
     nz, ny, nx = shape
     begin, sign, row = _crossings(corners, faces, (ny, nz))
@@ -242,7 +242,7 @@ def _inside(corners: AnyArray, faces: AnyArray, shape: tuple[int, int, int], ori
 def _crossings(corners: AnyArray, faces: AnyArray, rows: tuple[int, int]) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Intersections of rays along x with faces: place on the ray, +1 or -1 by the side, number of the ray.
 
-    On which side of an edge a ray passes is decided from the edge's ends alone, in an order of their own. So both faces
+    On which side of an edge a ray passes is decided from the edge's ends alone, in a fixed order. So both faces
     of an edge agree, and a ray never slips between them.
     """
     plane = corners[:, 1:]

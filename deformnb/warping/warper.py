@@ -1,4 +1,4 @@
-"""Warping of volumes and pictures by backward look-up.
+"""Warping of volumes and pictures by backward sampling.
 
 Points move forwards, see :mod:`deformnb.warping.points`.
 
@@ -121,10 +121,10 @@ def warp(
 
     Parameters
     ----------
-    volume : the voxels to deform; NaN and infinity count as background. Whatever is a volume will do
+    volume : the voxels to deform; NaN and infinity count as background. Any volume is accepted
         (:data:`~deformnb.volume.volume.VolumeLike`). Channels are deformed by one map, and the result is Channels too.
-        So is an ``xarray.DataArray``, whose result has its dimensions, coordinates and attributes: what lies along its
-        other dimensions (channels, time) is deformed by the same map.
+        So is an ``xarray.DataArray``, whose result has its dimensions, coordinates and attributes: the axes of its
+        other dimensions (channels, time) are deformed by the same map.
     field : backward displacements in space, of dimension 3; or a Deformation, which is applied.
     output : the grid of the result (field of view and resolution); default is the volume's.
     fill : value of places more than half a voxel outside the volume; default is the volume's background.
@@ -132,7 +132,7 @@ def warp(
         edges). Default is linear, and nearest for labels and bool.
     step : 1 evaluates the field at every voxel. h > 1 evaluates it at every h-th voxel along each axis and interpolates
         linearly; the error of the displacement is at most ``h^2/8 (|D_xx| + |D_yy| + |D_zz|)``, derivatives by voxel.
-        Extruded fields along an axis of the grid are exact and fast at any step, and beside cuts every voxel counts.
+        Extruded fields along an axis of the grid are exact and fast at any step, and with cuts every voxel counts.
         Compositions and stages are interpolated where they are smooth, at most a hundredth of a voxel
         (:data:`deformnb.warping.compositions.ERROR`) from the displacement at every voxel.
     progress : called with the finished share from 0 to 1; may raise :class:`~deformnb.errors.Cancelled`.
@@ -191,7 +191,7 @@ def volumes_of(given: Any) -> tuple[list[Volume], Callable[[Sequence[Volume]], A
 
 
 def deform_volumes(volumes: list[Volume], field: Any, **options: Any) -> list[Volume]:
-    """Volumes on one grid through a field, or a Deformation, whose result may have a grid of its own.
+    """Volumes on one grid through a field, or a Deformation, whose result may have another grid.
 
     Parameters
     ----------
@@ -252,7 +252,7 @@ class Warper:
         self._index = "int64" if volume.grid.size > sampling.LARGEST_INT32 else "int32"
         self._places = planning.places(volume.grid, self.output, self.compute)
         self._near = self._places.near(volume.shape)
-        self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read where they lie
+        self._tables: dict[int, Any] = {}  # of the prepared axes; None for x, whose rows are read in place
 
     def __call__(self, field: AbstractField | HasField, *, progress: Progress | None = None) -> Volume:
         """The volume deformed by ``field``; see :func:`warp`."""
@@ -315,7 +315,7 @@ class Warper:
         return apply_opacity(values, opacity, self._fill, discrete=not METHODS[self.method].blends)
 
     def load(self) -> None:
-        """Make ready what is sampled, before threads share it."""
+        """Prepare the samples, before threads share them."""
         with self._arithmetic():
             _ = self._flat
 
@@ -355,7 +355,7 @@ class Warper:
     def replace_near_cut(
         self, out: NDArray[Any], cut: CutPlan, part: tuple[slice, NDArray[np.intp]], d: Any, opacity: Any
     ) -> None:
-        """Put in a result the voxels of a part of those that lie so near a cut that it may open."""
+        """Put in a result the voxels of a part of those so near a cut that it may open."""
         normal, depth, pixels = cut.apart.normal, part[0], cut.pixels[:, part[1]]
         with self._arithmetic():
             result = as_numpy(
@@ -386,7 +386,7 @@ class Warper:
         axis, n = plan.normal, self.output.shape[plan.normal]
         out = np.empty(self.output.shape, self._voxels.dtype)
         before, first = (slice(None),) * axis, self._first(axis)
-        # Parts that are turned cost a call each way. Those read as words take 29 ms in 16 calls, 25 in 4, but hold more
+        # Transposed parts cost a call each way. Those read as words take 29 ms in 16 calls, 25 in 4, but hold more
         # memory.
         blocks = (2 if self._is_crowded(axis) else 4) if plan.weights is None else 2 if self._has_words(axis) else 1
         most = planning.BLOCK_VOXELS * blocks * n // self.output.size
@@ -403,7 +403,7 @@ class Warper:
         return out
 
     def _replicate_slices(self, plan: planning.Extruded) -> Callable[[NDArray[Any], slice], NDArray[Any]]:
-        """Slices under one map: a few are turned so that what moves together lies together, moved, and turned back."""
+        """Slices under one map: a few, transposed so that voxels of one displacement are contiguous, and back."""
         normal, axes = plan.normal, [axis for axis in range(3) if axis != plan.normal]
         at = self._places.along(axes, plan.matrix)
         settings = self._settings() | {"shape": tuple(self.volume.shape[axis] for axis in axes)}
@@ -664,7 +664,7 @@ def _lattice_displacements(field: AbstractField, lattice: Grid, step: int) -> Di
 
 
 def _warp_near_cuts(warpers: Sequence[Warper], cut: CutPlan, progress: Progress | None) -> list[NDArray[Any]]:
-    """Cuts that open with depth: first every region for itself, then what lies so near a cut that it may open."""
+    """Cuts that open with depth: first every region separately, then voxels so near a cut that it may open."""
     outs = [_writable(warper.planned(cut.apart, None)) for warper in warpers]
     for warper in warpers:
         warper.load()
@@ -699,7 +699,7 @@ def warp_all(
     Raises
     ------
     DeformError
-        If the volumes do not lie on one grid, or as :func:`warp`.
+        If the volumes are not on one grid, or as :func:`warp`.
 
     Examples
     --------
@@ -774,7 +774,7 @@ def warp_picture(
     Parameters
     ----------
     values : pixels [v, u], or [v, u, channels] (all channels move together); any voxel type.
-    raster : where the pixels lie.
+    raster : places of the pixels.
     field : backward displacements on the plane, of dimension 2.
     output : the raster of the result; default is the picture's.
     fill : value of places more than half a pixel outside; default is the smallest finite value.

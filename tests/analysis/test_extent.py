@@ -19,7 +19,7 @@ TURNED = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 
 def brick(shape: tuple[int, int, int] = (20, 24, 28), spacing: tuple[float, float, float] = (1.0, 2.0, 1.5)) -> Volume:
-    """A brick that nearly fills its box, on a grid that stands askew of nothing but is not at the origin either."""
+    """A brick that nearly fills its box, on a grid parallel to the axes that is not at the origin either."""
     values = np.zeros(shape, np.uint8)
     values[4:16, 3:20, 2:26] = 200
     return Volume.from_array(values, spacing, (5.0, -7.0, 11.0))

@@ -92,7 +92,7 @@ def test_one_point_folds_beyond_64_supports_of_135(share: float, radius: float, 
 
 
 def test_the_safe_part_of_a_drag() -> None:
-    """Half as far as it asks for: 1 - t s = least, to the last halving."""
+    """Half as far as required: 1 - t s = least, to the last halving."""
     radius, least = 40.0, 0.05
     fine = Raster((81, 81), (0.5, 0.5), (20.0, 30.0))
     for share in (0.5, 0.9, 1.5, 4.0):

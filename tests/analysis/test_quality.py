@@ -24,7 +24,7 @@ CORNERS = [[0.0, 0.0], [100.0, 0.0], [0.0, 100.0], [100.0, 100.0]]
 
 
 def some_points(n: int, dim: int, seed: int = 0, **more: Any) -> ControlPoints:
-    """Points that keep a distance, dragged by a few units."""
+    """Points at a minimum distance, dragged by a few units."""
     rng = np.random.default_rng(seed)
     cells = np.stack(np.meshgrid(*[np.arange(4)] * dim), axis=-1).reshape(-1, dim)
     source = 25.0 * rng.permutation(cells)[:n] + rng.uniform(-8, 8, (n, dim))
@@ -144,7 +144,7 @@ def test_one_drag_among_corners_is_no_mistake(trend: str, by: float) -> None:
 
 
 def landmarks(dim: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Twelve landmarks of a subject and of another one: turned, larger, bent a little, and read off with an error."""
+    """Twelve landmarks of a subject and of another one: rotated, larger, bent a little, and read off with an error."""
     rng = np.random.default_rng(seed)
     cells = np.stack(np.meshgrid(*[np.arange(4)] * dim), axis=-1).reshape(-1, dim)
     source = 30.0 * rng.permutation(cells)[:12] + rng.uniform(-6, 6, (12, dim))
@@ -162,7 +162,7 @@ def test_two_landmarks_in_the_wrong_order_are_named_and_nobody_else(trend: str, 
         ids = list(range(100, 112))
         assert fit_quality(ControlPoints.from_arrays(source, target, ids=ids), trend=trend).suspects == ()
         others = np.argsort(np.linalg.norm(source - source[3], axis=1))
-        # The neighbour, what is mixed up most easily, and another one, to which an affine map may bend.
+        # The neighbour, which is mixed up most easily, and another one, to which an affine map may bend.
         for other in others[[1]] if trend == "affine" else others[[1, 6]]:
             swapped = target.copy()
             swapped[[3, other]] = target[[other, 3]]
@@ -277,7 +277,7 @@ def test_bending_energy_in_space_is_that_of_the_biharmonic_spline() -> None:
     edges = np.geomspace(0.02, 60, 90)
     r = np.sqrt(edges[1:] * edges[:-1])
 
-    # About each source the squared derivatives grow like 1/r^2: what is near to any of the others is added there.
+    # About each source the squared derivatives grow like 1/r^2: the parts near to any of the others are added there.
     def shell(middle: np.ndarray, mask: Any) -> float:
         places = middle + r[:, None, None] * directions
         f = second_derivatives(points, places.reshape(-1, 3)).reshape(len(r), -1) * mask(places)
@@ -311,7 +311,7 @@ def test_points_that_hold_the_rim_are_not_blamed_for_a_drag_beside_them() -> Non
     drags = [[4, 4], [3, -5], [0, 2], [2, -6], [1, 3], [-2, 0], [-16, 9]]
     points = ControlPoints.from_arrays(rim + inside, rim + (np.array(inside) + drags).tolist())
     quality = fit_quality(points, support=box_diagonal(points))
-    corner = 3  # beside the longest drag; the others would carry it along by more than half of the way to that
+    corner = 3  # next to the longest drag; the others would carry it along by more than half of the distance to that
     assert quality.disagreement[corner] > 0.5
     assert corner not in quality.suspects
 
@@ -330,7 +330,7 @@ def test_points_at_one_place_are_compared_with_the_next_place() -> None:
     twice = once.add([4, 4], [5, 4])
     found = fit_quality(twice)
     assert found.disagreement[:4] == pytest.approx(fit_quality(once).disagreement[:4], rel=1e-9)
-    assert found.disagreement[4:] == pytest.approx([0, 0], abs=1e-9)  # each says what the other says
+    assert found.disagreement[4:] == pytest.approx([0, 0], abs=1e-9)  # both state the same
 
 
 @pytest.mark.parametrize("dim", [2, 3])

@@ -1,4 +1,4 @@
-"""Stretches of matter against closed forms, and laws that hold for any map."""
+"""Stretches of tissue against closed forms, and laws that hold for any map."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def along(direction: NDArray[np.float64], wanted: list[float]) -> None:
             turned(30) @ np.diag([2.0, 0.5]),
             [2.0, 0.5],
             [np.cos(np.pi / 6), 0.5],
-        ),  # stretched, then turned: in the result
+        ),  # stretched, then rotated: in the result
         (np.diag([2.0, 0.5]) @ turned(30), [2.0, 0.5], [1.0, 0.0]),
         # Simple shear by g: stretches (sqrt(g^2 + 4) +- g) / 2, along the axes of F F^T; for g = 1.5: 2 and 1/2.
         (np.array([[1.0, 1.5], [0.0, 1.0]]), [2.0, 0.5], [2.0, 1.0]),
@@ -91,7 +91,7 @@ def test_laws(seed: int, dim: int, size: float) -> None:
 
 
 def test_a_small_circle_becomes_the_ellipse_that_is_told() -> None:
-    """Points of matter around a place, followed forward: their farthest and nearest lie as the axes say."""
+    """Points of tissue around a place, followed forward: their farthest and nearest are along the axes."""
     field = fit_rbf(dragged(4, 4.0), support=70.0)
     centre = np.array([45.0, 52.0])
     place, reached = warp_points(centre, field, tolerance=1e-12)

@@ -78,7 +78,7 @@ def test_one_point_without_trend_is_a_bump_of_a_given_reach(dim: int) -> None:
     assert (fit.displacement(np.full((1, dim), 4 + 10.1)) == 0).all()
     with pytest.raises(DeformError, match=r'control point 0 \("nose"\) is alone .* give a support radius'):
         fit_rbf(point, trend="none")
-    own = fit_rbf(point.edit(0, radius=10.0), trend="none")  # it tells itself
+    own = fit_rbf(point.edit(0, radius=10.0), trend="none")  # it is self-explanatory
     oracle.assert_close(own.displacement([[7.0] * dim]), fit.displacement([[7.0] * dim]), atol=1e-12)
 
 
@@ -354,7 +354,7 @@ def test_any_set_gives_a_finite_field_that_interpolates_or_an_error(
     used = [points.index(i) for i in fit.ids]
     places = np.asarray(fit.origin) + fit.support * np.asarray(fit.centers)[: len(used)]
     off = np.abs(places - points.target[used]).max(initial=0.0)
-    assert off <= 8 * SAME_PLACE * fit.support  # merged points lie that near one another, no other point is moved
+    assert off <= 8 * SAME_PLACE * fit.support  # merged points are that near one another, no other point is moved
     miss = np.abs(fit.displacement(places) - points.displacement[used]).max(initial=0.0)
     spacing = np.spacing(np.abs(points.target).max(initial=1.0))  # places at an offset are known no better
     slope = np.abs(np.asarray(fit.coefficients)).max() / fit.support * 10
@@ -388,7 +388,7 @@ ROW_LENGTH, DRAG = 100.0, 10.0
 
 
 def nearly_straight(count: int, off: float, dim: int) -> list[np.ndarray]:
-    """Rows along the first axis, some of whose points are beside it by up to ``off``."""
+    """Rows along the first axis, some of whose points are off it by up to ``off``."""
     x = np.zeros((count, dim))
     x[:, 0] = np.linspace(0, ROW_LENGTH, count)
     one, zigzag, strewn = x.copy(), x.copy(), x.copy()
@@ -418,7 +418,7 @@ def supports_chosen(points: ControlPoints, kernel: str) -> list[float]:
 @pytest.mark.parametrize("count", [3, 5, 9, 33])
 @pytest.mark.parametrize("kernel", [name for name, kind in KERNELS.items() if kind.order == 0])
 def test_a_point_dragged_in_a_row_leaves_what_lies_beside_the_row_in_place(kernel: str, count: int, dim: int) -> None:
-    """A row of 100 mm whose middle is 2 mm off, dragged by 10 mm, moved places 50 mm beside it by 42 mm."""
+    """A row of 100 mm whose middle is 2 mm off, dragged by 10 mm, moved places 50 mm next to it by 42 mm."""
     places, drags = beside(dim), DRAG * np.eye(dim)[:2]
     for source in [s for off in (0.0, 0.1, 1.0, 2.0) for s in nearly_straight(count, off, dim)]:
         for moved, drag in itertools.product({0, count // 2}, [*drags, *-drags]):
@@ -447,7 +447,7 @@ def test_the_note_on_a_flat_set_says_that_it_is_flat() -> None:
 
 
 def test_the_map_does_not_jump_while_a_point_is_dragged_across_the_line() -> None:
-    """Steps of 1/100 of the row: the map beside it changes by little more than the drag does, through s = 0 as well."""
+    """Steps of 1/100 of the row: the map next to it changes by little more than the drag, through s = 0 as well."""
     source = np.array([[0.0, 0], [50, 20], [100, 0]])
     places, heights = beside(2), np.linspace(60, -60, 241)
     maps = [
@@ -459,7 +459,7 @@ def test_the_map_does_not_jump_while_a_point_is_dragged_across_the_line() -> Non
         fit_rbf(ControlPoints.from_arrays(source, [[0, 0], [50, h], [100, 0]]), support=50.0).displacement(places)
         for h in np.linspace(1, -1, 41)
     ]
-    assert np.linalg.norm(np.diff(finer, axis=0), axis=-1).max() < change / 5  # a tenth of the way: no jump
+    assert np.linalg.norm(np.diff(finer, axis=0), axis=-1).max() < change / 5  # a tenth of the displacement: no jump
 
 
 @pytest.mark.parametrize("kernel", ["wendland_c2", "gaussian", "multiquadric"])

@@ -1,8 +1,8 @@
 """Control points of which two nearly coincide: solved as well as digits allow, with a note or an error that names them.
 
-What is lost is the size of the coefficients times the rounding: two points at distance r of n that lie h apart, and
+The loss is the size of the coefficients times the rounding: two points at distance r of n that are h apart, and
 whose displacements differ by any amount, take coefficients of (h / r)^2 and more of a smooth kernel. SciPy's solver,
-which refuses nothing, says what others reach.
+which refuses nothing, shows what others reach.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ SHARES = [1e-12, 1e-9, 1e-6, 1e-4, 1e-3]  # of the gap between points
 
 
 def near_pair(count: int, dim: int, share: float, kind: str, seed: int = 3) -> ControlPoints:
-    """Random points in a box, the second a share of their gap beside the first; dragged by a smooth field or noise."""
+    """Random points in a box, the second a share of their gap next to the first; dragged by a smooth field or noise."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(0, BOX, (count, dim))
     way = rng.normal(size=dim)

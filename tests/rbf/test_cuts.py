@@ -1,4 +1,4 @@
-"""Eqs. 7 and 8: every region has a fit of its own, and what is seen beside a cut."""
+"""Eqs. 7 and 8: every region has a separate fit, and the visible tissue at a cut."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def test_the_paper_s_rule_is_the_paper_s(name: str, size: float) -> None:
 @pytest.mark.parametrize("size", [2.0, 8.0, 30.0])
 @pytest.mark.parametrize("name", CUTS)
 def test_the_source_rule_shows_what_any_region_has_brought(name: str, size: float) -> None:
-    """Literally: the own region if its matter is there, else any whose matter is there, else nothing."""
+    """Literally: the own region if its tissue is there, else any whose tissue is there, else nothing."""
     regions, points = CUTS[name], scattered(size)
     fits = FitSettings(support=SUPPORT).fits(points, cuts=regions)
     field = Decoupled(tuple(fits.values()), tuple(fits), regions, softness=1e-9)
@@ -230,7 +230,7 @@ def test_a_region_without_points_stays() -> None:
     covered = fitted(ControlPoints.from_arrays([[20, 50]], [[26, 50]]), (MIDDLE,))
     d, a = covered.seen([[53, 20], [70, 20], [49, 20]])
     assert (a == 1).all()
-    assert d[:2].tolist() == [[0, 0], [0, 0]]  # what lies there is in front of what comes
+    assert d[:2].tolist() == [[0, 0], [0, 0]]  # tissue there is in front of moved tissue
 
 
 def test_points_on_the_line_belong_to_the_outside() -> None:
@@ -248,7 +248,7 @@ def test_opacity_is_a_share_whichever_way_the_cut_is_drawn(left: float, right: f
     oracle.assert_close(a, other.opacity(at), atol=1e-9)
 
 
-# ---- the same in every way of asking ---------------------------------------------------------------------------------
+# ---- the same by every method ---------------------------------------------------------------------------------
 
 
 @pytest.mark.sampled(3)
@@ -298,7 +298,7 @@ def test_cuts_in_space() -> None:
     oracle.assert_close(d[[0, 3]], [[0, 0, -2], [0, 0, 1]], atol=1e-9)
 
 
-# ---- what is refused -------------------------------------------------------------------------------------------------
+# ---- errors -------------------------------------------------------------------------------------------------
 
 
 def still(n: int = 1) -> tuple[AbstractField, ...]:

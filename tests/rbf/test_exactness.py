@@ -1,7 +1,7 @@
-"""Every way to evaluate a map takes the control points to their targets within the stated bound, or says by how much
+"""Every way to evaluate a map takes the control points to their targets within the stated bound, or reports by how much
 it cannot: a table of kernels x evaluators x sets of points.
 
-Targets lie on centres of pixels, so that maps on lattices are compared without any interpolation in between. What is
+Targets are on centres of pixels, so that maps on lattices are compared without any interpolation in between. What is
 right is given: ``D(target) = source - target``; away from the points it is the literal system in fifty digits.
 """
 
@@ -56,11 +56,11 @@ SETS = {
     "local": (3000, "dense", 1.0),
 }
 """Number of points, support, and drags in gaps."""
-REACH = {"dense": 2.5, "loose": 8.0}  # gaps, which only kernels that are definite by themselves know
+REACH = {"dense": 2.5, "loose": 8.0}  # gaps, which only kernels that are definite by themselves have
 
 
 class Made:
-    """A fit of a set of points whose targets are pixels, with what is made of it."""
+    """A fit of a set of points whose targets are pixels, with its fields and files."""
 
     def __init__(self, kernel: str, name: str) -> None:
         count, reach, drag = SETS[name]
@@ -82,7 +82,7 @@ class Made:
 
     @cached_property
     def volume(self) -> Volume:
-        """A ramp along x: what is brought to a voxel is the x of its source."""
+        """A ramp along x: the value of a voxel is the x of its source."""
         return Volume.from_array(np.broadcast_to(np.arange(float(self.size)), (2, self.size, self.size)).copy())
 
     @property
@@ -102,7 +102,7 @@ class Made:
         return np.column_stack([self.target, np.zeros(len(self.target))])
 
     def picked(self, values: Any) -> np.ndarray:
-        """Of maps (2, rows, columns) what is at the targets (n, 2)."""
+        """The values of maps (2, rows, columns) at the targets (n, 2)."""
         x, y = self.pixels.T
         return np.asarray(values, dtype=float)[:2, y, x].T
 
@@ -113,7 +113,7 @@ def made(kernel: str, name: str) -> Made:
 
 
 class Evaluator(NamedTuple):
-    """A way to evaluate a map: what it gives at the targets (n, 2), the methods it looks at, the pixel's share."""
+    """A way to evaluate a map: its results at the targets (n, 2), the methods it covers, the pixel's share."""
 
     at_targets: Callable[[Made], Any]
     methods: tuple[str, ...]
@@ -155,7 +155,7 @@ def in_file(m: Made, suffix: str) -> np.ndarray:
 
 
 def warped(m: Made, field: Any, shift: int = 0) -> np.ndarray:
-    """Displacements along x of what a warp has brought to the targets; those along y are not looked at."""
+    """Displacements along x at the targets, by the values of a warp; those along y are not tested."""
     values = np.asarray(dn.warp(m.volume, field).values, dtype=float)
     x, y = m.pixels.T
     return np.column_stack([values[0, y, x - shift] - x, m.wanted[:, 1]])
@@ -172,7 +172,7 @@ PAGE = """({ points, settings, at, raster }) => {
 @cache
 def page(kernel: str, name: str) -> dict[str, Any] | None:
     m = made(kernel, name)
-    if len(m.points) > 400:  # the solver of pages takes n^3 operations in JavaScript: seconds from here on
+    if len(m.points) > 400:  # the solver of exported pages takes n^3 operations in JavaScript: seconds from here on
         return None
     data = [
         {
@@ -247,7 +247,7 @@ EVALUATORS = {
     "raster of a page": Evaluator(lambda m: on_page(m, "map"), (), LATTICE),
 }
 
-# Public callables of maps that give no displacements of given places: derivatives have a test of their own below.
+# Public callables of maps that give no displacements of given places: derivatives have a separate test below.
 OTHERS = {
     "prescribed_displacements",
     "kernel",
@@ -282,7 +282,7 @@ def test_every_method_of_a_map_is_in_the_table() -> None:
 
 
 def promised(m: Made, share: float) -> float:
-    """The bound, written out once more; float32 keeps 2^-24 of a displacement and of the places it leads to."""
+    """The bound, written out once more; float32 resolves 2^-24 of a displacement and of the places it leads to."""
     largest, extent = (float(np.linalg.norm(a, axis=1).max()) for a in (m.wanted, m.target - m.target.mean(axis=0)))
     return EXACT * largest + EXACT_PLACE * extent + share * (1.0 if share == NODES else min(1.0, largest))
 
@@ -335,9 +335,9 @@ def test_between_points_too_it_is_the_system_in_fifty_digits(kernel: str) -> Non
 @pytest.mark.parametrize("kernel", sorted(BUILT_IN))
 @pytest.mark.parametrize("name", SETS)
 def test_derivatives_are_those_of_differences(name: str, kernel: str) -> None:
-    """Central differences of D in 64 bits, whose own error is 1e-10 |D| / h beside h^2 of the third derivative."""
+    """Central differences of D in 64 bits, whose own error is 1e-10 |D| / h plus h^2 of the third derivative."""
     m, h = made(kernel, name), 1e-4
-    inner = m.pixels[np.linspace(0, len(m.pixels) - 1, 12).astype(int)] + [1, 2]  # beside the points, where kinks are
+    inner = m.pixels[np.linspace(0, len(m.pixels) - 1, 12).astype(int)] + [1, 2]  # next to the points, where kinks are
     x = inner.astype(float)
     wanted = np.stack([(m.fit(x + h * e) - m.fit(x - h * e)) / (2 * h) for e in np.eye(2)], axis=-1)
     size = 1e-5 * max(1.0, np.abs(wanted).max())

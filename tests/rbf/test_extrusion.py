@@ -249,7 +249,7 @@ def test_an_extrusion_passes_through_jax() -> None:
         oracle.assert_close(got, field.displacement(places()), atol=1e-11)
 
 
-# ---- what is refused -------------------------------------------------------------------------------------------------
+# ---- errors -------------------------------------------------------------------------------------------------
 
 
 def raises(z: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The curve language: right where it says something, and nothing else gets through."""
+"""The curve language: right for valid expressions, and nothing else gets through."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_agrees_with_python(text: str) -> None:
     if ours is None:  # not finite somewhere, and then Python must have stumbled too
         assert not np.isfinite(wanted).all()
         return
-    # Python stops at 1/0 and at overflow where arrays go on through infinity: 1/(1/0) is 0.
+    # Python stops at 1/0 and at overflow where arrays continue through infinity: 1/(1/0) is 0.
     known = np.isfinite(wanted)
     oracle.assert_close(ours[known], wanted[known], rtol=1e-9, atol=1e-12)
 

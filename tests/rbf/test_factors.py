@@ -1,4 +1,4 @@
-"""Matrices that are kept while points are dragged: the same fits as from new ones."""
+"""Matrices that are cached while points are dragged: the same fits as from new ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FAR = 64.0
 """Points that are all shifted so far have no factor; what a shift by a power of two rounds is less than 1e-13."""
 
 FACTOR = 1e-8
-"""By how much a factor that follows drags may be off besides: 1e-10 of the extent, of which nothing is seen."""
+"""By how much a factor that follows drags may be off in addition: 1e-10 of the extent, which is invisible."""
 
 
 def scattered(n: int, dim: int, seed: int) -> ControlPoints:
@@ -34,11 +34,11 @@ def anew(points: ControlPoints, at: NDArray[np.float64], **settings: Any) -> NDA
 
 
 def rounding_of(fit: RBFInterpolant) -> float:
-    """By how much rounding may keep a fit from its points: ``n eps`` times the largest sum of its terms without signs.
+    """By how much a fit may miss its points by rounding: ``n eps`` times the largest sum of its terms without signs.
 
-    Elimination solves a system that differs from the given one by so much in each entry, whatever processor it runs on
+    Elimination solves a system that differs from the given one by so much in each entry, on any processor
     (Higham, Accuracy and Stability of Numerical Algorithms, theorem 9.5, without its growth factor, which is below ten
-    in practice; what is seen is a fortieth of this).
+    in practice; the largest seen is a fortieth of this).
     """
     n = int(fit.count)
     x, w = np.asarray(fit.centers)[:n], np.abs(np.asarray(fit.coefficients)[:n])
@@ -107,7 +107,7 @@ def test_drags_without_moved_targets_and_other_settings_do_not_take_another_fit(
 def test_between_drags_of_one_point_the_sources_of_others_and_the_trend_may_change(
     kernel: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deformnb.rbf.interpolant.factor_matrix", None)  # for want of exactness: never called
+    monkeypatch.setattr("deformnb.rbf.interpolant.factor_matrix", None)  # for lack of exactness: never called
     points, at = scattered(220, 2, seed=12), np.random.default_rng(3).uniform(0, 100, (50, 2))
     settings: dict[str, Any] = {"kernel": kernel, "support": 40.0}
     fit_rbf(points, **settings)

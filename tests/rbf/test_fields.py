@@ -1,4 +1,4 @@
-"""All ways to ask a field for its values agree, for every kind of field, lattice and view."""
+"""All methods that evaluate a field agree, for every kind of field, lattice and view."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from deformnb.volume.volume import IDENTITY, Grid
 OBLIQUE = tuple(map(tuple, Rotation.from_rotvec([0.5, -0.3, 0.8]).as_matrix().tolist()))
 FLIPPED = ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0))
 RASTER = Raster((7, 9), (1.5, 2.0), (-3.0, 4.0))
-# The largest displacement below is about 20: float32 keeps seven digits of it, evaluation in float32 loses one more.
+# The largest displacement below is about 20: float32 has seven digits of it, evaluation in float32 loses one more.
 SINGLE = 2e-5
 
 
@@ -283,7 +283,7 @@ def test_samples_reproduce_linear_fields_inside_and_go_on_as_a_constant(lattice:
     mixed = rng.dirichlet(np.ones(len(inside)), 20) @ inside  # anywhere within the hull
     oracle.assert_close(stored.displacement(mixed), mixed @ m.T + shift, atol=1e-12)
     oracle.assert_close(stored.displacement(corners), corners @ m.T + shift, atol=1e-12)
-    # far beyond one end of each axis in turn
+    # far beyond one end of each axis, one after the other
     first = inside[0]
     away = corners[(0,) * dim] - corners[(-1,) * dim]
     oracle.assert_close(stored.displacement(first + 7 * away), first @ m.T + shift, atol=1e-11)

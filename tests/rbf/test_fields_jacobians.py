@@ -120,7 +120,7 @@ def test_samples_of_a_linear_field_have_its_derivative(lattice: Any) -> None:
     known = axes * (np.array(lattice.shape[::-1]) > 1)  # an axis of one sample has no slope
     wanted = m @ known @ np.linalg.inv(axes)
     found = stored.jacobian(nodes)  # at the nodes too
-    # A node whose index is rounded beyond the last one lies outside, where nothing changes.
+    # A node whose index is rounded beyond the last one is outside, where nothing changes.
     inside = nodes[(slice(0, -1),) * dim].reshape(-1, dim) if min(lattice.shape) > 1 else nodes.reshape(-1, dim)
     inside = 0.999 * inside + 0.001 * nodes.reshape(-1, dim).mean(axis=0)
     oracle.assert_close(stored.jacobian(inside), np.broadcast_to(wanted, (len(inside), dim, dim)), atol=1e-12)

@@ -136,7 +136,7 @@ def test_local_fits_turn_with_their_points(dim: int) -> None:
 
 @pytest.mark.parametrize("dim", [2, 3])
 def test_many_points_choose_the_same_support_however_they_lie(dim: int) -> None:
-    """More than 512 are sampled, by what turns with them and knows no order."""
+    """More than 512 are sampled, by a rule that rotates with them and ignores their order."""
     rng = np.random.default_rng(2)
     target = rng.uniform(0, 100, (600, dim))
     source = target + 6 * np.roll(np.sin(target / 25), 1, axis=1) + rng.normal(0, 0.2, target.shape)

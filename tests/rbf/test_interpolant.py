@@ -465,7 +465,7 @@ def test_float64_is_within_a_billionth_of_the_extent(trend: str, support: float,
 
 @pytest.mark.parametrize(("kernel", "support"), [(k, s) for k in KERNELS for s in (5.0, 80.0, 400.0)])
 def test_the_display_path_is_within_a_thousandth_of_a_pixel(kernel: str, support: float) -> None:
-    """At points that lie on pixels: on_raster against what was asked, for small and for wide kernels."""
+    """At points on pixels: on_raster against the required displacements, for small and for wide kernels."""
     target = np.array([[3, 5], [90, 8], [40, 50], [12, 93], [95, 95], [44, 54], [70, 30]], dtype=float)
     points = ControlPoints.from_arrays(target + drag(2, 15.0), target)
     for offset in (0.0, 4e6):
@@ -494,7 +494,7 @@ def test_centres_that_do_not_reach_a_part_of_a_picture_are_left_out_of_it_and_no
 
 
 def test_a_picture_far_from_its_origin_is_evaluated_as_fast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Centred before the cast, float32 is enough wherever the picture lies."""
+    """Centred before the cast, float32 is enough for any origin of the picture."""
     used, evaluate = [], rbf.evaluate_lattice
     monkeypatch.setattr(rbf, "evaluate_lattice", lambda *args: used.append(args[-1]) or evaluate(*args))
     for offset in (0.0, 4e6):
@@ -519,7 +519,7 @@ def test_results_are_arrays_of_the_right_kind() -> None:
     )
 
 
-# ---- points with support radii of their own -------------------------------------------------------------------------
+# ---- points with individual support radii -------------------------------------------------------------------------
 
 OWN_KERNELS = [k for k in KERNELS if KERNEL_ORDER[k] == 0]
 RADII = [30.0, None, 55.0, 20.0, None, 80.0, 40.0]

@@ -1,4 +1,4 @@
-"""The radial functions against 30 digits, against one another, and against what is claimed of them."""
+"""The radial functions against 30 digits, against one another, and against their claimed properties."""
 
 from __future__ import annotations
 
@@ -236,7 +236,7 @@ def test_a_gaussian_of_ones_own_is_the_gaussian() -> None:
 
 @pytest.mark.usefixtures("_registry")
 def test_a_fit_with_a_new_kernel_is_its_literal_sum() -> None:
-    """Matern 5/2 beside a system that is set up and solved here, in the formula's own words."""
+    """Matern 5/2 against a system that is set up and solved here, by the literal formula."""
     points, support = some_points(), 40.0
     fit = fit_rbf(points, kernel=matern, support=support, trend="none")
     assert (fit.kernel.name, fit.kernel.title, fit.kernel.order) == ("matern", "Matern", 0)

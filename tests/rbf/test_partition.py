@@ -126,7 +126,7 @@ def test_local_fits_interpolate_and_are_near_the_fit_of_all(kernel: str, dim: in
     inside = np.random.default_rng(2).uniform(0, SIZE, (400, dim))
     whole = fit_rbf(points, kernel=kernel, support=50.0)
     off = np.abs(local.displacement(inside) - whole.displacement(inside)).max()
-    assert off < 0.5 * np.abs(whole.displacement(inside) - smooth(inside)).max()  # of what is a guess anyway
+    assert off < 0.5 * np.abs(whole.displacement(inside) - smooth(inside)).max()  # of an estimate anyway
     assert "fitted locally to 700 control points" in local.notes[-1]
     x, h = inside[:40], 1e-4
     slopes = [(local.displacement(x + h * e) - local.displacement(x - h * e)) / (2 * h) for e in np.eye(dim)]
@@ -157,7 +157,7 @@ def test_local_fits_are_as_near_to_the_fit_of_all_as_their_note_says(kernel: str
     whole = fit_rbf(points, kernel=kernel, support=50.0)
     off = np.linalg.norm(local.displacement(places) - whole.displacement(places), axis=1).max()
     assert off <= stated
-    assert stated < 20 * off  # and it says something
+    assert stated < 20 * off  # and it is not trivial
 
 
 @pytest.mark.nightly

@@ -1,4 +1,4 @@
-"""The choice of the fit that predicts best: what is left out is left out, and the choice does not see it."""
+"""The choice of the fit that predicts best: points left out are unused, and the choice does not depend on them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 def nodes(rows: int = 5, columns: int = 6, step: float = 20.0) -> Array:
-    """Nodes of a grid, a little aside, so that no two heights are alike."""
+    """Nodes of a grid, a little aside, so that no two heights are equal."""
     rng = np.random.default_rng(rows)
     grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2) * step
     return np.asarray(grid + rng.normal(0, 0.4, grid.shape))

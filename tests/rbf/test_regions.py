@@ -1,4 +1,4 @@
-"""Signed distances against literal formulas, sampled boundaries and other ways to tell inside from outside."""
+"""Signed distances against literal formulas, sampled boundaries and other tests of inside and outside."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def near_corners(vertices: Any, size: float = 1e-3) -> NDArray[np.float64]:
 
 
 def to_segment(p: Any, a: Any, b: Any, low: float = 0.0, high: float = 1.0) -> float:
-    """The distance to the places a + t (b - a), t from low to high, by hand."""
+    """The distance to the places a + t (b - a), t from low to high, literally."""
     ex, ey = b[0] - a[0], b[1] - a[1]
     t = ((p[0] - a[0]) * ex + (p[1] - a[1]) * ey) / (ex * ex + ey * ey)
     t = max(low, min(high, t))
@@ -96,7 +96,7 @@ def closed_far_away(vertices: Any, far: float = 1e5) -> list[tuple[float, float]
     first, last = v[0] - v[1], v[-1] - v[-2]
     begin = v[0] + far * first / np.linalg.norm(first)
     end = v[-1] + far * last / np.linalg.norm(last)
-    # With b downwards the left hand of (1, 0) is (0, -1): go round from the end to the begin that way.
+    # With b downwards the left of (1, 0) is (0, -1): go round from the end to the begin in that direction.
     a, b = (math.atan2(*(p - v[0])[::-1]) for p in (end, begin))
     turn = (a - b) % (2 * math.pi)
     around = [
@@ -129,7 +129,7 @@ def test_a_line_goes_on_for_ever_and_is_inside_on_the_left(name: str) -> None:
 
 
 def test_left_is_the_left_hand_on_a_picture() -> None:
-    """Drawn to the right, what lies above (smaller b) is inside."""
+    """Drawn to the right, the region above (smaller b) is inside."""
     assert Line([(0, 5), (1, 5)]).signed_distance([[7, 4], [7, 9], [-30, 5]]).tolist() == [-1.0, 4.0, 0.0]
 
 
@@ -181,7 +181,7 @@ def test_a_polygon_far_from_the_origin_knows_its_inside(offset: tuple[float, flo
 @given(angle=st.floats(0, 6.3), a=st.floats(-50, 50), b=st.floats(-50, 50))
 def test_a_half_plane_is_the_line_along_its_edge(angle: float, a: float, b: float) -> None:
     normal = np.array([math.cos(angle), math.sin(angle)])
-    forward = np.array([normal[1], -normal[0]])  # the normal is on the right hand of this, so that left is inside
+    forward = np.array([normal[1], -normal[0]])  # the normal is on the right of this, so that left is inside
     start = np.array([a, b])
     line = Line([tuple(start), tuple(start + 3 * forward)])
     half = HalfSpace((a, b), tuple(7 * normal))
@@ -211,7 +211,7 @@ def test_any_polygon_that_is_accepted_has_the_inside_of_the_even_odd_rule(
 
 @given(st.lists(st.tuples(st.integers(-8, 8), st.integers(-8, 8)), min_size=2, max_size=6), st.integers(0, 99))
 def test_any_line_that_is_accepted_has_two_sides(corners: list[tuple[int, int]], seed: int) -> None:
-    """The sign changes nowhere but on the line: along any way that keeps off it the side stays."""
+    """The sign changes nowhere but on the line: along any path that avoids it the side is constant."""
     try:
         line = Line(corners)
     except DeformError:
@@ -230,7 +230,7 @@ def test_a_place_on_the_boundary_is_at_distance_zero_and_not_inside() -> None:
         assert not (at < 0).any()
 
 
-# ---- what is refused -------------------------------------------------------------------------------------------------
+# ---- errors -------------------------------------------------------------------------------------------------
 
 REFUSED: dict[str, tuple[Any, str]] = {
     "loop": (lambda: Polygon([(0, 0), (10, 0), (0, 5), (10, 6)]), "edges 2 and 4 meet"),

@@ -178,7 +178,7 @@ def test_an_oblique_silhouette_has_every_centre_and_no_holes() -> None:
     outline = np.random.default_rng(1).uniform([1.5, 1.5, 1.5], [6.5, 5.5, 4.5], (9000, 3))
     hull = plane.to_plane(GRID.index_to_point(outline))[:, :2]
     around = flat.lattice.points()[flat.values]  # type: ignore[union-attr]
-    assert max(np.linalg.norm(hull - p, axis=1).min() for p in around) < 0.71  # no pixel beside the projected block
+    assert max(np.linalg.norm(hull - p, axis=1).min() for p in around) < 0.71  # no pixel next to the projected block
 
 
 def test_labels() -> None:

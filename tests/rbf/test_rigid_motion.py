@@ -26,7 +26,7 @@ def motion(degrees: float, dim: int, seed: int = 1) -> RigidMotion:
 
 
 def after(second: RigidMotion, first: RigidMotion) -> RigidMotion:
-    """The two as one, multiplied by hand."""
+    """The product of the two, by matrices."""
     m = np.asarray(second.matrix) @ np.asarray(first.matrix)
     t = np.asarray(second.matrix) @ np.asarray(first.shift) + np.asarray(second.shift)
     return RigidMotion(tuple(map(tuple, m.tolist())), tuple(t.tolist()))

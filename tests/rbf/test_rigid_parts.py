@@ -1,4 +1,4 @@
-"""Eq. 6: what stays rigid beside a fit, against the literal equation and the laws of rigid motions."""
+"""Eq. 6: rigid parts in a fit, against the literal equation and the laws of rigid motions."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def test_the_unit_of_the_distance_does_not_matter(factor: float) -> None:
     oracle.assert_close(other.displacement(factor * places()), factor * fit.displacement(places()), atol=1e-9 * factor)
 
 
-# ---- what stays, what moves, what is reached -------------------------------------------------------------------------
+# ---- fixed parts, moving parts, points -------------------------------------------------------------------------
 
 PARTS: dict[str, list[RigidPart]] = {
     "fixed": [RigidPart(BOX)],
@@ -257,7 +257,7 @@ def test_a_point_is_held_where_the_part_has_gone() -> None:
     oracle.assert_close(fit.displacement([75.0, 70.0]), [225.0, 230.0], atol=1e-9)
 
 
-# ---- smoothing, switches, other ways of asking -----------------------------------------------------------------------
+# ---- smoothing, switches, other methods -----------------------------------------------------------------------
 
 
 def test_without_parts_it_is_the_plain_fit_and_switched_off_parts_are_none() -> None:

@@ -58,7 +58,7 @@ def test_nothing_jumps_beyond_a_tip_and_all_is_seen_there(way: float, what: str)
 
 
 def test_a_slit_opens_between_its_tips_and_shuts_towards_them() -> None:
-    """Tissue on both sides of the line goes apart: far in the middle, less and less towards each tip, evenly."""
+    """Tissue on both sides of the line separates: far in the middle, less and less towards each tip, evenly."""
     field = FitSettings().fit(opened(), cuts=(SLIT,), softness=0.5)
     left, right = field.fields
     along = np.linspace(0, 1, 13)

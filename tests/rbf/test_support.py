@@ -133,7 +133,7 @@ def test_the_default_predicts_landmarks_of_mice_as_well_as_a_thin_plate(real_dat
         errors[kernel] = fit_quality(points, kernel=kernel, support=fit.support).root_mean_square
         assert FOLDS_WARNING in fit.notes or np.linalg.det(np.eye(3) + fit.jacobian(points.target)).min() > 0
     assert POOR in fit_rbf(points).notes  # the affine map alone predicts them better: they are noisy
-    # Supports are chosen for places that no point is near too, and the longest of those that are alike is taken.
+    # Supports are chosen for places that no point is near too, and the longest of equivalent ones is taken.
     assert max(errors[kernel] for kernel in ("wendland_c2", "wendland_c0", "wendland_c4")) < errors["thin_plate"]
     assert max(errors.values()) <= 1.2 * errors["thin_plate"]
 

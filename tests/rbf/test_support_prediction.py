@@ -81,7 +81,7 @@ def test_smooth_fields_are_predicted_as_well_as_by_thin_plates(count: int, field
             assert found.mean() > 0.9
             assert np.linalg.norm(back - points.target, axis=1)[found].max() < 1e-2
     assert np.median(ratios) <= 1.2
-    assert max(wide, default=1.0) <= 2.0  # points nearly in one plane say little across it: their map is held calm
+    assert max(wide, default=1.0) <= 2.0  # points nearly in one plane determine little across it: their map is smooth
 
 
 @pytest.mark.sampled(11)

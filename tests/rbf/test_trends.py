@@ -250,7 +250,7 @@ def test_the_smallest_turn_of_a_row_has_no_gap_at_half_a_turn(image: Any) -> Non
     ("spread", "penalty"), [(1.0, 0.0), (0.25, 0.0), (0.125, 2.0), (0.05, 32.0), (0.0, 2 * 2499.0**2)]
 )
 def test_the_penalty_across_a_thin_direction_is_that_of_its_formula(spread: float, penalty: float) -> None:
-    """((1/4 - s) / s)^2 / (1/2) below a quarter, by hand; no spread counts as 1e-4."""
+    """((1/4 - s) / s)^2 / (1/2) below a quarter, literally; no spread counts as 1e-4."""
     turn = planar_turn(30)
     expected = penalty * np.outer(turn[:, 1], turn[:, 1])
     oracle.assert_close(ridge_of(turn, np.array([1.0, spread])), expected, atol=1e-9 * (1 + penalty))
@@ -272,4 +272,4 @@ def test_sets_that_are_wide_by_themselves_have_no_thin_direction(dim: int) -> No
         centred = targets - targets.mean(axis=0)
         found.append(are_wide(centred, sources - targets))
         assert not found[-1] or spreads_of(targets, sources)[1].min() >= THIN
-    assert 20 < sum(found) < 280  # both answers occur
+    assert 20 < sum(found) < 280  # both results occur

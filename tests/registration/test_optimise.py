@@ -1,4 +1,4 @@
-"""Targets found by the pictures: known deformations are found again, nothing folds, what cannot be found is said."""
+"""Targets found by the pictures: known deformations are found again, nothing folds, failures are reported."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_alike_already_nothing_is_moved() -> None:
 
 @pytest.mark.nightly
 def test_stages_are_fitted_as_they_are_done() -> None:
-    """Three parts of the way, one after the other: the picture is warped three times."""
+    """Three parts of the displacement, one after the other: the picture is warped three times."""
     ends = [TRUE.source + j / 3 * (TRUE.target - TRUE.source) for j in range(4)]
     fixed = MOVING
     for before, after in pairwise(ends):
@@ -221,7 +221,7 @@ def test_a_shifted_picture_is_met_to_an_eighth_of_a_pixel() -> None:
 
 
 def test_what_is_at_the_target_now_is_looked_for() -> None:
-    """The points are at their true targets: the deformed neighbourhood is already where it belongs."""
+    """The points are at their true targets: the deformed neighbourhood is already at its place."""
     found = snap_to_match(TRUE, [0, 4, 8], MOVING, FIXED)
     assert found.ids == (0, 4, 8)
     assert np.abs(found.shift).max() < 0.25

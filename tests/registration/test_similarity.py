@@ -57,7 +57,7 @@ def test_mutual_information_knows_a_picture_turned_into_its_negative() -> None:
 
 def test_mutual_information_of_two_equal_halves_is_one() -> None:
     """Two grey values in the middle of bins, apart by more than a bin's reach: H(a) = H(b) = H(a, b) for any soft bin
-    that both share in the same way; here a value at the end falls into one bin and a neighbour, alike in both."""
+    that both share in the same way; here a value at the end falls into one bin and a neighbour, equally in both."""
     a = np.repeat([4 / 23, 18 / 23], 50)
     soft = np.array([1 / 6, 2 / 3, 1 / 6])
     one = np.concatenate([soft, soft]) / 2
@@ -167,7 +167,7 @@ def test_the_smallest_determinant_is_that_of_the_field(stages: int) -> None:
     a, b = np.meshgrid(*[np.linspace(-0.5, 95.5, 64)] * 2)
     x = np.stack([a, b], axis=-1).reshape(-1, 2)
     product = np.ones(len(x))
-    for j in range(stages, 0, -1):  # the parts of the way, the last first
+    for j in range(stages, 0, -1):  # the parts of the displacement, the last first
         ends = [points.source + s / stages * (points.target - points.source) for s in (j - 1, j)]
         fit = fit_rbf(ControlPoints.from_arrays(*ends), support=scene_support(points))
         product *= np.linalg.det(np.eye(2) + fit.jacobian(x))

@@ -1,4 +1,4 @@
-"""Channels: their colours, their brightness, and what does not belong together."""
+"""Channels: their colours, their brightness, and mismatches."""
 
 from __future__ import annotations
 

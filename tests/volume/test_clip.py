@@ -1,4 +1,4 @@
-"""Clips: what is accepted, which voxels a part holds, and where its sides lie."""
+"""Clips: valid arguments, the voxels of a part, and the places of its sides."""
 
 from __future__ import annotations
 

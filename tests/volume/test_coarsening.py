@@ -1,4 +1,4 @@
-"""Means over blocks of voxels, beside the literal mean of each block."""
+"""Means over blocks of voxels, against the literal mean of each block."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One rule for public volumes whose files state a wrong spacing, wherever they are read."""
+"""One rule for public volumes whose files state a wrong spacing, for every reader."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRUE = (0.5, 1.0, 2.0)
 
 @pytest.fixture
 def in_file(monkeypatch: pytest.MonkeyPatch) -> Volume:
-    """A volume as its file says, with a spacing that the table knows to be wrong."""
+    """A volume as in its file, with a spacing that the table lists as wrong."""
     values = np.zeros((9, 12, 10), np.uint8)
     values[2:7, 3:9, 2:8] = np.random.default_rng(4).integers(50, 250, (5, 6, 6))
     volume = Volume.from_array(values, origin=(3.0, -2.0, 5.0), name="fish")

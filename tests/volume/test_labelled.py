@@ -1,4 +1,4 @@
-"""Volumes of xarray's arrays: places of the coordinates, and what dn.warp keeps."""
+"""Volumes of xarray's arrays: places of the coordinates, and the attributes that dn.warp preserves."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_another_grid_of_the_result_has_its_own_coordinates() -> None:
     assert result.coords["x"].values.tolist() == [6, 7]
     assert result.values[0, 0].tolist() == [2, 3]
     assert "subject" in result.coords
-    assert "name" not in result.coords  # it belongs to the old slices
+    assert "name" not in result.coords  # it is one of the old slices
 
 
 def test_a_picture_is_one_slice() -> None:

@@ -136,7 +136,7 @@ def test_along_any_stored_order_shows_the_same_side_of_the_body(number: int, vie
     assert first == pytest.approx(0, abs=1e-12)
     lengths = {"x": 0, "y": 1, "z": 2}[view[1]]
     assert last == pytest.approx(float(np.ptp(grid.corners(centres=True), axis=0)[lengths]))
-    assert str(plane.u).count("-0.0") == 0  # so that two equal planes print alike
+    assert str(plane.u).count("-0.0") == 0  # so that two equal planes print the same
 
 
 @pytest.mark.parametrize("seed", range(20))

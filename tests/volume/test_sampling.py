@@ -158,7 +158,7 @@ def test_a_whole_array_is_shared_wherever_it_begins(dtype: str, first: int) -> N
         np.testing.assert_array_equal(seen, whole)
         row, start = (seen.row, int(seen.start)) if first else (seen, 0)
         assert row.unsafe_buffer_pointer() + start * size == whole.ctypes.data
-        del whole, memory  # what JAX sees is kept
+        del whole, memory  # JAX's array is unchanged
         np.testing.assert_array_equal(seen, np.arange(90).reshape(9, 10))
 
 
@@ -172,7 +172,7 @@ def test_64_bits_only_where_they_are_needed(dtype: str, size: int, wide: bool) -
 
 
 def test_a_large_index_does_not_blur_the_fraction() -> None:
-    # 1000 + 0.1 as one float32 is wrong by 2e-5; kept apart, by less than 1e-8
+    # 1000 + 0.1 as one float32 is wrong by 2e-5; stored separately, by less than 1e-8
     index, fraction = sampling.split(jnp.asarray(1000, jnp.int32), jnp.asarray(0.1, jnp.float32))
     assert (int(index), float(fraction)) == (1000, pytest.approx(0.1, abs=1e-8))
 

@@ -1,4 +1,4 @@
-"""Transfer functions: interpolation, opacity by thickness, presets that fit every volume, and what is refused."""
+"""Transfer functions: interpolation, opacity by thickness, presets that fit every volume, and errors."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_step_is_two_nodes_at_one_value() -> None:
     assert step([4.999, 5.0, 5.001])[:, 3].tolist()[::2] == [0, 1]
 
 
-# ---- what is refused, what is clipped --------------------------------------------------------------------------------
+# ---- errors, clipped values --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_levels_of_any_few_values_are_those_of_scikit_image(numbers: list[int], 
     values = np.array(numbers, dtype).reshape(1, 1, -1)
     found = levels(volume_of(values))
     first, second = otsu_of_histogram(values)
-    # Where several bins are equally good, each may take another; both then cut the values alike.
+    # Where several bins are equally good, each may take another; both then cut the same values.
     for mine, theirs in ((found[1], first), (found[2], second)):
         if theirs is None:
             continue
@@ -275,7 +275,7 @@ def test_levels_of_two_values_lie_between_them(values: np.ndarray) -> None:
 
 def test_a_subject_in_slices_that_are_not_looked_at_is_survived() -> None:
     values = np.zeros((128, 2, 2), np.uint8)
-    values[65] = 200  # every second slice is looked at
+    values[65] = 200  # every second slice is sampled
     assert levels(volume_of(values))[0] == 0
     for make in PRESETS.values():
         assert make(volume_of(values))([200.0])[0, 3] > 0
@@ -296,7 +296,7 @@ def test_presets_leave_air_empty_and_show_the_dense(kind: str, name: str) -> Non
     assert alpha[0] == 0
     assert (np.diff(alpha) >= 0).all()
     assert alpha[-1] > 0.05
-    # A body as thick as the shortest edge: bones are always seen, and nothing but the surface hides what is behind it.
+    # A body as thick as the shortest edge: bones are always visible, and only the surface hides tissue behind it.
     through = 1 - (1 - function([dense + 0.5 * (high - dense)])[0, 3]) ** 100
     assert through > 0.5
 

@@ -264,7 +264,7 @@ def _session(source: Path, folder: Path) -> Sizes:
 
 
 def _shown(source: Path, _folder: Path) -> Sizes:
-    """What repr says, which is read here as people do."""
+    """The repr, as people read it."""
     *lengths, unit = re.search(
         r"spacing ([\d.e+-]+) x ([\d.e+-]+) x ([\d.e+-]+) (\S+)>", repr(dn.read_volume(source))
     ).groups()  # type: ignore[union-attr]
@@ -299,7 +299,7 @@ def test_metres_stay_the_same_from_every_format_by_every_way_out(
 ) -> None:
     (tmp_path / "in").mkdir()
     found = WAYS[way](SOURCES[name][0](tmp_path / "in", unit), tmp_path)
-    # NIfTI keeps seven digits of float32, and repr six.
+    # NIfTI stores seven digits of float32, and repr six.
     assert found == pytest.approx([METRES[unit] * length for length in SPACING], rel=1e-5)
 
 

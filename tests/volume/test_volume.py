@@ -1,4 +1,4 @@
-"""Grids say where voxels are; volumes take every array they can keep exactly and refuse the others by name."""
+"""Grids place voxels; volumes take every array they can store exactly and refuse the others by name."""
 
 from __future__ import annotations
 
@@ -360,7 +360,7 @@ def test_pyvista_extents_names_and_lifetime() -> None:
     volume = Volume.from_pyvista(image, "b")
     np.testing.assert_allclose(volume.grid.index_to_point([0, 0, 0]), image.GetPoint(0), atol=1e-12)
     np.testing.assert_allclose(volume.grid.index_to_point([4, 3, 2]), image.GetPoint(59), atol=1e-12)
-    cells = Volume.from_pyvista(image, "c")  # which lie at the middles of the cells
+    cells = Volume.from_pyvista(image, "c")  # which are at the middles of the cells
     np.testing.assert_allclose(cells.grid.index_to_point([3, 2, 1]), image.cell_centers().points[23], atol=1e-6)
     with pytest.raises(DeformError, match="no data called 'nothing'"):
         Volume.from_pyvista(image, "nothing")
@@ -485,7 +485,7 @@ def test_maps_without_a_name_and_without_a_file(tmp_path: Path) -> None:
         _ = volume.values
 
 
-# ---- what an array looks like --------------------------------------------------------------------------------------
+# ---- arrays that may be labels --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -535,7 +535,7 @@ def test_labels_of_a_phantom_are_asked_about_in_every_array() -> None:
         np.random.default_rng(0).integers(0, 5, (20, 20, 20)),  # noise of five values
         np.kron(np.eye(2, dtype=np.uint8)[None], np.full((20, 20, 20), 200, np.uint8)),  # two values are no question
         np.tile(np.arange(40) // 8, (20, 20, 1)),  # a ramp in few steps
-        np.tile(np.arange(4).repeat(2), (2, 2, 1)),  # too few voxels to say
+        np.tile(np.arange(4).repeat(2), (2, 2, 1)),  # too few voxels to decide
         np.zeros((5, 5, 1), int),
     ],
 )

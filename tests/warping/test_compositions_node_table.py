@@ -77,15 +77,15 @@ CHAINS: dict[str, Callable[[int], tuple[Step, ...]]] = {
         on_plane("+z", seed, extrusion="modulate", curve=(0, 0, 1.0, 1, 1)),
         on_plane("-y", seed),
     ),
-    "beside a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
-    "beside a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
-    "beside two cuts": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"), across("+z"))), on_plane("+y", seed)),
+    "with a rigid part": lambda seed: (on_plane("+z", seed, 0.5, parts=(part("+z"),)), on_plane("+y", seed, 0.5)),
+    "with a cut": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("+y", seed)),
+    "with two cuts": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"), across("+z"))), on_plane("+y", seed)),
     "cut twice": lambda seed: (on_plane("+z", seed, cuts=(cut("+z"),)), on_plane("-y", seed, cuts=(cut("-y"),))),
-    "beside a cut that stops": lambda seed: (
+    "with a cut that stops": lambda seed: (
         on_plane("+z", seed, cuts=(cut("+z", (False, True)),)),
         on_plane("+y", seed),
     ),
-    "beside a modulated cut": lambda seed: (
+    "with a modulated cut": lambda seed: (
         on_plane("+y", seed),
         on_plane("+z", seed, cuts=(cut("+z"),), extrusion="modulate", curve="z*z"),
     ),
@@ -115,7 +115,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
     d, opacity = values_at_voxels(found, table, block, grid)
     wanted, share = field.seen(voxel_centres(grid))
     error = np.linalg.norm(np.moveaxis(d, 0, -1) - wanted, axis=-1)
-    # Places in float32 fall to the other side of a cut where they lie on it.
+    # Places in float32 fall to the other side of a cut where they are on it.
     beside = np.zeros(grid.shape, dtype=bool) if opacity is None else error > 0.1
     assert beside.mean() < 1e-4
     assert error[~beside].max() <= ERROR * min(grid.spacing) + ROUNDING
@@ -126,7 +126,7 @@ def test_the_error_stays_below_its_bound(name: str, seed: int) -> None:
 
 
 @pytest.mark.sampled(2)
-@pytest.mark.parametrize("name", ["two planes", "stages", "beside a cut", "beside two cuts", "modulated"])
+@pytest.mark.parametrize("name", ["two planes", "stages", "with a cut", "with two cuts", "modulated"])
 def test_most_voxels_are_interpolated(name: str) -> None:
     field, block = Deformation(CHAINS[name](0)).field(FINER), all_of(FINER)
     exactly, asked = ExactPlaces(links_of(field), FINER), set[tuple[float, ...]]()
@@ -164,7 +164,7 @@ def test_blocks_read_the_same_nodes() -> None:
     assert np.abs(found - wanted[:, 7:15, 17:]).max() <= ROUNDING
 
 
-@pytest.mark.parametrize("name", ["beside a rigid part", "beside a cut", "cut twice", "cut by Eq. 8"])
+@pytest.mark.parametrize("name", ["with a rigid part", "with a cut", "cut twice", "cut by Eq. 8"])
 def test_blocks_replace_what_lies_in_them(name: str) -> None:
     field = Deformation(CHAINS[name](1)).field(GRID)
     block = (slice(7, 18), slice(9, 26))  # between nodes

@@ -48,7 +48,7 @@ def nodes(lattice: Grid | Raster) -> NDArray[np.float64]:
 
 
 def assert_certified(inverse: Inverse, field: AbstractField) -> None:
-    """What counts as reached is right, what is not right does not count, and the error is the one there is."""
+    """Places that count as reached are right, others do not count, and the error is the true one."""
     x = nodes(inverse.field.lattice)
     y = x + inverse.field.values
     error = np.linalg.norm(y + field.displacement(y) - x, axis=-1)
@@ -60,7 +60,7 @@ def assert_certified(inverse: Inverse, field: AbstractField) -> None:
 
 
 def linear(m: NDArray[np.float64], shift: Any, about: Any) -> AbstractField:
-    """The backward field of matter that goes from s to m (s - about) + about + shift."""
+    """The backward field of tissue that moves from s to m (s - about) + about + shift."""
     dim = len(m)
     source = np.concatenate([np.zeros((1, dim)), 10 * np.eye(dim)]) + about
     return fit_rbf(ControlPoints.from_arrays(source, (source - about) @ m.T + about + shift), trend="affine_exact")
@@ -90,7 +90,7 @@ def test_the_inverse_of_an_affine_map_on_a_plane(m: NDArray[np.float64]) -> None
     wanted = (x - about) @ m.T + about + shift - x
     assert inverse.share == 1
     assert inverse.field.values.dtype == np.float32
-    # |y + D(y) - x| <= t says that y is off by at most |m| t.
+    # |y + D(y) - x| <= t means that y is off by at most |m| t.
     oracle.assert_close(inverse.field.values, wanted, atol=np.linalg.norm(m, 2) * 2.5e-3)
 
 
@@ -101,7 +101,7 @@ def test_the_inverse_of_an_affine_map_in_space(grid: Grid) -> None:
     inverse = invert(field, grid, tolerance=1e-9)
     x = nodes(grid)
     assert inverse.share == 1
-    assert inverse.field.values.dtype == np.float64  # float32 could not hold what is asked for
+    assert inverse.field.values.dtype == np.float64  # float32 could not hold the required precision
     oracle.assert_close(x + inverse.field.values, (x - grid.center) @ m.T + grid.center + [4.0, 0, -3], atol=2e-9)
 
 
@@ -133,7 +133,7 @@ def test_what_is_reached_is_right_and_all_is_reached_without_folds(seed: int, si
     inverse = invert(field, lattice)
     assert_certified(inverse, field)
     fine = Raster((120, 120), (2.0, 2.0), (-70, -70)) if dim == 2 else Grid((40, 40, 40), (6.0,) * 3, (-70,) * 3)
-    if folds_of(field, fine).least > 0.2:  # at nodes; a margin for what is between and beyond them
+    if folds_of(field, fine).least > 0.2:  # at nodes; a margin for places between and beyond them
         assert inverse.share == 1
 
 
@@ -252,7 +252,7 @@ def test_beside_an_opened_cut_each_side_goes_its_own_way(rule: str) -> None:
 
 @pytest.mark.parametrize("rule", CUT_RULES)
 def test_matter_hidden_behind_the_other_side_is_not_reached(rule: str) -> None:
-    """Both sides over the cut, 4 and 3 far: what is pushed across is covered by the matter of the side it comes to."""
+    """Both sides over the cut, 4 and 3 far: tissue pushed across is covered by that of the other side."""
     field = pushed(4.0, -3.0, rule=rule)
     line = Raster((1, 200), (0.5, 1.0), (0.25, 30.0))
     inverse = invert(field, line)
@@ -296,7 +296,7 @@ def test_simpleitk_finds_the_same() -> None:
     """Both invert the same samples, read linearly, so they differ by their residuals alone, stretched less than twice.
 
     ITK stops when the mean residual is small, 1e-7 here; its largest is then 1e-4. With its own default of 1e-3 it is
-    off by a fifth of a voxel at the steepest places, and does not say so.
+    off by a fifth of a voxel at the steepest places, and does not report it.
     """
     sitk = pytest.importorskip("SimpleITK")
     size = 40

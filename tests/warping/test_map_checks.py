@@ -1,4 +1,4 @@
-"""What is said of a map that is applied: folds in tissue, tissue that leaves the box, and nothing where all is well."""
+"""Warnings of a map that is applied: folds in tissue, tissue that leaves the box, and nothing where all is well."""
 
 from __future__ import annotations
 
@@ -221,7 +221,7 @@ def test_folds_are_named_where_they_are_and_only_there(seed: int, reach: float, 
 
 
 def test_a_fold_narrower_than_the_nodes_is_found_beside_its_point() -> None:
-    """A drag of 3 with a radius of 4 voxels in a volume of 200: between nodes that lie 8 apart."""
+    """A drag of 3 with a radius of 4 voxels in a volume of 200: between nodes that are 8 apart."""
     values = np.full((200, 200, 200), 150, np.uint8)
     values[0] = 0
     volume = Volume(values, Grid((200, 200, 200)))

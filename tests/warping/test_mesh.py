@@ -38,7 +38,7 @@ def cube(low: Any = (0, 0, 0), high: Any = (1, 1, 1)) -> Mesh:
 
 
 def sphere(radius: float, centre: Any = (0, 0, 0), rings: int = 96) -> Mesh:
-    """Corners on the sphere; the flat faces lie less than radius (pi / rings)^2 inside it."""
+    """Corners on the sphere; the flat faces are less than radius (pi / rings)^2 inside it."""
     theta, phi = np.linspace(0, np.pi, rings // 2 + 1)[1:-1], np.arange(rings) * 2 * np.pi / rings
     t, p = np.meshgrid(theta, phi, indexing="ij")
     rows = np.stack([np.sin(t) * np.cos(p), np.sin(t) * np.sin(p), np.cos(t)], axis=-1).reshape(-1, 3)
@@ -112,7 +112,7 @@ def test_the_enclosed_volume_and_the_holes() -> None:
     assert Mesh(body.points, body.faces[:, ::-1]).enclosed == pytest.approx(-24)
     assert body.is_closed
     assert not Mesh(body.points, body.faces[1:]).is_closed
-    soup = Mesh(body.points[body.faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))  # as an STL file has it
+    soup = Mesh(body.points[body.faces].reshape(-1, 3), np.arange(36).reshape(-1, 3))  # as in an STL file
     assert soup.is_closed
     assert len(soup.merged().points) == 8
     assert not Mesh([], []).is_closed

@@ -1,4 +1,4 @@
-"""Warps beside cuts: every kernel against a literal loop over the voxels, in every rule, type and output."""
+"""Warps with cuts: every kernel against a literal loop over the voxels, in every rule, type and output."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def cut_field(
     size: float = 1.3,
     shape: str = "line",
 ) -> Decoupled:
-    """Two sides of a cut through the middle of a picture, each moved by a wave of its own."""
+    """Two sides of a cut through the middle of a picture, each moved by its own wave."""
     plane = view if isinstance(view, Plane) else Plane.from_view(grid, view)
     centre = plane.to_plane(grid.corners(centres=True).mean(axis=0))[:2]
     bent = np.array([[0.4, 9.0], [-0.6, 0.3], [0.5, -9.0]]) * (1.0, 0.5) + centre
@@ -51,7 +51,7 @@ def cut_field(
 
 
 def slow_cut(volume: Volume, field: AbstractField, output: Grid, fill: float, method: str) -> NDArray[np.float64]:
-    """The definition: the voxel that is looked up, mixed with the background where it is not opaque."""
+    """The definition: the sampled voxel, mixed with the background where it is not opaque."""
     result = slow_warp(volume, field, output, fill, method)
     a = field.opacity(centres(output))
     return np.where(a >= 0.5, result, fill) if method == "nearest" else fill + a * (result - fill)

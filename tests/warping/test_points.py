@@ -1,4 +1,4 @@
-"""Points move with the matter they mark: the inverse of the backward map, beside cuts and rigid parts too."""
+"""Points move with the tissue they mark: the inverse of the backward map, with cuts and rigid parts too."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_what_no_place_maps_to_is_flagged_and_finite() -> None:
     @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["amplitude", "frequency", "dim"])
     @dataclass(frozen=True)
     class Collapse(Wave):
-        """Everything is looked up at the origin: the backward map has no other value."""
+        """Everything is sampled at the origin: the backward map has no other value."""
 
         def _at(self, x: Any, xp: Any) -> Any:
             return -x
@@ -181,7 +181,7 @@ def test_what_are_no_points_is_refused(given: Any, field: AbstractField, message
         warp_points(given, field)
 
 
-# ---- beside rigid parts and cuts -------------------------------------------------------------------------------------
+# ---- with rigid parts and cuts -------------------------------------------------------------------------------------
 
 
 def test_points_in_a_rigid_part_move_with_it() -> None:

@@ -1,4 +1,4 @@
-"""Bounds of displacements over boxes: nothing that a block can show lies outside, between the nodes included."""
+"""Bounds of displacements over boxes: nothing that a block can show is outside, between the nodes included."""
 
 from __future__ import annotations
 

@@ -80,7 +80,7 @@ def slow_warp(volume: Volume, field: AbstractField, output: Grid, fill: float, m
     """The definition, voxel by voxel, in float64."""
     places, values = lookup(volume.grid, field, output), volume.values.astype(np.float64)
     far = tuple(np.minimum((2, 3, 1), np.subtract(output.shape, 1)))
-    for k, j, i in ((0, 0, 0), far):  # a field knows a place alone as it knows it among others
+    for k, j, i in ((0, 0, 0), far):  # a field has the same value at a place alone and among others
         x = output.index_to_point([i, j, k])
         alone = volume.grid.point_to_index(x + field.displacement(x[None])[0])[::-1]
         assert places[k, j, i] == pytest.approx(alone, abs=1e-9)
@@ -111,13 +111,13 @@ def centres(grid: Grid) -> NDArray[np.float64]:
 
 
 def lookup(grid: Grid, field: AbstractField, output: Grid | None = None) -> NDArray[np.float64]:
-    """Where each voxel of the output is looked up in a volume, as an index (z, y, x)."""
+    """Where each voxel of the output is sampled in a volume, as an index (z, y, x)."""
     points = centres(output or grid)
     return grid.point_to_index(points + field.displacement(points))[..., ::-1]
 
 
 def between_centres(place: NDArray[np.float64], grid: Grid) -> NDArray[np.bool_]:
-    """True where a place lies between the outermost voxel centres."""
+    """True where a place is between the outermost voxel centres."""
     return np.asarray(((place >= 0) & (place <= np.array(grid.shape) - 1)).all(axis=-1))
 
 
@@ -152,7 +152,7 @@ def test_another_field_of_view_and_resolution(output: Grid, method: str) -> None
     result = warp(volume, field, output=output, fill=0.0, method=method)
     expected = slow_warp(volume, field, output, 0.0, method)
     assert result.grid == output
-    # where nearest sits on the edge between two voxels, or linear on the rim, rounding decides
+    # where nearest is on the edge between two voxels, or linear on the rim, rounding decides
     assert np.mean(np.abs(result.values - expected) <= 2 * RANGE_SHARE * 200) > 0.999
 
 
@@ -204,7 +204,7 @@ def test_simpleitk_warp(grid: Grid, method: str) -> None:
     result = warp(volume, field, fill=-3.0, method=method).values
     error = np.abs(result - expected)
     if METHODS[method].is_spline:
-        # In the half voxel beyond the centres ITK goes on along the mirrored spline, we keep the value of the edge as
+        # In the half voxel beyond the centres ITK continues along the mirrored spline, we hold the value of the edge as
         # with every other method. The spline of noise is three times as steep as the line.
         assert error[between_centres(lookup(grid, field), grid)].max() <= 3 * RANGE_SHARE * 200
         assert ((result == -3) == (expected == -3)).all()
@@ -566,7 +566,7 @@ def test_a_linear_ramp_is_read_exactly_between_voxels(seed: int, slope: tuple[fl
 def test_the_error_of_step_is_bounded_by_the_second_derivative(step: int, spacing: tuple[float, float, float]) -> None:
     grid = Grid((21, 22, 12), spacing)
     points = centres(grid)
-    ramp = Volume(points[..., 0] + 100, grid)  # its value tells the displacement along x
+    ramp = Volume(points[..., 0] + 100, grid)  # its value is the displacement along x
     field = Wave(2.0, 0.25)
     inside = (points[..., 0] > 2) & (points[..., 0] < grid.lengths[0] - 3)
     keep = Grid(grid.shape, spacing)
